@@ -3,12 +3,11 @@
 //! `cargo bench -p avln-tests --bench slots`. Agents sense nothing, so that the way alone is measured, or all senses.
 
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 const ALL: Sensors = Sensors { rgb: true, depth: true, audio: true, width: 128, height: 128, hfov_rad: 1.57 };
 /// Steps of each slot.
 const STEPS: usize = 120;
@@ -20,7 +19,7 @@ const FAR: Duration = Duration::from_millis(25);
 async fn main() {
     let house = TestServer::open(&TestSetup { houses: 1, missions: 32, ..TestSetup::default() }).await;
     println!("{:>16} {:>10} {:>8} {:>10}", "senses", "round trip", "slots", "steps/s");
-    for (senses, sensors) in [("none", BLIND), ("all, 128 x 128", ALL)] {
+    for (senses, sensors) in [("none", NO_SENSORS), ("all, 128 x 128", ALL)] {
         for delay in [Duration::ZERO, FAR] {
             let wire = FaultProxy::open_delayed(house.doors.grpc, delay).await;
             let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");

@@ -43,7 +43,7 @@ def team(page: Page, watch: Watch, origin: str) -> list[str]:
     tab_to(page, "input[name=name]")
     page.keyboard.type("by keyboard")
     submit(page, "button[value=issue]")
-    found += expect(page, "shown this once") + look(page)
+    found += expect(page, "shown only once") + look(page)
     page.goto(f"{origin}/me")
     found += expect(page, "by keyboard")
     submit(page, "form[action='/sign-out'] button")

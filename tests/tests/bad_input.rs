@@ -1,6 +1,7 @@
 //! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{TestServer, PHASE, TestSetup, http, recording_proxy, recording_proxy::RecordingProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
@@ -9,8 +10,6 @@ use tokio::{
     time::timeout,
 };
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 /// Long enough for a busy machine; only a test that fails waits for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -21,7 +20,7 @@ async fn start(house: &TestServer) -> (Client, Run) {
 }
 
 async fn play_one(arena: &Client, run: &Run) -> avln_client::EpisodeEnd {
-    let mut play = arena.play(run, BLIND).await.expect("a stream");
+    let mut play = arena.play(run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("the run goes on").expect("an episode is left");
     episode.step(Action::MoveForward).await.expect("a legal step");
     episode.step(Action::Stop).await.expect("a legal step");
@@ -41,7 +40,7 @@ async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
 
     let refused =
-        nobody.play(&Run::from_token(&house.token), BLIND).await.expect_err("a token of another kind");
+        nobody.play(&Run::from_token(&house.token), NO_SENSORS).await.expect_err("a token of another kind");
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
     assert!(refused.to_string().contains("run token"), "{refused}");
 }
@@ -78,7 +77,7 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
     let tap = RecordingProxy::open(house.doors.grpc).await;
     let arena = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
-    let mut play = arena.play(&run, BLIND).await.expect("a stream");
+    let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for (spoiler, reason) in
         [(recording_proxy::illegal_action(), Reason::ActionOutOfRange), (recording_proxy::wrong_step(9), Reason::StepAhead)]
@@ -101,7 +100,7 @@ async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     let tap = RecordingProxy::open(house.doors.grpc).await;
     let vanishing = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
     let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
-    let mut play = vanishing.play(&run, BLIND).await.expect("a stream");
+    let mut play = vanishing.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     episode.step(Action::MoveForward).await.expect("a legal step");
     let lost = episode.id().to_owned();
@@ -166,7 +165,7 @@ async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
     assert_eq!(arena.run(&run.id).await.expect("the run").progress.done, 1);
     let second = play_one(&arena, &run).await;
     assert_ne!(first.episode, second.episode);
-    let over = arena.play(&run, BLIND).await.expect_err("both episodes were played");
+    let over = arena.play(&run, NO_SENSORS).await.expect_err("both episodes were played");
     assert_eq!(over.reason(), Some(Reason::RunOver), "{over}");
     let scored = arena.run(&run.id).await.expect("the run").metrics;
     assert!(scored.as_ref().is_some_and(|metrics| !metrics.is_empty()), "a public phase shows metrics");

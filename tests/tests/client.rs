@@ -1,13 +1,12 @@
 //! The Rust client's stream of episodes, and its calls while a server is away.
 
-use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions};
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::time::{sleep, timeout};
 use tokio_stream::StreamExt;
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 
 async fn house(missions: usize) -> TestServer {
     TestServer::open(&TestSetup { houses: 1, missions, ..TestSetup::default() }).await
@@ -29,7 +28,7 @@ async fn episodes_are_a_stream_that_ends_with_the_run() {
     let house = house(3).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
-    let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
+    let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
     assert_eq!(episodes.task().rules, "lh-avln-v1");
     let mut ends = Vec::new();
     while let Some(episode) = episodes.try_next().await.expect("an answer") {
@@ -47,7 +46,7 @@ async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_o
     let house = house(2).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
-    let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
+    let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
     let first = episodes.try_next().await.expect("an answer").expect("an episode");
     assert!(timeout(Duration::from_millis(200), episodes.next()).await.is_err(), "one at a time");
     drop(first);
@@ -65,7 +64,7 @@ async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
     let wire = FaultProxy::open(house.doors.grpc).await;
     let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
-    let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
+    let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
     let mut first = episodes.try_next().await.expect("an answer").expect("an episode");
     wire.cut();
     first.step(Action::TurnLeft).await.expect("the client comes back");

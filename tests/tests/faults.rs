@@ -2,8 +2,9 @@
 //! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
 
 use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
-use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
 use avln_store::{Phase, RunState, Viewer};
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
     TestServer, PHASE, TestSetup, disk::Disk, furnish, rule, fault_proxy::FaultProxy, server::Server, store, recording_proxy,
 };
@@ -22,8 +23,6 @@ use tempfile::TempDir;
 use tokio::time::{sleep, timeout};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 
 /// What became of a run: the ends of its episodes in order, with those to come as `-`; its state; whether it counts.
 type Verdict = (String, RunState, bool);
@@ -44,7 +43,7 @@ async fn house(change: impl FnOnce(&mut Phase)) -> TestServer {
 async fn begin(url: &str, token: &str) -> (Run, Play) {
     let arena = Client::connect(url, token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
-    let play = arena.play(&run, BLIND).await.expect("a stream");
+    let play = arena.play(&run, NO_SENSORS).await.expect("a stream");
     (run, play)
 }
 

@@ -4,6 +4,7 @@
 use avln_arena::{data::DataFolder, register};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_store::Visibility;
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
     TestServer, PHASE, TestSetup,
     canary::Canaries,
@@ -16,8 +17,6 @@ use avln_tests::{
 use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 /// What the split of a house hides from everybody.
 fn hidden(house: &TestServer) -> Canaries {
@@ -144,7 +143,7 @@ async fn fumble(tap: &RecordingProxy, arena: &Client, run: &Run) {
 
 /// Plays the rest of a run without senses: the first target of each episode is claimed, then a wrong place.
 async fn claim(house: &TestServer, arena: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
-    let mut play = arena.play(run, BLIND).await.expect("a stream");
+    let mut play = arena.play(run, NO_SENSORS).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
         claim_first_target(house, &mut episode, order).await;
         while !episode.is_over() {
@@ -186,7 +185,7 @@ async fn ask_around(house: &TestServer, tap: &RecordingProxy, arena: &Client) {
     arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
     Client::connect(recording_proxy.url(), "wrong").await.expect_err("no such token");
     let own = Run::from_token(&house.token);
-    arena.play(&own, BLIND).await.expect_err("no token of a run");
+    arena.play(&own, NO_SENSORS).await.expect_err("no token of a run");
 }
 
 /// What is told to somebody who follows a run that is under way, and all of them.

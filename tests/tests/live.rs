@@ -49,11 +49,11 @@ async fn a_run_is_seen_to_advance_and_to_wait() {
     let list = events(&http::get_events(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
     assert_eq!(list[0]["runs"][0]["run"], run.id.as_str());
     let page = http::get(web, "/runs").await.body;
-    assert!(page.contains("1 run under way.") && page.contains("steps a second"), "{page}");
+    assert!(page.contains("1 open run.") && page.contains("steps per second"), "{page}");
 
     drop(episode);
     drop(play);
     drop(arena);
     let lost = http::get_events(web, &path, Duration::from_millis(2500)).await;
-    assert!(lost.body.contains("waits for its agent to come back"), "{}", lost.body);
+    assert!(lost.body.contains("waits for its agent to reconnect"), "{}", lost.body);
 }

@@ -34,8 +34,9 @@ async fn start(house: &TestServer) -> Result<String, Error> {
 async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
     let house = TestServer::open(&TestSetup::default()).await;
     let team = Visitor::sign_in(house.doors.web, &house.token).await;
-    let page =
-        team.act("/me", &[("deed", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")]).await;
+    let page = team
+        .act("/me", &[("action", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")])
+        .await;
     let token = shown_token(&page);
     let looking = Client::connect(house.agents_url(), &token).await.expect("the door is open");
     let account = looking.whoami().await.expect("an account");
@@ -46,15 +47,15 @@ async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
     assert_eq!(looker.get("/me").await.status, 200);
 
     let run = start(&house).await.expect("a run");
-    let cancelled = team.act("/me", &[("deed", "cancel"), ("run", &run)]).await;
+    let cancelled = team.act("/me", &[("action", "cancel"), ("run", &run)]).await;
     assert_eq!(cancelled.status, 303, "{}", cancelled.body);
     assert!(team.get("/me").await.body.contains(&format!("Run {run} is cancelled.")));
-    let again = team.act("/me", &[("deed", "cancel"), ("run", &run)]).await;
+    let again = team.act("/me", &[("action", "cancel"), ("run", &run)]).await;
     assert_eq!((again.status, again.body.contains("is cancelled")), (409, true), "{}", again.body);
 
     let tokens = store(house.folder.path()).await.tokens().await.expect("tokens");
     let id = tokens.iter().find(|token| token.name == "laptop").expect("the token").id.clone();
-    assert_eq!(team.act("/me", &[("deed", "revoke"), ("id", &id)]).await.status, 303);
+    assert_eq!(team.act("/me", &[("action", "revoke"), ("id", &id)]).await.status, 303);
     looking.whoami().await.expect_err("it is void");
     assert_eq!(looker.get("/me").await.status, 303, "its session is over too");
     let deeds: Vec<_> =
@@ -80,7 +81,7 @@ async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it()
     let mut episode = episodes.try_next().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("it is open");
     let team = Visitor::sign_in(house.doors.web, &house.token).await;
-    assert_eq!(team.act("/me", &[("deed", "cancel"), ("run", &run.id)]).await.status, 303);
+    assert_eq!(team.act("/me", &[("action", "cancel"), ("run", &run.id)]).await.status, 303);
     let mut steps = 0;
     while steps < 500 && episode.end().is_none() && episode.step(Action::TurnLeft).await.is_ok() {
         steps += 1;
@@ -98,17 +99,17 @@ async fn a_team_touches_nothing_that_is_not_its_own() {
     let house = TestServer::open(&TestSetup::default()).await;
     let organiser = house.organiser().await;
     let office = Visitor::sign_in(house.doors.web, &organiser).await;
-    let page = office.act("/organise/teams", &[("deed", "admit"), ("team", "blue"), ("reason", "")]).await;
+    let page = office.act("/organise/teams", &[("action", "admit"), ("team", "blue"), ("reason", "")]).await;
     let blue = Visitor::sign_in(house.doors.web, &shown_token(&page)).await;
     let run = start(&house).await.expect("a run");
     for (what, id) in [("cancel", run.as_str()), ("cancel", "run_of_nobody")] {
-        let refused = blue.act("/me", &[("deed", what), ("run", id)]).await;
+        let refused = blue.act("/me", &[("action", what), ("run", id)]).await;
         assert_eq!(refused.status, 409, "{}", refused.body);
         assert!(refused.body.contains("there is no run"), "{}", refused.body);
     }
     let tokens = store(house.folder.path()).await.tokens().await.expect("tokens");
     for token in tokens.iter().filter(|token| token.team.as_deref() != Some("blue")) {
-        assert_eq!(blue.act("/me", &[("deed", "revoke"), ("id", &token.id)]).await.status, 409);
+        assert_eq!(blue.act("/me", &[("action", "revoke"), ("id", &token.id)]).await.status, 409);
     }
     start(&house).await.expect("the other team goes on");
 }
@@ -118,33 +119,33 @@ async fn the_organiser_pauses_rules_and_grants() {
     let house = TestServer::open(&TestSetup::default()).await;
     let organiser = Visitor::sign_in(house.doors.web, &house.organiser().await).await;
     let phase = format!("/organise/phases/{PHASE}");
-    let paused = organiser.act(&phase, &[("deed", "pause"), ("reason", "the roof leaks")]).await;
+    let paused = organiser.act(&phase, &[("action", "pause"), ("reason", "the roof leaks")]).await;
     assert_eq!(paused.status, 303, "{}", paused.body);
     let refused = start(&house).await.expect_err("a paused phase");
     assert_eq!(refused.reason(), Some(Reason::PhasePaused), "{refused}");
     assert!(refused.to_string().contains("the roof leaks"), "{refused}");
-    assert_eq!(organiser.act(&phase, &[("deed", "resume"), ("reason", "it is dry")]).await.status, 303);
+    assert_eq!(organiser.act(&phase, &[("action", "resume"), ("reason", "it is dry")]).await.status, 303);
     let run = play_script(&house.agents_url(), &house.token, "walker").await;
     let rule = format!("/organise/runs/{run}");
-    assert_eq!(organiser.act(&rule, &[("deed", "verify"), ("reason", "we ran it")]).await.status, 303);
+    assert_eq!(organiser.act(&rule, &[("action", "verify"), ("reason", "we ran it")]).await.status, 303);
     let board = format!("/leaderboard/{PHASE}?order=unordered");
     assert!(http::get(house.doors.web, &board).await.body.contains(">verified</span>"));
-    let out = [("deed", "disqualify"), ("reason", "it knew the houses")];
+    let out = [("action", "disqualify"), ("reason", "it knew the houses")];
     assert_eq!(organiser.act(&rule, &out).await.status, 303);
     assert!(!http::get(house.doors.web, &board).await.body.contains(&run));
     assert!(http::get(house.doors.web, &format!("/runs/{run}")).await.body.contains("it knew the houses"));
     let grant =
-        [("deed", "grant"), ("team", TEAM), ("phase", PHASE), ("runs", "2"), ("reason", "a full disk")];
+        [("action", "grant"), ("team", TEAM), ("phase", PHASE), ("runs", "2"), ("reason", "a full disk")];
     assert_eq!(organiser.act("/organise/teams", &grant).await.status, 303);
-    let unknown = [("deed", "grant"), ("team", "nobody"), ("phase", PHASE), ("runs", "2"), ("reason", "x")];
+    let unknown = [("action", "grant"), ("team", "nobody"), ("phase", PHASE), ("runs", "2"), ("reason", "x")];
     assert_eq!(organiser.act("/organise/teams", &unknown).await.status, 409);
     assert!(organiser.get("/organise/health").await.body.contains("Steps since the start"));
-    let reveal = [("deed", "reveal"), ("reason", ""), ("typed", PHASE)];
+    let reveal = [("action", "reveal"), ("reason", ""), ("typed", PHASE)];
     assert_eq!(organiser.act(&phase, &reveal).await.status, 409, "it is open");
-    let close = [("deed", "close"), ("reason", "it is over"), ("typed", PHASE)];
+    let close = [("action", "close"), ("reason", "it is over"), ("typed", PHASE)];
     assert_eq!(organiser.act(&phase, &close).await.status, 303);
     assert_eq!(organiser.act(&phase, &reveal).await.status, 303);
-    assert!(organiser.get(&phase).await.body.contains("; published"));
+    assert!(organiser.get(&phase).await.body.contains("; revealed"));
     let lines = audit(&house).await;
     let told = |what: &str, reason: &str| {
         lines.iter().any(|line| {

@@ -5,15 +5,14 @@ use avln_arena::{
     data::DataFolder,
     now_unix_ms,
 };
-use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions, Sensors};
+use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions};
 use avln_store::AuditNote;
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{TestServer, PHASE, TestSetup, http};
 use serde::Serialize;
 use std::time::Duration;
 use tokio::time::timeout;
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 
 struct Operator {
     url: String,
@@ -49,7 +48,7 @@ async fn the_operator_sees_what_is_played_and_nobody_else_does() {
     let operator = Operator::of(&house).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "secretive method")).await.unwrap();
-    let mut play = arena.play(&run, BLIND).await.unwrap();
+    let mut play = arena.play(&run, NO_SENSORS).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();
     for _ in 0..3 {
         episode.step(Action::TurnLeft).await.unwrap();
@@ -91,7 +90,7 @@ async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
     let link = ConnectOptions { patience: Some(Duration::from_secs(2)), ..ConnectOptions::default() };
     let arena = Client::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "patient")).await.unwrap();
-    let mut play = arena.play(&run, BLIND).await.unwrap();
+    let mut play = arena.play(&run, NO_SENSORS).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();
 
     operator.status("/v1/notice", Some(&Notice { text: "closed on Sunday".into() })).await;

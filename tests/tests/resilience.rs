@@ -1,7 +1,8 @@
 //! A run cannot be lost: neither connections that break at any step nor servers that die at any moment change a bit of
 //! what its episodes were worth, lose an episode or count one twice.
 
-use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
+use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions};
+use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{TestServer, PHASE, TestSetup, furnish, http, fault_proxy::FaultProxy, server::Server};
 use serde_json::Value;
 use std::{
@@ -13,8 +14,6 @@ use std::{
 };
 use tokio::task::JoinSet;
 
-const BLIND: Sensors =
-    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 /// Steps after which the wanderer stops.
 const STEPS: u32 = 800;
 
@@ -60,7 +59,7 @@ async fn play_run(url: String, token: String, slots: u32, steps: &'static Atomic
 
 async fn play_on(arena: &Client, run: &Run, slots: u32, steps: &'static AtomicU32) {
     let mut players = JoinSet::new();
-    for play in arena.play_slots(run, BLIND, slots).await.expect("a stream") {
+    for play in arena.play_slots(run, NO_SENSORS, slots).await.expect("a stream") {
         players.spawn(play_slot(play, steps));
     }
     let mut last = None;

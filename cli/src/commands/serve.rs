@@ -8,6 +8,7 @@ use avln_arena::{
     servers::{Addresses, Security, Servers},
 };
 use avln_grpc::Limits;
+use avln_web::TrustedProxy;
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
@@ -54,6 +55,9 @@ pub struct ServeArgs {
     /// TLS files
     #[command(flatten)]
     pub tls: TlsArgs,
+    /// Address or network of a reverse proxy, repeatable: its X-Forwarded-For names the client, for the sign-in limit
+    #[arg(long, value_name = "RANGE")]
+    pub trusted_proxy: Vec<TrustedProxy>,
     /// Address of the admin server on this machine, for metrics and avln admin; off to disable it
     #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
     pub admin: AdminListener,
@@ -100,6 +104,7 @@ pub async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     data.limit_cache(args.cache_size)?;
     let security = Security { tls_cert: args.tls.tls_cert, tls_key: args.tls.tls_key };
     let mut doors = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
+    doors = doors.with_trusted_proxies(args.trusted_proxy);
     if let AdminListener(Some(address)) = args.admin {
         doors = doors.with_admin(address).await?;
     }

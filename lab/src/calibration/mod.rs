@@ -57,11 +57,11 @@ pub struct CalibrationRun {
 pub struct CalibrationEpisode {
     /// BLAKE3 of mission, observations and actions, hexadecimal.
     pub sensed: String,
-    /// Why it ended.
+    /// End reason.
     pub end: String,
     /// Steps taken.
     pub steps: u32,
-    /// What it was worth.
+    /// Metrics.
     pub metrics: BTreeMap<String, f64>,
 }
 
@@ -103,9 +103,9 @@ impl ReferenceAgent {
 /// Where to play, and as whom.
 #[derive(Clone, Debug)]
 pub struct CalibrationServer {
-    /// Address of the agents' door.
+    /// URL of the gRPC server.
     pub url: String,
-    /// Authorities to trust instead of the system's.
+    /// File of trusted authorities, instead of those of the system.
     pub ca: Option<PathBuf>,
     /// Token of an account.
     pub token: String,

@@ -1,4 +1,4 @@
-//! Looks at a server as an agent meets it, before a run that counts: can it be played, and how long will it take?
+//! The check before a counted run: reachability, permissions and expected duration.
 
 mod practice;
 mod report;
@@ -9,19 +9,19 @@ use avln_arena::{BENCHMARK_VERSION, now_unix_ms};
 use avln_client::{Client, ConnectOptions, Error, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
 use std::{path::PathBuf, time::Instant};
 
-/// Questions by which the round trip is measured.
+/// Number of requests for the round-trip time.
 const ROUND_TRIPS: usize = 20;
-/// Clocks may differ by this much before somebody should know, seconds.
+/// Clock difference for a warning, seconds.
 const CLOCK_S: f64 = 2.0;
-/// Tokens that end sooner are worth a word, seconds.
+/// Remaining lifetime of a token for a warning, seconds.
 const SOON_S: i64 = 7 * 86_400;
 
-/// What to look at.
+/// Settings of the check.
 #[derive(Clone, Debug)]
 pub struct DoctorOptions {
-    /// Address of the agents' door.
+    /// URL of the gRPC server.
     pub server: String,
-    /// Authorities to trust instead of the system's.
+    /// File of trusted authorities, instead of those of the system.
     pub ca: Option<PathBuf>,
     /// Token of an account.
     pub token: String,

@@ -1,4 +1,4 @@
-//! The split that the ladder plays, and the server that hosts it.
+//! The split of the baseline suite, and its server.
 
 use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
 use crate::dataset::build::Builder;
@@ -22,19 +22,19 @@ use std::{
 const RECIPE: &str = include_str!("recipe.json");
 const TEAM: &str = "ladder";
 
-/// Which split is played, and how large it is.
+/// Size and pool of the split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SuiteSize {
     /// Houses.
     pub houses: u32,
-    /// Missions in each.
+    /// Missions per house.
     pub missions: usize,
-    /// Whether they are houses of the training pool, in which agents may be tuned.
+    /// Uses houses of the training pool, to tune agents.
     pub practice: bool,
 }
 
 impl Default for SuiteSize {
-    /// 200 missions in 25 houses, furnished from the pool for validation.
+    /// 200 missions in 25 houses of the validation pool.
     fn default() -> Self {
         Self { houses: 25, missions: 8, practice: false }
     }
@@ -47,7 +47,7 @@ impl SuiteSize {
     }
 }
 
-/// The folder in which a ladder is played; nobody else plays there meanwhile.
+/// The locked folder of a suite.
 pub(super) struct SuiteFolder {
     folder: PathBuf,
     data: DataFolder,
@@ -57,7 +57,7 @@ pub(super) struct SuiteFolder {
     _lock: File,
 }
 
-/// An open server over it.
+/// A running server for the suite.
 pub(super) struct HostedSuite {
     pub(super) store: Store,
     pub(super) servers: RunningServers,
@@ -65,14 +65,14 @@ pub(super) struct HostedSuite {
     pub(super) live: Arc<LiveEpisodes>,
 }
 
-/// One agent's missions in one order: a phase of their own.
+/// The missions of an agent in one order, hosted as a phase.
 pub(super) struct Batch {
     pub(super) phase: String,
     pub(super) episodes: Vec<PhaseEpisode>,
 }
 
 impl SuiteFolder {
-    /// Takes the folder, and builds the split in it unless it is there.
+    /// Locks the folder and builds the split if it is missing.
     pub(super) fn open(folder: &Path, size: SuiteSize) -> Result<Self, Failure> {
         let cannot = |error: std::io::Error| {
             Failure::new(FailureKind::Data, format!("cannot use {}: {error}", folder.display()))
@@ -98,7 +98,7 @@ impl SuiteFolder {
         results_path(&self.folder)
     }
 
-    /// All missions: first one of each house, then the second of each, and so on.
+    /// Returns all missions: the first one of every house, then the second one, and so on.
     pub(super) fn episodes(&self) -> Result<Vec<PhaseEpisode>, Failure> {
         let mut episodes = register::phase_episodes(&self.split)?;
         let number =
@@ -107,7 +107,7 @@ impl SuiteFolder {
         Ok(episodes)
     }
 
-    /// What tells an episode of this build on this split.
+    /// Returns the key of an episode for this build and split.
     pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> EpisodeKey {
         EpisodeKey {
             agent: agent.to_owned(),
@@ -120,7 +120,7 @@ impl SuiteFolder {
         }
     }
 
-    /// Opens a server with a phase for each batch. Its database begins empty: what was played stands in the results.
+    /// Starts a server with one phase per batch and an empty database; earlier episodes are in the results file.
     pub(super) async fn host(&self, batches: &[Batch]) -> Result<HostedSuite, Failure> {
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
@@ -152,7 +152,7 @@ impl SuiteFolder {
     }
 }
 
-/// Where a ladder's results lie.
+/// Path of the results file.
 pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }

@@ -11,24 +11,24 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-/// Farther targets are not in view, metres.
+/// Largest distance of a visible target, metres.
 const IN_VIEW_M: f32 = 6.0;
 
 /// The state of an episode at its last observation.
 pub(super) struct EpisodeState {
     pub(super) pose: Pose,
     pub(super) sounding: Option<usize>,
-    /// For each goal: whether it can still be found.
+    /// Unfinished goals, by index.
     pub(super) is_open: Vec<bool>,
     pub(super) assets: Arc<SceneAssets>,
 }
 
-/// The state of every episode that is being played, by handle.
+/// The states of running episodes, by handle.
 #[derive(Default)]
 pub(super) struct LiveEpisodes(Mutex<BTreeMap<String, Arc<EpisodeState>>>);
 
 impl LiveEpisodes {
-    /// Notes the state of an episode.
+    /// Stores the state of an episode.
     pub(super) fn note(&self, handle: &str, referee: &Referee) {
         let state = EpisodeState {
             pose: referee.world().pose(),
@@ -39,7 +39,7 @@ impl LiveEpisodes {
         self.lock().insert(handle.to_owned(), Arc::new(state));
     }
 
-    /// Forgets an episode that is over.
+    /// Removes a finished episode.
     pub(super) fn forget(&self, handle: &str) {
         self.lock().remove(handle);
     }
@@ -53,7 +53,7 @@ impl LiveEpisodes {
     }
 }
 
-/// What a privileged agent is told of the episode that it plays.
+/// Hints with ground truth for a privileged agent.
 pub(super) struct TrueHints {
     live: Arc<LiveEpisodes>,
     pub(super) rules: Rules,
@@ -65,13 +65,13 @@ impl TrueHints {
         Self { live, rules, episode: Mutex::default() }
     }
 
-    /// The agent plays the episode of this handle from now on.
+    /// Switches to the episode of a handle.
     pub(super) fn follow(&self, handle: &str, truth: EpisodeTruth) {
         let episode = Some((handle.to_owned(), Arc::new(truth)));
         *self.episode.lock().unwrap_or_else(PoisonError::into_inner) = episode;
     }
 
-    /// What is hidden of the episode, and its state.
+    /// Returns the ground truth and the state of the episode.
     pub(super) fn now(&self) -> Option<(Arc<EpisodeTruth>, Arc<EpisodeState>)> {
         let episode = self.episode.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (handle, truth) = episode?;
@@ -109,7 +109,7 @@ fn in_frame_of(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
     Pose::new(*place, 0.0).relative_to(start).position
 }
 
-/// Whether the middle of a box lies within 45 degrees of straight ahead.
+/// Returns `true` if the centre of a box is within 45 degrees of the view direction.
 fn is_ahead(pose: &Pose, bounds: &Aabb) -> bool {
     let (middle, here) = (middle_of(bounds), pose.position);
     let bearing_rad = (here.x - middle.x).atan2(here.z - middle.z) - pose.heading_rad;

@@ -1,8 +1,7 @@
-//! The ladder: every agent that comes with the arena plays one public split, so that one can see what the benchmark measures.
+//! The baseline suite: all bundled agents play a public split.
 //!
-//! Start reading at [`run()`] and [`report()`]. The ladder hosts the arena in its own process, and its agents play through the
-//! agents' door like everyone else. Those that are marked *privileged* are told more than that by hints that never leave the
-//! process.
+//! Start at [`run()`] and [`report()`]. The suite hosts the arena in its own process, and its agents connect to the gRPC server as
+//! any other client. *Privileged* variants also receive hints with ground truth, which never leave the process.
 
 mod causes;
 mod host;

@@ -10,16 +10,16 @@ use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
 use std::sync::Arc;
 
-/// Knows everything, walks the reference tour and claims each target where its region begins. It must succeed: this proves
-/// that a mission can be solved and that rules, references and regions agree with each other.
+/// An oracle that walks the reference tour and submits at the border of every success region. Its success proves that missions are
+/// solvable and that rules, reference tours and regions are consistent.
 pub(super) struct ShortestPath {
     hints: Arc<TrueHints>,
     walker: Walker,
-    /// Places of regions that were reached and were not enough, by goal.
+    /// Tried positions per goal that were not accepted.
     tried: Vec<(usize, Point3<f32>)>,
 }
 
-/// The same beside a referee, without a server between them: it plays one episode.
+/// The oracle for a single episode, without a server.
 pub struct Oracle {
     live: Arc<LiveEpisodes>,
     agent: ShortestPath,
@@ -27,7 +27,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Its name in files: that of the variant.
+    /// Name of the variant, for files.
     pub const NAME: &str = "shortest-path";
     /// What its only episode is called between live and hints.
     const HANDLE: &str = "episode";
@@ -40,7 +40,7 @@ impl Oracle {
         Self { live, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
     }
 
-    /// What to do where the referee's body stands.
+    /// Returns the next action for the referee's current pose.
     pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
         self.live.note(Self::HANDLE, referee);
         if !self.has_begun {
@@ -69,7 +69,7 @@ impl ShortestPath {
         Self { hints, walker: Walker::new([0.0; 2], 0.0), tried: Vec::new() }
     }
 
-    /// The next action towards the goal that the tour visits next.
+    /// Returns the next action towards the next goal of the tour.
     fn walk(&mut self, truth: &EpisodeTruth, now: &EpisodeState, seen: &Observation) -> Action {
         let Some(goal) = visits(truth).into_iter().find(|&goal| now.is_open[goal]) else {
             return Action::Stop;
@@ -84,7 +84,7 @@ impl ShortestPath {
         self.walker.step(&seen.pose, &leg.iter().map(flat).collect::<Vec<_>>())
     }
 
-    /// Where the tour visits a goal; then, where that was not enough, the nearest place of its region that was not tried.
+    /// Returns the position of a goal on the tour; after a rejected Submit, the nearest untried position of its region.
     fn aim(&mut self, truth: &EpisodeTruth, goal: usize, here: &Point3<f32>) -> Option<Point3<f32>> {
         let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
         let places: Vec<_> = corner.iter().chain(&truth.targets[goal].region).copied().collect();
@@ -126,7 +126,7 @@ fn is_in_region(target: &Target, now: &EpisodeState, rules: &Rules) -> bool {
     target.distance_within_region(&now.pose.position, rules, sees).is_some()
 }
 
-/// The goals in the order in which the reference tour visits them.
+/// Returns the goals in the order of the reference tour.
 fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     let mut goals: Vec<usize> = (0..truth.targets.len()).collect();
     if truth.order == Order::Unordered {
@@ -135,7 +135,7 @@ fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     goals
 }
 
-/// The corner of the reference tour that lies in the region of a goal.
+/// Returns the corner of the reference tour in the region of a goal.
 fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
     let region = &truth.targets[goal].region;
     let is_in =

@@ -1,4 +1,4 @@
-//! The oracle's runs of a phase, for its boards to show what can be reached.
+//! The oracle's runs of a phase, as the upper bound on its leaderboards.
 
 use super::{
     live_episodes::{LiveEpisodes, TrueHints},
@@ -15,15 +15,14 @@ use avln_episode::Order;
 use avln_store::{Phase, Reference, Store};
 use std::sync::Arc;
 
-/// The team under which the oracle plays, and its method.
+/// Team and method of the oracle.
 const TEAM: &str = "Oracle";
 const METHOD: &str = "shortest-path";
 
-/// Lets the oracle play a phase in each of its orders, like everyone else but told the truth; the folder has no server meanwhile.
-/// Hands the result of each run to `tell`.
+/// Plays a phase with the oracle in all of its orders and passes the results to `tell`. No server may use the folder.
 ///
 /// # Errors
-/// When there is no such phase, it takes no runs, or a run fails.
+/// If there is no such phase, it accepts no runs, or a run fails.
 pub async fn play_oracle(
     data: &DataFolder,
     phase: &str,
@@ -51,7 +50,7 @@ pub async fn play_oracle(
     Ok(())
 }
 
-/// Who plays where.
+/// The oracle's connection and phase.
 struct OracleRuns {
     server: String,
     token: String,
@@ -74,7 +73,7 @@ impl OracleRuns {
         play.finish().await.map_err(Failure::run)
     }
 
-    /// Plays the next episode; false when there is none.
+    /// Plays the next episode. Returns `false` if there is none.
     async fn episode(&self, play: &mut Play, hints: &Arc<TrueHints>, order: Order) -> Result<bool, Failure> {
         let (task, run) = (play.task().clone(), play.run().to_owned());
         let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? else { return Ok(false) };

@@ -1,4 +1,4 @@
-//! Every agent plays what it has not played yet.
+//! Runs of the baseline suite.
 
 use super::{
     AgentVariant, ResultLine, Results, SuiteSize,
@@ -19,27 +19,27 @@ use std::{
 };
 use tokio::task::{JoinSet, block_in_place};
 
-/// How often progress is told, seconds.
+/// Interval between progress messages, seconds.
 const TELL_EVERY: Duration = Duration::from_secs(5);
 
-/// What is played.
+/// Settings of a suite run.
 #[derive(Clone, Debug)]
 pub struct SuiteOptions {
-    /// Who plays, one after the other.
+    /// Agents, in playing order.
     pub agents: Vec<AgentVariant>,
-    /// In which orders.
+    /// Orders of goals.
     pub orders: Vec<Order>,
-    /// How many missions of the split at most: an equal share of each house.
+    /// Largest number of missions, spread evenly over the houses.
     pub episodes: usize,
-    /// Episodes side by side.
+    /// Number of parallel episodes.
     pub slots: u32,
-    /// Seed of agents that draw.
+    /// Seed of random agents.
     pub seed: u64,
-    /// Pixels a side of the pictures.
+    /// Side of pictures, pixels.
     pub side: u32,
-    /// Whether episodes that were played are played again.
+    /// Repeats finished episodes if `true`.
     pub again: bool,
-    /// Which split, and how large.
+    /// Size of the split.
     pub size: SuiteSize,
     /// Folder for traces of PAG-Nav and its variants.
     pub trace: Option<PathBuf>,
@@ -62,12 +62,10 @@ impl Default for SuiteOptions {
     }
 }
 
-/// Plays what `folder` holds no results of. It can be stopped at any time; the next call goes on.
-///
-/// Gives back how many episodes were played.
+/// Plays the missions without results in `folder` and returns their number. An interrupted call can be repeated.
 ///
 /// # Errors
-/// When the folder cannot be used or a run fails. What was played stays.
+/// If the folder cannot be used or a run fails. Finished episodes remain.
 pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     let (path, size) = (folder.to_owned(), plan.size);
     let ground = tokio::task::spawn_blocking(move || SuiteFolder::open(&path, size)).await;
@@ -97,7 +95,7 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     played.map(|()| count)
 }
 
-/// What has not been played, agent by agent.
+/// Returns the missing missions per agent and order.
 fn todo(
     ground: &SuiteFolder,
     results: &Results,
@@ -127,7 +125,7 @@ impl Batch {
     }
 }
 
-/// Where everybody plays.
+/// The state shared by all runs.
 struct SuiteRun {
     ground: SuiteFolder,
     hosted: HostedSuite,
@@ -135,7 +133,7 @@ struct SuiteRun {
     progress: Mutex<SuiteProgress>,
 }
 
-/// A run that is being played.
+/// A running run.
 struct VariantRun {
     variant: AgentVariant,
     order: Order,
@@ -198,14 +196,14 @@ impl SuiteRun {
         Ok(play)
     }
 
-    /// The mission that is played under a handle.
+    /// Returns the mission of a handle.
     async fn episode_of(&self, run: &VariantRun, handle: &str) -> Result<String, Failure> {
         let open = self.hosted.store.running_episodes().await?;
         let found = open.into_iter().find(|open| open.run == run.id && open.handle == handle);
         found.map(|open| open.episode).ok_or_else(|| unknown(handle))
     }
 
-    /// Writes down what an episode was worth; one that was lost is played again, by the server or by the next call.
+    /// Stores the result of an episode. A lost episode is repeated by the server or by the next call.
     async fn keep(
         &self,
         run: &VariantRun,
@@ -251,7 +249,7 @@ impl SuiteRun {
     }
 }
 
-/// Results, and what is told of them while they grow.
+/// The results file and the progress messages.
 struct SuiteProgress {
     results: Results,
     played: usize,
@@ -291,7 +289,7 @@ impl SuiteProgress {
     }
 }
 
-/// Seed of an agent's choices in one episode.
+/// Returns the seed of an agent in an episode.
 fn seed_of(seed: u64, episode: &str) -> u64 {
     let hash = blake3::Hasher::new().update(&seed.to_le_bytes()).update(episode.as_bytes()).finalize();
     let mut first = [0; 8];

@@ -10,18 +10,18 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What tells one played episode from all others.
+/// The key of a result.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct EpisodeKey {
     /// The agent, by [`AgentVariant::name`](super::AgentVariant::name).
     pub agent: String,
     /// `ordered` or `unordered`.
     pub order: String,
-    /// Id of the episode inside its split.
+    /// Id of the episode in its split.
     pub episode: String,
-    /// Seed of agents that draw.
+    /// Seed of random agents.
     pub seed: u64,
-    /// Version of the program, and of the agents in it.
+    /// Version of the program and its agents.
     pub program: String,
     /// Version of the benchmark.
     pub benchmark: String,
@@ -29,44 +29,44 @@ pub struct EpisodeKey {
     pub split: String,
 }
 
-/// A played episode.
+/// The result of an episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResultLine {
-    /// Which.
+    /// Key.
     pub key: EpisodeKey,
-    /// Name of its scene.
+    /// Name of the scene.
     pub scene: String,
-    /// How each goal was described.
+    /// Modality of every goal.
     pub modalities: Vec<Modality>,
-    /// Why it ended.
+    /// End reason.
     pub end: EndReason,
-    /// What it was worth.
+    /// Metrics.
     pub metrics: Metrics,
-    /// Submits that completed nothing, by cause.
+    /// Failed Submits, by cause.
     pub wrong: BTreeMap<Cause, u32>,
-    /// Mean time in which the agent chose an action, milliseconds.
+    /// Mean time to choose an action, milliseconds.
     pub think_ms: f64,
-    /// Time that the episode took, seconds.
+    /// Duration of the episode, seconds.
     pub wall_s: f64,
 }
 
 impl ResultLine {
-    /// How goals counted.
+    /// Order of goals.
     pub fn order(&self) -> Order {
         self.key.order.parse().unwrap_or(Order::Ordered)
     }
 }
 
-/// The file of played episodes: a line of JSON each, written when the episode is over.
+/// The results file: one line of JSON per finished episode.
 pub struct Results {
     path: PathBuf,
     file: File,
-    /// By key; an episode that was played again counts as it was played last.
+    /// Results by key; the last one of a repeated episode counts.
     lines: BTreeMap<EpisodeKey, ResultLine>,
 }
 
 impl Results {
-    /// Opens the file, and makes it when it is not there. A last line that was cut off is dropped.
+    /// Opens or creates the file. An incomplete last line is removed.
     ///
     /// # Errors
     /// When it cannot be read or written, or holds something else.
@@ -97,18 +97,18 @@ impl Results {
         Ok(())
     }
 
-    /// Whether an episode was played.
+    /// Returns `true` if there is a result for the key.
     pub fn has(&self, key: &EpisodeKey) -> bool {
         self.lines.contains_key(key)
     }
 
-    /// All episodes, by agent, order and id.
+    /// Returns all results, by agent, order and id.
     pub fn lines(&self) -> impl Iterator<Item = &ResultLine> {
         self.lines.values()
     }
 }
 
-/// The played episodes of a file, by key, while somebody else may add to it; none when there is no such file.
+/// Reads all results of a file, which another process may be extending; empty if there is no file.
 ///
 /// # Errors
 /// When it cannot be read, or holds something else.
@@ -122,7 +122,7 @@ pub(super) fn read(path: &Path) -> Result<BTreeMap<EpisodeKey, ResultLine>, Fail
     }
 }
 
-/// All lines that have their end.
+/// Returns all complete lines.
 fn whole(text: &str) -> &str {
     &text[..text.rfind('\n').map_or(0, |end| end + 1)]
 }

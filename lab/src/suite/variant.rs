@@ -7,43 +7,43 @@ use avln_pag_nav::{Ablation, PagNav, Recorder};
 use clap::ValueEnum;
 use std::{path::Path, sync::Arc};
 
-/// The agents of the ladder, in the order of tables.
+/// The agents of the suite, in the order of tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum AgentVariant {
     /// Walks at random.
     Random,
-    /// Walks ahead and turns where it is blocked.
+    /// Walks forward and turns at obstacles.
     ForwardAndTurn,
-    /// Goes to the nearest place that it has not seen.
+    /// Explores the nearest unseen place.
     Frontier,
-    /// Goes where it hears something; sees nothing.
+    /// Follows sound; blind.
     SoundFollower,
-    /// Explores until it sees something of a goal's category; hears nothing.
+    /// Explores until it sees a goal's category; deaf.
     Detector,
-    /// Remembers few views that show all things; hears nothing.
+    /// Remembers a few views that cover all objects; deaf.
     Snapshot,
     /// PAG-Nav.
     PagNav,
-    /// PAG-Nav that hears nothing.
+    /// PAG-Nav without hearing.
     PagNavNoAudio,
-    /// PAG-Nav without priors of rooms and things.
+    /// PAG-Nav without priors of rooms and objects.
     PagNavNoPriors,
-    /// PAG-Nav that forgets what it does not see.
+    /// PAG-Nav without memory of unseen objects.
     PagNavNoMemory,
-    /// PAG-Nav that submits without verification.
+    /// PAG-Nav without verification before a Submit.
     PagNavNoGate,
-    /// PAG-Nav that sees by depth and colours alone, without the network.
+    /// PAG-Nav without the perception network, with depth and colours only.
     PagNavNoNetwork,
-    /// PAG-Nav that is told where each sound comes from; privileged.
+    /// PAG-Nav with true sound directions; privileged.
     PagNavTrueSounds,
-    /// PAG-Nav that is told which targets are in view; privileged.
+    /// PAG-Nav with true visible targets; privileged.
     PagNavTrueSight,
     /// Walks the reference tour; privileged.
     ShortestPath,
 }
 
 impl AgentVariant {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 15] = [
         Self::Random,
         Self::ForwardAndTurn,
@@ -62,7 +62,7 @@ impl AgentVariant {
         Self::ShortestPath,
     ];
 
-    /// Its name in tables, files and on the command line.
+    /// Name in tables, files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",
@@ -86,17 +86,17 @@ impl AgentVariant {
         Self::ALL.into_iter().find(|variant| variant.name() == name)
     }
 
-    /// Whether it is told what no agent may know.
+    /// Returns `true` if the variant receives ground truth.
     pub fn is_privileged(self) -> bool {
         matches!(self, Self::PagNavTrueSounds | Self::PagNavTrueSight | Self::ShortestPath)
     }
 
-    /// Whether it is PAG-Nav with something changed.
+    /// Returns `true` for ablations of PAG-Nav.
     pub fn is_variant(self) -> bool {
         self.name().starts_with("pag-nav-")
     }
 
-    /// Whether it hears.
+    /// Returns `true` if the variant uses sound.
     pub fn hears(self) -> bool {
         match self.baseline() {
             Some(baseline) => baseline.hears(),
@@ -104,7 +104,7 @@ impl AgentVariant {
         }
     }
 
-    /// What it senses, in pictures of `side` pixels.
+    /// Returns the requested sensors, with pictures of `side` pixels.
     pub(super) fn sensors(self, side: u32) -> Sensors {
         let all = Sensors::square(side);
         match (self, self.baseline()) {
@@ -140,7 +140,7 @@ impl AgentVariant {
         })
     }
 
-    /// PAG-Nav as this variant has it.
+    /// Returns the variant of PAG-Nav.
     fn pag_nav(self, hints: &Arc<TrueHints>) -> Option<PagNav> {
         let (agent, none) = (PagNav::default, Ablation::default());
         Some(match self {

@@ -43,13 +43,13 @@ pub use replayer::Replayer;
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
-use avln_web::{Lookout, Onlooker, SignedLogs};
+use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use episode::{FaultInjection, Observer};
 use heart::Heart;
-use lookout::DoorLookout;
-use onlooker::SceneOnlooker;
+use lookout::ControlStatus;
+use onlooker::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
 use scenes::SceneCache;
 use stages::{Stage, Stages};
@@ -84,7 +84,7 @@ pub struct Arena {
     budget: Budget,
     heart: Heart,
     /// Renderer of replays for visitors.
-    onlooker: Arc<SceneOnlooker>,
+    onlooker: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
     faults: Option<FaultInjection>,
@@ -101,7 +101,7 @@ impl Arena {
     /// When the database or a split cannot be read.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let stages = Arc::new(Stages::open(data, &store).await?);
-        let onlooker = Arc::new(SceneOnlooker::new(store.clone(), stages.clone(), data.cache()));
+        let onlooker = Arc::new(SceneRenderer::new(store.clone(), stages.clone(), data.cache()));
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
         let logs = Arc::new(data.run_logs());
@@ -171,13 +171,13 @@ impl Arena {
     }
 
     /// Renderer of replays.
-    pub fn onlooker(&self) -> Arc<dyn Onlooker> {
+    pub fn onlooker(&self) -> Arc<dyn ReplayRenderer> {
         self.onlooker.clone()
     }
 
     /// Live status for visitors.
-    pub fn lookout(&self) -> Arc<dyn Lookout> {
-        Arc::new(DoorLookout(self.control.clone()))
+    pub fn lookout(&self) -> Arc<dyn LiveStatus> {
+        Arc::new(ControlStatus(self.control.clone()))
     }
 
     /// The database, with the right to write.

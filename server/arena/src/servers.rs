@@ -11,7 +11,7 @@ use avln_grpc::Control;
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::{Reader, Store};
-use avln_web::Site;
+use avln_web::{Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -70,6 +70,7 @@ pub struct Servers {
     admin: Option<TcpListener>,
     identity: Option<Identity>,
     limits: Limits,
+    trusted_proxies: Vec<TrustedProxy>,
 }
 
 /// Both doors, open.
@@ -105,7 +106,7 @@ impl Servers {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default() })
+        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
     }
 
     /// Adds the admin server, on this machine only, because it can stop the server.
@@ -125,6 +126,11 @@ impl Servers {
     /// Changes limits of the gRPC server.
     pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
         Self { limits: change(self.limits), ..self }
+    }
+
+    /// Reads client addresses from `X-Forwarded-For` in requests from these proxies, for the sign-in limit.
+    pub fn with_trusted_proxies(self, trusted_proxies: Vec<TrustedProxy>) -> Self {
+        Self { trusted_proxies, ..self }
     }
 
     /// Serves the arena through the doors.
@@ -149,11 +155,12 @@ impl Servers {
         }
         let control = arena.control().clone();
         let site = Site {
-            agents_port: grpc.port(),
+            grpc_port: grpc.port(),
             logs: Some(arena.signed_logs()),
-            onlooker: Some(arena.onlooker()),
-            lookout: Some(arena.lookout()),
-            office: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            replay_renderer: Some(arena.onlooker()),
+            live_status: Some(arena.lookout()),
+            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            trusted_proxies: self.trusted_proxies,
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });

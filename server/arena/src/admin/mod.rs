@@ -185,7 +185,6 @@ async fn drain(
         .drain(&reason, patience)
         .await
         .map_err(|failure| Refused(StatusCode::INTERNAL_SERVER_ERROR, failure.to_string()))?;
-    avln_web::announce(&desk.control().announcement());
     tracing::warn!(reason, minutes, "draining");
     Ok(Json(status_of(&desk.arena)))
 }
@@ -196,7 +195,6 @@ async fn notice(
 ) -> Result<Json<Status>, Refused> {
     let Json(Notice { text }) = body?;
     desk.control().announce(&printable("text", text.trim())?);
-    avln_web::announce(&desk.control().announcement());
     Ok(Json(status_of(&desk.arena)))
 }
 

@@ -4,7 +4,10 @@ pub mod deeds;
 
 use crate::{Arena, admin, fault_count, now_unix_ms};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
-use avln_web::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Undone};
+use avln_web::{
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
+    TeamCredential, async_trait,
+};
 use deeds::{Wish, note, reschedule};
 use std::{fmt, sync::Arc};
 
@@ -28,26 +31,33 @@ impl fmt::Debug for ArenaOffice {
     }
 }
 
-impl Office for ArenaOffice {
-    fn act(&self, member: Member, deed: TeamDeed) -> Doing {
-        let arena = self.0.clone();
-        Box::pin(async move { Ok(act(&arena, &member, deed).await?) })
+#[async_trait]
+impl Management for ArenaOffice {
+    async fn team_action(
+        &self,
+        team: TeamCredential,
+        action: TeamAction,
+    ) -> Result<ActionOutcome, ActionError> {
+        Ok(act(&self.0, &team, action).await?)
     }
 
-    fn organise(&self, because: Because, deed: Deed) -> Doing {
-        let arena = self.0.clone();
-        Box::pin(async move { Ok(organise(&arena, &because, deed).await?) })
+    async fn organiser_action(
+        &self,
+        origin: ActionOrigin,
+        action: OrganiserAction,
+    ) -> Result<ActionOutcome, ActionError> {
+        Ok(organise(&self.0, &origin, action).await?)
     }
 
-    fn health(&self) -> Health {
+    fn health(&self) -> ServerHealth {
         let admin::Status { draining, notice, slots, steps, scene_bytes, hanging } =
             admin::status_of(&self.0);
         let slots = slots.into_iter().map(|slot| (slot.run, slot.slot, slot.step)).collect();
-        Health { draining, notice, slots, steps, scene_bytes, hanging, faults: fault_count() }
+        ServerHealth { draining, notice, slots, steps, scene_bytes, hanging, faults: fault_count() }
     }
 }
 
-impl From<deeds::Undone> for Undone {
+impl From<deeds::Undone> for ActionError {
     fn from(undone: deeds::Undone) -> Self {
         match undone {
             deeds::Undone::Refused { words, hint: "" } => Self::Refused(words),
@@ -59,31 +69,31 @@ impl From<deeds::Undone> for Undone {
     }
 }
 
-type Answer = Result<Done, deeds::Undone>;
+type Answer = Result<ActionOutcome, deeds::Undone>;
 
 fn done(words: String) -> Answer {
-    Ok(Done { words, secret: None })
+    Ok(ActionOutcome { message: words, secret: None })
 }
 
 /// Executes a team action.
-async fn act(arena: &Arena, member: &Member, deed: TeamDeed) -> Answer {
+async fn act(arena: &Arena, member: &TeamCredential, deed: TeamAction) -> Answer {
     let actor = format!("token {} of team {}", member.token, member.team);
     match deed {
-        TeamDeed::IssueToken { name, looks_only, days } => {
+        TeamAction::IssueToken { name, looks_only, days } => {
             issue(arena, member, &actor, (&name, looks_only, days)).await
         }
-        TeamDeed::RevokeToken { id } => {
+        TeamAction::RevokeToken { id } => {
             let revoked = note(&actor, format!("token {id}"), "revoked", "");
             arena.store().revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
             done(format!("Token {id} is void now."))
         }
-        TeamDeed::CancelRun { run } => cancel(arena, member, &actor, &run).await,
+        TeamAction::CancelRun { run } => cancel(arena, member, &actor, &run).await,
     }
 }
 
 async fn issue(
     arena: &Arena,
-    member: &Member,
+    member: &TeamCredential,
     actor: &str,
     (name, looks_only, days): (&str, bool, Option<u32>),
 ) -> Answer {
@@ -107,10 +117,10 @@ async fn issue(
     };
     let secret = deeds::issue(store, &wish, actor, now).await?;
     let until = wish.expires_unix_ms.map_or_else(String::new, |moment| format!(" until {}", rfc3339(moment)));
-    Ok(Done { words: format!("A token was made that holds{until}."), secret: Some(secret) })
+    Ok(ActionOutcome { message: format!("A token was made that holds{until}."), secret: Some(secret) })
 }
 
-async fn cancel(arena: &Arena, member: &Member, actor: &str, run: &str) -> Answer {
+async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) -> Answer {
     let found = arena.store().run(run).await?;
     if found.team != member.team {
         return Err(StoreError::Unknown { what: "run", name: run.to_owned() }.into());
@@ -127,18 +137,18 @@ async fn cancel(arena: &Arena, member: &Member, actor: &str, run: &str) -> Answe
 }
 
 /// Executes an organiser action.
-async fn organise(arena: &Arena, because: &Because, deed: Deed) -> Answer {
+async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) -> Answer {
     let actor = format!("token {} of the organiser", because.token);
     match deed {
-        Deed::Admit { team } => admit(arena, &actor, &because.reason, &team).await,
-        Deed::Approve { team, phase, approved } => {
+        OrganiserAction::Admit { team } => admit(arena, &actor, &because.reason, &team).await,
+        OrganiserAction::Approve { team, phase, approved } => {
             let word = if approved { "approved" } else { "no more approved" };
             let decided =
                 note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &because.reason);
             arena.store().approve(&phase, &team, approved, decided, now_unix_ms()).await?;
             done(format!("Team {team} is {word} in phase {phase}."))
         }
-        Deed::Grant { team, phase, runs } => {
+        OrganiserAction::Grant { team, phase, runs } => {
             let grant = NewGrant { phase: &phase, team: &team, runs, reason: &because.reason };
             let granted =
                 note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &because.reason);
@@ -146,15 +156,15 @@ async fn organise(arena: &Arena, because: &Because, deed: Deed) -> Answer {
             arena.store().grant(&grant, granted, now_unix_ms()).await?;
             done(format!("Team {team} has {runs} runs more in phase {phase}."))
         }
-        Deed::Verify { run, verified } => {
+        OrganiserAction::Verify { run, verified } => {
             let words = deeds::verify(arena.store(), &run, verified, (&actor, &because.reason)).await?;
             done(sentence(&words))
         }
-        Deed::Disqualify(run) => {
+        OrganiserAction::Disqualify(run) => {
             let words = deeds::disqualify(arena.store(), &run, true, (&actor, &because.reason)).await?;
             done(sentence(&words))
         }
-        Deed::Reinstate(run) => {
+        OrganiserAction::Reinstate(run) => {
             let words = deeds::disqualify(arena.store(), &run, false, (&actor, &because.reason)).await?;
             done(sentence(&words))
         }
@@ -168,7 +178,10 @@ async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     store
         .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
         .await?;
-    Ok(Done { words: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
+    Ok(ActionOutcome {
+        message: format!("Team {team} is admitted, and has a new account token."),
+        secret: Some(secret),
+    })
 }
 
 /// A message as a sentence for pages.
@@ -178,26 +191,26 @@ fn sentence(words: &str) -> String {
     format!("{first}{}.", letters.as_str())
 }
 
-async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: Deed) -> Answer {
+async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: OrganiserAction) -> Answer {
     let store = arena.store();
     match deed {
-        Deed::Pause(id) => {
+        OrganiserAction::Pause(id) => {
             let words = reason.to_owned();
             reschedule(store, &id, (actor, reason), |schedule| schedule.paused = Some(words)).await?;
             done(format!("Phase {id} is paused; runs that were started go on."))
         }
-        Deed::Resume(id) => {
+        OrganiserAction::Resume(id) => {
             let change = |schedule: &mut avln_store::Schedule| {
                 (schedule.paused, schedule.closed) = (None, false);
             };
             let phase = reschedule(store, &id, (actor, reason), change).await?;
             done(format!("Phase {id} is {}.", deeds::state_word(phase.schedule.state(now_unix_ms()))))
         }
-        Deed::Close(id) => {
+        OrganiserAction::Close(id) => {
             reschedule(store, &id, (actor, reason), |schedule| schedule.closed = true).await?;
             done(format!("Phase {id} is closed; its results stay."))
         }
-        Deed::Reveal(id) => {
+        OrganiserAction::Reveal(id) => {
             let revealed = note(actor, format!("phase {id}"), "revealed", reason);
             store.reveal_phase(&id, revealed, now_unix_ms()).await?;
             done(format!("What phase {id} had committed to is published."))

@@ -1,7 +1,7 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, ask},
+    refusal::{Failure, Refusal, call_host},
     registry::SessionRegistry,
     session::{Opening, Session},
     sim_pool::SimPool,
@@ -77,14 +77,14 @@ impl<H: Host> ServiceContext<H> {
     pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
         let host = self.host.clone();
         let token = token.to_owned();
-        ask("open a run", async move { host.open_run(&token).await }).await
+        call_host("open a run", async move { host.open_run(&token).await }).await
     }
 
     /// Closes the run and returns the status.
     pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
         let host = self.host.clone();
         let run = run.to_owned();
-        ask("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
+        call_host("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
     }
 
     /// Opens a session.

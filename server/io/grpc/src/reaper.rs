@@ -4,7 +4,7 @@ use crate::{
     attachment::{AttachmentEvent, Ending, StopReason},
     context::ServiceContext,
     host::Host,
-    refusal::{Failure, ask},
+    refusal::{Failure, call_host},
     registry::SessionGuard,
     session::Session,
 };
@@ -108,7 +108,7 @@ async fn hand_over<H: Host>(
 /// Claims runs interrupted by a server restart, before any client is admitted.
 pub(crate) async fn claim_interrupted<H: Host>(context: &ServiceContext<H>) -> Vec<SessionGuard<Session<H>>> {
     let host = context.host.clone();
-    let runs = match ask("look for interrupted runs", async move { host.interrupted().await }).await {
+    let runs = match call_host("look for interrupted runs", async move { host.interrupted().await }).await {
         Ok(runs) => runs,
         Err(failure) => {
             tracing::error!(why = failure.message(), "interrupted runs are not restored");
@@ -139,7 +139,7 @@ async fn try_restore<H: Host>(
 ) -> Result<(), Failure> {
     let host = context.host.clone();
     let run = guard.run.clone();
-    let interrupted = ask("restore a run", async move { host.restore(&run).await }).await?;
+    let interrupted = call_host("restore a run", async move { host.restore(&run).await }).await?;
     let episodes = interrupted.episodes.len();
     tracing::info!(episodes, "an interrupted run continues");
     // The run may have ended while the server was down.
@@ -171,7 +171,7 @@ pub(crate) async fn end_expired_runs<H: Host>(context: ServiceContext<H>) {
     loop {
         ticks.tick().await;
         let host = context.host.clone();
-        let runs = match ask("look for expired runs", async move { host.overdue().await }).await {
+        let runs = match call_host("look for expired runs", async move { host.overdue().await }).await {
             Ok(runs) => runs,
             Err(failure) => {
                 tracing::error!(why = failure.message(), "cannot look for expired runs");
@@ -189,7 +189,7 @@ async fn expire<H: Host>(context: &ServiceContext<H>, run: String) {
     let host = context.host.clone();
     let id = run.clone();
     // The host first: from then on no episode begins in the run, so none can start while the session ends.
-    if let Err(failure) = ask("end an expired run", async move { host.expire_run(&id).await }).await {
+    if let Err(failure) = call_host("end an expired run", async move { host.expire_run(&id).await }).await {
         tracing::error!(why = failure.message(), "an expired run was not ended");
         return;
     }

@@ -163,7 +163,7 @@ impl From<Failure> for Status {
 }
 
 /// Calls the host. A panic becomes a server fault.
-pub(crate) async fn ask<T: Send + 'static>(
+pub(crate) async fn call_host<T: Send + 'static>(
     attempt: &'static str,
     work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
 ) -> Result<T, Failure> {
@@ -198,7 +198,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_of_the_host_is_a_server_fault() {
-        let failure = ask::<()>("test", async { panic!("secret") }).await.unwrap_err();
+        let failure = call_host::<()>("test", async { panic!("secret") }).await.unwrap_err();
         assert_eq!(failure.reason(), Reason::Internal);
         assert!(!failure.message().contains("secret"));
     }

@@ -148,7 +148,7 @@ impl AcceptLoop {
 }
 
 impl Connections {
-    /// Asks all connections to close and waits for their end.
+    /// Signals all connections to close and waits for their end.
     pub async fn close(mut self) {
         self.closing.send_replace(true);
         while self.tasks.join_next().await.is_some() {}

@@ -1,4 +1,4 @@
-// Keeps what a page says of runs under way up to date. The page says it without it, as of when it was loaded.
+// Updates the progress of open runs. Without this script, the page shows the state at the time of loading.
 "use strict";
 
 const SWAP_MS = 5000;
@@ -35,17 +35,17 @@ function follow(place) {
   source.addEventListener("runs", take);
 }
 
-// Shows how runs are; `isAll` where those that are not told are over.
+// Shows the state of runs. If `isAll` is true, missing runs have ended.
 function show(place, runs, isAll) {
   const rows = [...place.querySelectorAll("[data-run]")];
   const byId = new Map(runs.map((run) => [run.run, run]));
   for (const row of rows) {
     const run = byId.get(row.dataset.run);
     if (run) {
-      tell(row, run);
+      update(row, run);
     } else if (isAll) {
-      put(row.querySelector("[data-live=state]"), "over");
-      put(row.querySelector("[data-live=waits]"), "nobody: the run is over");
+      put(row.querySelector("[data-live=state]"), "ended");
+      put(row.querySelector("[data-live=waits]"), "none: the run has ended");
     }
   }
   const known = new Set(rows.map((row) => row.dataset.run));
@@ -54,13 +54,13 @@ function show(place, runs, isAll) {
 }
 
 function count(all, fresh) {
-  const words = all === 0 ? "No run is under way." : `${all} ${all === 1 ? "run" : "runs"} under way.`;
-  return fresh === 0 ? words : `${words} ${fresh} started since this page was loaded; load it again to see them.`;
+  const words = all === 0 ? "There are no open runs." : `${all} open ${all === 1 ? "run" : "runs"}.`;
+  return fresh === 0 ? words : `${words} ${fresh} started after this page was loaded; reload to see them.`;
 }
 
-const over = (run) => (run.finished_at ? "The run is over; load the page again to see what it was worth." : "");
+const over = (run) => (run.finished_at ? "The run has ended; reload the page to see its scores." : "");
 
-function tell(row, run) {
+function update(row, run) {
   for (const [name, words] of Object.entries(run.words)) {
     put(row.querySelector(`[data-live=${name}]`), words);
   }
@@ -70,7 +70,7 @@ function tell(row, run) {
   }
 }
 
-// Changes words that differ; those that do not are not read out again.
+// Changes only texts that differ, because screen readers read each change aloud.
 function put(element, words) {
   if (element && element.textContent !== words) {
     element.textContent = words;

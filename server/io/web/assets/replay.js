@@ -1,4 +1,4 @@
-// Moves what a replay shows to another step. The page says everything without it: each step has an address.
+// Moves a replay to another step. Without this script, each step has its own address.
 "use strict";
 
 const STEPS_PER_SECOND = 4;
@@ -19,7 +19,7 @@ function start(replay) {
   const events = [...new Set(find("[data-event]").map((row) => Number(row.dataset.event)))];
   let step = asked(Number(slider.value));
   let playing = null;
-  const ears = listener(replay, last, {
+  const sound = soundPlayer(replay, last, {
     go: (to) => go(to, true),
     halt: () => halt(),
     play: (from) => {
@@ -33,7 +33,7 @@ function start(replay) {
     step = Math.max(0, Math.min(last, to));
     slider.value = step;
     show(step, settled);
-    ears?.show(step, settled);
+    sound?.show(step, settled);
     if (settled) {
       remember(step, last);
     }
@@ -44,7 +44,7 @@ function start(replay) {
       cancelAnimationFrame(playing);
       playing = null;
       play.textContent = "Play";
-      ears?.halt();
+      sound?.halt();
       go(step, true);
     }
   }
@@ -52,15 +52,15 @@ function start(replay) {
   function run() {
     let from = step === last ? 0 : step;
     let begun = null;
-    play.textContent = "Halt";
-    if (ears?.wanted()) {
+    play.textContent = "Pause";
+    if (sound?.wanted()) {
       speed.value = "1";
-      ears.play(from);
+      sound.play(from);
     }
     const tick = (now) => {
-      const heard = ears ? ears.step() : null;
-      if (begun === null || heard !== null) {
-        [begun, from] = [now, heard ?? from];
+      const sounding = sound ? sound.step() : null;
+      if (begun === null || sounding !== null) {
+        [begun, from] = [now, sounding ?? from];
       }
       const to = from + Math.floor(((now - begun) / 1000) * STEPS_PER_SECOND * Number(speed.value));
       if (to !== step) {
@@ -111,13 +111,13 @@ function start(replay) {
   go(step, false);
 }
 
-// The step in the address, for copies that no server answers.
+// Returns the step in the address, for static copies.
 function asked(usual) {
   const step = new URLSearchParams(location.search).get("t");
   return step === null ? usual : Math.max(0, Math.min(Number(replay.dataset.last), Number(step) || 0));
 }
 
-// Where a key leads; null for a key that is not ours.
+// Returns the target of a key; null for other keys.
 function keyed(event, step, last, events) {
   if (event.altKey || event.ctrlKey || event.metaKey || event.target.closest("select, audio, .scroll")) {
     return null;
@@ -146,7 +146,7 @@ function keyed(event, step, last, events) {
   }
 }
 
-// The step that somebody pointed at, on a plot or in the list of events; null for none.
+// Returns the step of a click on a plot or in the list of events; null for other clicks.
 function pointed(event, replay, last) {
   const plot = event.target.closest("svg.curves");
   if (plot) {
@@ -158,19 +158,19 @@ function pointed(event, replay, last) {
   return row && !event.ctrlKey && !event.metaKey ? Number(row.dataset.event ?? row.dataset.heard) : null;
 }
 
-// What paints a step.
+// Returns a function that shows a step.
 function painter(replay, find, last) {
   const columns = JSON.parse(replay.dataset.columns);
-  const told = (name, step) => {
+  const cell = (name, step) => {
     const column = columns[name];
     return column.words ? column.words[column.at[step]] : column[step];
   };
   const words = (name, step) => {
-    const value = name === "step" ? step : told(name, step);
+    const value = name === "step" ? step : cell(name, step);
     const decimals = name === "walked" || name.startsWith("distance");
     return value === null ? "–" : decimals ? value.toFixed(2) : String(value);
   };
-  const tells = find("[data-tell]");
+  const outputs = find("[data-tell]");
   const froms = find("[data-from]");
   const storeys = find("[data-storey]");
   const tabs = find("[data-storey-tab]");
@@ -197,10 +197,10 @@ function painter(replay, find, last) {
   );
 
   return (step, settled) => {
-    tells.forEach((element) => (element.textContent = words(element.dataset.tell, step)));
+    outputs.forEach((element) => (element.textContent = words(element.dataset.tell, step)));
     froms.forEach((element) => element.classList.toggle("later", Number(element.dataset.from) > step));
     sources.forEach((element) =>
-      element.classList.toggle("sounds", element.dataset.source === told("sounding", step)),
+      element.classList.toggle("sounds", element.dataset.source === cell("sounding", step)),
     );
     const place = `translate(${columns.x[step]} ${columns.y[step]}) rotate(${columns.turn[step]})`;
     body.setAttribute("transform", `${place} scale(${body.dataset.body})`);
@@ -217,7 +217,7 @@ function painter(replay, find, last) {
   };
 }
 
-// Shows what there was to see; while the last picture is still on its way, no other one is asked for.
+// Shows the picture of a step. During playback, skips steps while the previous picture is loading.
 function look(picture, step, settled) {
   const address = picture.dataset.picture.replace("STEP", String(step));
   if (picture.getAttribute("src") !== address && (settled || picture.complete)) {
@@ -225,7 +225,7 @@ function look(picture, step, settled) {
   }
 }
 
-// Puts the step into the address.
+// Stores the step in the address.
 function remember(step, last) {
   if (location.protocol === "file:") {
     return;

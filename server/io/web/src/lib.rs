@@ -1,98 +1,108 @@
-//! The people's door: pages, REST API, plots.
+//! Web server: pages, REST API, live events, replays and management.
 //!
-//! Start reading at [`router`]: `pages` answers people, `api` answers programs, `guard` stands around both, and [`Office`] is what
-//! visitors who sign in may have done.
+//! [`router`] is the entry point. `pages` renders HTML, `api` serves JSON and CSV, `middleware` wraps both, and the traits
+//! [`Management`], [`ReplayRenderer`] and [`LiveStatus`] connect a running arena.
 //!
-//! *Never*: knows what a mission hides. It sees what [`avln_store::Reader`] shows this viewer, and cannot name the truth:
+//! *Never*: depends on the ground truth. The store's [`avln_store::Reader`] applies visibility, and this crate cannot name hidden types:
 //!
 //! ```compile_fail,E0433
 //! let truth: avln_truth::EpisodeTruth;
 //! ```
 
 mod api;
-mod board;
-mod door;
+mod compression;
+mod error;
+mod format;
 mod freeze;
-mod guard;
+mod leaderboard;
 mod live;
-mod logs;
-mod notice;
-mod office;
-mod onlooker;
+mod management;
+mod middleware;
 mod pages;
 mod plot;
-mod press;
+mod proxy;
 mod replay;
-mod trouble;
-mod visit;
-mod words;
+mod replay_renderer;
+mod request;
+mod server;
 
-pub use door::{WebError, serve, serve_router};
+pub use api::SignedLogs;
+pub use async_trait::async_trait;
 pub use freeze::{FreezeError, freeze};
-pub use live::{Lookout, SessionNow, SlotNow};
-pub use logs::SignedLogs;
-pub use notice::announce;
-pub use office::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Undone};
-pub use onlooker::{Blind, Glance, Heard, Hearing, Listening, Looking, Onlooker, Seen};
+pub use live::{LiveSession, LiveSlot, LiveStatus};
+pub use management::{
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
+    TeamCredential,
+};
+pub use proxy::{ProxyRangeError, TrustedProxy};
+pub use replay_renderer::{
+    RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest,
+};
+pub use server::{WebError, serve, serve_router};
 
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, middleware::from_fn_with_state, routing::get};
-use live::Hub;
-use onlooker::Desk;
+use error::RequestError;
+use live::LiveFeed;
+use management::ManagementState;
+use replay_renderer::RenderQueue;
+use request::GrpcEndpoint;
 use std::sync::Arc;
 use tokio::sync::watch;
-use trouble::Trouble;
-use visit::AgentsDoor;
 
-/// What pages and API tell of the server beside its database.
+/// Settings and services for the web server, besides its database.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
-    /// Port of the agents' door.
-    pub agents_port: u16,
-    /// The logs of runs; `None` gives none out.
+    /// gRPC server port.
+    pub grpc_port: u16,
+    /// Run logs for download; `None` disables the download.
     pub logs: Option<SignedLogs>,
-    /// Who can look and listen in scenes; `None` shows no pictures and gives no sound.
-    pub onlooker: Option<Arc<dyn Onlooker>>,
-    /// Who knows what is played at this moment; `None` tells what is stored alone.
-    pub lookout: Option<Arc<dyn Lookout>>,
-    /// Who does what visitors may ask for; `None` lets nobody sign in.
-    pub office: Option<Arc<dyn Office>>,
+    /// Renderer for replays; `None` disables pictures and sound.
+    pub replay_renderer: Option<Arc<dyn ReplayRenderer>>,
+    /// Live arena state; `None` limits pages to the database.
+    pub live_status: Option<Arc<dyn LiveStatus>>,
+    /// Management actions; `None` disables sign-in.
+    pub management: Option<Arc<dyn Management>>,
+    /// Reverse proxies whose `X-Forwarded-For` header names the client.
+    pub trusted_proxies: Vec<TrustedProxy>,
 }
 
-/// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
-/// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
+/// Returns the complete web application over `reader`: pages, `/api/v1`, `/healthz` (the process runs) and `/readyz` (the database
+/// answers), including limits, headers and caching.
 pub fn router(reader: Reader, site: Site) -> Router {
-    router_beside(reader, site, false, None)
+    router_until(reader, site, false, None)
 }
 
-/// The same beside an agents' door that may speak TLS, until `closed` ends.
-fn router_beside(reader: Reader, site: Site, is_secure: bool, closed: Option<watch::Receiver<()>>) -> Router {
-    let agents = AgentsDoor { port: site.agents_port, is_secure };
+/// As [`router`]. `is_secure`: the servers use TLS. Event streams end when `closed` loses its sender.
+fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watch::Receiver<()>>) -> Router {
+    let live_status = site.live_status;
     let open = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
         .merge(pages::router())
         .merge(api::router())
-        .fallback(async || Trouble::NoPage)
-        .layer(Extension(agents))
+        .fallback(async || RequestError::NoPage)
+        .layer(Extension(GrpcEndpoint { port: site.grpc_port, is_secure }))
         .layer(Extension(site.logs))
-        .layer(Extension(Arc::new(Hub::new(site.lookout, closed))))
-        .layer(Extension(site.onlooker.map(|onlooker| Arc::new(Desk::new(onlooker)))));
-    guard::guarded(match site.office {
+        .layer(Extension(Arc::new(LiveFeed::new(live_status.clone(), closed))))
+        .layer(Extension(site.replay_renderer.map(|renderer| Arc::new(RenderQueue::new(renderer)))));
+    let router = match site.management {
         None => open.with_state(reader),
-        Some(office) => staffed(open, Arc::new(office::Desk::new(office, is_secure)), reader),
-    })
+        Some(actions) => with_management(open, ManagementState::new(actions, is_secure), reader),
+    };
+    middleware::with_middleware(router, live_status)
 }
 
-/// The same with pages for those who sign in.
-fn staffed(open: Router<Reader>, desk: Arc<office::Desk>, reader: Reader) -> Router {
-    open.merge(pages::office_router())
-        .layer(Extension(desk.clone()))
-        .layer(from_fn_with_state((desk, reader.clone()), office::recognised))
+/// Adds sign-in and the management pages.
+fn with_management(open: Router<Reader>, management: ManagementState, reader: Reader) -> Router {
+    let management = Arc::new(management);
+    open.merge(pages::management_router())
+        .layer(Extension(management.clone()))
+        .layer(from_fn_with_state((management, reader.clone()), management::identify))
         .with_state(reader)
 }
 
-async fn ready(State(reader): State<Reader>) -> Result<&'static str, Trouble> {
-    reader.ping().await.map_err(|_| Trouble::Busy)?;
+async fn ready(State(reader): State<Reader>) -> Result<&'static str, RequestError> {
+    reader.ping().await.map_err(|_| RequestError::Busy)?;
     Ok("ready\n")
 }

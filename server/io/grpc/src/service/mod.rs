@@ -9,7 +9,7 @@ use crate::{
     limits::Limits,
     outbound::{Frames, outbound},
     play_stream::PlayStream,
-    refusal::{Failure, Refusal, ask},
+    refusal::{Failure, Refusal, call_host},
     unary, wire,
 };
 use avln_proto::v1::{
@@ -100,7 +100,7 @@ impl<H: Host> InfoService for InfoCalls<H> {
             true => Some(bearer(request.metadata()).map_err(Failure::from)?),
             false => None,
         };
-        let phases = ask("list phases", async move {
+        let phases = call_host("list phases", async move {
             let account = match token {
                 Some(token) => Some(host.account(&token).await?),
                 None => None,

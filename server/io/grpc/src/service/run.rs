@@ -6,7 +6,7 @@ use crate::{
     context::ServiceContext,
     host::{Host, RunRequest},
     limits::Limits,
-    refusal::{Failure, Refusal, ask},
+    refusal::{Failure, Refusal, call_host},
     wire,
 };
 use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
@@ -43,7 +43,7 @@ impl<H: Host> RunCalls<H> {
     async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let token = bearer(metadata)?;
         let host = self.0.host.clone();
-        ask("look an account up", async move { host.account(&token).await }).await
+        call_host("look an account up", async move { host.account(&token).await }).await
     }
 
     /// Returns the account, if it belongs to a team.
@@ -68,7 +68,7 @@ impl<H: Host> RunCalls<H> {
 
     async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
         let (host, account, run) = (self.0.host.clone(), account.clone(), checked_id(run)?);
-        ask("look a run up", async move { host.run(&account, &run).await }).await
+        call_host("look a run up", async move { host.run(&account, &run).await }).await
     }
 
     /// Returns the requested order, or the phase's only order.
@@ -79,7 +79,7 @@ impl<H: Host> RunCalls<H> {
             v1::Order::Unspecified => {}
         }
         let (host, account) = (self.0.host.clone(), account.clone());
-        let phases = ask("list phases", async move { host.phases(Some(&account)).await }).await?;
+        let phases = call_host("list phases", async move { host.phases(Some(&account)).await }).await?;
         Ok(only_order(&phases, phase)?)
     }
 
@@ -110,7 +110,7 @@ impl<H: Host> RunService for RunCalls<H> {
         self.0.check_sound().map_err(Failure::from)?;
         let asked = self.request(&account, request.into_inner()).await?;
         let (host, team) = (self.0.host.clone(), account.clone());
-        let ticket = ask("start a run", async move { host.start_run(&team, asked).await }).await?;
+        let ticket = call_host("start a run", async move { host.start_run(&team, asked).await }).await?;
         let status = self.status(&account, &ticket.run).await?;
         Ok(Response::new(v1::StartRunResponse {
             run: Some(wire::run(status)),
@@ -156,7 +156,7 @@ impl<H: Host> RunService for RunCalls<H> {
         // last episode, the run would be completed instead of cancelled.
         let run = self.status(&account, &request.get_ref().run).await?.run;
         let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
-        ask("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
+        call_host("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
         self.0.registry.stop(&run, StopReason::Cancelled).await;
         let status = self.status(&account, &run).await?;
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
@@ -168,7 +168,7 @@ impl<H: Host> RunService for RunCalls<H> {
     ) -> Result<Response<v1::ListRunsResponse>, Status> {
         let account = self.team(request.metadata()).await?;
         let host = self.0.host.clone();
-        let runs = ask("list runs", async move { host.runs(&account).await }).await?;
+        let runs = call_host("list runs", async move { host.runs(&account).await }).await?;
         Ok(Response::new(page(runs, request.get_ref()).map_err(Failure::from)?))
     }
 
@@ -180,7 +180,8 @@ impl<H: Host> RunService for RunCalls<H> {
         let host = self.0.host.clone();
         let phase = request.into_inner().phase;
         let phase = if phase.is_empty() { None } else { Some(checked_id(&phase).map_err(Failure::from)?) };
-        let quotas = ask("look a quota up", async move { host.quotas(&account, phase.as_deref()).await });
+        let quotas =
+            call_host("look a quota up", async move { host.quotas(&account, phase.as_deref()).await });
         let quotas = quotas.await?.into_iter().map(wire::quota).collect();
         Ok(Response::new(v1::GetQuotaResponse { quotas }))
     }

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     episode::{Episode, HostedEpisode},
     host::Host,
-    refusal::{Failure, FaultSubject, ServerFault, ask},
+    refusal::{Failure, FaultSubject, ServerFault, call_host},
     sim_pool::truncate,
     wire,
 };
@@ -69,7 +69,7 @@ impl<H: Host> Slot<H> {
         let host = self.session.host.clone();
         let run = self.session.run.clone();
         let name = handle.to_owned();
-        if let Err(failure) = ask("lose", async move { host.lose(&run, &name, ticket).await }).await {
+        if let Err(failure) = call_host("lose", async move { host.lose(&run, &name, ticket).await }).await {
             tracing::error!(why = failure.message(), "a hanging episode was not taken back");
         }
         self.count_end(EndReason::ServerFault);
@@ -114,7 +114,7 @@ impl<H: Host> Slot<H> {
         let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
         let host = self.session.host.clone();
         let run = self.session.run.clone();
-        let stored = ask("conclude", async move { host.conclude(&run, hosted).await }).await;
+        let stored = call_host("conclude", async move { host.conclude(&run, hosted).await }).await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
@@ -234,7 +234,7 @@ pub(crate) async fn stored_end<H: Host>(
     let host = host.clone();
     let run = run.to_owned();
     let handle = known.episode.clone();
-    let stored = ask("look up an episode", async move { host.ended(&run, &handle).await }).await?;
+    let stored = call_host("look up an episode", async move { host.ended(&run, &handle).await }).await?;
     Ok(stored.map(|end| v1::EpisodeEnd {
         slot: known.slot,
         episode: known.episode.clone(),

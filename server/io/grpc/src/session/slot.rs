@@ -10,7 +10,7 @@ use super::{
 use crate::{
     episode::{Acted, Episode, HostedEpisode, Restored},
     host::Host,
-    refusal::{Failure, ServerFault, ask},
+    refusal::{Failure, ServerFault, call_host},
     watchdog::CancelToken,
     wire,
 };
@@ -203,7 +203,8 @@ impl<H: Host> Slot<H> {
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let hosted = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        let hosted =
+            call_host("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
         match hosted {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {

@@ -1,16 +1,16 @@
-//! Tables by RFC 4180: a header, CRLF, quotes where they are needed, numbers in full.
+//! CSV tables by RFC 4180: a header row, CRLF, and numbers in full precision.
 
-use super::answers::{find_board, find_boards, find_episode, find_missions, find_phase, find_run};
+use super::json::{find_episode, find_leaderboard, find_leaderboards, find_missions, find_phase, find_run};
 use crate::{
-    board::BoardQuery,
-    onlooker::{Levels, MaybeDesk},
+    error::RequestError,
+    format,
+    leaderboard::LeaderboardParams,
     replay::{Moment, moments},
-    trouble::Trouble,
-    visit::{Asked, CompareQuery, Nothing, RunsQuery, Visit},
-    words::{self, estimate},
+    replay_renderer::{MaybeRenderQueue, StepLevels},
+    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
 };
 use avln_episode::{EndReason, Order, Sensors};
-use avln_scoring::{Key, Metrics, Standing};
+use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
 use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
 use axum::{
     Extension,
@@ -18,308 +18,336 @@ use axum::{
     http::header,
     response::{IntoResponse, Response},
 };
+use csv::{Terminator, WriterBuilder};
 
-pub(super) async fn leaderboard(
-    visit: Visit,
-    Path(id): Path<String>,
-    query: BoardQuery,
-) -> Result<Response, Trouble> {
-    let phase = find_phase(&visit, &id).await?;
-    let order = query.order(&phase)?;
-    Ok(boards(&[find_board(&visit, &phase, &query, order).await?]))
+/// A row definition: columns with names and cells. A single definition keeps header and rows consistent.
+struct Row<T>(Vec<Column<T>>);
+
+/// A column: its name, and the cell of a row.
+struct Column<T> {
+    name: String,
+    cell: Box<dyn Fn(&T) -> String>,
 }
 
-pub(super) async fn leaderboards(
-    visit: Visit,
-    Path(id): Path<String>,
-    query: BoardQuery,
-) -> Result<Response, Trouble> {
-    Ok(boards(&find_boards(&visit, &id, &query).await?))
-}
+impl<T> Row<T> {
+    fn new() -> Self {
+        Self(Vec::new())
+    }
 
-fn boards(views: &[LeaderboardView]) -> Response {
-    let rows = views.iter().flat_map(|view| view.rows.iter().map(|row| board_row(view.order, row)));
-    file(board_header(), rows)
-}
+    fn value(mut self, name: impl Into<String>, cell: impl Fn(&T) -> String + 'static) -> Self {
+        self.0.push(Column { name: name.into(), cell: Box::new(cell) });
+        self
+    }
 
-/// How often missions of a phase have each property.
-pub(super) async fn missions(
-    visit: Visit,
-    Path(id): Path<String>,
-    _: Asked<Nothing>,
-) -> Result<Response, Trouble> {
-    let view = find_missions(&visit, &id).await?;
-    Ok(file(names(&["property", "value", "count"]), mission_rows(&view).into_iter()))
-}
+    fn text(self, name: &str, cell: impl Fn(&T) -> &str + 'static) -> Self {
+        self.value(name, move |row| without_formula(cell(row)))
+    }
 
-/// The episodes that two runs both played, with what each was worth in both.
-pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> Result<Response, Trouble> {
-    let view = query.view(&visit).await?;
-    Ok(file(pairs_header(), view.episodes.iter().map(pair_row)))
-}
+    fn values<I>(mut self, items: impl IntoIterator<Item = I>, add: impl Fn(Self, I) -> Self) -> Self {
+        for item in items {
+            self = add(self, item);
+        }
+        self
+    }
 
-pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Result<Response, Trouble> {
-    let list = query.list(&visit.reader, &visit.viewer).await?;
-    Ok(file(runs_header(), list.runs.iter().map(run_row)))
-}
-
-pub(super) async fn episodes(
-    visit: Visit,
-    Path(id): Path<String>,
-    _: Asked<Nothing>,
-) -> Result<Response, Trouble> {
-    let view = find_run(&visit, &id).await?;
-    Ok(file(episodes_header(), view.episodes.iter().map(episode_row)))
-}
-
-/// The moments of a replay; there is no table where the phase does not show it.
-pub(super) async fn steps(
-    visit: Visit,
-    Path((run, place)): Path<(String, String)>,
-    _: Asked<Nothing>,
-) -> Result<Response, Trouble> {
-    let replay = find_episode(&visit, &run, &place).await?.replay;
-    let name = || format!("episode {place} of run {run}");
-    let replay = replay.ok_or_else(|| Trouble::Unknown { what: "replay", name: name() })?;
-    let rows = moments(&replay);
-    let places = replay.path.iter().zip(&rows);
-    Ok(file(steps_header(replay.targets.len()), places.map(|(place, moment)| step_row(place, moment))))
-}
-
-/// How loud each step was at both ears, where the phase shows the replay and the agent asked for sound.
-pub(super) async fn levels(
-    visit: Visit,
-    Path((run, place)): Path<(String, String)>,
-    Extension(desk): Extension<MaybeDesk>,
-    _: Asked<Nothing>,
-) -> Result<Response, Trouble> {
-    let view = find_episode(&visit, &run, &place).await?;
-    let none = || Trouble::Unknown { what: "sound", name: format!("of episode {place} of run {run}") };
-    let sound = desk.ok_or_else(none)?.sound(&view).await?.ok_or_else(none)?;
-    let header = names(&["step", "left_rms_pa", "right_rms_pa", "left_db", "right_db"]);
-    Ok(file(header, (0..).zip(sound.levels()).map(level_row)))
-}
-
-fn level_row((step, levels): (u32, &Levels)) -> Vec<String> {
-    let mut cells = vec![step.to_string()];
-    cells.extend(levels.rms.map(|rms| rms.to_string()));
-    cells.extend(levels.ears_db().map(maybe));
-    cells
-}
-
-fn file(header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Response {
-    let mut table = line(&header);
-    rows.for_each(|row| table += &line(&row));
-    ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], table).into_response()
-}
-
-fn line(cells: &[String]) -> String {
-    cells.join(",") + "\r\n"
-}
-
-/// A cell of text. What a spreadsheet would take for a formula begins with an apostrophe.
-fn text(text: &str) -> String {
-    let guard = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{guard}{}\"", text.replace('"', "\"\""))
-    } else {
-        format!("{guard}{text}")
+    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> Result<Response, RequestError>
+    where
+        T: 'a,
+    {
+        let mut writer = WriterBuilder::new().terminator(Terminator::CRLF).from_writer(Vec::new());
+        let written = (|| {
+            writer.write_record(self.0.iter().map(|column| &column.name))?;
+            for row in rows {
+                writer.write_record(self.0.iter().map(|column| (column.cell)(row)))?;
+            }
+            writer.flush()?;
+            csv::Result::Ok(())
+        })();
+        let table = written
+            .map_err(|error| error.to_string())
+            .and_then(|()| writer.into_inner().map_err(|error| error.to_string()));
+        let table = table.map_err(|error| {
+            tracing::error!(error, "cannot write a CSV table");
+            RequestError::Internal
+        })?;
+        Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], table).into_response())
     }
 }
 
-/// A cell that is empty where there is nothing.
+/// Returns a text with a leading apostrophe if a spreadsheet would execute it as a formula.
+fn without_formula(text: &str) -> String {
+    let guard = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
+    format!("{guard}{text}")
+}
+
+/// A cell that is empty for `None`.
 fn maybe(value: Option<impl ToString>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
 }
 
-fn moment(unix_ms: Option<i64>) -> String {
-    maybe(unix_ms.map(words::rfc3339))
+fn maybe_time(unix_ms: Option<i64>) -> String {
+    maybe(unix_ms.map(format::rfc3339))
 }
 
-fn names(names: &[&str]) -> Vec<String> {
-    names.iter().map(|&name| name.to_owned()).collect()
+pub(super) async fn leaderboard(
+    context: RequestContext,
+    Path(id): Path<String>,
+    params: LeaderboardParams,
+) -> Result<Response, RequestError> {
+    let phase = find_phase(&context, &id).await?;
+    let order = params.order(&phase)?;
+    leaderboard_table(vec![find_leaderboard(&context, &phase, &params, order).await?])
 }
 
-fn board_header() -> Vec<String> {
-    let mut header = names(&[
-        "rank",
-        "rank_low",
-        "rank_high",
-        "tie_group",
-        "team",
-        "reference",
-        "method",
-        "version",
-        "run",
-    ]);
-    header.extend(names(&["runs_count", "median", "finished_at", "episodes", "scenes"]));
-    for key in Key::ALL {
-        header.push(key.to_string());
-        if has_interval(key) {
-            header.extend([format!("{key}_low"), format!("{key}_high")]);
-        }
+pub(super) async fn leaderboards(
+    context: RequestContext,
+    Path(id): Path<String>,
+    params: LeaderboardParams,
+) -> Result<Response, RequestError> {
+    leaderboard_table(find_leaderboards(&context, &id, &params).await?)
+}
+
+/// An entry with its leaderboard's order.
+struct OrderedRow {
+    order: Order,
+    row: LeaderboardRow,
+}
+
+fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response, RequestError> {
+    let entries = views.into_iter().flat_map(|view| {
+        let order = view.order;
+        view.rows.into_iter().map(move |row| OrderedRow { order, row })
+    });
+    leaderboard_columns().respond(&entries.collect::<Vec<_>>())
+}
+
+fn leaderboard_columns() -> Row<OrderedRow> {
+    let standing =
+        |value: fn(&Standing) -> u32| move |r: &OrderedRow| maybe(r.row.standing.as_ref().map(value));
+    let sensor = |value: fn(&Sensors) -> bool| move |r: &OrderedRow| maybe(r.row.sensors.as_ref().map(value));
+    Row::<OrderedRow>::new()
+        .value("rank", standing(|s| s.rank))
+        .value("rank_low", standing(|s| s.rank_low))
+        .value("rank_high", standing(|s| s.rank_high))
+        .value("tie_group", standing(|s| s.tie_group))
+        .text("team", |r| &r.row.team)
+        .value("reference", |r| maybe(r.row.reference.map(Reference::as_str)))
+        .text("method", |r| &r.row.method)
+        .text("version", |r| &r.row.version)
+        .text("run", |r| &r.row.run)
+        .value("runs_count", |r| r.row.runs_count.to_string())
+        .value("median", |r| r.row.median.to_string())
+        .value("finished_at", |r| maybe_time(r.row.finished_unix_ms))
+        .value("episodes", |r| r.row.summary.episodes.to_string())
+        .value("scenes", |r| r.row.summary.scenes.to_string())
+        // Ranking keys first: the column order is part of the format.
+        .values(METRICS.iter().filter(|metric| metric.key.is_some()), summary_columns)
+        .values(METRICS.iter().filter(|metric| metric.key.is_none()), summary_columns)
+        .values(EndReason::ALL, |row, reason| {
+            row.value(format!("ended_{}", reason.as_str()), move |r| {
+                r.row.health.get(reason.as_str()).copied().unwrap_or(0).to_string()
+            })
+        })
+        .value("server_faults", |r| r.row.server_faults.to_string())
+        .text("scorer", |r| &r.row.scorer)
+        .value("order", |r| r.order.to_string())
+        .value("rgb", sensor(|s| s.rgb))
+        .value("depth", sensor(|s| s.depth))
+        .value("audio", sensor(|s| s.audio))
+        .value("verified", |r| r.row.verified.to_string())
+}
+
+/// Adds a metric's columns: the mean and, if available, the interval.
+fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<OrderedRow> {
+    let id = metric.id;
+    let mean = move |r: &OrderedRow| maybe(metric.mean_of(&r.row.summary));
+    let bound = |value: fn(Estimate) -> f64| {
+        move |r: &OrderedRow| maybe(metric.estimate_of(&r.row.summary).map(value))
+    };
+    match metric.summary {
+        SummaryValue::None => row,
+        SummaryValue::Mean(_) | SummaryValue::GoalMean(_) => row.value(id, mean),
+        SummaryValue::Estimate(_) => row
+            .value(id, mean)
+            .value(format!("{id}_low"), bound(|e| e.low))
+            .value(format!("{id}_high"), bound(|e| e.high)),
     }
-    header.extend(names(&["isr_by_goal", "osr_all", "wrong_instance_submits"]));
-    header.extend(names(&["steps_to_goal", "final_distance_m"]));
-    header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
-    header.extend(names(&["server_faults", "scorer", "order", "rgb", "depth", "audio", "verified"]));
-    header
 }
 
-fn has_interval(key: Key) -> bool {
-    !matches!(key, Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits)
+pub(super) async fn missions(
+    context: RequestContext,
+    Path(id): Path<String>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let view = find_missions(&context, &id).await?;
+    Row::<PropertyCount>::new()
+        .value("property", |r| r.property.to_owned())
+        .text("value", |r| &r.value)
+        .value("count", |r| r.count.to_string())
+        .respond(&property_counts(&view))
 }
 
-fn board_row(order: Order, row: &LeaderboardRow) -> Vec<String> {
-    let summary = &row.summary;
-    let mut cells = standing_cells(row.standing);
-    cells.extend([text(&row.team), maybe(row.reference.map(Reference::as_str))]);
-    cells.extend([text(&row.method), text(&row.version), text(&row.run)]);
-    cells.extend([row.runs_count.to_string(), row.median.to_string(), moment(row.finished_unix_ms)]);
-    cells.extend([summary.episodes.to_string(), summary.scenes.to_string()]);
-    for key in Key::ALL {
-        cells.push(key.mean_of(summary).to_string());
-        if let Some(estimate) = estimate(key, summary) {
-            cells.extend([estimate.low.to_string(), estimate.high.to_string()]);
-        }
-    }
-    cells.extend([summary.isr_by_goal.to_string(), summary.osr_all.to_string()]);
-    cells.push(summary.wrong_instance_submits.to_string());
-    cells.extend([maybe(summary.steps_to_goal), maybe(summary.final_distance_m)]);
-    cells.extend(EndReason::ALL.map(|reason| maybe(row.health.get(reason.as_str()).or(Some(&0)))));
-    cells.extend([row.server_faults.to_string(), text(&row.scorer), order.to_string()]);
-    let senses = row.sensors.as_ref().map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
-    cells.extend([0, 1, 2].map(|sense| maybe(senses.map(|senses| senses[sense]))));
-    cells.push(row.verified.to_string());
-    cells
+struct PropertyCount {
+    property: &'static str,
+    value: String,
+    count: u32,
 }
 
-/// Rank, its interval and its tie group, all empty for a reference.
-fn standing_cells(standing: Option<Standing>) -> Vec<String> {
-    let numbers = standing.map(|s| [s.rank, s.rank_low, s.rank_high, s.tie_group]);
-    (0..4).map(|index| maybe(numbers.map(|numbers| numbers[index]))).collect()
+fn property_counts(view: &MissionsView) -> Vec<PropertyCount> {
+    let row = |property, value: String, count| PropertyCount { property, value, count };
+    let mut rows = Vec::new();
+    rows.extend(view.goals.iter().map(|(goals, count)| row("goals", goals.to_string(), *count)));
+    rows.extend(view.modalities.iter().map(|(name, count)| row("modality", name.to_string(), *count)));
+    rows.extend(view.categories.iter().map(|(name, count)| row("category", name.clone(), *count)));
+    rows.extend(view.scenes.iter().map(|(name, count)| row("scene", name.clone(), *count)));
+    rows.extend(view.reference_m.iter().map(|length| row("reference_m", length.to_string(), 1)));
+    rows
 }
 
-fn mission_rows(view: &MissionsView) -> Vec<Vec<String>> {
-    let row = |property: &str, value: String, count: u32| vec![property.to_owned(), value, count.to_string()];
-    let goals = view.goals.iter().map(|(goals, count)| row("goals", goals.to_string(), *count));
-    let modalities = view.modalities.iter().map(|(name, count)| row("modality", text(name), *count));
-    let categories = view.categories.iter().map(|(name, count)| row("category", text(name), *count));
-    let scenes = view.scenes.iter().map(|(name, count)| row("scene", text(name), *count));
-    let tours = view.reference_m.iter().map(|length| row("reference_m", length.to_string(), 1));
-    goals.chain(modalities).chain(categories).chain(scenes).chain(tours).collect()
+pub(super) async fn compare(
+    context: RequestContext,
+    StrictQuery(query): StrictQuery<CompareQuery>,
+) -> Result<Response, RequestError> {
+    let view = query.view(&context).await?;
+    Row::<PairView>::new()
+        .text("episode", |pair| &pair.episode)
+        .text("scene", |pair| &pair.scene)
+        .value("goals", |pair| pair.first.goals.to_string())
+        .value("first_ordinal", |pair| pair.first_ordinal.to_string())
+        .value("second_ordinal", |pair| pair.second_ordinal.to_string())
+        .values(Key::ALL, |row, key| {
+            row.value(format!("first_{key}"), move |pair| key.of(&pair.first).to_string())
+                .value(format!("second_{key}"), move |pair| key.of(&pair.second).to_string())
+        })
+        .respond(&view.episodes)
 }
 
-fn pairs_header() -> Vec<String> {
-    let mut header = names(&["episode", "scene", "goals", "first_ordinal", "second_ordinal"]);
-    header.extend(Key::ALL.into_iter().flat_map(|key| [format!("first_{key}"), format!("second_{key}")]));
-    header
+pub(super) async fn runs(
+    context: RequestContext,
+    StrictQuery(query): StrictQuery<RunsQuery>,
+) -> Result<Response, RequestError> {
+    let list = query.list(&context.reader, &context.viewer).await?;
+    Row::<RunLine>::new()
+        .text("run", |line| &line.run)
+        .text("phase", |line| &line.phase)
+        .text("team", |line| &line.team)
+        .value("reference", |line| maybe(line.reference.map(Reference::as_str)))
+        .text("method", |line| &line.method)
+        .text("version", |line| &line.version)
+        .value("order", |line| line.order.to_string())
+        .value("state", |line| line.state.as_str().to_owned())
+        .value("episodes", |line| line.episodes.to_string())
+        .value("done", |line| line.done.to_string())
+        .value("isr", |line| maybe(line.isr))
+        .value("created_at", |line| format::rfc3339(line.created_unix_ms))
+        .value("finished_at", |line| maybe_time(line.finished_unix_ms))
+        .value("verified", |line| line.verified.to_string())
+        .text("disqualified", |line| line.disqualified.as_deref().unwrap_or_default())
+        .respond(&list.runs)
 }
 
-fn pair_row(pair: &PairView) -> Vec<String> {
-    let mut cells = vec![text(&pair.episode), text(&pair.scene), pair.first.goals.to_string()];
-    cells.extend([pair.first_ordinal, pair.second_ordinal].map(|ordinal| ordinal.to_string()));
-    let both = |key: Key| [&pair.first, &pair.second].map(|metrics| key.of(metrics).to_string());
-    cells.extend(Key::ALL.into_iter().flat_map(both));
-    cells
+pub(super) async fn episodes(
+    context: RequestContext,
+    Path(id): Path<String>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let view = find_run(&context, &id).await?;
+    Row::<EpisodeLine>::new()
+        .value("ordinal", |line| line.ordinal.to_string())
+        .value("state", |line| line.state.as_str().to_owned())
+        .value("end", |line| maybe(line.end.map(EndReason::as_str)))
+        .text("episode", |line| line.episode.as_deref().unwrap_or_default())
+        .text("scene", |line| line.scene.as_deref().unwrap_or_default())
+        .value("finished_at", |line| maybe_time(line.finished_unix_ms))
+        .values(&METRICS, |row, metric| match metric.episode {
+            EpisodeValue::Number(value) => {
+                row.value(metric.id, move |line| maybe(line.metrics.as_ref().map(value)))
+            }
+            EpisodeValue::PerGoal(_) | EpisodeValue::None => row,
+        })
+        .respond(&view.episodes)
 }
 
-fn runs_header() -> Vec<String> {
-    let mut header = names(&["run", "phase", "team", "reference", "method", "version", "order", "state"]);
-    header.extend(names(&[
-        "episodes",
-        "done",
-        "isr",
-        "created_at",
-        "finished_at",
-        "verified",
-        "disqualified",
-    ]));
-    header
+/// The state after a step, with the agent's position.
+struct StepRow {
+    position: [f32; 3],
+    moment: Moment,
 }
 
-fn run_row(line: &RunLine) -> Vec<String> {
-    let mut cells = [&line.run, &line.phase, &line.team].map(|name| text(name)).to_vec();
-    cells.push(maybe(line.reference.map(Reference::as_str)));
-    cells.extend([text(&line.method), text(&line.version), line.order.to_string()]);
-    cells.extend([line.state.as_str().to_owned(), line.episodes.to_string(), line.done.to_string()]);
-    cells.extend([maybe(line.isr), moment(Some(line.created_unix_ms)), moment(line.finished_unix_ms)]);
-    cells.extend([line.verified.to_string(), text(line.disqualified.as_deref().unwrap_or_default())]);
-    cells
+pub(super) async fn steps(
+    context: RequestContext,
+    Path((run, place)): Path<(String, String)>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let replay = find_episode(&context, &run, &place).await?.replay;
+    let name = || format!("episode {place} of run {run}");
+    let replay = replay.ok_or_else(|| RequestError::Unknown { what: "replay", name: name() })?;
+    let rows = replay.path.iter().zip(moments(&replay));
+    let rows: Vec<StepRow> = rows.map(|(&position, moment)| StepRow { position, moment }).collect();
+    Row::<StepRow>::new()
+        .value("step", |r| r.moment.step.to_string())
+        .text("action", |r| r.moment.action.as_deref().unwrap_or_default())
+        .value("x_m", |r| r.position[0].to_string())
+        .value("y_m", |r| r.position[1].to_string())
+        .value("z_m", |r| r.position[2].to_string())
+        .value("heading_rad", |r| r.moment.heading_rad.to_string())
+        .value("collided", |r| r.moment.collided.to_string())
+        .value("sounding_goal", |r| maybe(r.moment.sounding.map(|goal| u32::from(goal) + 1)))
+        .value("bearing_rad", |r| maybe(r.moment.bearing_rad))
+        .value("walked_m", |r| r.moment.walked_m.to_string())
+        .value("actions_left", |r| r.moment.actions_left.to_string())
+        .value("submits_left", |r| r.moment.submits_left.to_string())
+        .values(0..replay.targets.len(), |row, goal| {
+            row.value(format!("distance_{}_m", goal + 1), move |r| maybe(r.moment.distances_m.get(goal)))
+        })
+        .respond(&rows)
 }
 
-fn episodes_header() -> Vec<String> {
-    let mut header = names(&["ordinal", "state", "end", "episode", "scene", "finished_at", "goals", "found"]);
-    header.extend(names(&["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "steps", "path_m"]));
-    header.extend(names(&["reference_m", "collisions", "wrong_submits", "wrong_instance_submits"]));
-    header
-}
-
-fn episode_row(line: &EpisodeLine) -> Vec<String> {
-    let mut cells = vec![line.ordinal.to_string(), text(line.state.as_str())];
-    cells.push(maybe(line.end.map(EndReason::as_str)));
-    cells.push(text(line.episode.as_deref().unwrap_or_default()));
-    cells.push(text(line.scene.as_deref().unwrap_or_default()));
-    cells.push(moment(line.finished_unix_ms));
-    match &line.metrics {
-        Some(metrics) => cells.extend(metric_cells(metrics)),
-        None => cells.extend(std::iter::repeat_n(String::new(), 15)),
-    }
-    cells
-}
-
-fn steps_header(goals: usize) -> Vec<String> {
-    let mut header = names(&["step", "action", "x_m", "y_m", "z_m", "heading_rad", "collided"]);
-    header.extend(names(&["sounding_goal", "bearing_rad", "walked_m", "actions_left", "submits_left"]));
-    header.extend((1..=goals).map(|goal| format!("distance_{goal}_m")));
-    header
-}
-
-fn step_row(place: &[f32; 3], moment: &Moment) -> Vec<String> {
-    let mut cells = vec![moment.step.to_string(), text(moment.action.as_deref().unwrap_or_default())];
-    cells.extend(place.map(|metres| metres.to_string()));
-    cells.extend([moment.heading_rad.to_string(), moment.collided.to_string()]);
-    cells.push(maybe(moment.sounding.map(|goal| u32::from(goal) + 1)));
-    cells.extend([maybe(moment.bearing_rad), moment.walked_m.to_string()]);
-    cells.extend([moment.actions_left.to_string(), moment.submits_left.to_string()]);
-    cells.extend(moment.distances_m.iter().map(ToString::to_string));
-    cells
-}
-
-fn metric_cells(m: &Metrics) -> [String; 15] {
-    [
-        m.goals.to_string(),
-        m.found.to_string(),
-        m.sr.to_string(),
-        m.isr.to_string(),
-        m.osr.to_string(),
-        m.osr_all.to_string(),
-        m.spl.to_string(),
-        m.soft_spl.to_string(),
-        m.sna.to_string(),
-        m.steps.to_string(),
-        m.path_m.to_string(),
-        m.reference_m.to_string(),
-        m.collisions.to_string(),
-        m.wrong_submits.to_string(),
-        m.wrong_instance_submits.to_string(),
-    ]
+/// Serves the sound levels of each step.
+pub(super) async fn levels(
+    context: RequestContext,
+    Path((run, place)): Path<(String, String)>,
+    Extension(queue): Extension<MaybeRenderQueue>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let view = find_episode(&context, &run, &place).await?;
+    let unknown =
+        || RequestError::Unknown { what: "sound", name: format!("of episode {place} of run {run}") };
+    let sound = queue.ok_or_else(unknown)?.sound(&view).await?.ok_or_else(unknown)?;
+    let rows: Vec<(usize, StepLevels)> = sound.levels().iter().copied().enumerate().collect();
+    Row::<(usize, StepLevels)>::new()
+        .value("step", |(step, _)| step.to_string())
+        .value("left_rms_pa", |(_, levels)| levels.rms[0].to_string())
+        .value("right_rms_pa", |(_, levels)| levels.rms[1].to_string())
+        .value("left_db", |(_, levels)| maybe(levels.ears_db()[0]))
+        .value("right_db", |(_, levels)| maybe(levels.ears_db()[1]))
+        .respond(&rows)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use axum::body::to_bytes;
 
-    #[test]
-    fn text_is_quoted_and_never_a_formula() {
-        assert_eq!(text("plain"), "plain");
-        assert_eq!(text("a,b"), "\"a,b\"");
-        assert_eq!(text("say \"hi\""), "\"say \"\"hi\"\"\"");
-        for start in ['=', '+', '-', '@', '\t'] {
-            assert_eq!(text(&format!("{start}1")), format!("'{start}1"));
+    #[tokio::test]
+    async fn text_is_quoted_and_never_a_formula() {
+        for (text, line) in [
+            ("plain", "plain"),
+            ("a,b", "\"a,b\""),
+            ("say \"hi\"", "\"say \"\"hi\"\"\""),
+            ("=1", "'=1"),
+            ("+1", "'+1"),
+            ("-1", "'-1"),
+            ("@1", "'@1"),
+            ("\t1", "'\t1"),
+            ("\rx", "\"'\rx\""),
+            ("=1,2", "\"'=1,2\""),
+            ("1-2", "1-2"),
+        ] {
+            let table = Row::<String>::new().text("name", |row| row).value("n", |_| "1".to_owned());
+            let response = table.respond(&[text.to_owned()]).expect("a table");
+            let body = to_bytes(response.into_body(), usize::MAX).await.expect("a body");
+            assert_eq!(body, format!("name,n\r\n{line},1\r\n"), "{text}");
         }
-        assert_eq!(text("\rx"), "\"'\rx\"");
-        assert_eq!(text("=1,2"), "\"'=1,2\"");
-        assert_eq!(text("1-2"), "1-2");
     }
 }

@@ -1,12 +1,12 @@
-//! The same facts for programs: JSON and CSV below `/api/v1`, described by `/api/v1/openapi.json`.
+//! REST API: JSON and CSV below `/api/v1`, described by `/api/v1/openapi.json`.
 
-mod answers;
 mod csv;
+mod json;
 mod openapi;
 
-pub(crate) use answers::name_moments;
+pub use json::SignedLogs;
 
-use crate::{live, logs};
+use crate::live;
 use avln_store::Reader;
 use axum::{
     Router,
@@ -15,39 +15,38 @@ use axum::{
     routing::{MethodRouter, get},
 };
 
-/// Where the API begins.
+/// Address prefix.
 const BASE: &str = "/api/v1";
-/// Changes when a field loses its meaning or leaves.
+/// Schema version; it changes if a field is removed or changes its meaning.
 const SCHEMA_VERSION: u32 = 1;
 
-/// A way into the API, with what its description says of it.
+/// A route with its description.
 struct Endpoint {
     /// Path below [`BASE`].
     path: &'static str,
-    /// One sentence.
     summary: &'static str,
-    /// Names of the parameters in the query.
+    /// Query parameter names.
     query: &'static [&'static str],
     answer: Answer,
     route: MethodRouter<Reader>,
 }
 
-/// What comes back.
+/// Response format.
 #[derive(Clone, Copy)]
 enum Answer {
-    /// A JSON object: the name of its schema.
+    /// A JSON object with this schema.
     Json(&'static str),
     /// A table.
     Csv,
-    /// Lines of text.
+    /// Plain text.
     Text,
-    /// Server-Sent Events: the name of the schema of their data.
+    /// Server-Sent Events with this data schema.
     Events(&'static str),
 }
 
-const BOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
-/// The same for boards in all orders.
-const BOARDS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
+const LEADERBOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
+/// As [`LEADERBOARD_QUERY`], for all orders.
+const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 
 fn endpoint(
@@ -64,130 +63,127 @@ fn endpoints() -> Vec<Endpoint> {
     of_phases().into_iter().chain(of_runs()).chain(of_episodes()).collect()
 }
 
-/// Ways to the server, phases and what stands on their boards.
 fn of_phases() -> Vec<Endpoint> {
     use Answer::{Csv, Json};
     vec![
-        endpoint(
-            "/status",
-            "Whether the server answers, and what it is.",
-            &[],
-            Json("Status"),
-            get(answers::status),
-        ),
-        endpoint("/phases", "All phases.", &[], Json("Phases"), get(answers::phases)),
-        endpoint("/phases/{phase}", "A phase with its rules.", &[], Json("PhaseAnswer"), get(answers::phase)),
+        endpoint("/status", "Name, version and state of the server.", &[], Json("Status"), get(json::status)),
+        endpoint("/phases", "All phases.", &[], Json("Phases"), get(json::phases)),
+        endpoint("/phases/{phase}", "A phase with its rules.", &[], Json("PhaseAnswer"), get(json::phase)),
         endpoint(
             "/phases/{phase}/missions",
-            "What the missions of a phase are like, all together, where everybody may see its replays.",
+            "Statistics of a phase's missions, if its replays are public.",
             &[],
             Json("MissionsAnswer"),
-            get(answers::missions),
+            get(json::missions),
         ),
-        endpoint("/phases/{phase}/missions.csv", "The same counts as a table.", &[], Csv, get(csv::missions)),
+        endpoint(
+            "/phases/{phase}/missions.csv",
+            "The same statistics as a table.",
+            &[],
+            Csv,
+            get(csv::missions),
+        ),
         endpoint(
             "/phases/{phase}/leaderboard",
-            "A leaderboard, best first. Entries of one tie_group cannot be told apart from its first; references have no rank.",
-            BOARD_QUERY,
+            "A leaderboard, best entry first. Entries of a tie_group do not differ significantly from its first entry; references have no rank.",
+            LEADERBOARD_QUERY,
             Json("Leaderboard"),
-            get(answers::leaderboard),
+            get(json::leaderboard),
         ),
         endpoint(
             "/phases/{phase}/leaderboard.json",
-            "The same leaderboard under the name of a file.",
-            BOARD_QUERY,
+            "The same leaderboard with a file extension in its address.",
+            LEADERBOARD_QUERY,
             Json("Leaderboard"),
-            get(answers::leaderboard),
+            get(json::leaderboard),
         ),
         endpoint(
             "/phases/{phase}/leaderboard.csv",
             "The same leaderboard as a table.",
-            BOARD_QUERY,
+            LEADERBOARD_QUERY,
             Csv,
             get(csv::leaderboard),
         ),
         endpoint(
             "/phases/{phase}/leaderboards",
-            "The leaderboards of a phase for goals in each order.",
-            BOARDS_QUERY,
+            "The leaderboards of all orders of a phase.",
+            ALL_ORDERS_QUERY,
             Json("Leaderboards"),
-            get(answers::leaderboards),
+            get(json::leaderboards),
         ),
         endpoint(
             "/phases/{phase}/leaderboards.csv",
             "The same leaderboards as one table.",
-            BOARDS_QUERY,
+            ALL_ORDERS_QUERY,
             Csv,
             get(csv::leaderboards),
         ),
         endpoint(
             "/quota",
-            "What the team of the token has left in each phase, and what was charged.",
+            "Remaining quota and charges of the token's team in each phase.",
             &[],
             Json("Quotas"),
-            get(answers::quota),
+            get(json::quota),
         ),
     ]
 }
 
-/// Ways to runs.
 fn of_runs() -> Vec<Endpoint> {
     use Answer::{Csv, Events, Json, Text};
     vec![
         endpoint(
             "/compare",
-            "Two runs of one phase and order, over the episodes that both played: the first less the second.",
+            "Comparison of two runs of the same phase and order over their common episodes: first minus second.",
             &["first", "second"],
             Json("Compared"),
-            get(answers::compare),
+            get(json::compare),
         ),
         endpoint(
             "/compare.csv",
-            "The episodes that both played as a table.",
+            "The common episodes as a table.",
             &["first", "second"],
             Csv,
             get(csv::compare),
         ),
         endpoint(
             "/runs",
-            "Runs, the newest first; next, as before, asks for those that follow.",
+            "Runs, newest first. Pass next as before to get the next page.",
             RUNS_QUERY,
             Json("Runs"),
-            get(answers::runs),
+            get(json::runs),
         ),
         endpoint(
             "/runs.csv",
-            "The same runs as a table; its last run, as before, asks for those that follow.",
+            "The same runs as a table. Pass the last run as before to get the next page.",
             RUNS_QUERY,
             Csv,
             get(csv::runs),
         ),
         endpoint(
             "/runs/events",
-            "How the runs go on that are under way: an event runs with all of them whenever one changes, once a second at most.",
+            "Progress of all open runs: an event runs with all of them after each change, at most once per second.",
             &[],
             Events("LiveRuns"),
             get(live::runs),
         ),
         endpoint(
             "/runs/{run}/events",
-            "How a run goes on: an event run with all of it whenever it changes, once a second at most, and a last one at its end.",
+            "Progress of a run: an event run with its state after each change, at most once per second, and a final one when it ends.",
             &[],
             Events("LiveRun"),
             get(live::run),
         ),
-        endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
+        endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(json::run)),
         endpoint(
             "/runs/{run}/log",
-            "The signed log of a run that is over, where the phase shows its replay: avln run verify checks it.",
+            "The signed log of a finished run, if the phase shows its replay. Check it with avln run verify.",
             &[],
             Text,
-            get(logs::log),
+            get(json::log),
         ),
     ]
 }
 
-/// Ways to the episodes of runs.
 fn of_episodes() -> Vec<Endpoint> {
     use Answer::{Csv, Json};
     vec![
@@ -196,26 +192,26 @@ fn of_episodes() -> Vec<Endpoint> {
             "The episodes of a run in playing order.",
             &[],
             Json("Episodes"),
-            get(answers::episodes),
+            get(json::episodes),
         ),
         endpoint("/runs/{run}/episodes.csv", "The same episodes as a table.", &[], Csv, get(csv::episodes)),
         endpoint(
             "/runs/{run}/episodes/{ordinal}",
-            "One episode; with its replay where the phase shows it.",
+            "An episode, with its replay if the phase shows it.",
             &[],
             Json("Episode"),
-            get(answers::episode),
+            get(json::episode),
         ),
         endpoint(
             "/runs/{run}/episodes/{ordinal}/steps.csv",
-            "The steps of an episode as a table, where the phase shows its replay; row 0 is before the first action.",
+            "The steps of an episode as a table, if the phase shows its replay. Row 0 is before the first action.",
             &[],
             Csv,
             get(csv::steps),
         ),
         endpoint(
             "/runs/{run}/episodes/{ordinal}/levels.csv",
-            "How loud each step was at both ears, where the phase shows the replay of an agent that asked for sound.",
+            "Sound levels of each step at both ears, if the phase shows the replay and the agent requested sound.",
             &[],
             Csv,
             get(csv::levels),
@@ -223,7 +219,6 @@ fn of_episodes() -> Vec<Endpoint> {
     ]
 }
 
-/// Where the answers are.
 pub(crate) fn router() -> Router<Reader> {
     let endpoints = endpoints();
     let document = openapi::document(&endpoints).to_string();

@@ -1,11 +1,11 @@
-//! The API's description by OpenAPI 3.1, made from the same list as its routes.
+//! OpenAPI 3.1 description, generated from the routes.
 
 use super::{Answer, BASE, Endpoint, SCHEMA_VERSION};
-use crate::visit::RunsQuery;
-use avln_scoring::Key;
+use crate::request::RunsQuery;
+use avln_scoring::{EpisodeValue, Key, METRICS, SummaryValue, Unit};
 use serde_json::{Map, Value, json};
 
-/// The description of `endpoints`.
+/// Describes `endpoints`.
 pub(super) fn document(endpoints: &[Endpoint]) -> Value {
     let paths: Map<String, Value> =
         endpoints.iter().map(|endpoint| (format!("{BASE}{}", endpoint.path), path_item(endpoint))).collect();
@@ -14,8 +14,8 @@ pub(super) fn document(endpoints: &[Endpoint]) -> Value {
         "info": {
             "title": "LH-AVLN Arena",
             "version": env!("CARGO_PKG_VERSION"),
-            "description": "Phases, leaderboards, runs and episodes. A team's token shows what only it may see. \
-                            Shares are 0 to 1, lengths metres, times seconds, moments RFC 3339 in UTC.",
+            "description": "Phases, leaderboards, runs and episodes. With a token, a team also sees its own hidden results. \
+                            Shares are from 0 to 1, lengths in metres, durations in seconds, times by RFC 3339 in UTC.",
         },
         "security": [{}, { "token": [] }],
         "paths": paths,
@@ -34,7 +34,7 @@ fn path_item(endpoint: &Endpoint) -> Value {
         Answer::Json(name) => ("application/json", reference(name)),
         Answer::Csv => ("text/csv", json!({ "type": "string" })),
         Answer::Text => ("text/plain", json!({ "type": "string" })),
-        // By version 3.1 an event is described by its data.
+        // OpenAPI 3.1 describes an event by its data.
         Answer::Events(name) => ("text/event-stream", reference(name)),
     };
     json!({ "get": {
@@ -42,17 +42,17 @@ fn path_item(endpoint: &Endpoint) -> Value {
         "operationId": operation_id(endpoint.path),
         "parameters": parameters,
         "responses": {
-            "200": { "description": "The answer, with an ETag.", "content": { kind: { "schema": schema } } },
-            "304": { "description": "The answer has the ETag of If-None-Match." },
+            "200": { "description": "The response, with an ETag.", "content": { kind: { "schema": schema } } },
+            "304": { "description": "The response has not changed: If-None-Match matches its ETag." },
             "default": {
-                "description": "Why there is no answer.",
+                "description": "The error.",
                 "content": { "application/problem+json": { "schema": reference("Problem") } },
             },
         },
     } })
 }
 
-/// The letters of a path as one word.
+/// Joins the words in a path.
 fn operation_id(path: &str) -> String {
     let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("_")
@@ -89,229 +89,211 @@ fn words(words: &[&str]) -> Value {
     json!({ "type": "string", "enum": words })
 }
 
-fn list(of: &str) -> Value {
-    json!({ "type": "array", "items": reference(of) })
+/// Schemas without metrics, each with its fields as `name:type`. Types are in the notation of [`schema`]; a name with the suffix `~`
+/// may be missing.
+const SCHEMAS: &[(&str, &str)] = &[
+    ("Problem", "type:string title:string detail:string instance:string reason:string status:integer"),
+    ("Status", "schema_version:version name:string version:string state:string log_key:string?"),
+    ("Phases", "schema_version:version phases:[Phase]"),
+    ("PhaseAnswer", "schema_version:version phase:Phase"),
+    (
+        "Phase",
+        "id:string title:string description:string state:string state_reason:string? feedback:string \
+         opens_at:moment? closes_at:moment? orders:[ordered|unordered] rules:Rules sensors:Sensors \
+         quotas:QuotaLimits time:TimeLimits ranking:Ranking promise:Promise? episodes:integer scenes:integer \
+         max_slots:integer scores:public|team|organiser replays:public|team|organiser sealed:boolean \
+         all_scores_visible:boolean",
+    ),
+    (
+        "Rules",
+        "name:string forward_m:number turn_deg:integer step_s:number max_steps:integer body_radius_m:number \
+         body_height_m:number camera_height_m:number ear_height_m:number depth_max_m:number \
+         depth_divisor:number audio_samples:integer pose_frame:string sounding:string \
+         sounding_window_steps:integer source_lift_m:number sound_clip:string sounds:variant head~:variant \
+         success_radius_m:number success_distance:string wrong_submit:string feedback:string \
+         depth_noise:string rgb_noise:string",
+    ),
+    (
+        "Sensors",
+        "rgb:boolean depth:boolean audio:boolean width:integer height:integer hfov_rad:number \
+         encodings:Encodings",
+    ),
+    ("Encodings", "rgb:string depth:string audio:string"),
+    ("QuotaLimits", "day:integer? month:integer? total:integer? concurrent:integer? uncharged:integer?"),
+    (
+        "TimeLimits",
+        "step_ms:integer bank_ms:integer run_s:integer disconnect_s:integer disconnect_total_s:integer",
+    ),
+    ("Ranking", "key:key entry:best|latest"),
+    ("Promise", "commitment:string committed_at:moment revealed:CommitmentValues?"),
+    ("CommitmentValues", "pool:string scorer:string secret:string"),
+    ("MissionsAnswer", "schema_version:version missions:Missions"),
+    (
+        "Missions",
+        "goals:{integer} modalities:{integer} categories:{integer} scenes:{integer} reference_m:[number]",
+    ),
+    ("Quotas", "schema_version:version quotas:[Quota]"),
+    (
+        "Quota",
+        "phase:string window:day|month|total|concurrent|uncharged limit:integer? used:integer \
+         remaining:integer? window_start_at:moment next_increase_at:moment? charges:[Charge]",
+    ),
+    ("Charge", "run:string charged:boolean reason:string"),
+    ("Leaderboards", "schema_version:version boards:[Board]"),
+    ("Board", LEADERBOARD),
+    (
+        "LeaderboardRow",
+        "rank:integer? rank_low:integer? rank_high:integer? tie_group:integer? runs_count:integer \
+         server_faults:integer median:number team:string reference:string? method:string version:string \
+         run:string scorer:string verified:boolean health:{integer} sensors:Sensors? finished_at:moment? \
+         summary:Summary",
+    ),
+    (
+        "Compared",
+        "schema_version:version first:RunLine second:RunLine comparison:Comparison? episodes:[Pair]",
+    ),
+    ("Comparison", "episodes:integer scenes:integer differences:[Difference]"),
+    ("Difference", "key:key estimate:Estimate first:number second:number is_sure:boolean"),
+    (
+        "Pair",
+        "episode:string scene:string first_ordinal:integer second_ordinal:integer first:Metrics \
+         second:Metrics",
+    ),
+    ("Estimate", "value:number low:number high:number"),
+    ("Runs", "schema_version:version runs:[RunLine] next:string?"),
+    (
+        "RunLine",
+        "run:string phase:string team:string method:string version:string order:string state:string \
+         reference:string? disqualified:string? verified:boolean episodes:integer done:integer isr:number? \
+         created_at:moment finished_at:moment?",
+    ),
+    (
+        "Run",
+        "schema_version:version line:RunLine summary:Summary? scores_visible:boolean replays_visible:boolean \
+         eligible:boolean modalities:[ModalityScore] by_goals:[Group] by_scene:[Group] health:{integer} \
+         time:TimeAccount sensors:Sensors? digests:{string} server_faults:integer rescores:[Rescore] \
+         episodes:[EpisodeLine]",
+    ),
+    ("ModalityScore", "modality:string goals:integer found:integer isr:number?"),
+    ("TimeAccount", "simulation_s:number encoding_s:number queue_s:number thinking_s:number"),
+    ("LiveRuns", "runs:[LiveRun]"),
+    (
+        "LiveRun",
+        "run:string state:string episodes:integer done:integer playing:integer connected:boolean? \
+         steps_per_s:number? created_at:moment finished_at:moment? slots:[Slot] words:LiveWords",
+    ),
+    ("LiveWords", "state:string episodes:string pace:string waits:string"),
+    ("Slot", "slot:integer step:integer last_step_s:number? mean_step_s:number? since_at:moment"),
+    ("Group", "name:string episodes:integer sr:number isr:number soft_spl:number steps:number"),
+    ("Rescore", "scorer:string scored_at:moment summary:Summary?"),
+    ("Episodes", "schema_version:version run:string episodes:[EpisodeLine]"),
+    (
+        "EpisodeLine",
+        "ordinal:integer state:string end:string? episode:string? scene:string? finished_at:moment? \
+         metrics:Metrics?",
+    ),
+    (
+        "Episode",
+        "schema_version:version run:RunLine metrics:Metrics? ordinal:integer state:string end:string? \
+         finished_at:moment? mission:Mission? time:TimeAccount replay:Replay?",
+    ),
+    ("Mission", "order:string goals:[Goal]"),
+    ("Goal", "modality:string text:string? found_at_step:integer? final_distance_m:number?"),
+    (
+        "Replay",
+        "episode:string scene:string rules:Rules sensors:Sensors? hears:boolean map:SceneMap path:[[number]] \
+         headings_rad:[number] actions:[string] collisions:[integer] sounding:[integer?] in_region:[integer] \
+         submits:[SubmitMark] targets:[Target] reference_path:[[number]]",
+    ),
+    ("SceneMap", "min:[number] max:[number] polygons:[[[number]]]"),
+    ("SubmitMark", "step:integer completed:integer? wrong_instance:integer?"),
+    (
+        "Target",
+        "category:string modality:string position:[number] min:[number] max:[number] source:[number] \
+         floor_y_m:number",
+    ),
+];
+const LEADERBOARD: &str = "phase:Phase rows:[LeaderboardRow] order:string key:string direction:string pick:string \
+         entries:integer as_of_at:moment? complete:boolean";
+
+fn schemas() -> Value {
+    let fields = |text: &'static str| text.split(' ').filter_map(|field| field.split_once(':'));
+    let mut schemas: Map<String, Value> =
+        SCHEMAS.iter().map(|&(name, text)| (name.to_owned(), object(fields(text)))).collect();
+    let leaderboard = [("schema_version", "version")].into_iter().chain(fields(LEADERBOARD));
+    schemas.insert("Leaderboard".to_owned(), object(leaderboard));
+    let summary = METRICS.iter().filter_map(|metric| {
+        let kind = match metric.summary {
+            SummaryValue::Estimate(_) => "Estimate",
+            SummaryValue::Mean(_) => "number",
+            SummaryValue::GoalMean(_) => "number?",
+            SummaryValue::None => return None,
+        };
+        Some((metric.id, kind))
+    });
+    schemas.insert(
+        "Summary".to_owned(),
+        object(summary.chain([("episodes", "integer"), ("scenes", "integer")])),
+    );
+    let metrics = METRICS.iter().filter_map(|metric| {
+        let is_count = metric.unit == Unit::Count;
+        let kind = match metric.episode {
+            EpisodeValue::Number(_) => {
+                if is_count {
+                    "integer"
+                } else {
+                    "number"
+                }
+            }
+            EpisodeValue::PerGoal(_) => {
+                if is_count {
+                    "[integer?]"
+                } else {
+                    "[number?]"
+                }
+            }
+            EpisodeValue::None => return None,
+        };
+        Some((metric.id, kind))
+    });
+    schemas.insert("Metrics".to_owned(), object(metrics));
+    Value::Object(schemas)
 }
 
-/// An object: each field by `name`, `name?` where it may be null, and its kind.
-fn object(fields: &[(&str, Value)]) -> Value {
+fn object<'a>(fields: impl Iterator<Item = (&'a str, &'a str)>) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
-    for (name, schema) in fields {
-        let plain = name.trim_end_matches('?');
-        let null = json!({ "anyOf": [schema, { "type": "null" }] });
-        properties.insert(plain.to_owned(), if plain == *name { schema.clone() } else { null });
-        required.push(plain);
+    for (name, kind) in fields {
+        let plain = name.trim_end_matches('~');
+        properties.insert(plain.to_owned(), schema(kind));
+        if plain == name {
+            required.push(plain);
+        }
     }
     json!({ "type": "object", "properties": properties, "required": required })
 }
 
-/// An object that is an answer of its own.
-fn answer(fields: &[(&str, Value)]) -> Value {
-    let version = ("schema_version", json!({ "const": SCHEMA_VERSION }));
-    object(&[&[version], fields].concat())
-}
-
-/// Fields of one kind.
-fn all<'a>(names: &[&'a str], kind: &str) -> Vec<(&'a str, Value)> {
-    let schema = match kind {
+/// Returns the schema for a type: `kind?` may be null, `[kind]` is an array, `{kind}` an object with free names, `a|b` an enum, a
+/// capital letter starts a reference.
+fn schema(kind: &str) -> Value {
+    let between = |open, close| kind.strip_prefix(open).and_then(|rest: &str| rest.strip_suffix(close));
+    if let Some(kind) = kind.strip_suffix('?') {
+        return json!({ "anyOf": [schema(kind), { "type": "null" }] });
+    }
+    if let Some(kind) = between('[', ']') {
+        return json!({ "type": "array", "items": schema(kind) });
+    }
+    if let Some(kind) = between('{', '}') {
+        return json!({ "type": "object", "additionalProperties": schema(kind) });
+    }
+    match kind {
+        "version" => json!({ "const": SCHEMA_VERSION }),
+        "key" => words(&Key::ALL.map(Key::as_str)),
         "moment" => json!({ "type": "string", "format": "date-time" }),
-        "list" => json!({ "type": "array" }),
+        // An enum of Rust: a word, or an object with a word and its value.
+        "variant" => json!({ "anyOf": [string(), schema("{string}")] }),
+        kind if kind.contains('|') => words(&kind.split('|').collect::<Vec<_>>()),
+        kind if kind.starts_with(char::is_uppercase) => reference(kind),
         kind => json!({ "type": kind }),
-    };
-    names.iter().map(|&name| (name, schema.clone())).collect()
-}
-
-fn schemas() -> Value {
-    json!({
-        "Problem": object(&[all(&["type", "title", "detail", "instance", "reason"], "string"), all(&["status"], "integer")].concat()),
-        "Status": answer(&all(&["name", "version", "state", "log_key?"], "string")),
-        "Phases": answer(&[("phases", list("Phase"))]),
-        "PhaseAnswer": answer(&[("phase", reference("Phase"))]),
-        "Phase": phase(),
-        "MissionsAnswer": answer(&[("missions", reference("Missions"))]),
-        "Missions": object(&[all(&["goals", "modalities", "categories", "scenes"], "object"), all(&["reference_m"], "list")].concat()),
-        "Quotas": answer(&[("quotas", list("Quota"))]),
-        "Quota": quota(),
-        "Leaderboard": answer(&leaderboard()),
-        "Leaderboards": answer(&[("boards", list("Board"))]),
-        "Board": object(&leaderboard()),
-        "LeaderboardRow": row(),
-        "Summary": summary(),
-        "Compared": compared(),
-        "Comparison": object(&[all(&["episodes", "scenes"], "integer"), vec![("differences", list("Difference"))]].concat()),
-        "Difference": difference(),
-        "Pair": pair(),
-        "Estimate": object(&all(&["value", "low", "high"], "number")),
-        "Runs": answer(&[("runs", list("RunLine")), ("next?", string())]),
-        "RunLine": run_line(),
-        "Run": run(),
-        "LiveRuns": object(&[("runs", list("LiveRun"))]),
-        "LiveRun": live_run(),
-        "LiveWords": object(&all(&["state", "episodes", "pace", "waits"], "string")),
-        "Slot": slot(),
-        "Group": object(&[all(&["name"], "string"), all(&["episodes"], "integer"), all(&["sr", "isr", "soft_spl", "steps"], "number")].concat()),
-        "Rescore": rescore(),
-        "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
-        "EpisodeLine": episode_line(),
-        "Metrics": metrics(),
-        "Episode": episode(),
-    })
-}
-
-fn phase() -> Value {
-    let visible = || words(&["public", "team", "organiser"]);
-    let mut fields = all(&["id", "title", "description", "state", "state_reason?", "feedback"], "string");
-    fields.extend(all(&["opens_at?", "closes_at?"], "moment"));
-    fields.extend(all(&["orders"], "list"));
-    fields.extend(all(&["rules", "sensors", "quotas", "time", "ranking", "promise?"], "object"));
-    fields.extend(all(&["episodes", "scenes", "max_slots"], "integer"));
-    fields.extend([("scores", visible()), ("replays", visible())]);
-    fields.extend(all(&["sealed", "all_scores_visible"], "boolean"));
-    object(&fields)
-}
-
-fn quota() -> Value {
-    let mut fields = all(&["phase"], "string");
-    fields.push(("window", words(&["day", "month", "total", "concurrent", "uncharged"])));
-    fields.extend(all(&["limit?", "used", "remaining?"], "integer"));
-    fields.extend(all(&["window_start_at", "next_increase_at?"], "moment"));
-    fields.extend(all(&["charges"], "list"));
-    object(&fields)
-}
-
-fn leaderboard() -> Vec<(&'static str, Value)> {
-    let mut fields = vec![("phase", reference("Phase")), ("rows", list("LeaderboardRow"))];
-    fields.extend(all(&["order", "key", "direction", "pick"], "string"));
-    fields.extend(all(&["entries"], "integer"));
-    fields.extend(all(&["as_of_at?"], "moment"));
-    fields.extend(all(&["complete"], "boolean"));
-    fields
-}
-
-fn row() -> Value {
-    let mut fields = all(&["rank?", "rank_low?", "rank_high?", "tie_group?"], "integer");
-    fields.extend(all(&["runs_count", "server_faults"], "integer"));
-    fields.extend(all(&["median"], "number"));
-    fields.extend(all(&["team", "reference?", "method", "version", "run", "scorer"], "string"));
-    fields.extend(all(&["verified"], "boolean"));
-    fields.extend(all(&["health", "sensors?"], "object"));
-    fields.extend(all(&["finished_at?"], "moment"));
-    fields.push(("summary", reference("Summary")));
-    object(&fields)
-}
-
-fn compared() -> Value {
-    let runs = ["first", "second"].map(|name| (name, reference("RunLine")));
-    answer(
-        &[runs.to_vec(), vec![("comparison?", reference("Comparison")), ("episodes", list("Pair"))]].concat(),
-    )
-}
-
-fn difference() -> Value {
-    let mut fields = vec![("key", words(&Key::ALL.map(Key::as_str))), ("estimate", reference("Estimate"))];
-    fields.extend(all(&["first", "second"], "number"));
-    fields.extend(all(&["is_sure"], "boolean"));
-    object(&fields)
-}
-
-fn pair() -> Value {
-    let mut fields = all(&["episode", "scene"], "string");
-    fields.extend(all(&["first_ordinal", "second_ordinal"], "integer"));
-    fields.extend(["first", "second"].map(|name| (name, reference("Metrics"))));
-    object(&fields)
-}
-
-fn summary() -> Value {
-    let estimates = ["sr", "isr", "osr", "spl", "soft_spl", "sna"].map(|name| (name, reference("Estimate")));
-    let mut fields = estimates.to_vec();
-    fields.extend(all(&["episodes", "scenes"], "integer"));
-    fields.extend(all(
-        &[
-            "isr_by_goal",
-            "osr_all",
-            "steps",
-            "path_m",
-            "collisions",
-            "wrong_submits",
-            "wrong_instance_submits",
-        ],
-        "number",
-    ));
-    fields.extend(all(&["steps_to_goal?", "final_distance_m?"], "number"));
-    object(&fields)
-}
-
-fn run_line() -> Value {
-    let mut fields = all(&["run", "phase", "team", "method", "version", "order", "state"], "string");
-    fields.extend(all(&["reference?"], "string"));
-    fields.extend(all(&["disqualified?"], "string"));
-    fields.extend(all(&["verified"], "boolean"));
-    fields.extend(all(&["episodes", "done"], "integer"));
-    fields.extend(all(&["isr?"], "number"));
-    fields.extend(all(&["created_at", "finished_at?"], "moment"));
-    object(&fields)
-}
-
-fn run() -> Value {
-    let mut fields = vec![("line", reference("RunLine")), ("summary?", reference("Summary"))];
-    fields.extend(all(&["scores_visible", "replays_visible", "eligible"], "boolean"));
-    fields.extend(all(&["modalities"], "list"));
-    fields.extend([("by_goals", list("Group")), ("by_scene", list("Group"))]);
-    fields.extend(all(&["health", "time", "sensors?", "digests"], "object"));
-    fields.extend(all(&["server_faults"], "integer"));
-    fields.extend([("rescores", list("Rescore")), ("episodes", list("EpisodeLine"))]);
-    answer(&fields)
-}
-
-fn live_run() -> Value {
-    let mut fields = all(&["run", "state"], "string");
-    fields.extend(all(&["episodes", "done", "playing"], "integer"));
-    fields.extend(all(&["connected?"], "boolean"));
-    fields.extend(all(&["steps_per_s?"], "number"));
-    fields.extend(all(&["created_at", "finished_at?"], "moment"));
-    fields.extend([("slots", list("Slot")), ("words", reference("LiveWords"))]);
-    object(&fields)
-}
-
-fn slot() -> Value {
-    let mut fields = all(&["slot", "step"], "integer");
-    fields.extend(all(&["last_step_s?", "mean_step_s?"], "number"));
-    fields.extend(all(&["since_at"], "moment"));
-    object(&fields)
-}
-
-fn rescore() -> Value {
-    let mut fields = all(&["scorer"], "string");
-    fields.extend(all(&["scored_at"], "moment"));
-    fields.push(("summary?", reference("Summary")));
-    object(&fields)
-}
-
-fn episode_line() -> Value {
-    let mut fields = all(&["ordinal"], "integer");
-    fields.extend(all(&["state", "end?", "episode?", "scene?"], "string"));
-    fields.extend(all(&["finished_at?"], "moment"));
-    fields.push(("metrics?", reference("Metrics")));
-    object(&fields)
-}
-
-fn metrics() -> Value {
-    let mut fields =
-        all(&["goals", "found", "steps", "collisions", "wrong_submits", "wrong_instance_submits"], "integer");
-    fields.extend(all(
-        &["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "path_m", "reference_m"],
-        "number",
-    ));
-    fields.extend(all(&["steps_to_goal", "final_distance_m"], "list"));
-    object(&fields)
-}
-
-fn episode() -> Value {
-    let mut fields = vec![("run", reference("RunLine")), ("metrics?", reference("Metrics"))];
-    fields.extend(all(&["ordinal"], "integer"));
-    fields.extend(all(&["state", "end?"], "string"));
-    fields.extend(all(&["finished_at?"], "moment"));
-    fields.extend(all(&["mission?", "time", "replay?"], "object"));
-    answer(&fields)
+    }
 }

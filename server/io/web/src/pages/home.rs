@@ -1,61 +1,66 @@
-use super::{Page, Part, Shell, write};
+//! Home page, and leaderboard index.
+
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    board::BoardQuery,
-    visit::{Asked, Host, Nothing, Visit},
-    words,
+    format,
+    leaderboard::LeaderboardParams,
+    request::{GrpcAddress, NoParameters, RequestContext, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
 use avln_store::{LeaderboardView, PhaseState, PhaseView};
 
-/// Entries of a board that the first page shows.
-const TOP: usize = 3;
+/// Entries per leaderboard on the home page.
+const TOP_ENTRIES: usize = 3;
 
 #[derive(Template)]
 #[template(path = "home.html")]
 struct HomePage {
-    shell: Shell,
+    shell: PageShell,
     phases: Vec<PhaseView>,
-    host: Host,
+    grpc_address: GrpcAddress,
+    /// Phase id for the example command.
     example: String,
-    boards: Vec<LeaderboardView>,
+    leaderboards: Vec<LeaderboardView>,
     columns: [Key; 4],
 }
 
 #[derive(Template)]
-#[template(path = "boards.html")]
-struct BoardsPage {
-    shell: Shell,
+#[template(path = "leaderboard_index.html")]
+struct LeaderboardIndexPage {
+    shell: PageShell,
     phases: Vec<PhaseView>,
 }
 
-/// Phases, how to take part, and who leads.
-pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
-    let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
-    let mut boards = Vec::new();
+pub(super) async fn home(
+    context: RequestContext,
+    grpc_address: GrpcAddress,
+    _: StrictQuery<NoParameters>,
+) -> Page {
+    let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
+    let mut leaderboards = Vec::new();
     for phase in &phases {
         for &order in &phase.orders {
-            let board = BoardQuery::default().board(phase, order, visit.now_unix_ms);
-            boards.extend(visit.reader.leaderboard(&visit.viewer, &board).await?);
+            let query = LeaderboardParams::default().query(phase, order, context.now_unix_ms);
+            leaderboards.extend(context.reader.leaderboard(&context.viewer, &query).await?);
         }
     }
-    boards.retain(|board| !board.rows.is_empty());
-    boards.iter_mut().for_each(|board| board.rows.truncate(TOP));
+    leaderboards.retain(|leaderboard| !leaderboard.rows.is_empty());
+    leaderboards.iter_mut().for_each(|leaderboard| leaderboard.rows.truncate(TOP_ENTRIES));
     let example = phases.iter().find(|phase| phase.state == PhaseState::Open);
     let example = example.map_or_else(|| "PHASE".to_owned(), |phase| phase.id.clone());
-    let columns = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl];
-    write(&HomePage {
-        shell: Shell::new("LH-AVLN Arena", Part::Home),
+    render(&HomePage {
+        shell: PageShell::new("LH-AVLN Arena", SiteSection::Home),
         phases,
-        host,
+        grpc_address,
         example,
-        boards,
-        columns,
+        leaderboards,
+        columns: [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl],
     })
 }
 
-/// A list of all boards.
-pub(super) async fn boards(visit: Visit, _: Asked<Nothing>) -> Page {
-    let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
-    write(&BoardsPage { shell: Shell::new("Leaderboards", Part::Boards), phases })
+pub(super) async fn leaderboards(context: RequestContext, _: StrictQuery<NoParameters>) -> Page {
+    let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
+    let shell = PageShell::new("Leaderboards", SiteSection::Leaderboards);
+    render(&LeaderboardIndexPage { shell, phases })
 }

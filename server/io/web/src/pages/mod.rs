@@ -1,19 +1,16 @@
-//! Pages for people: plain HTML, which works without its one script.
+//! HTML pages. They work without their scripts.
 
-mod badge;
-mod board;
-mod compare;
 mod docs;
 mod episode;
 mod home;
-mod missions;
-mod office;
+mod leaderboard;
+mod management;
 mod phase;
 mod runs;
 
-pub(crate) use office::router as office_router;
+pub(crate) use management::router as management_router;
 
-use crate::{office::Menu, trouble::Trouble, visit::Visit};
+use crate::{error::RequestError, replay_renderer, request::RequestContext};
 use askama::Template;
 use avln_store::Reader;
 use axum::{
@@ -22,141 +19,169 @@ use axum::{
     response::{Html, IntoResponse},
     routing::get,
 };
+use std::future::Future;
 
-/// Version that the foot of every page tells.
+/// Version in the footer.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Where the pages are.
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/", get(home::home))
         .route("/docs", get(docs::index))
         .route("/docs/{*document}", get(docs::document))
-        .route("/leaderboard", get(home::boards))
-        .route("/leaderboard/{phase}", get(board::page))
+        .route("/leaderboard", get(home::leaderboards))
+        .route("/leaderboard/{phase}", get(leaderboard::page))
         .route("/phases/{phase}", get(phase::page))
-        .route("/phases/{phase}/scenes/{file}", get(missions::scene))
-        .route("/compare", get(compare::page))
+        .route("/phases/{phase}/scenes/{file}", get(phase::scene))
+        .route("/compare", get(runs::compare))
         .route("/runs", get(runs::list))
         .route("/runs/{run}", get(runs::one))
-        .route("/runs/{run}/badge.svg", get(badge::badge))
-        .route("/embed/{phase}", get(board::embedded))
+        .route("/runs/{run}/badge.svg", get(runs::badge))
+        .route("/embed/{phase}", get(leaderboard::embedded))
         .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
-        .route("/runs/{run}/episodes/{ordinal}/eyes/{file}", get(crate::onlooker::picture))
-        .route("/runs/{run}/episodes/{ordinal}/ears/{file}", get(crate::onlooker::sound))
-        .route(
-            "/assets/app.css",
-            get(async || asset("text/css; charset=utf-8", include_str!("../../assets/app.css"))),
-        )
-        .route(
-            "/assets/replay.js",
-            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/replay.js"))),
-        )
-        .route(
-            "/assets/ears.js",
-            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/ears.js"))),
-        )
-        .route(
-            "/assets/live.js",
-            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))),
-        )
+        .route("/runs/{run}/episodes/{ordinal}/eyes/{file}", get(replay_renderer::picture))
+        .route("/runs/{run}/episodes/{ordinal}/ears/{file}", get(replay_renderer::sound))
+        .route("/assets/app.css", get(async || asset("text/css", include_str!("../../assets/app.css"))))
+        .route("/assets/replay.js", get(async || script(include_str!("../../assets/replay.js"))))
+        .route("/assets/sound.js", get(async || script(include_str!("../../assets/sound.js"))))
+        .route("/assets/live.js", get(async || script(include_str!("../../assets/live.js"))))
         .route(
             "/assets/icon.svg",
             get(async || asset("image/svg+xml", include_str!("../../assets/icon.svg"))),
         )
 }
 
-fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300")], text)
+fn script(text: &'static str) -> impl IntoResponse {
+    asset("text/javascript", text)
 }
 
-/// A page, or why there is none.
-type Page = Result<Html<String>, Trouble>;
+fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
+    let kind = format!("{kind}; charset=utf-8");
+    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300".to_owned())], text)
+}
 
-fn write(page: &impl Template) -> Page {
+/// A rendered page.
+type Page = Result<Html<String>, RequestError>;
+
+fn render(page: &impl Template) -> Page {
     Ok(Html(page.render()?))
 }
 
-/// What stands around the content of every page.
-#[derive(Debug)]
-struct Shell {
-    /// Heading of the page and of its tab.
-    title: String,
-    /// The pages above this one, the highest first, without the first page.
-    trail: Vec<Crumb>,
-    /// Which part of the site this is.
-    part: Part,
-    /// What the organiser announces; empty: nothing.
-    notice: String,
-    /// What the menu offers this visitor.
-    menu: Menu,
+tokio::task_local! {
+    // A task-local, because every page needs it and handlers have nothing else to do with it.
+    static CONTEXT: PageContext;
+}
+
+/// Parts of the page frame that depend on the visitor and the running arena.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PageContext {
+    pub(crate) menu: Menu,
+    /// The organiser's announcement; may be empty.
+    pub(crate) announcement: String,
+}
+
+impl PageContext {
+    pub(crate) fn current() -> Self {
+        CONTEXT.try_with(Self::clone).unwrap_or_default()
+    }
+
+    pub(crate) async fn scope<T>(self, handler: impl Future<Output = T>) -> T {
+        CONTEXT.scope(self, handler).await
+    }
+
+    pub(crate) fn sync_scope<T>(self, render: impl FnOnce() -> T) -> T {
+        CONTEXT.sync_scope(self, render)
+    }
+}
+
+/// The menu entry that depends on the visitor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Menu {
+    /// No entry: this server has no sign-in.
+    #[default]
+    Plain,
+    /// Sign-in.
+    Stranger,
+    /// The visitor's team page.
+    Team,
+    /// The organiser's pages.
+    Organiser,
+}
+
+impl Menu {
+    pub(crate) fn link(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            Self::Plain => None,
+            Self::Stranger => Some(("/sign-in", "Sign in")),
+            Self::Team => Some(("/me", "My page")),
+            Self::Organiser => Some(("/organise", "Organise")),
+        }
+    }
 }
 
 #[derive(Debug)]
-struct Crumb {
+struct PageShell {
+    /// Page heading and browser tab title.
+    title: String,
+    /// Pages above this one, the highest first, without the home page.
+    trail: Vec<Breadcrumb>,
+    section: SiteSection,
+    context: PageContext,
+}
+
+#[derive(Debug)]
+struct Breadcrumb {
     name: String,
     href: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
+enum SiteSection {
     Home,
-    Boards,
+    Leaderboards,
     Runs,
     Docs,
-    /// What visitors see of themselves when they sign in.
+    /// Pages for visitors who sign in.
     Own,
     Elsewhere,
 }
 
-impl Shell {
-    fn new(title: impl Into<String>, part: Part) -> Self {
-        Self {
-            title: title.into(),
-            trail: vec![],
-            part,
-            notice: crate::notice::notice(),
-            menu: Menu::current(),
-        }
+impl PageShell {
+    fn new(title: impl Into<String>, section: SiteSection) -> Self {
+        Self { title: title.into(), trail: vec![], section, context: PageContext::current() }
     }
 
-    /// Adds the next page above this one.
+    /// Appends a page to the trail.
     fn below(mut self, name: impl Into<String>, href: impl Into<String>) -> Self {
-        self.trail.push(Crumb { name: name.into(), href: href.into() });
+        self.trail.push(Breadcrumb { name: name.into(), href: href.into() });
         self
     }
 
-    /// `page` where `part` is shown; the value of `aria-current` in the menu.
-    fn current(&self, part: &Part) -> &'static str {
-        if self.part == *part { "page" } else { "false" }
+    fn current(&self, section: &SiteSection) -> &'static str {
+        if self.section == *section { "page" } else { "false" }
     }
 }
 
 #[derive(Template)]
-#[template(path = "trouble.html")]
-struct TroublePage {
-    shell: Shell,
-    words: String,
-    /// Whether the visitor was about to sign in.
+#[template(path = "error.html")]
+struct ErrorPage {
+    shell: PageShell,
+    message: String,
+    /// Whether the visitor tried to sign in.
     is_signing_in: bool,
 }
 
-/// A page for what went wrong.
-pub(crate) fn trouble(trouble: &Trouble) -> String {
-    let words = format!("Sorry, {trouble}.");
-    let is_signing_in = matches!(trouble, Trouble::WrongToken | Trouble::Attempts);
-    let shell = Shell::new(trouble.title(), Part::Elsewhere);
-    let page = TroublePage { shell, words, is_signing_in };
-    page.render().unwrap_or_else(|_| trouble.title().to_owned())
+pub(crate) fn error_page(error: &RequestError) -> String {
+    let page = ErrorPage {
+        shell: PageShell::new(error.title(), SiteSection::Elsewhere),
+        message: format!("Sorry, {error}."),
+        is_signing_in: matches!(error, RequestError::WrongToken | RequestError::Attempts),
+    };
+    page.render().unwrap_or_else(|_| error.title().to_owned())
 }
 
-/// A segment of an address.
-pub(crate) fn segment(text: &str) -> String {
-    askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
-}
-
-/// The phase called `id`.
-async fn phase(visit: &Visit, id: &str) -> Result<avln_store::PhaseView, Trouble> {
-    let found = visit.reader.phase(&visit.viewer, id, visit.now_unix_ms).await?;
-    found.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+/// Reads a phase.
+async fn find_phase(context: &RequestContext, id: &str) -> Result<avln_store::PhaseView, RequestError> {
+    let found = context.reader.phase(&context.viewer, id, context.now_unix_ms).await?;
+    found.ok_or_else(|| RequestError::Unknown { what: "phase", name: id.to_owned() })
 }

@@ -1,64 +1,76 @@
-//! What is played in a phase: tables made from its rules.
+//! Phase page: rules, mission statistics and floor plans.
 
-use super::{
-    Page, Part, Shell,
-    missions::{Statistic, scenes, statistics},
-    phase, segment, write,
-};
+use super::{Page, PageShell, SiteSection, find_phase, render};
 use crate::{
-    visit::{Asked, Host, Nothing, Visit},
-    words,
+    error::RequestError,
+    format::{self, url_encode},
+    replay::plan,
+    request::{GrpcAddress, NoParameters, RequestContext, StrictQuery},
 };
 use askama::Template;
 use avln_episode::{
-    DistanceRule, FeedbackRule, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
+    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
 };
 use avln_store::{MissionsView, PhaseView, QuotaLimits};
-use axum::extract::Path;
+use axum::{
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
+use std::collections::BTreeMap;
+
+/// Width (metres) and number of bins for reference tours; the last bin is open.
+const BIN_M: f64 = 10.0;
+const BINS: usize = 6;
 
 #[derive(Template)]
 #[template(path = "phase.html")]
 struct PhasePage {
-    shell: Shell,
-    host: Host,
+    shell: PageShell,
+    grpc_address: GrpcAddress,
     phase: PhaseView,
-    /// What its missions are like, where everybody may see their replays.
+    /// Mission statistics, if replays are public.
     missions: Option<MissionsView>,
 }
 
-/// A row of a table: what, and what about it.
+/// A table row: name and meaning.
 type Row = (&'static str, String);
 
-/// One phase.
-pub(super) async fn page(visit: Visit, host: Host, Path(id): Path<String>, _: Asked<Nothing>) -> Page {
-    let phase = phase(&visit, &id).await?;
-    let shell = Shell::new(phase.title.clone(), Part::Boards).below("Leaderboards", "/leaderboard");
-    let missions = visit.reader.missions(&visit.viewer, &phase.id).await?;
-    write(&PhasePage { shell, host, phase, missions })
+pub(super) async fn page(
+    context: RequestContext,
+    grpc_address: GrpcAddress,
+    Path(id): Path<String>,
+    _: StrictQuery<NoParameters>,
+) -> Page {
+    let phase = find_phase(&context, &id).await?;
+    let shell =
+        PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
+    let missions = context.reader.missions(&context.viewer, &phase.id).await?;
+    render(&PhasePage { shell, grpc_address, phase, missions })
 }
 
 impl PhasePage {
-    /// What an agent may do.
     fn actions(&self) -> [Row; 4] {
         let Rules { forward_m, turn_deg, wrong_submit, .. } = self.phase.rules;
         let wrong = match wrong_submit {
-            WrongSubmit::KeepsGoal => "in ordered missions the goal stays next after a wrong one",
-            WrongSubmit::SkipsGoal => "in ordered missions a wrong one skips the goal",
+            WrongSubmit::KeepsGoal => {
+                "in ordered missions, the goal remains the next one after a wrong Submit"
+            }
+            WrongSubmit::SkipsGoal => "in ordered missions, a wrong Submit skips the goal",
         };
         [
-            ("MoveForward", format!("{forward_m} m ahead, sliding along what is in the way")),
+            ("MoveForward", format!("{forward_m} m forward, sliding along obstacles")),
             ("TurnLeft, TurnRight", format!("{turn_deg}° in place")),
             (
                 "Submit",
                 format!(
-                    "claims that a goal is here; as many as there are goals, the last of which ends the episode; {wrong}"
+                    "claims that a goal is here; one Submit per goal, and the last one ends the episode; {wrong}"
                 ),
             ),
-            ("Stop", "ends the episode; may complete the last goal that is left".to_owned()),
+            ("Stop", "ends the episode; may complete the last remaining goal".to_owned()),
         ]
     }
 
-    /// What an agent is shown.
     fn observations(&self) -> Vec<Row> {
         let (rules, sensors) = (&self.phase.rules, &self.phase.sensors);
         let Sensors { width, height, .. } = sensors;
@@ -67,7 +79,7 @@ impl PhasePage {
             PoseFrame::World => "position (metres) and heading (radians) in the frame of the scene",
         };
         let sound = format!(
-            "two ears at {} m, {} samples each at {} kHz for every step of {} s",
+            "two ears at {} m, {} samples per ear at {} kHz for each step of {} s",
             rules.ear_height_m,
             rules.audio_samples,
             Sensors::SAMPLE_RATE_HZ / 1000,
@@ -76,20 +88,15 @@ impl PhasePage {
         let picture =
             format!("up to {width} × {height} pixels from {} m above the floor", rules.camera_height_m);
         let all = [
-            (sensors.rgb, "Colours", format!("{picture}, red, green and blue from 0 to 255")),
-            (
-                sensors.depth,
-                "Depth",
-                format!("{picture}, metres up to {}, 0 where nothing was hit", rules.depth_max_m),
-            ),
+            (sensors.rgb, "Colour", format!("{picture}; red, green and blue from 0 to 255")),
+            (sensors.depth, "Depth", format!("{picture}; metres up to {}, 0 for no hit", rules.depth_max_m)),
             (sensors.audio, "Sound", sound),
             (true, "Pose", pose.to_owned()),
-            (true, "Budget", "steps and Submits that are left, and time".to_owned()),
+            (true, "Budget", "remaining steps, Submits and time".to_owned()),
         ];
-        all.into_iter().filter(|(is_there, ..)| *is_there).map(|(_, name, words)| (name, words)).collect()
+        all.into_iter().filter(|(is_sent, ..)| *is_sent).map(|(_, name, words)| (name, words)).collect()
     }
 
-    /// How an episode is judged.
     fn judgement(&self) -> [Row; 5] {
         let rules = &self.phase.rules;
         let radius_m = rules.success_radius_m;
@@ -98,95 +105,169 @@ impl PhasePage {
                 "within {radius_m} m of the target's surface, on its floor, with a line of sight to it"
             ),
             DistanceRule::BaseToViewpoint => {
-                format!("within {radius_m} m of a viewpoint along the floor, with the target in the picture")
+                format!("within {radius_m} m of a viewpoint along the floor, with the target in the image")
             }
         };
         let sounding = match rules.sounding {
             SoundingRule::UnfinishedInDrawnOrder => format!(
-                "targets that are not found sound in turn, {} steps each, in an order that is drawn; a found one falls silent",
+                "unfound targets sound in turn, {} steps each, in a random order; a found target falls silent",
                 rules.sounding_window_steps
             ),
             SoundingRule::AllInGoalOrder => {
-                format!("all targets in the order of the goals, {} steps each", rules.sounding_window_steps)
+                format!(
+                    "all targets sound in the order of the goals, {} steps each",
+                    rules.sounding_window_steps
+                )
             }
         };
         let clip = match rules.sound_clip {
-            SoundClip::Anonymous => "one clip for the whole episode, drawn without regard to its targets",
-            SoundClip::Distinct => "a clip of its own for each target, drawn without regard to it",
-            SoundClip::ByCategory => "a clip by the category of the target",
+            SoundClip::Anonymous => "one random clip for the whole episode, independent of the targets",
+            SoundClip::Distinct => "a different random clip for each target, independent of its category",
+            SoundClip::ByCategory => "a clip of the target's category",
         };
         let feedback = match self.phase.feedback {
-            FeedbackRule::None => "nothing",
-            FeedbackRule::Accepted => "that it was counted",
-            FeedbackRule::Verdict => "whether it completed a goal",
+            FeedbackRule::None => "none",
+            FeedbackRule::Accepted => "confirmation that it was counted",
+            FeedbackRule::Verdict => "success or failure",
         };
         [
-            ("A goal is found", success),
-            ("What sounds", sounding),
-            ("How it sounds", clip.to_owned()),
-            ("What a Submit tells", feedback.to_owned()),
-            ("Length", format!("{} actions at most", rules.max_steps)),
+            ("Success", success),
+            ("Sounding targets", sounding),
+            ("Sound clips", clip.to_owned()),
+            ("Feedback to a Submit", feedback.to_owned()),
+            ("Length", format!("at most {} actions", rules.max_steps)),
         ]
     }
 
-    /// What a team may spend.
     fn budgets(&self) -> Vec<Row> {
-        let (time, seconds) = (&self.phase.time, |ms: u32| words::duration(&(f64::from(ms) / 1000.0)));
+        let (time, seconds) = (&self.phase.time, |ms: u32| format::duration(&(f64::from(ms) / 1000.0)));
         let bank = if time.bank_ms > 0 {
-            format!(", and {} an episode beyond that", seconds(time.bank_ms))
+            format!(", plus a reserve of {} per episode", seconds(time.bank_ms))
         } else {
             String::new()
         };
         let run = match time.run_s {
             0 => "until the phase ends".to_owned(),
-            run_s => words::duration(&f64::from(run_s)),
+            run_s => format::duration(&f64::from(run_s)),
         };
         vec![
-            ("Time to think", format!("{} an action{bank}", seconds(time.step_ms))),
-            ("A run lasts", run),
-            ("Side by side", words::plural(&self.phase.max_slots, "episode")),
-            ("Runs of a team", runs(&self.phase.quotas)),
-            ("Scores are seen by", words::visibility(&self.phase.scores).to_owned()),
-            ("Replays are seen by", words::visibility(&self.phase.replays).to_owned()),
+            ("Time per action", format!("{}{bank}", seconds(time.step_ms))),
+            ("Duration of a run", run),
+            ("Parallel episodes", format::plural(&self.phase.max_slots, "episode")),
+            ("Runs per team", run_limits(&self.phase.quotas)),
+            ("Scores visible to", format::visibility(&self.phase.scores).to_owned()),
+            ("Replays visible to", format::visibility(&self.phase.replays).to_owned()),
         ]
     }
 
-    /// The tables of the page: heading, what its rows are, rows.
     fn tables(&self) -> [(&'static str, &'static str, Vec<Row>); 4] {
         [
-            ("Actions", "What an agent may do", self.actions().to_vec()),
-            ("Observations", "What an agent is shown after each", self.observations()),
-            ("Judgement", "How an episode is judged", self.judgement().to_vec()),
-            ("Budgets", "What a team may spend, and who sees what", self.budgets()),
+            ("Actions", "Actions of an agent", self.actions().to_vec()),
+            ("Observations", "Observation after each action", self.observations()),
+            ("Scoring", "Rules for success and sound", self.judgement().to_vec()),
+            ("Limits", "Limits of runs, and visibility of results", self.budgets()),
         ]
     }
 
-    fn statistics(&self) -> Vec<Statistic> {
+    fn statistics(&self) -> Vec<MissionTable> {
         self.missions.as_ref().map(statistics).unwrap_or_default()
     }
 
-    /// The scenes: name, missions, address of the picture.
     fn scenes(&self) -> Vec<(String, u32, String)> {
         self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
-    /// The phase for programs, or what is below it.
-    fn twin(&self, below: &str) -> String {
-        format!("/api/v1/phases/{}{below}", segment(&self.phase.id))
+    /// Returns the API address.
+    fn api_address(&self, below: &str) -> String {
+        format!("/api/v1/phases/{}{below}", url_encode(&self.phase.id))
     }
 }
 
-/// How many runs a team may start.
-fn runs(quotas: &QuotaLimits) -> String {
+fn run_limits(quotas: &QuotaLimits) -> String {
     let limits = [
-        (quotas.day, "a day"),
-        (quotas.month, "a month"),
-        (quotas.total, "in all"),
+        (quotas.day, "per day"),
+        (quotas.month, "per month"),
+        (quotas.total, "in total"),
         (quotas.concurrent, "at a time"),
     ];
-    let told: Vec<String> =
+    let texts: Vec<String> =
         limits.iter().filter_map(|(limit, words)| limit.map(|limit| format!("{limit} {words}"))).collect();
-    if told.is_empty() { "any number".to_owned() } else { told.join(", ") }
+    if texts.is_empty() { "unlimited".to_owned() } else { texts.join(", ") }
+}
+
+/// Counts by a mission property.
+struct MissionTable {
+    heading: &'static str,
+    caption: &'static str,
+    rows: Vec<(String, u32)>,
+}
+
+/// Returns all non-empty tables.
+fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
+    let table = |heading, caption, rows| MissionTable { heading, caption, rows };
+    let mut all = vec![
+        table(
+            "Goals per mission",
+            "Missions",
+            counted(&missions.goals, |goals| format::plural(goals, "goal")),
+        ),
+        table("Goal cues", "Goals", modalities(missions)),
+        table("Length of the reference tour", "Missions", lengths(&missions.reference_m)),
+        table("Categories", "Goals with a category cue", counted(&missions.categories, Clone::clone)),
+    ];
+    all.retain(|statistic| !statistic.rows.is_empty());
+    all
+}
+
+impl MissionTable {
+    fn most(&self) -> u32 {
+        self.rows.iter().map(|(_, count)| *count).max().unwrap_or(0)
+    }
+}
+
+fn counted<K>(counts: &BTreeMap<K, u32>, name: impl Fn(&K) -> String) -> Vec<(String, u32)> {
+    counts.iter().map(|(key, count)| (name(key), *count)).collect()
+}
+
+fn modalities(missions: &MissionsView) -> Vec<(String, u32)> {
+    let all = [Modality::Category, Modality::Description, Modality::Image];
+    let count = |modality: &Modality| missions.modalities.get(modality.as_str()).copied();
+    all.iter()
+        .filter_map(|modality| Some((format::modality(modality).to_owned(), count(modality)?)))
+        .collect()
+}
+
+fn lengths(reference_m: &[f64]) -> Vec<(String, u32)> {
+    if reference_m.is_empty() {
+        return vec![];
+    }
+    let mut bins = [0; BINS];
+    reference_m.iter().for_each(|length| bins[((length / BIN_M) as usize).min(BINS - 1)] += 1);
+    let name = |bin: usize| match (bin as f64 * BIN_M, bin + 1 == BINS) {
+        (from, true) => format!("{from} m or more"),
+        (from, false) => format!("{from} to {} m", from + BIN_M),
+    };
+    bins.into_iter().enumerate().map(|(bin, count)| (name(bin), count)).collect()
+}
+
+fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
+    let address = |index| format!("/phases/{}/scenes/{index}.svg", url_encode(phase));
+    let named = missions.scenes.iter().enumerate();
+    named.map(|(index, (name, count))| (name.clone(), *count, address(index))).collect()
+}
+
+/// Serves a scene's floor plan, `INDEX.svg`.
+pub(super) async fn scene(
+    context: RequestContext,
+    Path((phase, file)): Path<(String, String)>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let unknown = || RequestError::Unknown { what: "picture", name: file.clone() };
+    let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;
+    let index: Option<usize> = file.strip_suffix(".svg").and_then(|index| index.parse().ok());
+    let name = index.and_then(|index| missions.scenes.into_keys().nth(index)).ok_or_else(unknown)?;
+    let map = context.reader.scene_map(&context.viewer, &phase, &name).await?.unwrap_or_default();
+    Ok(([(header::CONTENT_TYPE, "image/svg+xml")], plan(&map)).into_response())
 }
 
 #[cfg(test)]
@@ -194,9 +275,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quotas_are_told_by_what_is_limited() {
+    fn run_limits_list_only_set_quotas() {
         let quotas = QuotaLimits { day: Some(2), total: Some(5), ..QuotaLimits::default() };
-        assert_eq!(runs(&quotas), "2 a day, 5 in all");
-        assert_eq!(runs(&QuotaLimits::default()), "any number");
+        assert_eq!(run_limits(&quotas), "2 per day, 5 in total");
+        assert_eq!(run_limits(&QuotaLimits::default()), "unlimited");
+    }
+
+    #[test]
+    fn tours_are_binned_by_length() {
+        let texts = lengths(&[0.0, 9.9, 10.0, 55.0, 400.0]);
+        assert_eq!(texts.first().cloned(), Some(("0 to 10 m".to_owned(), 2)));
+        assert_eq!(texts.last().cloned(), Some(("50 m or more".to_owned(), 2)));
+        assert_eq!(texts.iter().map(|(_, count)| count).sum::<u32>(), 5);
+        assert!(lengths(&[]).is_empty());
+    }
+
+    #[test]
+    fn empty_tables_are_omitted() {
+        assert!(statistics(&MissionsView::default()).is_empty());
+        let goals = BTreeMap::from([(2, 3), (4, 1)]);
+        let texts = statistics(&MissionsView { goals, ..MissionsView::default() });
+        assert_eq!((texts.len(), texts[0].most(), texts[0].rows[1].0.as_str()), (1, 3, "4 goals"));
     }
 }

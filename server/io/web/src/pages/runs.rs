@@ -1,99 +1,110 @@
-use super::{Page, Part, Shell, segment, write};
+//! Run pages: list, single run, comparison, badge.
+
+use super::{Menu, Page, PageShell, SiteSection, find_phase, render};
 use crate::{
-    live::{Hub, Live},
+    error::RequestError,
+    format::{self, url_encode},
+    leaderboard::LeaderboardParams,
+    live::{LiveFeed, LiveRunView},
     plot,
-    trouble::Trouble,
-    visit::{Asked, Nothing, RunsQuery, Visit},
-    words,
+    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
 };
 use askama::Template;
 use avln_episode::EndReason;
-use avln_scoring::Key;
-use avln_store::{EpisodeLine, GroupView, RunLine, RunList, RunView, TimeAccount};
-use axum::{Extension, extract::Path};
+use avln_scoring::{Key, Summary};
+use avln_store::{
+    CompareView, EpisodeLine, GroupView, PairView, PhaseView, RunLine, RunList, RunView, TimeAccount,
+};
+use axum::{
+    Extension,
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
 use std::sync::Arc;
 
 #[derive(Template)]
 #[template(path = "runs.html")]
 struct RunsPage {
-    shell: Shell,
-    /// Those that are under way.
-    live: Vec<Live>,
+    shell: PageShell,
+    /// Open runs.
+    live: Vec<LiveRunView>,
     runs: Vec<RunLine>,
-    /// The run after which the list goes on.
     next: Option<String>,
     query: RunsQuery,
     limit: u32,
 }
 
 impl RunsPage {
-    /// The same for programs, in a file that ends so.
-    fn twin(&self, end: &str) -> String {
-        format!("/api/v1/runs{end}?{}", self.query.address(self.query.before.as_deref()))
+    /// Returns the API address.
+    fn api_address(&self, suffix: &str) -> String {
+        format!("/api/v1/runs{suffix}?{}", self.query.address(self.query.before.as_deref()))
     }
 }
+
+pub(super) async fn list(
+    context: RequestContext,
+    Extension(feed): Extension<Arc<LiveFeed>>,
+    StrictQuery(query): StrictQuery<RunsQuery>,
+) -> Page {
+    let limit = query.limit()?;
+    let mut live = feed.runs(&context).await?;
+    live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
+    let RunList { runs, next } = query.list(&context.reader, &context.viewer).await?;
+    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, runs, next, query, limit })
+}
+
+/// A time table row: activity, total, time per step, share.
+type TimeRow = (&'static str, String, String, String);
 
 #[derive(Template)]
 #[template(path = "run.html")]
-pub(super) struct RunPage {
-    shell: Shell,
+struct RunPage {
+    shell: PageShell,
     view: RunView,
-    /// How far it is, while it is not over.
-    live: Option<Live>,
+    /// Live state, if open.
+    live: Option<LiveRunView>,
     keys: [Key; 10],
 }
 
-/// The latest runs.
-pub(super) async fn list(
-    visit: Visit,
-    Extension(hub): Extension<Arc<Hub>>,
-    Asked(query): Asked<RunsQuery>,
+pub(super) async fn one(
+    context: RequestContext,
+    Path(id): Path<String>,
+    Extension(feed): Extension<Arc<LiveFeed>>,
+    _: StrictQuery<NoParameters>,
 ) -> Page {
-    let limit = query.limit()?;
-    let mut live = hub.runs(&visit).await?;
-    live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
-    let RunList { runs, next } = query.list(&visit.reader, &visit.viewer).await?;
-    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, next, query, limit })
+    let view = find_run(&context, &id).await?;
+    let live = if view.line.state.is_open() { feed.run(&context, &id).await? } else { None };
+    render(&RunPage::new(view, live))
 }
 
-/// One run.
-pub(super) async fn one(
-    visit: Visit,
-    Path(id): Path<String>,
-    Extension(hub): Extension<Arc<Hub>>,
-    _: Asked<Nothing>,
-) -> Page {
-    let view = visit.reader.run(&visit.viewer, &id).await?;
-    let view = view.ok_or_else(|| Trouble::Unknown { what: "run", name: id.clone() })?;
-    let live = if view.line.state.is_open() { hub.run(&visit, &id).await? } else { None };
-    write(&RunPage::new(view, live))
+async fn find_run(context: &RequestContext, id: &str) -> Result<RunView, RequestError> {
+    let view = context.reader.run(&context.viewer, id).await?;
+    view.ok_or_else(|| RequestError::Unknown { what: "run", name: id.to_owned() })
 }
 
 impl RunPage {
-    fn new(view: RunView, live: Option<Live>) -> Self {
+    fn new(view: RunView, live: Option<LiveRunView>) -> Self {
         let line = &view.line;
         let title = format!("{} {} by {}", line.method, line.version, line.team);
-        let shell = Shell::new(title, Part::Runs)
+        let shell = PageShell::new(title, SiteSection::Runs)
             .below("Runs", "/runs")
-            .below(line.phase.clone(), format!("/leaderboard/{}?order={}", segment(&line.phase), line.order));
+            .below(line.phase.clone(), leaderboard_address(line));
         Self { shell, view, live, keys: Key::ALL }
     }
 
-    /// Tables of episodes that have something in common, each with its name.
     fn groupings(&self) -> impl Iterator<Item = (&'static str, &[GroupView])> {
         let all =
             [("number of goals", self.view.by_goals.as_slice()), ("scene", self.view.by_scene.as_slice())];
         all.into_iter().filter(|(_, groups)| !groups.is_empty())
     }
 
-    /// Why episodes ended, as a bar.
     fn ends_bar(&self) -> String {
-        let counts: Vec<u32> = words::ends(&self.view.health).iter().map(|(count, _)| *count).collect();
+        let counts: Vec<u32> = format::ends(&self.view.health).iter().map(|(count, _)| *count).collect();
         plot::stacked(&counts)
     }
 
-    /// Episodes that did not end as the rules end them: agents that went away, gave up or thought for too long, and faults of
-    /// the server.
+    /// Returns the episodes that ended against the task's rules.
     fn failures(&self) -> Vec<&EpisodeLine> {
         let is_failure = |end: EndReason| match end {
             EndReason::TimeBudget
@@ -105,30 +116,163 @@ impl RunPage {
         self.view.episodes.iter().filter(|episode| episode.end.is_some_and(is_failure)).collect()
     }
 
-    /// Steps of all scored episodes; `None` when scores are hidden.
+    /// Returns the total step count; `None` if scores are hidden.
     fn steps(&self) -> Option<f64> {
         let summary = self.view.summary.as_ref()?;
         Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
     }
 
-    /// Where the time went: the words, how long, how long a step, and which share of all; empty when nothing was measured.
-    fn times(&self) -> Vec<(&'static str, String, String, String)> {
+    /// Returns the time table; empty without measurements.
+    fn times(&self) -> Vec<TimeRow> {
         let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
-            ("Agent thinking, and the wire", thinking_s),
-            ("Simulating motion, sight and sound", simulation_s),
-            ("Encoding observations", encoding_s),
-            ("Waiting for a free core", queue_s),
+            ("Agent and network", thinking_s),
+            ("Simulation of motion, vision and sound", simulation_s),
+            ("Encoding of observations", encoding_s),
+            ("Wait for a free core", queue_s),
         ];
-        let all: f64 = parts.iter().map(|(_, seconds)| seconds).sum();
-        if all <= 0.0 {
+        let total: f64 = parts.iter().map(|(_, seconds)| seconds).sum();
+        if total <= 0.0 {
             return vec![];
         }
-        let of_all = |seconds| words::share(&(seconds / all));
-        let a_step = |seconds| self.steps().map(|steps| 1e3 * seconds / steps);
-        let row = |&(name, seconds)| {
-            (name, words::duration(&seconds), words::maybe_milliseconds(a_step(seconds)), of_all(seconds))
+        let row = |&(name, seconds): &(&'static str, f64)| {
+            let per_step_ms = self.steps().map(|steps| 1e3 * seconds / steps);
+            let share = format::share(&(seconds / total));
+            (name, format::duration(&seconds), format::maybe_milliseconds(per_step_ms), share)
         };
         parts.iter().map(row).collect()
+    }
+}
+
+fn leaderboard_address(line: &RunLine) -> String {
+    format!("/leaderboard/{}?order={}", url_encode(&line.phase), line.order)
+}
+
+#[derive(Template)]
+#[template(path = "compare.html")]
+struct ComparePage {
+    shell: PageShell,
+    view: CompareView,
+    /// Episodes by success: both, only the first, only the second, neither.
+    groups: [OutcomeGroup; 4],
+}
+
+/// Episodes with the same outcome.
+struct OutcomeGroup {
+    /// Section id on the page.
+    anchor: &'static str,
+    heading: &'static str,
+    pairs: Vec<PairView>,
+}
+
+pub(super) async fn compare(context: RequestContext, StrictQuery(query): StrictQuery<CompareQuery>) -> Page {
+    let view = query.view(&context).await?;
+    let [first, second] = [&view.first, &view.second].map(|line| format!("{} {}", line.method, line.version));
+    let shell = PageShell::new(format!("{first} and {second}"), SiteSection::Leaderboards)
+        .below("Leaderboards", "/leaderboard")
+        .below(view.first.phase.clone(), leaderboard_address(&view.first));
+    let groups = outcome_groups(&view.episodes);
+    render(&ComparePage { shell, view, groups })
+}
+
+impl ComparePage {
+    /// Returns the API address.
+    fn api_address(&self, suffix: &str) -> String {
+        let [first, second] = [&self.view.first, &self.view.second].map(|line| url_encode(&line.run));
+        format!("/api/v1/compare{suffix}?first={first}&second={second}")
+    }
+}
+
+fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
+    // An episode's SR is 0 or 1.
+    let all_found = |pair: &PairView| [pair.first.sr, pair.second.sr].map(|sr| sr > 0.5);
+    let group = |anchor, heading, outcome: [bool; 2]| {
+        let pairs = pairs.iter().filter(|pair| all_found(pair) == outcome).cloned().collect();
+        OutcomeGroup { anchor, heading, pairs }
+    };
+    [
+        group("both", "Both found all goals", [true, true]),
+        group("first", "Only the first found all goals", [true, false]),
+        group("second", "Only the second found all goals", [false, true]),
+        group("neither", "Neither found all goals", [false, false]),
+    ]
+}
+
+/// Letter width, and margin on either side, pixels.
+const LETTER_PX: u32 = 7;
+const MARGIN_PX: u32 = 8;
+
+/// An image with a run's score and rank.
+#[derive(Template)]
+#[template(path = "badge.svg")]
+struct Badge {
+    subject: BadgeLabel,
+    standing: BadgeLabel,
+}
+
+struct BadgeLabel {
+    text: String,
+    text_px: u32,
+    width_px: u32,
+}
+
+pub(super) async fn badge(
+    context: RequestContext,
+    Path(id): Path<String>,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    let view = find_run(&context, &id).await?;
+    let phase = find_phase(&context, &view.line.phase).await?;
+    let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());
+    let standing = standing_text(&context, &phase, &view).await?;
+    let badge = Badge { subject: BadgeLabel::new(subject), standing: BadgeLabel::new(standing) };
+    Ok(([(header::CONTENT_TYPE, "image/svg+xml")], badge.render()?).into_response())
+}
+
+/// Returns score and rank by the phase's ranking, or the reason for a missing rank.
+async fn standing_text(
+    context: &RequestContext,
+    phase: &PhaseView,
+    view: &RunView,
+) -> Result<String, RequestError> {
+    let line = &view.line;
+    let summary = match &view.summary {
+        _ if line.disqualified.is_some() => return Ok("disqualified".to_owned()),
+        _ if !view.scores_visible => return Ok("scores are hidden".to_owned()),
+        Some(summary) if view.eligible => summary,
+        _ if line.state.is_open() => return Ok(format!("{} of {} episodes", line.done, line.episodes)),
+        _ => return Ok("not ranked".to_owned()),
+    };
+    let query = LeaderboardParams::default().query(phase, line.order, context.now_unix_ms);
+    let leaderboard = context.reader.leaderboard(&context.viewer, &query).await?;
+    let rows = leaderboard.map(|leaderboard| leaderboard.rows).unwrap_or_default();
+    let standing = rows.iter().find(|row| row.run == line.run).and_then(|row| row.standing);
+    let ranked = rows.iter().filter(|row| row.standing.is_some()).count();
+    let rank = standing.map_or(String::new(), |standing| format!(", rank {} of {ranked}", standing.rank));
+    Ok(score_text(phase.ranking.key, summary) + &rank)
+}
+
+fn score_text(key: Key, summary: &Summary) -> String {
+    let name = format::metric(&key);
+    match key.metric().estimate_of(summary) {
+        Some(estimate) => {
+            let [low, high] = [estimate.low, estimate.high].map(|share| format::number(&(100.0 * share)));
+            format!("{name} {} ({low} to {high})", format::share(&estimate.value))
+        }
+        None => format!("{name} {}", format::number(&key.mean_of(summary))),
+    }
+}
+
+impl BadgeLabel {
+    fn new(text: String) -> Self {
+        let text_px =
+            LETTER_PX * u32::try_from(text.chars().count()).unwrap_or(u32::MAX / LETTER_PX / 4).min(400);
+        Self { text, text_px, width_px: text_px + 2 * MARGIN_PX }
+    }
+}
+
+impl Badge {
+    fn width_px(&self) -> u32 {
+        self.subject.width_px + self.standing.width_px
     }
 }

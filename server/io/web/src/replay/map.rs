@@ -1,44 +1,44 @@
-//! A replay from above, as shapes. One unit is a metre: right is +X, down is +Z, so up is where heading 0 looks.
+//! Replay map. One unit is a metre; right is +X and down is +Z, so heading 0 points up.
 
 use super::{
     Moment,
-    storeys::{Storeys, by_storey, height},
+    storeys::{Spot, Storeys, by_storey, height, spot},
 };
 use avln_store::{MissionView, Replay, SceneMap, TargetView};
 use std::fmt::Write;
 
-/// Pieces that the walk is coloured in.
+/// Coloured path pieces.
 const PIECES: usize = 60;
-/// Colours of the walk from its start over its middle to its end. Each has a contrast of 3 on white and on near-black.
+/// Path colours at start, middle and end, with a contrast of at least 3 on white and on near-black.
 const COLOURS: [[f32; 3]; 3] = [[0.0, 114.0, 178.0], [204.0, 121.0, 167.0], [213.0, 94.0, 0.0]];
-/// Free space around the building, metres.
+/// Margin around the building, metres.
 const MARGIN_M: f32 = 0.6;
 
-/// Everything that the picture shows, in metres.
+/// Map shapes, metres.
 #[derive(Debug)]
 pub(crate) struct MapView {
     /// `min-x min-y width height`.
     pub(crate) view_box: String,
-    /// Height of letters.
+    /// Font size.
     pub(crate) letter_m: f32,
-    /// Half the height of a mark.
+    /// Half a mark's size.
     pub(crate) mark_m: f32,
-    /// The storeys of the building, the lowest first.
+    /// Storeys, the lowest first.
     pub(crate) storeys: Vec<StoreyTab>,
-    /// Which of them is in front.
+    /// Front storey.
     pub(crate) storey: usize,
-    /// The floor of each storey.
+    /// Floor path data by storey.
     pub(crate) floors: Vec<String>,
-    /// The reference tour, by storey.
+    /// Reference tour: storeys and path data.
     pub(crate) reference: Vec<(usize, String)>,
-    /// The walk in order of time.
+    /// Agent's path in time order.
     pub(crate) pieces: Vec<Piece>,
     pub(crate) collisions: Vec<Spot>,
     pub(crate) start: Spot,
-    /// The direction of the first look, degrees clockwise from up.
+    /// Heading at the start, degrees clockwise from up.
     pub(crate) start_degrees: f32,
     pub(crate) end: Spot,
-    /// The body at the moment that is shown.
+    /// Agent's position at the displayed step.
     pub(crate) body: Spot,
     pub(crate) body_degrees: i32,
     pub(crate) submits: Vec<SubmitSpot>,
@@ -46,35 +46,28 @@ pub(crate) struct MapView {
     pub(crate) scale: Scale,
 }
 
-/// A storey that can be brought to the front.
+/// A tab that brings a storey to the front.
 #[derive(Debug, PartialEq)]
 pub(crate) struct StoreyTab {
-    /// From 1, the lowest first.
+    /// Storey number, from 1.
     pub(crate) number: usize,
-    /// Above the lowest storey.
+    /// Height above the lowest storey.
     pub(crate) height_m: f64,
 }
 
-/// A stretch of the walk.
+/// A path piece.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) path: String,
     pub(crate) colour: String,
-    /// The step from which on the body has gone it.
+    /// First step.
     pub(crate) from_step: usize,
     pub(crate) storey: usize,
-    /// Whether it comes after the moment that is shown.
+    /// Whether it comes after the displayed step.
     pub(crate) is_later: bool,
 }
 
-/// A point, right and down.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Spot {
-    pub(crate) x: f32,
-    pub(crate) y: f32,
-}
-
-/// A claim.
+/// A Submit.
 #[derive(Debug)]
 pub(crate) struct SubmitSpot {
     pub(crate) at: Spot,
@@ -82,10 +75,10 @@ pub(crate) struct SubmitSpot {
     pub(crate) step: u32,
     pub(crate) is_later: bool,
     pub(crate) right: bool,
-    pub(crate) words: String,
+    pub(crate) text: String,
 }
 
-/// A target's box with its label.
+/// A target's bounding box and label.
 #[derive(Debug)]
 pub(crate) struct TargetBox {
     pub(crate) corner: Spot,
@@ -93,17 +86,17 @@ pub(crate) struct TargetBox {
     pub(crate) height: f32,
     pub(crate) label: String,
     pub(crate) label_at: Spot,
-    /// Whether the label ends at its point instead of beginning there.
+    /// Whether the label ends at `label_at`, and does not start there.
     pub(crate) leftwards: bool,
     pub(crate) found: bool,
     pub(crate) storey: usize,
-    /// Where its sound comes from.
+    /// Sound source.
     pub(crate) source: Spot,
-    /// Whether it sounds at the moment that is shown.
+    /// Whether it sounds at the displayed step.
     pub(crate) sounds: bool,
 }
 
-/// The bar that tells how long a metre is.
+/// The scale bar.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Scale {
     pub(crate) from: Spot,
@@ -111,24 +104,24 @@ pub(crate) struct Scale {
 }
 
 impl MapView {
-    /// Draws `replay` at `moment`, with the body's storey or another one in front; the mission tells which goals were found.
+    /// `storey` defaults to the agent's storey; `mission` marks found goals.
     pub(super) fn new(
         replay: &Replay,
         mission: Option<&MissionView>,
         moment: &Moment,
         storey: Option<usize>,
     ) -> Self {
-        let frame = Frame::around(replay);
+        let bounds = MapBounds::around(replay);
         let walk: Vec<Spot> = replay.path.iter().map(spot).collect();
-        let start = walk.first().copied().unwrap_or(frame.min);
+        let start = walk.first().copied().unwrap_or(bounds.min);
         let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
         let heading = replay.headings_rad.first().copied().unwrap_or_default();
         let tour = by_storey(&replay.reference_path, &storeys);
-        let now = Now { replay, storeys: &storeys, moment };
+        let now = MapMoment { replay, storeys: &storeys, moment };
         Self {
-            view_box: frame.view_box(),
-            letter_m: frame.letter_m(),
-            mark_m: frame.letter_m() * 0.75,
+            view_box: bounds.view_box(),
+            letter_m: bounds.letter_m(),
+            mark_m: bounds.letter_m() * 0.75,
             storeys: tabs(&storeys),
             storey: storey.filter(|storey| *storey < storeys.count()).unwrap_or(moment.storey),
             floors: floors(&replay.map, &storeys),
@@ -145,12 +138,12 @@ impl MapView {
             body: moment.at,
             body_degrees: moment.turn_degrees(),
             submits: now.submits(&walk),
-            targets: now.targets(mission, &frame),
-            scale: frame.scale(),
+            targets: now.targets(mission, &bounds),
+            scale: bounds.scale(),
         }
     }
 
-    /// Whether a storey is behind the one in front.
+    /// Returns true for storeys behind the one in front.
     pub(crate) fn is_away(&self, storey: &usize) -> bool {
         *storey != self.storey
     }
@@ -161,23 +154,23 @@ fn tabs(storeys: &Storeys) -> Vec<StoreyTab> {
     storeys.heights_m().enumerate().map(tab).collect()
 }
 
-/// The part of the plane that is shown.
-struct Frame {
+/// The visible part of the plane.
+struct MapBounds {
     min: Spot,
     max: Spot,
 }
 
-impl Frame {
+impl MapBounds {
     fn around(replay: &Replay) -> Self {
         let corners = [replay.map.min, replay.map.max];
         let boxes = replay.targets.iter().flat_map(|target| [target.min, target.max]);
         let points = corners.into_iter().chain(boxes).chain(replay.path.iter().copied());
-        let mut frame = Self { min: spot(&replay.map.min), max: spot(&replay.map.max) };
+        let mut bounds = Self { min: spot(&replay.map.min), max: spot(&replay.map.max) };
         for point in points.map(|point| spot(&point)) {
-            frame.min = Spot { x: frame.min.x.min(point.x), y: frame.min.y.min(point.y) };
-            frame.max = Spot { x: frame.max.x.max(point.x), y: frame.max.y.max(point.y) };
+            bounds.min = Spot { x: bounds.min.x.min(point.x), y: bounds.min.y.min(point.y) };
+            bounds.max = Spot { x: bounds.max.x.max(point.x), y: bounds.max.y.max(point.y) };
         }
-        frame
+        bounds
     }
 
     fn width(&self) -> f32 {
@@ -192,7 +185,7 @@ impl Frame {
         (self.width().max(self.height()) * 0.024).max(0.15)
     }
 
-    /// The building with a margin, and room below for the scale.
+    /// Returns the SVG view box: the building with a margin, and space for the scale bar.
     fn view_box(&self) -> String {
         let (x, y) = (self.min.x - MARGIN_M, self.min.y - MARGIN_M);
         let below = 3.5 * self.letter_m();
@@ -203,7 +196,7 @@ impl Frame {
         )
     }
 
-    /// The longest round length that takes a quarter of the width at most.
+    /// Returns the scale bar: the longest round length up to a quarter of the width.
     fn scale(&self) -> Scale {
         let fits = |length: &f32| *length <= self.width() / 4.0;
         let length_m = [50.0, 20.0, 10.0, 5.0, 2.0, 1.0].into_iter().find(fits).unwrap_or(0.5);
@@ -211,12 +204,6 @@ impl Frame {
     }
 }
 
-pub(super) fn spot(point: &[f32; 3]) -> Spot {
-    let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
-    Spot { x: finite(point[0]), y: finite(point[2]) }
-}
-
-/// The path data of a line through `spots`.
 fn line(spots: &[Spot]) -> String {
     let mut path = String::new();
     for (index, spot) in spots.iter().enumerate() {
@@ -226,7 +213,6 @@ fn line(spots: &[Spot]) -> String {
     path
 }
 
-/// The path data of each storey's polygons.
 fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
     let mut paths = vec![String::new(); storeys.count()];
     for polygon in map.polygons.iter().filter(|polygon| !polygon.is_empty()) {
@@ -237,11 +223,11 @@ fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
     paths
 }
 
-/// A building from above, without anything in it, as a picture of its own. Digits only, so it needs no escaping.
+/// Draws a scene's floor plan. It contains only digits, so it needs no escaping.
 pub(crate) fn plan(map: &SceneMap) -> String {
-    let frame = Frame { min: spot(&map.min), max: spot(&map.max) };
+    let bounds = MapBounds { min: spot(&map.min), max: spot(&map.max) };
     let storeys = Storeys::of(map, 0.0);
-    let mut svg = format!("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{}\">", frame.view_box());
+    let mut svg = format!("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{}\">", bounds.view_box());
     for (storey, floor) in floors(map, &storeys).iter().enumerate() {
         let shade = if storey == 0 { "#8a93a3" } else { "#5f6b80" };
         let _ = write!(svg, "<path fill=\"{shade}\" d=\"{floor}\"/>");
@@ -249,7 +235,7 @@ pub(crate) fn plan(map: &SceneMap) -> String {
     svg + "</svg>"
 }
 
-/// The colour at `time` between 0 and 1.
+/// Returns the path colour at `time`, from 0 (start) to 1 (end).
 pub(crate) fn colour(time: f32) -> String {
     let (from, to, share) = if time < 0.5 {
         (COLOURS[0], COLOURS[1], time * 2.0)
@@ -260,20 +246,20 @@ pub(crate) fn colour(time: f32) -> String {
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// A replay at a moment.
-struct Now<'a> {
+/// A replay at a moment, for the shapes that depend on it.
+struct MapMoment<'a> {
     replay: &'a Replay,
     storeys: &'a Storeys,
     moment: &'a Moment,
 }
 
-impl Now<'_> {
-    /// The storey on which the body was after so many steps.
+impl MapMoment<'_> {
+    /// Returns the agent's storey after `step` steps.
     fn storey_at(&self, step: usize) -> usize {
         self.replay.path.get(step).map_or(0, |place| self.storeys.nearest(place[1]))
     }
 
-    /// The walk in pieces of about equal time, each with its colour; they share their ends.
+    /// Splits the agent's path into pieces with about equal duration, which share their end points.
     fn pieces(&self, walk: &[Spot]) -> Vec<Piece> {
         let moves = walk.len().saturating_sub(1);
         let count = moves.min(PIECES);
@@ -291,9 +277,9 @@ impl Now<'_> {
     fn submits(&self, walk: &[Spot]) -> Vec<SubmitSpot> {
         let mark = |submit: &avln_store::SubmitMark| {
             let at = *walk.get(submit.step as usize)?;
-            let words = match submit.completed {
-                Some(goal) => format!("Step {}: claim of goal {}, right", submit.step, u32::from(goal) + 1),
-                None => format!("Step {}: claim, wrong", submit.step),
+            let text = match submit.completed {
+                Some(goal) => format!("Step {}: Submit of goal {}, right", submit.step, u32::from(goal) + 1),
+                None => format!("Step {}: Submit, wrong", submit.step),
             };
             Some(SubmitSpot {
                 at,
@@ -301,24 +287,24 @@ impl Now<'_> {
                 step: submit.step,
                 is_later: submit.step > self.moment.step,
                 right: submit.completed.is_some(),
-                words,
+                text,
             })
         };
         self.replay.submits.iter().filter_map(mark).collect()
     }
 
-    fn targets(&self, mission: Option<&MissionView>, frame: &Frame) -> Vec<TargetBox> {
+    fn targets(&self, mission: Option<&MissionView>, bounds: &MapBounds) -> Vec<TargetBox> {
         let found = |index: usize| mission.and_then(|m| m.goals.get(index)?.found_at_step).is_some();
         let boxed = |(index, target): (usize, &TargetView)| {
             let (corner, opposite) = (spot(&target.min), spot(&target.max));
-            let leftwards = opposite.x > frame.min.x + 0.7 * frame.width();
+            let leftwards = opposite.x > bounds.min.x + 0.7 * bounds.width();
             let label_x = if leftwards { opposite.x } else { corner.x };
             TargetBox {
                 corner,
                 width: (opposite.x - corner.x).max(0.05),
                 height: (opposite.y - corner.y).max(0.05),
                 label: format!("{} {}", index + 1, target.category.replace('_', " ")),
-                label_at: Spot { x: label_x, y: corner.y - 0.3 * frame.letter_m() },
+                label_at: Spot { x: label_x, y: corner.y - 0.3 * bounds.letter_m() },
                 leftwards,
                 found: found(index),
                 storey: self.storeys.nearest(target.floor_y_m),
@@ -339,11 +325,11 @@ mod tests {
     }
 
     #[test]
-    fn pieces_cover_the_walk_without_gaps() {
+    fn pieces_cover_the_path_without_gaps() {
         let replay = crate::replay::tests::replay(1000);
         let storeys = Storeys::of(&replay.map, 0.0);
         let moment = &crate::replay::moments(&replay)[500];
-        let now = Now { replay: &replay, storeys: &storeys, moment };
+        let now = MapMoment { replay: &replay, storeys: &storeys, moment };
         assert_eq!(now.pieces(&spots(&[])), vec![]);
         assert_eq!(now.pieces(&spots(&[1.0])), vec![]);
         let three = now.pieces(&spots(&[0.0, 1.0, 2.0]));
@@ -372,10 +358,10 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_is_round_and_fits() {
-        let frame = Frame { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 12.0, y: 30.0 } };
-        assert_eq!(frame.scale().length_m, 2.0);
-        let small = Frame { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 1.0, y: 1.0 } };
+    fn the_scale_bar_is_round_and_fits() {
+        let bounds = MapBounds { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 12.0, y: 30.0 } };
+        assert_eq!(bounds.scale().length_m, 2.0);
+        let small = MapBounds { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 1.0, y: 1.0 } };
         assert_eq!(small.scale().length_m, 0.5);
     }
 }

@@ -1,37 +1,35 @@
-//! A replay for people: one clock over a map, plots and a list of events.
+//! Episode replay: a map, plots, sound and a list of events, all at the same step.
 
-mod ears;
-mod events;
 mod map;
-mod moments;
 mod plots;
+mod sound;
 mod storeys;
+mod timeline;
 
-pub(crate) use ears::{EarsView, level_words};
-pub(crate) use events::Event;
 pub(crate) use map::{MapView, colour, plan};
-pub(crate) use moments::{Moment, moments};
 pub(crate) use plots::{Plots, plots};
+pub(crate) use sound::{SoundView, level_words};
+pub(crate) use timeline::{Moment, ReplayEvent, moments};
 
 use avln_store::EpisodeView;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use timeline::events;
 
-/// Everything that happened, and the moment that is shown.
+/// An episode with the displayed step.
 #[derive(Debug)]
 pub(crate) struct ReplayView {
     pub(crate) map: MapView,
     pub(crate) plots: Plots,
-    pub(crate) events: Vec<Event>,
-    /// Before the first action and after each.
+    pub(crate) events: Vec<ReplayEvent>,
+    /// State before the first and after every action.
     pub(crate) moments: Vec<Moment>,
-    /// The step that is shown.
+    /// Displayed step.
     pub(crate) step: u32,
 }
 
 impl ReplayView {
-    /// The replay of `view` at `step`, or at its end; on the storey that the body is on, or another one. `None` where there is
-    /// nothing to replay.
+    /// Defaults: the last step and the agent's storey. `None` if the viewer may not see the replay.
     pub(crate) fn new(view: &EpisodeView, step: Option<u32>, storey: Option<usize>) -> Option<Self> {
         let replay = view.replay.as_ref()?;
         let moments = moments(replay);
@@ -41,28 +39,26 @@ impl ReplayView {
         Some(Self {
             map: MapView::new(replay, view.mission.as_ref(), moment, storey),
             plots: plots(view, replay, &moments, step),
-            events: events::events(view, replay),
+            events: events(view, replay),
             moments,
             step,
         })
     }
 
-    /// The moment that is shown.
     pub(crate) fn moment(&self) -> &Moment {
         &self.moments[self.step as usize]
     }
 
-    /// Number of the last step.
     pub(crate) fn last(&self) -> u32 {
         self.moments.last().map_or(0, |moment| moment.step)
     }
 
-    /// Whether the event at this place of the list is the last that has happened by the moment that is shown.
-    pub(crate) fn is_newest(&self, place: &usize) -> bool {
-        self.events.iter().rposition(|event| event.step <= self.step) == Some(*place)
+    /// Returns true for the last event up to the displayed step.
+    pub(crate) fn is_newest(&self, index: &usize) -> bool {
+        self.events.iter().rposition(|event| event.step <= self.step) == Some(*index)
     }
 
-    /// All moments in columns for the script, which moves what the page shows.
+    /// Returns all moments as JSON columns for the page script.
     pub(crate) fn columns(&self) -> String {
         let column = |value: fn(&Moment) -> Value| -> Value { self.moments.iter().map(value).collect() };
         let mut columns = json!({
@@ -85,22 +81,22 @@ impl ReplayView {
         columns.to_string()
     }
 
-    /// A column of words: each of them once, and which stands where.
+    /// Returns a text column as dictionary and indices, which is shorter.
     fn coded(&self, words: fn(&Moment) -> String) -> Value {
         let mut all: Vec<String> = Vec::new();
-        let mut places: BTreeMap<String, usize> = BTreeMap::new();
-        let mut place = |moment: &Moment| {
-            *places.entry(words(moment)).or_insert_with_key(|word| {
+        let mut indices: BTreeMap<String, usize> = BTreeMap::new();
+        let mut index = |moment: &Moment| {
+            *indices.entry(words(moment)).or_insert_with_key(|word| {
                 all.push(word.clone());
                 all.len() - 1
             })
         };
-        let at: Vec<usize> = self.moments.iter().map(&mut place).collect();
+        let at: Vec<usize> = self.moments.iter().map(&mut index).collect();
         json!({ "words": all, "at": at })
     }
 }
 
-/// Two decimals; `null` for what is no number.
+/// A number with two decimals; NaN becomes `null`.
 fn rounded(value: f64) -> Value {
     json!((value * 100.0).round() / 100.0)
 }
@@ -111,7 +107,7 @@ mod tests {
     use avln_episode::Rules;
     use avln_store::{Replay, SceneMap};
 
-    /// A walk of so many steps towards -Z, 0.25 m each, in which nothing sounds and nothing is sought.
+    /// Returns a straight path towards -Z in steps of 0.25 m, without targets and sound.
     pub(crate) fn replay(steps: usize) -> Replay {
         Replay {
             episode: "e".to_owned(),
@@ -133,12 +129,12 @@ mod tests {
     }
 
     #[test]
-    fn a_walk_is_measured_from_moment_to_moment() {
+    fn moments_accumulate_path_length() {
         let moments = moments(&replay(4));
         assert_eq!(moments.len(), 5);
         assert_eq!((moments[0].walked_m, moments[4].walked_m), (0.0, 1.0));
         assert_eq!((moments[0].actions_left, moments[4].actions_left), (1000, 996));
-        assert_eq!(moments[0].action_words(), "before the first");
+        assert_eq!(moments[0].action_words(), "none yet");
         assert_eq!(
             (moments[4].sounding_words().as_str(), moments[4].bearing_words().as_str()),
             ("nothing", "–")
@@ -146,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_replay_without_moments_is_none() {
+    fn an_empty_replay_has_no_moments() {
         let empty = Replay { path: vec![], headings_rad: vec![], ..replay(0) };
         assert_eq!(moments(&empty), vec![]);
     }

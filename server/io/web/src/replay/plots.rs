@@ -1,14 +1,15 @@
-use super::Moment;
+//! Plots over the steps of an episode.
+
+use super::timeline::Moment;
 use crate::{
-    plot::curves::{Curves, Line, round_ticks},
-    words,
+    format,
+    plot::{Curve, Curves, round_ticks},
 };
 use avln_store::{EpisodeView, Replay};
 
-/// Names of goals at the ends of lines.
+/// Goal names at the curve ends.
 const LABELS: [&str; 8] = ["1", "2", "3", "4", "5", "6", "7", "8"];
 
-/// Plots over the steps of an episode, and the sentence that each of them shows.
 #[derive(Debug)]
 pub(crate) struct Plots {
     pub(crate) distances: Plot,
@@ -17,13 +18,14 @@ pub(crate) struct Plots {
     pub(crate) budget: Plot,
 }
 
-/// A plot.
+/// A plot with its description in words.
 #[derive(Debug)]
 pub(crate) struct Plot {
     pub(crate) svg: String,
     pub(crate) words: String,
 }
 
+/// Draws all plots with the cursor at `step`.
 pub(crate) fn plots(view: &EpisodeView, replay: &Replay, moments: &[Moment], step: u32) -> Plots {
     let last = moments.last().map_or(0, |moment| moment.step);
     Plots {
@@ -34,7 +36,7 @@ pub(crate) fn plots(view: &EpisodeView, replay: &Replay, moments: &[Moment], ste
     }
 }
 
-/// Ticks of an axis that begins at 0.
+/// Returns the ticks of an axis from 0 to at least `most`.
 fn ticks(most: f64) -> Vec<(f64, String)> {
     let words = |value: f64| format!("{}", (value * 1000.0).round() / 1000.0);
     round_ticks(most).into_iter().map(|value| (value, words(value))).collect()
@@ -42,26 +44,26 @@ fn ticks(most: f64) -> Vec<(f64, String)> {
 
 fn distances(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
     let at = |moment: &Moment, goal: usize| moment.distances_m.get(goal).copied().map_or(f64::NAN, f64::from);
-    let line = |(goal, &label): (usize, &&'static str)| Line {
+    let line = |(goal, &label): (usize, &&'static str)| Curve {
         kind: goal,
         label,
         points: moments.iter().map(|moment| (moment.step, at(moment, goal))).collect(),
     };
-    let lines: Vec<Line<'_>> = LABELS.iter().take(replay.targets.len()).enumerate().map(line).collect();
+    let lines: Vec<Curve<'_>> = LABELS.iter().take(replay.targets.len()).enumerate().map(line).collect();
     let radius_m = f64::from(replay.rules.success_radius_m);
     let most = lines.iter().flat_map(|line| &line.points).map(|(_, value)| *value).fold(radius_m, f64::max);
-    let svg = Curves { ticks: ticks(most), lines, levels: vec![(radius_m, "near enough")], last, step }.svg();
+    let svg =
+        Curves { ticks: ticks(most), curves: lines, levels: vec![(radius_m, "success")], last, step }.svg();
     Plot { svg, words: nearest_words(moments, replay.targets.len()) }
 }
 
-/// When the body was nearest to each target.
 fn nearest_words(moments: &[Moment], goals: usize) -> String {
     let nearest = |goal: usize| {
         let at =
             |moment: &Moment| moment.distances_m.get(goal).copied().filter(|distance| distance.is_finite());
         let found = moments.iter().filter_map(|moment| Some((at(moment)?, moment.step)));
         let (distance, step) = found.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(format!("goal {} {} at step {step}", goal + 1, words::metres(&f64::from(distance))))
+        Some(format!("goal {} {} at step {step}", goal + 1, format::metres(&f64::from(distance))))
     };
     format!("Nearest to each target: {}.", (0..goals).filter_map(nearest).collect::<Vec<_>>().join(", "))
 }
@@ -69,18 +71,18 @@ fn nearest_words(moments: &[Moment], goals: usize) -> String {
 fn bearings(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
     let ticks = [(-180.0, "behind"), (-90.0, "right"), (0.0, "ahead"), (90.0, "left"), (180.0, "behind")];
     let ticks = ticks.map(|(value, words)| (value, words.to_owned())).to_vec();
-    let line = |goal: usize| Line { kind: goal, label: "", points: bearings_of(moments, goal) };
+    let line = |goal: usize| Curve { kind: goal, label: "", points: bearings_of(moments, goal) };
     let lines = (0..replay.targets.len()).map(line).collect();
-    let svg = Curves { ticks, lines, levels: vec![], last, step }.svg();
+    let svg = Curves { ticks, curves: lines, levels: vec![], last, step }.svg();
     let share = |goal: usize| {
         let steps = moments.iter().filter(|moment| moment.sounding == Some(goal as u8)).count();
-        format!("goal {} in {}", goal + 1, words::plural(&(steps as u32), "step"))
+        format!("goal {} in {}", goal + 1, format::plural(&(steps as u32), "step"))
     };
     let shares: Vec<String> = (0..replay.targets.len()).map(share).collect();
-    Plot { svg, words: format!("What sounded: {}.", shares.join(", ")) }
+    Plot { svg, words: format!("Sounding goals: {}.", shares.join(", ")) }
 }
 
-/// Bearings of one source, degrees, broken where it was silent and where they go round behind the head.
+/// Returns a goal's bearings, degrees. NaN marks silence and the wrap-around behind the agent.
 fn bearings_of(moments: &[Moment], goal: usize) -> Vec<(u32, f64)> {
     const HALF_TURN: f64 = 180.0;
     let mut points: Vec<(u32, f64)> = Vec::new();
@@ -101,37 +103,36 @@ fn walk(view: &EpisodeView, moments: &[Moment], last: u32, step: u32) -> Plot {
     let walked_m = moments.last().map_or(0.0, |moment| moment.walked_m);
     let reference = view.metrics.as_ref().map(|metrics| metrics.reference_m).filter(|m| m.is_finite());
     let levels = reference.map(|metres| (metres, "reference tour")).into_iter().collect();
-    let lines = vec![Line { kind: 0, label: "", points }];
+    let lines = vec![Curve { kind: 0, label: "", points }];
     let most = walked_m.max(reference.unwrap_or(0.0));
-    let svg = Curves { ticks: ticks(most), lines, levels, last, step }.svg();
-    let tour =
-        reference.map_or_else(String::new, |m| format!(" against a reference tour of {}", words::metres(&m)));
-    Plot { svg, words: format!("{} walked{tour}.", words::metres(&walked_m)) }
+    let svg = Curves { ticks: ticks(most), curves: lines, levels, last, step }.svg();
+    let tour = reference.map_or_else(String::new, |m| format!(", reference tour {}", format::metres(&m)));
+    Plot { svg, words: format!("Path length {}{tour}.", format::metres(&walked_m)) }
 }
 
-/// What is left of actions and claims, each in hundredths of what there was.
+/// Draws the remaining actions and Submits, percent.
 fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
-    const ALL: f64 = 100.0;
-    let claims = replay.targets.len() as u32;
-    let line = |kind: usize, left: fn(&Moment) -> u32, of: u32| Line {
+    const PERCENT: f64 = 100.0;
+    let submits_max = replay.targets.len() as u32;
+    let line = |kind: usize, left: fn(&Moment) -> u32, of: u32| Curve {
         kind,
         label: "",
         points: moments
             .iter()
-            .map(|moment| (moment.step, ALL * f64::from(left(moment)) / f64::from(of.max(1))))
+            .map(|moment| (moment.step, PERCENT * f64::from(left(moment)) / f64::from(of.max(1))))
             .collect(),
     };
     let lines =
-        vec![line(0, |m| m.actions_left, replay.rules.max_steps), line(1, |m| m.submits_left, claims)];
-    let ticks = round_ticks(ALL).into_iter().map(|value| (value, format!("{value} %"))).collect();
-    let svg = Curves { ticks, lines, levels: vec![], last, step }.svg();
+        vec![line(0, |m| m.actions_left, replay.rules.max_steps), line(1, |m| m.submits_left, submits_max)];
+    let ticks = round_ticks(PERCENT).into_iter().map(|value| (value, format!("{value} %"))).collect();
+    let svg = Curves { ticks, curves: lines, levels: vec![], last, step }.svg();
     let (actions, submits) =
         moments.last().map_or((0, 0), |moment| (moment.actions_left, moment.submits_left));
     let words = format!(
-        "At the end {actions} of {} actions were left, {} of simulated time, and {submits} of {}.",
+        "At the end, {actions} of {} actions ({} of simulated time) and {submits} of {} remained.",
         replay.rules.max_steps,
-        words::duration(&(f64::from(actions) * f64::from(replay.rules.step_s))),
-        words::plural(&claims, "claim"),
+        format::duration(&(f64::from(actions) * f64::from(replay.rules.step_s))),
+        format::plural(&submits_max, "Submit"),
     );
     Plot { svg, words }
 }
@@ -139,7 +140,7 @@ fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::replay::map::Spot;
+    use crate::replay::storeys::Spot;
 
     fn moment(step: u32, sounding: Option<u8>, bearing_degrees: f32) -> Moment {
         Moment {
@@ -159,16 +160,16 @@ mod tests {
     }
 
     #[test]
-    fn a_bearing_that_goes_round_behind_is_no_line_across() {
+    fn bearings_break_where_they_wrap_around() {
         let moments = [moment(1, Some(0), 170.0), moment(2, Some(0), -170.0), moment(3, Some(1), 0.0)];
         let points = bearings_of(&moments, 0);
-        let told: Vec<Option<i32>> =
+        let drawn: Vec<Option<i32>> =
             points.iter().map(|(_, value)| value.is_finite().then(|| value.round() as i32)).collect();
-        assert_eq!(told, [Some(170), None, Some(-170), None]);
+        assert_eq!(drawn, [Some(170), None, Some(-170), None]);
     }
 
     #[test]
-    fn the_nearest_moment_is_told_of_targets_that_have_one() {
+    fn nearest_approaches_skip_targets_without_distance() {
         let moments = [moment(1, None, 0.0), moment(3, None, 0.0), moment(2, None, 0.0)];
         assert_eq!(nearest_words(&moments, 2), "Nearest to each target: goal 1 2.00 m at step 3.");
     }

@@ -1,21 +1,35 @@
-use super::map::Spot;
+//! Storeys, found from the floor polygons.
+
 use avln_store::SceneMap;
 use std::collections::BTreeMap;
 
-/// Floor at heights that differ by less belongs together, metres.
+/// Layer height for floor polygons, metres.
 const LAYER_M: f32 = 0.3;
-/// Storeys are at least this far apart, metres.
+/// Smallest distance between storeys, metres.
 const APART_M: f32 = 1.5;
-/// The least share of all floor that a storey of its own has.
+/// Smallest share of the floor area in a storey; stairs and platforms stay below.
 const LEAST_SHARE: f32 = 0.08;
 
-/// Heights of the storeys of a building, the lowest first; one at least.
+/// A map point, metres: +x is right (world +X), +y is down (world +Z).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Spot {
+    pub(crate) x: f32,
+    pub(crate) y: f32,
+}
+
+/// Projects a scene point onto the map.
+pub(super) fn spot(point: &[f32; 3]) -> Spot {
+    let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
+    Spot { x: finite(point[0]), y: finite(point[2]) }
+}
+
+/// Storey heights, metres, lowest first; never empty.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Storeys(Vec<f32>);
 
 impl Storeys {
-    /// Where most floor is; `otherwise` where there is no floor at all.
-    pub(super) fn of(map: &SceneMap, otherwise: f32) -> Self {
+    /// Selects the layers with most floor area; `fallback_m` is for buildings without floor.
+    pub(super) fn of(map: &SceneMap, fallback_m: f32) -> Self {
         let mut layers: BTreeMap<i32, f32> = BTreeMap::new();
         for polygon in map.polygons.iter().filter(|polygon| !polygon.is_empty()) {
             *layers.entry((height(polygon) / LAYER_M).round() as i32).or_default() += area(polygon);
@@ -30,46 +44,46 @@ impl Storeys {
             layers.retain(|other, _| (other - layer).abs() as f32 * LAYER_M >= APART_M);
         }
         heights.sort_by(f32::total_cmp);
-        Self(if heights.is_empty() { vec![otherwise] } else { heights })
+        Self(if heights.is_empty() { vec![fallback_m] } else { heights })
     }
 
     pub(super) fn count(&self) -> usize {
         self.0.len()
     }
 
-    /// The storey that is nearest to this height.
+    /// Returns the storey nearest to a height.
     pub(super) fn nearest(&self, height: f32) -> usize {
         let distance = |index: &usize| (self.0[*index] - height).abs();
         (0..self.0.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
     }
 
-    /// Their heights above the lowest one.
+    /// Returns the heights above the lowest storey.
     pub(super) fn heights_m(&self) -> impl Iterator<Item = f32> {
         self.0.iter().map(|height| height - self.0[0])
     }
 }
 
-/// Mean height of a polygon's corners.
+/// Returns a polygon's mean height.
 pub(super) fn height(polygon: &[[f32; 3]]) -> f32 {
     polygon.iter().map(|point| point[1]).sum::<f32>() / polygon.len().max(1) as f32
 }
 
-/// What a polygon covers of the plane.
+/// Returns a polygon's horizontal area.
 fn area(polygon: &[[f32; 3]]) -> f32 {
     let next = polygon.iter().cycle().skip(1);
     let twice: f32 = polygon.iter().zip(next).map(|(a, b)| a[0] * b[2] - b[0] * a[2]).sum();
     twice.abs() / 2.0
 }
 
-/// The longest pieces of `points` whose parts lie on one storey, each with it; pieces share their ends.
+/// Splits a path by storey; consecutive pieces share a point.
 pub(super) fn by_storey(points: &[[f32; 3]], storeys: &Storeys) -> Vec<(usize, Vec<Spot>)> {
     let mut pieces: Vec<(usize, Vec<Spot>)> = Vec::new();
     for pair in points.windows(2) {
         let storey = storeys.nearest((pair[0][1] + pair[1][1]) / 2.0);
-        let to = super::map::spot(&pair[1]);
+        let to = spot(&pair[1]);
         match pieces.last_mut() {
             Some((last, spots)) if *last == storey => spots.push(to),
-            _ => pieces.push((storey, vec![super::map::spot(&pair[0]), to])),
+            _ => pieces.push((storey, vec![spot(&pair[0]), to])),
         }
     }
     pieces
@@ -88,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn storeys_are_where_most_floor_is_and_stairs_belong_to_the_nearest() {
+    fn storeys_have_most_of_the_floor() {
         let mut polygons = vec![floor(0.0, 10.0), floor(3.12, 8.0)];
         polygons.extend((1..15).map(|step| floor(step as f32 * 0.2, 0.5)));
         let storeys = Storeys::of(&map(polygons), 7.0);
@@ -106,12 +120,13 @@ mod tests {
     }
 
     #[test]
-    fn a_way_upstairs_is_cut_where_it_changes_storeys() {
+    fn paths_are_split_between_storeys() {
         let storeys = Storeys(vec![0.0, 3.0]);
         let points = [[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [2.0, 2.9, 0.0], [3.0, 3.0, 0.0]];
         let pieces = by_storey(&points, &storeys);
-        let told: Vec<(usize, usize)> = pieces.iter().map(|(storey, spots)| (*storey, spots.len())).collect();
-        assert_eq!(told, [(0, 2), (1, 3)]);
+        let lengths: Vec<(usize, usize)> =
+            pieces.iter().map(|(storey, spots)| (*storey, spots.len())).collect();
+        assert_eq!(lengths, [(0, 2), (1, 3)]);
         assert_eq!(pieces[0].1[1], pieces[1].1[0]);
     }
 }

@@ -1,6 +1,6 @@
 use crate::{
     fixture::{Answer, Arena},
-    onlooker::Grey,
+    replay::FakeRenderer,
 };
 use avln_episode::Sensors;
 use axum::{
@@ -10,8 +10,8 @@ use axum::{
 use serde_json::Value;
 
 #[tokio::test]
-async fn every_described_path_answers_with_what_is_described() {
-    let arena = Arena::seen_by(Some(Grey::new(100))).await;
+async fn responses_match_their_description() {
+    let arena = Arena::with_renderer(Some(FakeRenderer::new(100))).await;
     arena.store.set_sensors("run_rude", &Sensors::all(64, 64)).await.expect("a run");
     std::fs::write(arena.folder.path().join("run_rude.log"), "a log\n").expect("a log");
     let document = arena.get("/api/v1/openapi.json").await.json();
@@ -26,7 +26,7 @@ async fn every_described_path_answers_with_what_is_described() {
         if events.is_object() {
             let mut follower = arena.follow(&address, &[]).await;
             assert_eq!(follower.headers[header::CONTENT_TYPE], "text/event-stream", "{address}");
-            let event = follower.next().await.expect("how things stand");
+            let event = follower.next().await.expect("the current state");
             check(&document, &events["schema"], &event.data, &address);
             continue;
         }
@@ -41,7 +41,7 @@ async fn every_described_path_answers_with_what_is_described() {
     }
 }
 
-/// Whether `value` has the fields that `schema` names, and no others, at every depth that the schema names.
+/// Checks that `value` has the fields of `schema` and no others, at every depth.
 fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
     if let Some(reference) = schema["$ref"].as_str() {
         let schema = document.pointer(reference.trim_start_matches('#')).expect("a schema");
@@ -60,15 +60,23 @@ fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
         Some("boolean") => assert!(value.is_boolean(), "{place}: {value}"),
         Some("array") => {
             let items = value.as_array().unwrap_or_else(|| panic!("{place}: {value}"));
-            if schema["items"].is_object() {
-                items.iter().for_each(|item| check(document, &schema["items"], item, place));
-            }
+            assert!(schema["items"].is_object(), "{place}: an array without item type");
+            items.iter().for_each(|item| check(document, &schema["items"], item, place));
         }
         Some("object") => {
             let fields = value.as_object().unwrap_or_else(|| panic!("{place}: {value}"));
-            let Some(properties) = schema["properties"].as_object() else { return };
+            let Some(properties) = schema["properties"].as_object() else {
+                let values = &schema["additionalProperties"];
+                assert!(values.is_object(), "{place}: an object without types");
+                return fields.values().for_each(|field| check(document, values, field, place));
+            };
             let described: Vec<&String> = properties.keys().collect();
-            assert_eq!(fields.keys().collect::<Vec<_>>(), described, "{place}");
+            let required = schema["required"].as_array().expect("required fields");
+            assert!(fields.keys().all(|name| described.contains(&name)), "{place}: {fields:?}");
+            assert!(
+                required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))),
+                "{place}"
+            );
             fields.iter().for_each(|(name, field)| {
                 check(document, &properties[name], field, &format!("{place}.{name}"));
             });
@@ -78,7 +86,7 @@ fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
 }
 
 #[tokio::test]
-async fn a_board_in_json_says_rank_scores_and_moment() {
+async fn leaderboards_are_available_as_json() {
     let arena = Arena::new().await;
     let board = arena.get("/api/v1/phases/open/leaderboard?sort=isr").await.json();
     assert_eq!(board["schema_version"], 1);
@@ -90,7 +98,7 @@ async fn a_board_in_json_says_rank_scores_and_moment() {
 }
 
 #[tokio::test]
-async fn a_table_is_csv_that_no_spreadsheet_runs() {
+async fn csv_cells_are_no_formulas() {
     let arena = Arena::new().await;
     let table = arena.get("/api/v1/phases/open/leaderboard.csv").await;
     assert_eq!(table.header(header::CONTENT_TYPE), "text/csv; charset=utf-8; header=present");
@@ -102,7 +110,7 @@ async fn a_table_is_csv_that_no_spreadsheet_runs() {
 }
 
 #[tokio::test]
-async fn each_row_of_a_table_has_the_columns_of_its_header() {
+async fn csv_rows_match_their_header() {
     let arena = Arena::new().await;
     for (address, rows) in [
         ("/api/v1/phases/open/leaderboard.csv", 2),
@@ -121,7 +129,7 @@ async fn each_row_of_a_table_has_the_columns_of_its_header() {
 }
 
 #[tokio::test]
-async fn pairs_and_missions_are_told_in_numbers() {
+async fn comparisons_and_missions_are_available_as_csv() {
     let arena = Arena::new().await;
     let pairs = arena.get("/api/v1/compare.csv?first=run_rude&second=run_formula").await.body;
     assert!(
@@ -133,7 +141,7 @@ async fn pairs_and_missions_are_told_in_numbers() {
 }
 
 #[tokio::test]
-async fn an_answer_that_is_known_already_is_not_sent_again() {
+async fn known_etags_get_304() {
     let arena = Arena::new().await;
     for address in
         ["/api/v1/phases", "/leaderboard/open", "/api/v1/phases/open/leaderboard.csv", "/assets/app.css"]
@@ -149,7 +157,7 @@ async fn an_answer_that_is_known_already_is_not_sent_again() {
 }
 
 #[tokio::test]
-async fn answers_are_compressed_for_those_who_can_read_it() {
+async fn responses_are_compressed_on_request() {
     let arena = Arena::new().await;
     for address in ["/leaderboard/open", "/api/v1/openapi.json", "/assets/app.css"] {
         let plain = arena.get(address).await;
@@ -168,7 +176,7 @@ async fn known(arena: &Arena, address: &str, tag: &str) -> Answer {
 }
 
 #[tokio::test]
-async fn a_long_list_of_runs_comes_in_parts() {
+async fn lists_of_runs_have_pages() {
     let arena = Arena::new().await;
     let all = arena.get("/api/v1/runs").await.json();
     let names = |list: &Value| -> Vec<String> {
@@ -194,7 +202,7 @@ async fn a_long_list_of_runs_comes_in_parts() {
 }
 
 #[tokio::test]
-async fn trouble_is_told_as_problem_details_with_a_reason() {
+async fn errors_are_problem_details() {
     let arena = Arena::new().await;
     for (address, status, reason) in [
         ("/api/v1/nowhere", 404, "NOT_FOUND"),
@@ -223,7 +231,7 @@ async fn trouble_is_told_as_problem_details_with_a_reason() {
 }
 
 #[tokio::test]
-async fn every_answer_has_its_guard() {
+async fn all_responses_have_security_headers() {
     let arena = Arena::new().await;
     for address in ["/", "/api/v1/phases", "/nowhere", "/healthz", "/readyz"] {
         let answer = arena.get(address).await;
@@ -238,7 +246,7 @@ async fn every_answer_has_its_guard() {
 }
 
 #[tokio::test]
-async fn readiness_follows_the_database_and_life_does_not() {
+async fn readiness_follows_the_database() {
     let arena = Arena::new().await;
     assert_eq!(arena.get("/readyz").await.status, StatusCode::OK);
     arena.store.clone().close().await;
@@ -247,7 +255,7 @@ async fn readiness_follows_the_database_and_life_does_not() {
     let broken = arena.get("/runs").await;
     assert_eq!(broken.status, StatusCode::INTERNAL_SERVER_ERROR);
     assert!(
-        broken.body.contains("<h1>Something broke</h1>") && !broken.body.contains("pool"),
+        broken.body.contains("<h1>Internal error</h1>") && !broken.body.contains("pool"),
         "{}",
         broken.body
     );

@@ -1,4 +1,4 @@
-//! An arena with a public phase that two teams have played, and a hidden phase that one of them has.
+//! An arena with a public phase, played by two teams, and a hidden phase, played by one of them.
 
 use avln_challenge::MethodInfo;
 use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
@@ -7,7 +7,7 @@ use avln_store::{
     EpisodeResult, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store,
     TimeAccount, TokenScope, Visibility,
 };
-use avln_web::{Lookout, Office, Onlooker, SignedLogs, Site};
+use avln_web::{LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -33,21 +33,20 @@ pub(crate) struct Arena {
     router: Router,
 }
 
-/// An answer that was read to its end.
+/// A complete response.
 pub(crate) struct Answer {
     pub(crate) status: StatusCode,
     pub(crate) headers: HeaderMap,
     pub(crate) body: String,
 }
 
-/// Somebody who is told events.
 pub(crate) struct Follower {
     pub(crate) status: StatusCode,
     pub(crate) headers: HeaderMap,
     body: Body,
 }
 
-/// Something that happened, as it is told.
+/// A received event.
 #[derive(Debug)]
 pub(crate) struct Event {
     pub(crate) id: String,
@@ -56,7 +55,7 @@ pub(crate) struct Event {
 }
 
 impl Follower {
-    /// The next event; `None` when no more will come. What keeps the connection alive is none.
+    /// Returns the next event; `None` after the end of the stream. Skips heartbeats.
     pub(crate) async fn next(&mut self) -> Option<Event> {
         loop {
             let frame = self.body.frame().await?.expect("a frame").into_data().expect("no trailers");
@@ -86,29 +85,29 @@ impl Arena {
         Self::open(|_| Site::default()).await
     }
 
-    /// The same, where somebody can look into scenes.
-    pub(crate) async fn seen_by(onlooker: Option<Arc<dyn Onlooker>>) -> Self {
-        Self::watched_by(onlooker, None).await
+    /// As [`Arena::new`], with a renderer.
+    pub(crate) async fn with_renderer(replay_renderer: Option<Arc<dyn ReplayRenderer>>) -> Self {
+        Self::with_live_status(replay_renderer, None).await
     }
 
-    /// The same, where somebody knows what is played.
-    pub(crate) async fn watched_by(
-        onlooker: Option<Arc<dyn Onlooker>>,
-        lookout: Option<Arc<dyn Lookout>>,
+    /// As [`Arena::new`], with a renderer and a live status.
+    pub(crate) async fn with_live_status(
+        replay_renderer: Option<Arc<dyn ReplayRenderer>>,
+        live_status: Option<Arc<dyn LiveStatus>>,
     ) -> Self {
-        Self::open(|_| Site { onlooker, lookout, ..Site::default() }).await
+        Self::open(|_| Site { replay_renderer, live_status, ..Site::default() }).await
     }
 
-    /// The same, where visitors can sign in and an office over the database does what they ask for.
-    pub(crate) async fn staffed(office: impl FnOnce(Store) -> Arc<dyn Office>) -> Self {
-        Self::open(|store| Site { office: Some(office(store)), ..Site::default() }).await
+    /// The same, where visitors can sign in and an management over the database does what they ask for.
+    pub(crate) async fn with_management(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
+        Self::open(|store| Site { management: Some(management(store)), ..Site::default() }).await
     }
 
     async fn open(site: impl FnOnce(Store) -> Site) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
         let logs = Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() });
-        let site = Site { agents_port: 50051, logs, ..site(store.clone()) };
+        let site = Site { grpc_port: 50051, logs, ..site(store.clone()) };
         let router = avln_web::router(store.reader(), site);
         let arena = Self { folder: Arc::new(folder), store, router };
         arena.furnish().await;
@@ -162,7 +161,7 @@ impl Arena {
         }
     }
 
-    /// Starts a run of the rude team and hands out its first episode.
+    /// Starts a run of the rude team with its first episode.
     pub(crate) async fn begin(&self, run: &str, phase: &str, digests: &BTreeMap<String, String>) {
         let new = NewRun {
             id: run,
@@ -179,14 +178,14 @@ impl Arena {
         assert!(assigned.is_some());
     }
 
-    /// Hands out the next episode of a run, whose agent goes away and does not come back.
+    /// Starts the next episode of a run, whose agent then disconnects.
     pub(crate) async fn lose(&self, run: &str) {
         let assigned = self.store.assign_next_episode(run, "lost", 20).await.expect("an open run");
         let episode = assigned.expect("an episode").episode;
         self.finish(run, "lost", &episode, 1, EndReason::Disconnected).await;
     }
 
-    /// Stores a played episode. What is hidden of it goes in as JSON: this crate has no name for it.
+    /// Stores an episode. Its hidden parts are JSON, because this crate cannot name their types.
     async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32, end: EndReason) {
         let finished = EpisodeResult {
             run,
@@ -211,7 +210,7 @@ impl Arena {
         self.ask(Request::get(address).body(Body::empty()).expect("a request")).await
     }
 
-    /// The answer to a visitor who follows something, whose body is still to be read.
+    /// Returns a response with an unread body.
     pub(crate) async fn follow(&self, address: &str, headers: &[(&str, &str)]) -> Follower {
         let mut request = Request::get(address);
         for (name, value) in headers {
@@ -223,13 +222,13 @@ impl Arena {
         Follower { status: parts.status, headers: parts.headers, body }
     }
 
-    /// Bytes of the body, whatever they are, and the headers.
+    /// Returns the body size, and the headers.
     pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
         let (_, headers, body) = self.bytes(request).await;
         (body.len(), headers)
     }
 
-    /// Status, headers and body.
+    /// Returns status, headers and body.
     pub(crate) async fn bytes(&self, request: Request<Body>) -> (StatusCode, HeaderMap, Vec<u8>) {
         let response = self.router.clone().oneshot(request).await.expect("an answer");
         let (parts, body) = response.into_parts();

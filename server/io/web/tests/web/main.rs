@@ -1,14 +1,10 @@
-//! The door from outside: a real database, real requests, no network.
+//! Integration tests of the web application: a real database and real requests, mostly without a network.
 
 mod api;
-mod boards;
-mod door;
 mod fixture;
-mod freeze;
 mod golden;
+mod leaderboards;
 mod live;
-mod office;
-mod onlooker;
+mod management;
 mod pages;
 mod replay;
-mod visibility;

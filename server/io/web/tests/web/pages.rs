@@ -1,4 +1,4 @@
-use crate::fixture::{Arena, RUDE_TEAM, TOKEN};
+use crate::fixture::{Arena, ORGANISER, RUDE_TEAM, TOKEN};
 use axum::http::{StatusCode, header};
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ const PAGES: [&str; 12] = [
 ];
 
 #[tokio::test]
-async fn every_page_has_one_heading_a_title_a_way_past_the_menu_and_names_in_plain_letters() {
+async fn pages_have_a_heading_title_and_skip_link() {
     let arena = Arena::new().await;
     for address in PAGES {
         let page = arena.get(address).await;
@@ -36,10 +36,10 @@ async fn every_page_has_one_heading_a_title_a_way_past_the_menu_and_names_in_pla
     }
 }
 
-/// Replays and runs under way are scripted, by files of this door; the policy forbids anything else.
+/// Checks that only replays and open runs have scripts, from files of this server, as the content security policy requires.
 fn assert_scripts(page: &str, address: &str) {
     let scripts: &[&str] = match address {
-        replay if replay.contains("/episodes/") => &["ears", "replay"],
+        replay if replay.contains("/episodes/") => &["sound", "replay"],
         "/runs" | "/runs/run_begun" => &["live"],
         _ => &[],
     };
@@ -54,7 +54,7 @@ fn assert_scripts(page: &str, address: &str) {
 }
 
 #[tokio::test]
-async fn documents_are_pages_whose_links_lead_somewhere() {
+async fn links_between_documents_resolve() {
     let arena = Arena::new().await;
     let index = arena.get("/docs").await.body;
     let addresses: BTreeSet<&str> = links(&index).filter(|link| link.starts_with("/docs/")).collect();
@@ -81,13 +81,13 @@ async fn documents_are_pages_whose_links_lead_somewhere() {
     }
 }
 
-/// Where the links of a page lead.
+/// Returns the targets of the links of a page.
 fn links(page: &str) -> impl Iterator<Item = &str> {
     page.split("href=\"").skip(1).filter_map(|rest| rest.split('"').next())
 }
 
 #[tokio::test]
-async fn names_that_are_html_stay_text() {
+async fn html_in_names_is_escaped() {
     let arena = Arena::new().await;
     for address in ["/", "/leaderboard/open", "/runs", "/runs/run_rude"] {
         let page = arena.get(address).await.body;
@@ -100,10 +100,10 @@ async fn names_that_are_html_stay_text() {
 }
 
 #[tokio::test]
-async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
+async fn leaderboard_links_keep_the_selection() {
     let arena = Arena::new().await;
     let page = arena.get("/leaderboard/open?order=unordered&sort=isr&pick=latest").await.body;
-    let caption = "2 methods over 2 episodes in 1 scene, ordered by ISR (more is better); the latest run";
+    let caption = "2 methods over 2 episodes in 1 scene, ranked by ISR (higher is better); each method is represented by its latest run";
     assert!(page.contains(caption), "{page}");
     assert_eq!(page.matches("aria-sort=\"descending\"").count(), 1);
     assert!(
@@ -119,27 +119,27 @@ async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
     );
     assert!(
         page.contains("href=\"/leaderboard/open?order=unordered&#38;pick=latest\""),
-        "the usual key is left out"
+        "the default key is omitted"
     );
     let steps = arena.get("/leaderboard/open?order=unordered&sort=steps").await.body;
-    assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("less is better"));
+    assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("lower is better"));
     let first = page.find("good walker").expect("a row");
     assert!(first < page.find("@walker").expect("a row"), "the better method comes first");
 }
 
 #[tokio::test]
-async fn a_phase_tells_its_rules() {
+async fn phase_pages_show_the_rules() {
     let arena = Arena::new().await;
     let page = arena.get("/phases/open").await.body;
     for words in [
-        "0.25 m ahead",
+        "0.25 m forward",
         "30° in place",
         "up to 256 × 256 pixels from 1 m",
-        "4000 samples each at 16 kHz",
+        "4000 samples per ear at 16 kHz",
         "within 2 m of the target",
         "25 steps each",
-        "1000 actions at most",
-        "any number",
+        "at most 1000 actions",
+        "unlimited",
         "--phase open",
     ] {
         assert!(page.contains(words), "{words}: {page}");
@@ -151,7 +151,7 @@ async fn a_phase_tells_its_rules() {
 }
 
 #[tokio::test]
-async fn a_run_tells_which_episodes_went_how() {
+async fn run_pages_group_episodes() {
     let arena = Arena::new().await;
     let page = arena.get("/runs/run_formula").await.body;
     assert!(page.contains("By number of goals") && page.contains("By scene"), "{page}");
@@ -161,11 +161,11 @@ async fn a_run_tells_which_episodes_went_how() {
     );
     assert!(page.contains("<text class=\"part0\"") && page.contains("last submit: 2"), "{page}");
     let sealed = arena.get_as("/runs/run_sealed", TOKEN).await.body;
-    assert!(!sealed.contains("By number of goals") && sealed.contains("Why episodes ended"), "{sealed}");
+    assert!(!sealed.contains("By number of goals") && sealed.contains("End reasons"), "{sealed}");
 }
 
 #[tokio::test]
-async fn a_run_tells_what_failed_and_how_long_a_step_took() {
+async fn run_pages_show_failures_and_times() {
     let arena = Arena::new().await;
     let page = arena.get("/runs/run_rude").await.body;
     assert!(!page.contains("id=\"failures\"") && page.contains("250.00 ms"), "{page}");
@@ -179,7 +179,7 @@ async fn a_run_tells_what_failed_and_how_long_a_step_took() {
 }
 
 #[tokio::test]
-async fn a_badge_says_in_one_line_where_a_run_stands() {
+async fn badges_show_the_rank() {
     let arena = Arena::new().await;
     let badge = arena.get("/runs/run_formula/badge.svg").await;
     assert_eq!((badge.status, badge.header(header::CONTENT_TYPE)), (StatusCode::OK, "image/svg+xml"));
@@ -191,7 +191,7 @@ async fn a_badge_says_in_one_line_where_a_run_stands() {
 }
 
 #[tokio::test]
-async fn a_board_can_stand_in_a_frame_and_nothing_else_can() {
+async fn only_embedded_leaderboards_allow_frames() {
     let arena = Arena::new().await;
     let board = arena.get("/embed/open?order=ordered&sort=isr").await;
     assert_eq!(board.status, StatusCode::OK);
@@ -205,15 +205,15 @@ async fn a_board_can_stand_in_a_frame_and_nothing_else_can() {
 }
 
 #[tokio::test]
-async fn two_runs_are_compared_episode_by_episode() {
+async fn comparisons_list_episodes() {
     let arena = Arena::new().await;
     let page = arena.get("/compare?first=run_rude&second=run_formula").await.body;
-    assert!(page.contains("+50.0 (+50.0 to +50.0)") && page.contains("the first is better"), "{page}");
+    assert!(page.contains("+50.0 (+50.0 to +50.0)") && page.contains("first run is better"), "{page}");
     assert!(page.contains("href=\"#first\">Only the first found all goals</a>: 2"), "{page}");
     assert!(page.contains("href=\"/runs/run_formula/episodes/1\">1 of 2</a>"), "{page}");
     let half = arena.get("/compare?first=run_begun&second=run_rude").await.body;
     assert!(
-        half.contains("Means over the 1 episode in 1 scene") && half.contains("≈ may be nothing"),
+        half.contains("Means over the 1 episode in 1 scene") && half.contains("≈ no clear difference"),
         "{half}"
     );
     let board = arena.get("/leaderboard/open?order=unordered").await.body;
@@ -229,22 +229,22 @@ async fn two_runs_are_compared_episode_by_episode() {
 }
 
 #[tokio::test]
-async fn an_episode_is_told_in_words_and_drawn() {
+async fn episode_pages_have_tables_and_a_map() {
     let arena = Arena::new().await;
     let page = arena.get("/runs/run_formula/episodes/1").await.body;
     assert!(page.contains("Episode 2 of 2") && page.contains("last submit"));
     assert!(page.contains("✓ step 5") && page.contains("✕ not found"), "{page}");
     assert!(page.contains("d=\"M0.00 0.00L4.00 0.00L0.00 4.25Z\""), "the floor");
-    assert!(page.contains("d=\"M0.50 2.00L0.50 1.75\" stroke=\"#0072b2\""), "the first step of the walk");
-    assert!(page.contains("Step 5: claim of goal 1, right") && page.contains("Step 6: claim, wrong"));
+    assert!(page.contains("d=\"M0.50 2.00L0.50 1.75\" stroke=\"#0072b2\""), "the first piece of the path");
+    assert!(page.contains("Step 5: Submit of goal 1, right") && page.contains("Step 6: Submit, wrong"));
     assert!(page.contains("1 m</text>"), "the scale");
     assert!(page.contains("rel=\"prev\"") && !page.contains("rel=\"next\""));
     let pending = arena.get("/runs/run_begun/episodes/1").await.body;
-    assert!(pending.contains("There is a map here once the episode is over") && !pending.contains("<figure"));
+    assert!(pending.contains("The replay is available after the episode") && !pending.contains("<figure"));
 }
 
 #[tokio::test]
-async fn what_is_not_there_is_said_kindly() {
+async fn errors_have_pages() {
     let arena = Arena::new().await;
     for address in [
         "/nowhere",
@@ -263,12 +263,12 @@ async fn what_is_not_there_is_said_kindly() {
     for address in ["/leaderboard/open?sort=fame", "/leaderboard/open?colour=red", "/runs?limit=0"] {
         let page = arena.get(address).await;
         assert_eq!(page.status, StatusCode::BAD_REQUEST, "{address}");
-        assert!(page.body.contains("<h1>Not understood</h1>"), "{address}");
+        assert!(page.body.contains("<h1>Invalid request</h1>"), "{address}");
     }
 }
 
 #[tokio::test]
-async fn a_phase_tells_what_its_missions_are_like_and_shows_its_scenes() {
+async fn phase_pages_show_missions_and_scenes() {
     let arena = Arena::new().await;
     let page = arena.get("/phases/open").await.body;
     assert!(page.contains("<th scope=\"row\">2 goals</th><td class=\"num\">2</td>"), "{page}");
@@ -282,6 +282,117 @@ async fn a_phase_tells_what_its_missions_are_like_and_shows_its_scenes() {
     {
         assert_eq!(arena.get(nowhere).await.status, StatusCode::NOT_FOUND, "{nowhere}");
     }
-    let told = arena.get("/api/v1/phases/open/missions").await.json();
-    assert_eq!(told["missions"]["scenes"]["canary-scene"], 2);
+    let json = arena.get("/api/v1/phases/open/missions").await.json();
+    assert_eq!(json["missions"]["scenes"]["canary-scene"], 2);
+}
+
+const SEALED: [&str; 20] = [
+    "/",
+    "/api/v1/runs.csv",
+    "/leaderboard/sealed",
+    "/runs",
+    "/runs/run_sealed",
+    "/runs/run_sealed/episodes/0",
+    "/runs/run_sealed/badge.svg",
+    "/embed/sealed",
+    "/api/v1/phases/sealed/leaderboard",
+    "/api/v1/phases/sealed/leaderboard.csv",
+    "/api/v1/runs/run_sealed/episodes.csv",
+    "/leaderboard/sealed?order=both",
+    "/api/v1/phases/sealed/leaderboards",
+    "/api/v1/phases/sealed/leaderboards.csv",
+    "/runs/run_sealed/episodes/0?t=1",
+    "/runs/run_sealed/episodes/0/eyes/1.png",
+    "/runs/run_sealed/episodes/0?ears=on",
+    "/runs/run_sealed/episodes/0/ears/0-1.wav",
+    "/api/v1/runs/run_sealed/episodes/0/levels.csv",
+    "/api/v1/runs/run_sealed/episodes/0/steps.csv",
+];
+
+#[tokio::test]
+async fn sealed_runs_are_hidden_without_a_token() {
+    let arena = Arena::new().await;
+    for address in SEALED {
+        let answer = arena.get(address).await;
+        assert!(!answer.body.contains("secret walker"), "{address}: {}", answer.body);
+        let gone = address.contains("run_sealed");
+        assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
+    }
+    for hidden in [
+        "/api/v1/phases/sealed/missions",
+        "/api/v1/phases/sealed/missions.csv",
+        "/phases/sealed/scenes/0.svg",
+    ] {
+        assert_eq!(arena.get(hidden).await.status, StatusCode::NOT_FOUND, "{hidden}");
+        assert_eq!(arena.get_as(hidden, TOKEN).await.status, StatusCode::NOT_FOUND, "{hidden}");
+        assert_eq!(arena.get_as(hidden, ORGANISER).await.status, StatusCode::OK, "{hidden}");
+    }
+    let phase = arena.get_as("/phases/sealed", TOKEN).await.body;
+    assert!(!phase.contains("canary") && !phase.contains("Goals per mission"), "{phase}");
+    let board = arena.get("/leaderboard/sealed").await.body;
+    assert!(board.contains("Scores of this phase are visible to: the organiser"), "{board}");
+}
+
+#[tokio::test]
+async fn sealed_scores_are_visible_to_organisers_only() {
+    let arena = Arena::new().await;
+    let own = arena.get_as("/runs/run_sealed", TOKEN).await;
+    assert_eq!(own.status, StatusCode::OK);
+    assert!(own.body.contains("The scores of this phase are hidden") && own.body.contains("2 of 2 episodes"));
+    assert!(!own.body.contains("id=\"scores\"") && !own.body.contains("canary"), "{}", own.body);
+    let json = arena.get_as("/api/v1/runs/run_sealed", TOKEN).await;
+    assert!(json.json()["summary"].is_null());
+    let badge = arena.get_as("/runs/run_sealed/badge.svg", TOKEN).await.body;
+    assert!(badge.contains("scores are hidden") && !badge.contains("canary"), "{badge}");
+    for address in ["/compare", "/api/v1/compare", "/api/v1/compare.csv"] {
+        let both = arena.get_as(&format!("{address}?first=run_sealed&second=run_sealed"), TOKEN).await;
+        assert_eq!(both.status, StatusCode::BAD_REQUEST, "{}", both.body);
+        assert!(both.body.contains("hides the scores of single episodes") && !both.body.contains("canary"));
+    }
+    let episode = arena.get_as("/runs/run_sealed/episodes/0", TOKEN).await.body;
+    assert!(!episode.contains("<figure") && !episode.contains("canary"), "{episode}");
+    let seen = arena.get_as("/runs/run_sealed", ORGANISER).await.body;
+    assert!(seen.contains("id=\"scores\"") && seen.contains("canary-scene"));
+    let board = arena.get_as("/leaderboard/sealed", ORGANISER).await.body;
+    assert!(board.contains("secret walker"));
+}
+
+#[tokio::test]
+async fn private_responses_are_not_cached() {
+    let arena = Arena::new().await;
+    let own = arena.get_as("/runs/run_sealed", TOKEN).await;
+    assert_eq!(own.header(header::CACHE_CONTROL), "private, no-store");
+    assert_eq!(own.header(header::VARY), "authorization, cookie, accept-encoding");
+    let bad = arena.get_as("/api/v1/runs", "no such token").await;
+    assert_eq!(bad.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(bad.header(header::WWW_AUTHENTICATE), "Bearer");
+    assert_eq!(bad.json()["reason"], "UNAUTHENTICATED");
+}
+
+#[tokio::test]
+async fn logs_follow_the_visibility_of_replays() {
+    let arena = Arena::new().await;
+    for run in ["run_rude", "run_begun", "run_sealed"] {
+        let path = arena.folder.path().join(format!("{run}.log"));
+        std::fs::write(path, format!("the canary log of {run}\n")).expect("a log");
+    }
+    let log = arena.get("/api/v1/runs/run_rude/log").await;
+    assert_eq!((log.status, log.body.as_str()), (StatusCode::OK, "the canary log of run_rude\n"));
+    assert_eq!(log.header(header::CACHE_CONTROL), "private, no-store");
+    assert_eq!(log.header(header::CONTENT_DISPOSITION), "attachment; filename=\"run_rude.log\"");
+    let open = arena.get("/api/v1/runs/run_begun/log").await;
+    assert_eq!(open.status, StatusCode::BAD_REQUEST);
+    assert!(open.body.contains("is still open") && !open.body.contains("canary"), "{}", open.body);
+    for hidden in [
+        arena.get("/api/v1/runs/run_sealed/log").await,
+        arena.get_as("/api/v1/runs/run_sealed/log", TOKEN).await,
+        arena.get("/api/v1/runs/..%2Frun_rude/log").await,
+        arena.get("/api/v1/runs/run_formula/log").await,
+    ] {
+        assert_eq!(hidden.status, StatusCode::NOT_FOUND);
+        assert!(!hidden.body.contains("canary"), "{}", hidden.body);
+    }
+    let organiser = arena.get_as("/api/v1/runs/run_sealed/log", ORGANISER).await;
+    assert_eq!(organiser.body, "the canary log of run_sealed\n");
+    assert_eq!(arena.get("/api/v1/status").await.json()["log_key"], crate::fixture::LOG_KEY);
 }

@@ -177,7 +177,7 @@ fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfa
     Ok(UnlabelledSurfaces { mesh: model.mesh, materials: model.materials, textures: model.textures })
 }
 
-/// Labels per triangle, 0 for none: by object number, or else by segment.
+/// Labels per triangle, 0 for none: by object number, or by segment.
 fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> Vec<u32> {
     let label = |object: i64| u32::try_from(object + 1).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0);
     // Labels are numbers plus one: number 0 is an object in Matterport3D, and no instance in a scene.
@@ -214,7 +214,7 @@ fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<Objec
     house.objects.iter().map(label).collect()
 }
 
-/// A record's category and noun: by mpcat40 number, or else by name.
+/// A record's category and noun: by mpcat40 number, or by name.
 fn meaning(record: &Category) -> (Option<String>, String) {
     let by_number = record.mpcat40_index.and_then(|index| MPCAT40.get(index as usize).copied());
     let category = by_number

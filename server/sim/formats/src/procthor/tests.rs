@@ -14,7 +14,7 @@ fn wall(id: &str, room: &str, from: [f32; 2], to: [f32; 2]) -> Value {
         "polygon": [corner(from, 0.0), corner(to, 0.0), corner(from, 2.5), corner(to, 2.5)] })
 }
 
-/// Two rooms, 0 to 4 and 4 to 6 along x, both 3 m deep in Unity's z, with a door between them, one that leads outside
+/// Two rooms, 0 to 4 and 4 to 6 in x, both 3 m deep in Unity's z, with a door between them, one that leads outside
 /// and a window.
 fn house() -> Value {
     let rectangle = |x0, x1| json!([at(x0, 0.0, 0.0), at(x0, 0.0, 3.0), at(x1, 0.0, 3.0), at(x1, 0.0, 0.0)]);
@@ -80,7 +80,7 @@ fn house_has_rooms_openings_and_boxes() {
     assert_eq!(scene.regions[0].bounds, Aabb::new(Point3::new(0.0, 0.0, -3.0), Point3::new(4.0, 2.5, 0.0)));
     let [sofa, pillow] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
     assert_eq!((sofa.category.as_str(), sofa.region), ("sofa", Some(0)));
-    // 2 m wide along Unity's x before the quarter turn, along z after it.
+    // 2 m wide in Unity's x before the quarter turn, in z after it.
     assert!((sofa.bounds.size() - avln_geom::Vector3::new(1.0, 0.8, 2.0)).norm() < 1e-5, "{:?}", sofa.bounds);
     assert!((sofa.bounds.center() - Point3::new(2.0, 0.4, -1.5)).norm() < 1e-5);
     assert_eq!(pillow.category, "cushion");
@@ -92,7 +92,7 @@ fn house_has_rooms_openings_and_boxes() {
 
     let close =
         |found: Option<f32>, expected: f32| found.is_some_and(|found| (found - expected).abs() < 0.02);
-    // From the middle of the bathroom to -x: through the door, 0.5 to 1.5 m along the wall, and to nothing; else the wall.
+    // From the middle of the bathroom to -x: through the door, 0.5 to 1.5 m from the corner, without a hit; other rays hit the wall.
     assert_eq!(hit(&scene, [5.0, 1.0, -1.0], [-1.0, 0.0, 0.0]), None);
     assert!(close(hit(&scene, [5.0, 2.2, -1.0], [-1.0, 0.0, 0.0]), 1.0), "above the door");
     assert!(close(hit(&scene, [5.0, 1.0, -2.5], [-1.0, 0.0, 0.0]), 1.0), "beside the door");

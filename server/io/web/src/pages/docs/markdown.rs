@@ -1,22 +1,24 @@
+//! Markdown to HTML.
+
 use super::address;
 use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
 
-/// Title and HTML of the document at `path` of the repository. Its title is its first heading, which the HTML leaves out.
+/// Renders the document at `path` and returns its title (the first heading) and the HTML below it.
 ///
-/// Links to other documents lead to their pages, links to anything else of the repository are plain text. Tables can be scrolled.
-/// HTML in the text is shown as it is written.
+/// Links to other documents lead to their pages; links to other files become plain text. Tables scroll. HTML in the
+/// text is escaped.
 pub(super) fn render(path: &str, text: &str) -> (String, String) {
     let events: Vec<Event> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
     let (title, rest) = split_title(events);
     let events = framed(anchored(linked(path, rest.into_iter().map(harmless).collect())), &title);
     let mut html = String::new();
     html::push_html(&mut html, events.into_iter());
-    // What may be scrolled can be reached by keyboard.
+    // Scrollable blocks must be reachable by keyboard (accessibility).
     let html = html.replace("<pre>", "<pre tabindex=\"0\">");
     (title, html)
 }
 
-/// The text of the first heading, and what follows it.
+/// Splits off the first heading.
 fn split_title(events: Vec<Event<'_>>) -> (String, Vec<Event<'_>>) {
     let is_end = |event: &Event| matches!(event, Event::End(TagEnd::Heading(HeadingLevel::H1)));
     let Some(end) = events.iter().position(is_end) else { return (String::new(), events) };
@@ -32,7 +34,7 @@ fn plain(events: &[Event]) -> String {
     texts.collect()
 }
 
-/// HTML becomes text, and columns stand as the style sheet says.
+/// Turns HTML into text, and removes column alignment: the content security policy blocks inline styles.
 fn harmless(event: Event<'_>) -> Event<'_> {
     match event {
         Event::Html(text) | Event::InlineHtml(text) => Event::Text(text),
@@ -64,7 +66,7 @@ fn linked<'a>(path: &str, events: Vec<Event<'a>>) -> Vec<Event<'a>> {
     linked
 }
 
-/// Where a link in the document at `path` leads; `None` for what has no page.
+/// Resolves a link in the document at `path`; `None` for files without a page.
 fn target(path: &str, link: &str) -> Option<String> {
     if link.starts_with("https://") || link.starts_with("http://") || link.starts_with('#') {
         return Some(link.to_owned());
@@ -83,7 +85,7 @@ fn target(path: &str, link: &str) -> Option<String> {
     Some(place.map_or(page.clone(), |place| format!("{page}#{place}")))
 }
 
-/// Gives each heading an id of its words, so that links can lead to it.
+/// Adds ids to headings, for links.
 fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     for at in 0..events.len() {
         let Event::Start(Tag::Heading { level, .. }) = events[at] else { continue };
@@ -96,14 +98,14 @@ fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     events
 }
 
-/// Lower case, words joined by hyphens, as code hosts do.
+/// Returns the heading id: lower case with hyphens, as on GitHub.
 fn anchor(words: &str) -> String {
     let kept = words.to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
     kept.collect::<String>().replace(' ', "-")
 }
 
-/// Puts each table into a frame that scrolls, named by its number in the document.
+/// Wraps tables into scrollable regions with accessible names.
 fn framed<'a>(events: Vec<Event<'a>>, title: &str) -> Vec<Event<'a>> {
     let mut framed = Vec::with_capacity(events.len());
     let mut tables = 0;
@@ -128,14 +130,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_heading_is_the_title_and_others_can_be_linked_to() {
+    fn the_first_heading_is_the_title() {
         let (title, html) = render("docs/a.md", "# Of `all`\n\nText.\n\n## What it's for, now\n");
         assert_eq!(title, "Of all");
         assert_eq!(html, "<p>Text.</p>\n<h2 id=\"what-its-for-now\">What it's for, now</h2>\n");
     }
 
     #[test]
-    fn links_lead_to_pages_or_are_text() {
+    fn links_lead_to_pages_or_become_text() {
         let text = "[a](scoring.md#spl) [b](../proto/PROTOCOL.md) [c](challenge.toml) [d](https://e.org/x) [e](#here)";
         let (_, html) = render("docs/a.md", text);
         let expected = "<a href=\"/docs/scoring#spl\">a</a> <a href=\"/docs/protocol\">b</a> c \
@@ -147,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn html_is_text_and_tables_scroll() {
+    fn html_is_escaped_and_tables_scroll() {
         let (_, html) =
             render("docs/a.md", "# T\n\n<b onclick=\"x\">hi</b>\n\n| a | b |\n|---|--:|\n| 1 | 2 |\n");
         assert!(!html.contains("<b") && html.contains("&lt;b onclick"), "{html}");

@@ -1,0 +1,433 @@
+//! Page texts for numbers, times, enums and addresses.
+
+pub(crate) use avln_store::calendar::rfc3339;
+
+use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
+use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
+use avln_store::{
+    EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
+};
+use serde::Serializer;
+use std::{collections::BTreeMap, fmt::Write};
+
+/// Text for a missing value.
+pub(crate) const NOTHING: &str = "–";
+
+/// Percent-encodes a path segment or query value.
+pub(crate) fn url_encode(text: &str) -> String {
+    askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
+}
+
+/// Serialises a time by RFC 3339.
+pub(crate) fn at<S: Serializer>(unix_ms: &i64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&rfc3339(*unix_ms))
+}
+
+/// Serialises an optional time by RFC 3339.
+pub(crate) fn maybe_at<S: Serializer>(unix_ms: &Option<i64>, serializer: S) -> Result<S::Ok, S::Error> {
+    match unix_ms {
+        Some(unix_ms) => at(unix_ms, serializer),
+        None => serializer.serialize_none(),
+    }
+}
+
+/// A share as a percentage with one decimal.
+pub(crate) fn share(value: &f64) -> String {
+    format!("{:.1} %", value * 100.0)
+}
+
+pub(crate) fn maybe_share(value: &Option<f64>) -> String {
+    value.as_ref().map_or_else(|| NOTHING.to_owned(), share)
+}
+
+/// A number with one decimal.
+pub(crate) fn number(value: &f64) -> String {
+    format!("{value:.1}")
+}
+
+/// A length, metres with two decimals.
+pub(crate) fn metres(value: &f64) -> String {
+    format!("{value:.2} m")
+}
+
+pub(crate) fn maybe_metres(value: &Option<f64>) -> String {
+    value.as_ref().map_or_else(|| NOTHING.to_owned(), metres)
+}
+
+/// A duration in a suitable unit.
+pub(crate) fn duration(seconds: &f64) -> String {
+    match *seconds {
+        s if s < 100.0 => format!("{s:.2} s"),
+        s if s < 6000.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// A duration, milliseconds with two decimals.
+pub(crate) fn maybe_milliseconds(milliseconds: Option<f64>) -> String {
+    milliseconds.map_or_else(|| NOTHING.to_owned(), |ms| format!("{ms:.2} ms"))
+}
+
+/// A time for people: UTC, whole minutes.
+pub(crate) fn moment(unix_ms: i64) -> String {
+    let stamp = rfc3339(unix_ms);
+    format!("{} {} UTC", &stamp[..stamp.len() - 10], &stamp[stamp.len() - 9..stamp.len() - 4])
+}
+
+/// A `time` element. It contains only digits, so it needs no escaping.
+pub(crate) fn time_html(unix_ms: &i64) -> String {
+    format!("<time datetime=\"{}\">{}</time>", rfc3339(*unix_ms), moment(*unix_ms))
+}
+
+pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
+    unix_ms.as_ref().map_or_else(|| NOTHING.to_owned(), time_html)
+}
+
+/// Metric label.
+pub(crate) fn metric(key: &Key) -> &'static str {
+    key.metric().label
+}
+
+/// Metric definition.
+pub(crate) fn meaning(key: &Key) -> &'static str {
+    key.metric().meaning
+}
+
+/// Metric direction.
+pub(crate) fn better(direction: &Direction) -> &'static str {
+    match direction {
+        Direction::Higher => "higher is better",
+        Direction::Lower => "lower is better",
+    }
+}
+
+/// A mean with unit.
+pub(crate) fn mean(key: &Key, value: &f64) -> String {
+    match key.metric().unit {
+        Unit::Metres => metres(value),
+        Unit::Count => number(value),
+        Unit::Share => share(value),
+    }
+}
+
+/// A difference with its interval; shares differ in percentage points.
+pub(crate) fn difference(difference: &Difference) -> String {
+    let Estimate { value, low, high } = difference.estimate;
+    let (factor, digits) = match difference.key.metric().unit {
+        Unit::Metres => (1.0, 2),
+        Unit::Count => (1.0, 1),
+        Unit::Share => (100.0, 1),
+    };
+    // A value that rounds to zero has no sign.
+    let signed = |value: f64| {
+        let text = format!("{:+.digits$}", factor * value).replace('-', "−");
+        if text.chars().any(|letter| matches!(letter, '1'..='9')) {
+            text
+        } else {
+            text[text.find('0').unwrap_or(0)..].to_owned()
+        }
+    };
+    format!("{} ({} to {})", signed(value), signed(low), signed(high))
+}
+
+/// Comparison verdict.
+pub(crate) fn verdict(difference: &Difference) -> &'static str {
+    let is_more = difference.estimate.value > 0.0;
+    match (difference.is_sure, is_more == (difference.key.direction() == Direction::Higher)) {
+        (false, _) => "≈ no clear difference",
+        (true, true) => "first run is better",
+        (true, false) => "second run is better",
+    }
+}
+
+/// Table cell content: the mean and, if available, the interval as text and bar. It contains only digits, so it needs no escaping.
+pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
+    match key.metric().estimate_of(summary) {
+        Some(estimate) => estimate_html(&estimate),
+        None => mean(key, &key.mean_of(summary)),
+    }
+}
+
+/// A share with its interval as text and bar.
+pub(crate) fn estimate_html(estimate: &Estimate) -> String {
+    let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
+    let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
+    let mut html = format!("<span class=\"value\">{}</span>", share(&estimate.value));
+    let _ = write!(
+        html,
+        "<svg class=\"bar\" viewBox=\"0 0 100 10\" aria-hidden=\"true\">\
+         <line class=\"axis\" x1=\"5\" y1=\"5\" x2=\"95\" y2=\"5\"/>\
+         <line class=\"reach\" x1=\"{low}\" y1=\"5\" x2=\"{high}\" y2=\"5\"/>\
+         <circle cx=\"{value}\" cy=\"5\" r=\"4\"/></svg>\
+         <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{:.1} to {:.1}</span>",
+        estimate.low * 100.0,
+        estimate.high * 100.0
+    );
+    html
+}
+
+/// Goal order.
+pub(crate) fn order(order: &Order) -> &'static str {
+    match order {
+        Order::Ordered => "Ordered",
+        Order::Unordered => "Unordered",
+    }
+}
+
+/// Selected run per method.
+pub(crate) fn pick(pick: &RunChoice) -> &'static str {
+    match pick {
+        RunChoice::Best => "best",
+        RunChoice::Latest => "latest",
+    }
+}
+
+/// Reference kind.
+pub(crate) fn reference(reference: &Reference) -> &'static str {
+    match reference {
+        Reference::Baseline => "baseline",
+        Reference::Oracle => "oracle",
+        Reference::Human => "human",
+    }
+}
+
+/// The rank with its interval. It contains only digits, so it needs no escaping.
+pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
+    match standing {
+        None => NOTHING.to_owned(),
+        Some(Standing { rank, rank_low, rank_high, .. }) if rank_low == rank_high => rank.to_string(),
+        Some(Standing { rank, rank_low, rank_high, .. }) => format!(
+            "{rank} <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{rank_low} to {rank_high}</span>"
+        ),
+    }
+}
+
+/// A method's run count, and the median for several runs.
+pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
+    let runs = plural(&row.runs_count, "run");
+    if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
+}
+
+/// Goal cue kind.
+pub(crate) fn modality(modality: &Modality) -> &'static str {
+    match modality {
+        Modality::Category => "category",
+        Modality::Description => "description",
+        Modality::Image => "image",
+    }
+}
+
+/// Run state.
+pub(crate) fn run_state(state: &RunState) -> &'static str {
+    match state {
+        RunState::Created => "not started",
+        RunState::Running => "running",
+        RunState::Completed => "completed",
+        RunState::Failed => "lost by the server",
+        RunState::Expired => "out of time",
+        RunState::Cancelled => "cancelled",
+    }
+}
+
+/// Episode state.
+pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
+    match state {
+        EpisodeState::Pending => "pending",
+        EpisodeState::Running => "in progress",
+        EpisodeState::Terminated => "ended",
+        EpisodeState::Truncated => "truncated",
+        EpisodeState::Infra => "lost by the server",
+    }
+}
+
+/// Phase state.
+pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
+    match state {
+        PhaseState::Upcoming => "not open yet",
+        PhaseState::Open => "open",
+        PhaseState::Paused => "paused",
+        PhaseState::Closed => "closed",
+    }
+}
+
+/// Quota window.
+pub(crate) fn window(window: &QuotaWindow) -> &'static str {
+    match window {
+        QuotaWindow::Day => "today (UTC)",
+        QuotaWindow::Month => "this month (UTC)",
+        QuotaWindow::Total => "the whole phase",
+        QuotaWindow::Concurrent => "at the same time",
+        QuotaWindow::Uncharged => "not charged",
+    }
+}
+
+/// A count, or "unlimited".
+pub(crate) fn maybe_count(count: &Option<u32>) -> String {
+    count.map_or_else(|| "unlimited".to_owned(), |count| count.to_string())
+}
+
+/// The people who may see scores or replays.
+pub(crate) fn visibility(visibility: &Visibility) -> &'static str {
+    match visibility {
+        Visibility::Public => "everyone",
+        Visibility::Team => "each team (its own)",
+        Visibility::Organiser => "the organiser",
+    }
+}
+
+/// Episode end reason.
+pub(crate) fn end(reason: &EndReason) -> &'static str {
+    match reason {
+        EndReason::Stopped => "stopped",
+        EndReason::FinalSubmit => "last submit",
+        EndReason::StepLimit => "step limit",
+        EndReason::TimeBudget => "out of time",
+        EndReason::Abandoned => "abandoned",
+        EndReason::Disconnected => "disconnected",
+        EndReason::ServerFault => "server fault",
+    }
+}
+
+/// Episode end reason, if it has ended.
+pub(crate) fn maybe_end(reason: &Option<EndReason>) -> &'static str {
+    reason.as_ref().map_or(NOTHING, end)
+}
+
+/// End reasons with their counts, the most frequent first.
+pub(crate) fn ends(counts: &BTreeMap<&'static str, u32>) -> Vec<(u32, &'static str)> {
+    let named =
+        |word: &str| EndReason::ALL.into_iter().find(|r| r.as_str() == word).as_ref().map_or("other", end);
+    let mut parts: Vec<(u32, &str)> = counts.iter().map(|(word, &times)| (times, named(word))).collect();
+    parts.sort_by_key(|&(times, _)| std::cmp::Reverse(times));
+    parts
+}
+
+/// End reasons in a sentence; lost attempts last.
+pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) -> String {
+    let parts = ends(counts);
+    let mut words: Vec<String> = parts.iter().map(|(times, word)| format!("{times} {word}")).collect();
+    if *server_faults > 0 {
+        words.push(format!("{} lost by the server and replayed", plural(server_faults, "attempt")));
+    }
+    if words.is_empty() { NOTHING.to_owned() } else { words.join(", ") }
+}
+
+/// An agent's sensors, with encodings other than raw.
+pub(crate) fn sensors(sensors: &Sensors) -> String {
+    let Sensors { rgb, depth, audio, width, height, hfov_rad, encodings } = sensors;
+    let all = [
+        (*rgb, "colour", encodings.rgb),
+        (*depth, "depth", encodings.depth),
+        (*audio, "sound", encodings.audio),
+    ];
+    let mut words: Vec<String> =
+        all.iter().filter(|(on, ..)| *on).map(|(_, name, encoding)| with_encoding(name, *encoding)).collect();
+    if words.is_empty() {
+        words.push("pose only".to_owned());
+    }
+    words.extend(all.iter().filter(|(on, ..)| !*on).map(|(_, name, _)| format!("no {name}")));
+    format!(
+        "{}; images of {width} × {height} pixels, {:.0}° field of view",
+        words.join(", "),
+        hfov_rad.to_degrees()
+    )
+}
+
+/// An agent's sensors in short.
+pub(crate) fn sensor_list(sensors: &Option<Sensors>) -> String {
+    let Some(Sensors { rgb, depth, audio, .. }) = sensors else { return NOTHING.to_owned() };
+    let word = |on: &bool, name: &str| if *on { name.to_owned() } else { format!("no {name}") };
+    [word(rgb, "colour"), word(depth, "depth"), word(audio, "sound")].join(", ")
+}
+
+fn with_encoding(name: &str, encoding: Encoding) -> String {
+    if encoding == Encoding::Raw { name.to_owned() } else { format!("{name} ({})", encoding.as_str()) }
+}
+
+/// A count with its noun; the plural ends in s.
+pub(crate) fn plural(count: &u32, noun: &str) -> String {
+    let s = if *count == 1 { "" } else { "s" };
+    format!("{count} {noun}{s}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_follow_the_calendar() {
+        assert_eq!(rfc3339(0), "1970-01-01T00:00:00Z");
+        assert_eq!(rfc3339(951_782_399_999), "2000-02-28T23:59:59Z");
+        assert_eq!(rfc3339(951_782_400_000), "2000-02-29T00:00:00Z");
+        assert_eq!(rfc3339(4_107_542_400_000), "2100-03-01T00:00:00Z");
+        assert_eq!(rfc3339(-1), "1969-12-31T23:59:59Z");
+        assert_eq!(moment(1_795_266_906_000), "2026-11-21 13:15 UTC");
+    }
+
+    #[test]
+    fn differences_have_signs_and_verdicts() {
+        let estimate = |value, low, high| Estimate { value, low, high };
+        let of = |key, estimate, is_sure| Difference { key, first: 0.0, second: 0.0, estimate, is_sure };
+        let sr = of(Key::Sr, estimate(0.123, -0.0001, 0.25), false);
+        assert_eq!(
+            (difference(&sr).as_str(), verdict(&sr)),
+            ("+12.3 (0.0 to +25.0)", "≈ no clear difference")
+        );
+        let steps = of(Key::Steps, estimate(-31.0, -40.0, -22.0), true);
+        assert_eq!(
+            (difference(&steps).as_str(), verdict(&steps)),
+            ("−31.0 (−40.0 to −22.0)", "first run is better")
+        );
+        assert_eq!(verdict(&of(Key::Spl, estimate(-0.5, -0.6, -0.4), true)), "second run is better");
+    }
+
+    #[test]
+    fn intervals_are_written_and_drawn() {
+        let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 });
+        assert!(html.contains("50.0 %") && html.contains("25.0 to 75.0"), "{html}");
+        assert!(html.contains("x1=\"28\" y1=\"5\" x2=\"73\"") && html.contains("cx=\"50\""), "{html}");
+    }
+
+    #[test]
+    fn missing_sensors_are_listed() {
+        let mut asked = Sensors { audio: false, ..Sensors::all(256, 128) };
+        assert_eq!(sensors(&asked), "colour, depth, no sound; images of 256 × 128 pixels, 90° field of view");
+        asked.encodings.depth = Encoding::PackedMillimetres;
+        assert!(
+            sensors(&asked).starts_with("colour, depth (whole millimetres, packed), no sound;"),
+            "{}",
+            sensors(&asked)
+        );
+        let blind = Sensors { rgb: false, depth: false, ..asked };
+        assert!(
+            sensors(&blind).starts_with("pose only, no colour, no depth, no sound;"),
+            "{}",
+            sensors(&blind)
+        );
+    }
+
+    #[test]
+    fn short_lists_name_missing_sensors() {
+        let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
+        assert_eq!(sensor_list(&Some(deaf)), "colour, depth, no sound");
+        assert_eq!(sensor_list(&None), NOTHING);
+    }
+
+    #[test]
+    fn the_most_frequent_end_comes_first() {
+        let counts = BTreeMap::from([("final_submit", 2), ("stopped", 5)]);
+        assert_eq!(health(&counts, &0), "5 stopped, 2 last submit");
+        assert_eq!(
+            health(&counts, &1),
+            "5 stopped, 2 last submit, 1 attempt lost by the server and replayed"
+        );
+        assert_eq!(health(&BTreeMap::new(), &0), NOTHING);
+    }
+
+    #[test]
+    fn durations_choose_their_unit() {
+        assert_eq!(duration(&1.5), "1.50 s");
+        assert_eq!(duration(&120.0), "2.0 min");
+        assert_eq!(duration(&7200.0), "2.0 h");
+    }
+}

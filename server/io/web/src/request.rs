@@ -1,0 +1,243 @@
+//! Request data: the viewer, and typed query parameters.
+
+use crate::{error::RequestError, format::url_encode};
+use avln_store::{CompareView, Incomparable, Reader, RunList, Viewer};
+use axum::{
+    extract::{FromRequestParts, Query},
+    http::{header, request::Parts},
+};
+use serde::{Deserialize, de::DeserializeOwned};
+use std::{
+    convert::Infallible,
+    fmt,
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+/// A request's viewer, with read access to the store.
+pub(crate) struct RequestContext {
+    pub(crate) reader: Reader,
+    pub(crate) viewer: Viewer,
+    /// Request time, milliseconds since 1970-01-01 UTC.
+    pub(crate) now_unix_ms: i64,
+}
+
+impl FromRequestParts<Reader> for RequestContext {
+    type Rejection = RequestError;
+
+    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, RequestError> {
+        let now_unix_ms = now_unix_ms();
+        let viewer = match parts.headers.get(header::AUTHORIZATION) {
+            // Set by the session middleware.
+            None => parts.extensions.get::<Viewer>().cloned().unwrap_or(Viewer::Anonymous),
+            Some(value) => {
+                let secret = value.to_str().ok().and_then(bearer).ok_or(RequestError::BadToken)?;
+                reader.viewer(secret, now_unix_ms).await?.ok_or(RequestError::BadToken)?
+            }
+        };
+        Ok(Self { reader: reader.clone(), viewer, now_unix_ms })
+    }
+}
+
+/// Returns the secret from an `Authorization: Bearer` header.
+fn bearer(value: &str) -> Option<&str> {
+    let (scheme, secret) = value.split_once(' ')?;
+    (scheme.eq_ignore_ascii_case("bearer") && secret.len() <= 512).then(|| secret.trim())
+}
+
+pub(crate) fn now_unix_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// The gRPC server's port and transport.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct GrpcEndpoint {
+    pub(crate) port: u16,
+    /// Whether it uses TLS.
+    pub(crate) is_secure: bool,
+}
+
+/// The gRPC server's address as seen by this visitor: the request's host name with the gRPC port.
+pub(crate) struct GrpcAddress {
+    host: String,
+    endpoint: GrpcEndpoint,
+}
+
+impl fmt::Display for GrpcAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let scheme = if self.endpoint.is_secure { "https" } else { "http" };
+        write!(f, "{scheme}://{}:{}", self.host, self.endpoint.port)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for GrpcAddress {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let value = parts.headers.get(header::HOST).and_then(|value| value.to_str().ok());
+        let endpoint = parts.extensions.get().copied().unwrap_or_default();
+        Ok(Self { host: value.and_then(host_name).unwrap_or("127.0.0.1").to_owned(), endpoint })
+    }
+}
+
+/// Returns the host name from a `Host` header. Visitors copy it into a shell, so unusual characters are rejected.
+fn host_name(value: &str) -> Option<&str> {
+    let name = value.rsplit_once(':').map_or(value, |(name, _)| name);
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '.' | '-');
+    (!name.is_empty() && name.len() <= 253 && name.chars().all(is_plain)).then_some(name)
+}
+
+/// Typed query parameters; unknown parameters are rejected.
+pub(crate) struct StrictQuery<T>(pub(crate) T);
+
+impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
+    type Rejection = RequestError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+        match Query::<T>::try_from_uri(&parts.uri) {
+            Ok(Query(parameters)) => Ok(Self(parameters)),
+            Err(error) => Err(RequestError::Invalid(error.body_text())),
+        }
+    }
+}
+
+/// An empty query.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct NoParameters {}
+
+/// Run ids to compare.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CompareQuery {
+    pub(crate) first: String,
+    pub(crate) second: String,
+}
+
+impl CompareQuery {
+    pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView, RequestError> {
+        let Self { first, second } = self;
+        match context.reader.compare(&context.viewer, [first, second]).await? {
+            Some(Ok(view)) => Ok(view),
+            Some(Err(Incomparable::Apart)) => Err(RequestError::Invalid(format!(
+                "the runs '{first}' and '{second}' cannot be compared: they belong to different phases or orders of goals"
+            ))),
+            Some(Err(Incomparable::Hidden)) => Err(RequestError::Invalid(format!(
+                "the runs '{first}' and '{second}' cannot be compared: their phase hides the scores of single episodes"
+            ))),
+            None => {
+                Err(RequestError::Unknown { what: "pair of runs", name: format!("{first} and {second}") })
+            }
+        }
+    }
+}
+
+/// The displayed moment in a replay.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReplayQuery {
+    /// Step; by default the last one.
+    pub(crate) t: Option<u32>,
+    /// Front storey, counted from 1; by default the agent's.
+    pub(crate) storey: Option<usize>,
+    ears: Option<Ears>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Ears {
+    On,
+}
+
+impl ReplayQuery {
+    /// Returns true if the page shows sound levels, which requires rendering.
+    pub(crate) fn shows_levels(self) -> bool {
+        self.ears == Some(Ears::On)
+    }
+}
+
+/// A picture's sensor.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PictureQuery {
+    sensor: Option<PictureSensor>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum PictureSensor {
+    Rgb,
+    Depth,
+}
+
+impl PictureQuery {
+    pub(crate) fn is_depth(self) -> bool {
+        self.sensor == Some(PictureSensor::Depth)
+    }
+}
+
+/// A page in the list of runs.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RunsQuery {
+    pub(crate) phase: Option<String>,
+    /// Last run on the previous page.
+    pub(crate) before: Option<String>,
+    pub(crate) limit: Option<u32>,
+}
+
+impl RunsQuery {
+    /// Default and maximum `limit`.
+    pub(crate) const LIMITS: (u32, u32) = (50, 200);
+
+    pub(crate) fn limit(&self) -> Result<u32, RequestError> {
+        let (usual, most) = Self::LIMITS;
+        match self.limit.unwrap_or(usual) {
+            limit if (1..=most).contains(&limit) => Ok(limit),
+            limit => Err(RequestError::Invalid(format!("limit is {limit}, but must be 1 to {most}"))),
+        }
+    }
+
+    /// Returns the query string for the page after `before`, or for the first page.
+    pub(crate) fn address(&self, before: Option<&str>) -> String {
+        let parameter = |name: &str, value: Option<&str>| {
+            value.map_or_else(String::new, |value| format!("{name}={}&", url_encode(value)))
+        };
+        let limit = self.limit.unwrap_or(Self::LIMITS.0);
+        parameter("phase", self.phase.as_deref()) + &parameter("before", before) + &format!("limit={limit}")
+    }
+
+    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, RequestError> {
+        let before = self.before.as_deref();
+        let list = reader.older_runs(viewer, self.phase.as_deref(), before, self.limit()?).await?;
+        list.ok_or_else(|| RequestError::Unknown { what: "run", name: before.unwrap_or_default().to_owned() })
+    }
+}
+
+/// Parses an episode index.
+pub(crate) fn ordinal(text: &str) -> Result<u32, RequestError> {
+    text.parse().map_err(|_| RequestError::Unknown { what: "episode", name: text.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn host_names_are_safe_in_a_shell() {
+        assert_eq!(host_name("arena.example:8080"), Some("arena.example"));
+        assert_eq!(host_name("127.0.0.1"), Some("127.0.0.1"));
+        assert_eq!(host_name("a;reboot"), None);
+        assert_eq!(host_name(":80"), None);
+        assert_eq!(host_name("[::1]:8080"), None);
+    }
+
+    #[test]
+    fn only_bearer_headers_hold_a_secret() {
+        assert_eq!(bearer("Bearer abc"), Some("abc"));
+        assert_eq!(bearer("bearer  abc "), Some("abc"));
+        assert_eq!(bearer("Basic abc"), None);
+        assert_eq!(bearer("abc"), None);
+        assert_eq!(bearer(&format!("Bearer {}", "x".repeat(513))), None);
+    }
+}
