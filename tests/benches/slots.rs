@@ -4,7 +4,7 @@
 
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
+use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 

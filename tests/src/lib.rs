@@ -2,15 +2,15 @@
 
 pub mod canary;
 pub mod disk;
+pub mod fault_proxy;
 pub mod http;
 pub mod python;
 pub mod raw;
+pub mod recording_proxy;
 pub mod repository;
-pub mod fault_proxy;
+pub mod scripted_run;
 pub mod server;
 pub mod skipped;
-pub mod scripted_run;
-pub mod recording_proxy;
 
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{

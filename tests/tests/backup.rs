@@ -3,10 +3,11 @@
 
 use avln_client::{Action, Client, Observation, Order, Play, RunOptions};
 use avln_tests::{
-    PHASE, TestSetup, furnish, http,
+    PHASE, TestSetup,
     fault_proxy::FaultProxy,
-    server::Server,
+    furnish, http,
     scripted_run::{NO_SENSORS, play_script},
+    server::Server,
 };
 use serde_json::Value;
 use std::{

@@ -2,7 +2,7 @@
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{TestServer, PHASE, TestSetup, http, recording_proxy, recording_proxy::RecordingProxy};
+use avln_tests::{PHASE, TestServer, TestSetup, http, recording_proxy, recording_proxy::RecordingProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -79,9 +79,10 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
-    for (spoiler, reason) in
-        [(recording_proxy::illegal_action(), Reason::ActionOutOfRange), (recording_proxy::wrong_step(9), Reason::StepAhead)]
-    {
+    for (spoiler, reason) in [
+        (recording_proxy::illegal_action(), Reason::ActionOutOfRange),
+        (recording_proxy::wrong_step(9), Reason::StepAhead),
+    ] {
         recording_proxy.corrupt(spoiler);
         let step = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("an answer");
         let refused = step.expect_err("a spoiled step");

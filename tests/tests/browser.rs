@@ -3,10 +3,10 @@
 use avln_client::Order;
 use avln_human::{HumanArgs, RunArgs, run_with};
 use avln_tests::{
-    TestServer, PHASE, TestSetup, python,
+    PHASE, TestServer, TestSetup, python,
     repository::root,
-    skipped::skipped,
     scripted_run::{AUDIO_ONLY, play_script, play_script_with},
+    skipped::skipped,
 };
 use std::{env, path::PathBuf};
 use tokio::{sync::oneshot, task::spawn_blocking};

@@ -2,11 +2,10 @@
 
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
+use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::time::{sleep, timeout};
 use tokio_stream::StreamExt;
-
 
 async fn house(missions: usize) -> TestServer {
     TestServer::open(&TestSetup { houses: 1, missions, ..TestSetup::default() }).await

@@ -1,6 +1,6 @@
 //! The program as its users meet it: help, hints and exit codes.
 
-use avln_tests::{TestSetup, TEAM, furnish};
+use avln_tests::{TEAM, TestSetup, furnish};
 use std::{
     fs,
     net::TcpListener,

@@ -1,6 +1,6 @@
 //! The server keeps its own protocol, as the conformance kit sees it, and the kit sees when one does not.
 
-use avln_tests::{TestServer, PHASE, TestSetup};
+use avln_tests::{PHASE, TestServer, TestSetup};
 use std::{
     io::{BufRead, BufReader, Read},
     process::{Command, Output, Stdio},

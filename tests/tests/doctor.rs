@@ -2,7 +2,7 @@
 
 use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};
 use avln_store::{QuotaLimits, RunState, Viewer};
-use avln_tests::{TestServer, PHASE, TestSetup};
+use avln_tests::{PHASE, TestServer, TestSetup};
 use serde_json::Value;
 use std::process::Command;
 

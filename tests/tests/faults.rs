@@ -6,7 +6,8 @@ use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    TestServer, PHASE, TestSetup, disk::Disk, furnish, rule, fault_proxy::FaultProxy, server::Server, store, recording_proxy,
+    PHASE, TestServer, TestSetup, disk::Disk, fault_proxy::FaultProxy, furnish, recording_proxy, rule,
+    server::Server, store,
 };
 use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use std::{

@@ -2,7 +2,7 @@
 
 use avln_client::Order;
 use avln_human::{HumanArgs, HumanError, RunArgs, run_with};
-use avln_tests::{TestServer, PHASE, TestSetup, http};
+use avln_tests::{PHASE, TestServer, TestSetup, http};
 use serde_json::Value;
 use std::net::SocketAddr;
 use tokio::{

@@ -6,10 +6,10 @@ use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensor
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    TestServer, PHASE, TestSetup,
+    PHASE, TestServer, TestSetup,
     canary::Canaries,
     http,
-    raw::{RawClient, MOVE_FORWARD, SUBMIT},
+    raw::{MOVE_FORWARD, RawClient, SUBMIT},
     recording_proxy,
     recording_proxy::RecordingProxy,
     walk::{PASSED_M, Walker, distance_m},
@@ -125,7 +125,7 @@ struct Received {
 }
 
 /// Plays an episode with all senses: wrong claims, refused steps, and then gives it up.
-async fn fumble(tap: &RecordingProxy, arena: &Client, run: &Run) {
+async fn fumble(proxy: &RecordingProxy, arena: &Client, run: &Run) {
     let mut play = arena.play(run, Sensors::square(64)).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for action in
@@ -134,7 +134,7 @@ async fn fumble(tap: &RecordingProxy, arena: &Client, run: &Run) {
         episode.step(action).await.expect("a legal step");
     }
     for spoiler in [recording_proxy::illegal_action(), recording_proxy::wrong_step(100)] {
-        recording_proxy.corrupt(spoiler);
+        proxy.corrupt(spoiler);
         let refused = episode.step(Action::MoveForward).await.expect_err("a spoiled step");
         assert!(matches!(refused, Error::Refused { .. }), "{refused}");
     }
@@ -157,9 +157,9 @@ async fn claim(house: &TestServer, arena: &Client, run: &Run, order: Order) -> V
 }
 
 /// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
-async fn go_unary(tap: &RecordingProxy, arena: &Client) -> String {
+async fn go_unary(proxy: &RecordingProxy, arena: &Client) -> String {
     let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
-    let mut caller = RawClient::connect(&recording_proxy.url(), &run.token).await;
+    let mut caller = RawClient::connect(&proxy.url(), &run.token).await;
     caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
     caller.play(&[MOVE_FORWARD], false).await.expect("legal calls");
     caller.play(&[], false).await.expect_err("the run is over");
@@ -175,7 +175,7 @@ async fn watch(arena: &Client, run: &str) {
 }
 
 /// Asks for everything else that the agents' door answers.
-async fn ask_around(house: &TestServer, tap: &RecordingProxy, arena: &Client) {
+async fn ask_around(house: &TestServer, proxy: &RecordingProxy, arena: &Client) {
     arena.server_info().await.expect("an answer");
     arena.phases().await.expect("an answer");
     arena.quota().await.expect("an answer");
@@ -183,7 +183,7 @@ async fn ask_around(house: &TestServer, tap: &RecordingProxy, arena: &Client) {
     arena.whoami().await.expect("an answer");
     arena.run("run_of_nobody").await.expect_err("no such run");
     arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
-    Client::connect(recording_proxy.url(), "wrong").await.expect_err("no such token");
+    Client::connect(proxy.url(), "wrong").await.expect_err("no such token");
     let own = Run::from_token(&house.token);
     arena.play(&own, NO_SENSORS).await.expect_err("no token of a run");
 }
@@ -200,7 +200,8 @@ async fn follow(house: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
 }
 
 async fn receive(house: &TestServer) -> Received {
-    let (noisy, plain) = (RecordingProxy::open(house.doors.grpc).await, RecordingProxy::open(house.doors.grpc).await);
+    let (noisy, plain) =
+        (RecordingProxy::open(house.doors.grpc).await, RecordingProxy::open(house.doors.grpc).await);
     let curious = Client::connect(noisy.url(), &house.token).await.expect("the door is open");
     let sober = Client::connect(plain.url(), &house.token).await.expect("the door is open");
     let (mut metrics, mut runs) = (Vec::new(), Vec::new());
@@ -377,8 +378,11 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn public_scores_do_not_show_what_hidden_replays_hide() {
-    let plan =
-        TestSetup { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..TestSetup::default() };
+    let plan = TestSetup {
+        visible_to: Visibility::Public,
+        replays_to: Some(Visibility::Organiser),
+        ..TestSetup::default()
+    };
     let house = TestServer::open(&plan).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);

@@ -1,7 +1,7 @@
 //! Who follows a run over the people's door sees it advance, and why it does not.
 
 use avln_client::{Action, Client, RunOptions};
-use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::NO_SENSORS};
+use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::NO_SENSORS};
 use serde_json::Value;
 use std::time::Duration;
 use tokio::time::sleep;

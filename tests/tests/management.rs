@@ -3,10 +3,10 @@
 use avln_client::{Action, Client, EndReason, Error, Order, Reason, RunOptions, Sensors};
 use avln_store::AuditLine;
 use avln_tests::{
-    TestServer, PHASE, TestSetup, TEAM, http,
+    PHASE, TEAM, TestServer, TestSetup, http,
     http::{Answer, Visitor},
-    store,
     scripted_run::play_script,
+    store,
 };
 use std::time::Duration;
 use tokio::time::sleep;

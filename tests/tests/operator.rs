@@ -8,11 +8,10 @@ use avln_arena::{
 use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions};
 use avln_store::AuditNote;
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{TestServer, PHASE, TestSetup, http};
+use avln_tests::{PHASE, TestServer, TestSetup, http};
 use serde::Serialize;
 use std::time::Duration;
 use tokio::time::timeout;
-
 
 struct Operator {
     url: String,

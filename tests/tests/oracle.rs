@@ -32,8 +32,11 @@ async fn the_oracle_completes_every_mission_in_both_orders_on_a_short_path() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_oracle_stands_on_boards_for_comparison() {
     let folder = tempfile::tempdir().expect("a folder");
-    avln_tests::furnish(folder.path(), &avln_tests::TestSetup { houses: 1, missions: 2, ..Default::default() })
-        .await;
+    avln_tests::furnish(
+        folder.path(),
+        &avln_tests::TestSetup { houses: 1, missions: 2, ..Default::default() },
+    )
+    .await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let mut orders = Vec::new();
     suite::play_oracle(&data, PHASE, &mut |order, _| orders.push(order.as_str())).await.expect("two runs");

@@ -2,7 +2,7 @@
 
 use avln_arena::backup::{self, PruneOptions, Pruned};
 use avln_arena::now_unix_ms;
-use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
+use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
 use std::process::Command;
 
 #[tokio::test(flavor = "multi_thread")]

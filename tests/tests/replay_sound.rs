@@ -60,7 +60,8 @@ async fn a_replay_sounds_as_its_agent_heard_it() {
 async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
     let house = TestServer::open(&TestSetup::default()).await;
     let deaf = play_script(&house.agents_url(), &house.token, "deaf").await;
-    let hidden = TestServer::open(&TestSetup { visible_to: Visibility::Organiser, ..TestSetup::default() }).await;
+    let hidden =
+        TestServer::open(&TestSetup { visible_to: Visibility::Organiser, ..TestSetup::default() }).await;
     let (run, _) = play(&hidden, AUDIO_ONLY).await;
     for (house, run) in [(&house, &deaf), (&hidden, &run)] {
         for path in ["runs/RUN/episodes/0/ears/0-1.wav", "api/v1/runs/RUN/episodes/0/levels.csv"] {

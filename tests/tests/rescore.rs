@@ -5,7 +5,7 @@ use avln_arena::{
     rescoring::{Scorer, rescore},
 };
 use avln_store::Store;
-use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
+use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
 use std::{path::Path, process::Command};
 
 /// What `avln run rescore` says, and its exit code.

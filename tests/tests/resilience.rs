@@ -3,7 +3,7 @@
 
 use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{TestServer, PHASE, TestSetup, furnish, http, fault_proxy::FaultProxy, server::Server};
+use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, furnish, http, server::Server};
 use serde_json::Value;
 use std::{
     net::SocketAddr,

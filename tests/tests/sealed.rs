@@ -2,7 +2,7 @@
 #![cfg(target_os = "linux")]
 
 use avln_client::{Client, Metric, RunStatus};
-use avln_tests::{TestServer, PHASE, TestSetup, TEAM, furnish, http};
+use avln_tests::{PHASE, TEAM, TestServer, TestSetup, furnish, http};
 use std::{
     net::TcpListener,
     path::Path,

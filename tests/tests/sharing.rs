@@ -3,7 +3,7 @@
 use avln_arena::servers::Limits;
 use avln_arena::setup::admit;
 use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
-use avln_tests::{TestServer, PHASE, TestSetup, furnish, rule, fault_proxy::FaultProxy, store};
+use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, furnish, rule, store};
 use std::{
     sync::{
         Arc,

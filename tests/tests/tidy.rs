@@ -121,7 +121,8 @@ fn definitions() -> Vec<Definition> {
             let is_public = line.starts_with("pub ");
             let rest = line.strip_prefix("pub ").or_else(|| line.strip_prefix("pub(crate) ")).unwrap_or(line);
             let rest = rest.strip_prefix("pub(super) ").unwrap_or(rest);
-            let Some(rest) = ["struct ", "enum ", "trait "].iter().find_map(|word| rest.strip_prefix(word)) else {
+            let Some(rest) = ["struct ", "enum ", "trait "].iter().find_map(|word| rest.strip_prefix(word))
+            else {
                 continue;
             };
             let name: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
@@ -140,8 +141,7 @@ fn type_names_are_unique_in_a_crate() {
         places.entry(key).or_default().push(shown(&definition.path));
     }
     let repeated = places.into_iter().filter(|(_, paths)| paths.len() > 1);
-    let found: Vec<_> =
-        repeated.map(|((_, name), paths)| format!("{name}: {}", paths.join(", "))).collect();
+    let found: Vec<_> = repeated.map(|((_, name), paths)| format!("{name}: {}", paths.join(", "))).collect();
     assert!(found.is_empty(), "type names used twice:\n{}", findings(found));
 }
 
@@ -165,7 +165,9 @@ fn glossary_terms() -> BTreeSet<String> {
 #[test]
 fn glossary_terms_occur_in_code_or_documents() {
     let mut all = String::new();
-    for source in sources(".rs").into_iter().chain(sources(".md")).chain(sources(".proto")).chain(sources(".html")) {
+    for source in
+        sources(".rs").into_iter().chain(sources(".md")).chain(sources(".proto")).chain(sources(".html"))
+    {
         if !source.path.ends_with("GLOSSARY.md") {
             all.push_str(&source.text.to_lowercase().replace(['_', '-', '\n'], " "));
             all.push(' ');

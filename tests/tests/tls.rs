@@ -2,7 +2,7 @@
 
 use avln_arena::servers::Security;
 use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
-use avln_tests::{TestServer, PHASE, TestSetup, http};
+use avln_tests::{PHASE, TestServer, TestSetup, http};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -95,7 +95,8 @@ async fn tls_where_plain_text_is_spoken_is_told_apart() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_speaks_tls_is_checked_like_any_other() {
     let authority = Authority::new();
-    let house = TestServer::open_as(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security()).await;
+    let house =
+        TestServer::open_as(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security()).await;
     let mut kit = std::process::Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     kit.args(["conformance", "--server", &house.agents_url(), "--token", &house.token, "--phase", PHASE]);
     kit.arg("--ca").arg(authority.file("ca.pem"));

@@ -3,7 +3,7 @@
 
 use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
 use avln_client::{Client, RunOptions};
-use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
+use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
 use std::{
     fs,
     path::{Path, PathBuf},

@@ -19,7 +19,7 @@ mod survey;
 
 pub use build::{BuiltScene, Job, MissionRules, Recipe, SceneChoice, SplitRecipe, build_scene};
 pub use check::{Constraint, Depth, Fault, check_scene};
-pub use cue::{CueSpec, Description, CueView};
+pub use cue::{CueSpec, CueView, Description};
 pub use describe::Claims;
 pub use format::{FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
 pub use mission::{

@@ -14,7 +14,7 @@ pub(crate) use sighting::{Sighting, look_around};
 pub use sighting::{ThresholdsOnly, Verifier};
 
 use crate::{
-    cue::{Description, CueView},
+    cue::{CueView, Description},
     describe::Writer,
 };
 use avln_episode::Rules;

@@ -1,7 +1,7 @@
 //! Writer for the LH-AVLN authors' data set layout.
 
 use crate::{InterchangeError, json::pack};
-use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, CueView};
+use avln_dataset::{CueSpec, CueView, EpisodeSpec, GoalSpec, PublicGoal, PublicMission};
 use avln_episode::Rules;
 use avln_geom::{Point3, Pose, angle};
 use avln_scene::categories::TARGET_CATEGORIES;

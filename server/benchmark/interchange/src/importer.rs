@@ -1,7 +1,7 @@
 //! Import: finds foreign goals in a scene, and computes success regions and reference tours.
 
 use crate::foreign::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
-use avln_dataset::{CueSpec, Description, EpisodeSpec, GoalSpec, CueView, reference_tours, target_at};
+use avln_dataset::{CueSpec, CueView, Description, EpisodeSpec, GoalSpec, reference_tours, target_at};
 use avln_episode::Rules;
 use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 use avln_scene::{InstanceId, Object, Scene, categories::mpcat40};

@@ -5,7 +5,7 @@ use crate::{
     authors_export::{ExportedFile, SceneMissions},
     parquet::{Column, ParquetFile, Values},
 };
-use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour, CueView};
+use avln_dataset::{CueSpec, CueView, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour};
 use avln_episode::Modality;
 use avln_geom::{Point3, Pose};
 use avln_truth::Target;

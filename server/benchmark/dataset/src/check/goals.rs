@@ -3,7 +3,7 @@
 use crate::{
     build::MissionRules,
     check::fault::Constraint,
-    cue::{CueSpec, Description, CueView},
+    cue::{CueSpec, CueView, Description},
     describe::{Facts, fits_only, unsaid},
     mission::GoalSpec,
     survey::{Palette, Sighting, SurveyOptions, ThresholdsOnly, choose_pictures, look_around},

@@ -1,9 +1,9 @@
 //! Survey of a house, and hundreds of missions in it: constraints hold, and violations are found.
 
 use avln_dataset::{
-    Constraint, CueSpec, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules, SceneSource,
-    SceneSpec, StepGoal, SurveyOptions, ThresholdsOnly, Verifier, CueView, check_scene, sample_missions, survey,
-    survey_with,
+    Constraint, CueSpec, CueView, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules,
+    SceneSource, SceneSpec, StepGoal, SurveyOptions, ThresholdsOnly, Verifier, check_scene, sample_missions,
+    survey, survey_with,
 };
 use avln_episode::{Modality, Rules};
 use avln_formats::open::open;
