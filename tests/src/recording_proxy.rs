@@ -1,4 +1,4 @@
-//! A tap on the wire: it passes bytes on, keeps what the server says, and can spoil or cut what the client says.
+//! A proxy that records what the server answers, and that corrupts or cuts what the client sends.
 
 use std::{
     net::SocketAddr,

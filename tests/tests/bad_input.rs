@@ -74,8 +74,8 @@ async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_play
 #[tokio::test(flavor = "multi_thread")]
 async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
     let house = TestServer::open(&TestSetup::default()).await;
-    let tap = RecordingProxy::open(house.doors.grpc).await;
-    let arena = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
+    let proxy = RecordingProxy::open(house.doors.grpc).await;
+    let arena = Client::connect(proxy.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
@@ -83,7 +83,7 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
         (recording_proxy::illegal_action(), Reason::ActionOutOfRange),
         (recording_proxy::wrong_step(9), Reason::StepAhead),
     ] {
-        recording_proxy.corrupt(spoiler);
+        proxy.corrupt(spoiler);
         let step = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("an answer");
         let refused = step.expect_err("a spoiled step");
         assert_eq!(refused.reason(), Some(reason), "{refused}");
@@ -98,14 +98,14 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     let house = TestServer::open(&TestSetup::default()).await;
-    let tap = RecordingProxy::open(house.doors.grpc).await;
-    let vanishing = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
+    let proxy = RecordingProxy::open(house.doors.grpc).await;
+    let vanishing = Client::connect(proxy.url(), &house.token).await.expect("the door is open");
     let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = vanishing.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     episode.step(Action::MoveForward).await.expect("a legal step");
     let lost = episode.id().to_owned();
-    recording_proxy.cut();
+    proxy.cut();
     drop(play);
 
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
