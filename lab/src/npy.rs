@@ -24,7 +24,7 @@ impl Element for u32 {
     }
 }
 
-/// What stands before the header: the magic word, the version, and the header's length in two bytes.
+/// Bytes before the header: the magic word, the version, and the header's length in two bytes.
 const PREAMBLE_BYTES: usize = 10;
 /// The numbers begin at a multiple of this.
 const ALIGNMENT_BYTES: usize = 64;

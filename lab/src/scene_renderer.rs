@@ -12,7 +12,7 @@ pub struct SceneRenderer {
     pub scene: Arc<Scene>,
     /// Its triangles.
     pub rays: Arc<RayMesh>,
-    /// What takes pictures of it.
+    /// Renderer of its pictures.
     pub renderer: Renderer,
 }
 

@@ -113,7 +113,7 @@ fn verify(folder: &Path, log: &Path) -> (bool, String) {
     (output.status.success(), text)
 }
 
-/// The log shows the whole run, and that nobody changed it.
+/// The log shows the whole run, and that it is unchanged.
 fn check_log(folder: &Path, run: &str, episodes: usize) {
     let log = folder.join("runs").join(format!("{run}.log"));
     let (content, text) = verify(folder, &log);

@@ -16,7 +16,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 /// Id of the calibration phase and of its split.
 pub const PHASE: &str = "calibration";
-/// What the repository publishes.
+/// Published values of the repository.
 const PUBLISHED: &str = include_str!("published.json");
 /// Pixels a side of the pictures.
 const SIDE: u32 = 128;
@@ -27,7 +27,7 @@ const SEED: u64 = 1;
 /// Actions after which the random agent stops.
 const RANDOM_STEPS: u32 = 100;
 
-/// What reference agents sensed and reached.
+/// Observations and scores of the reference agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
@@ -43,7 +43,7 @@ pub struct Calibration {
 pub struct CalibrationRun {
     /// The agent.
     pub agent: String,
-    /// How goals count.
+    /// Success criterion.
     pub order: String,
     /// Its episodes, in playing order.
     pub episodes: Vec<CalibrationEpisode>,
@@ -100,7 +100,7 @@ impl ReferenceAgent {
     }
 }
 
-/// Where to play, and as whom.
+/// Server and account of the runs.
 #[derive(Clone, Debug)]
 pub struct CalibrationServer {
     /// URL of the gRPC server.
@@ -111,7 +111,7 @@ pub struct CalibrationServer {
     pub token: String,
 }
 
-/// What this program's repository publishes.
+/// Published values of this program's repository.
 ///
 /// # Errors
 /// When the published file is damaged.
@@ -207,7 +207,7 @@ fn means(episodes: &[CalibrationEpisode]) -> BTreeMap<String, f64> {
     sums.into_iter().map(|(name, sum)| (name, sum / episodes.len() as f64)).collect()
 }
 
-/// Where `found` differs from what is published, a line each; empty when every bit is the same.
+/// Differences between `found` and the published values, one per line; empty when all bits agree.
 pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> {
     let mut lines = Vec::new();
     if found.benchmark != published.benchmark {
@@ -256,7 +256,7 @@ fn difference(found: &CalibrationEpisode, expected: &CalibrationEpisode) -> Opti
         .then(|| "worth the same, but the agent was told or sensed something else".to_owned())
 }
 
-/// Whether this build's own benchmark is the published one.
+/// Compares the benchmark of this build with the published one.
 pub fn is_current(published: &Calibration) -> bool {
     published.benchmark == BENCHMARK_VERSION
 }

@@ -11,7 +11,7 @@ use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
 
-/// What is kept of a scene whose files are written.
+/// Facts of a scene that remain after its files are written.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct FinishedScene {
     line: SceneLine,
@@ -24,7 +24,7 @@ pub struct Builder {
     recipe: Recipe,
 }
 
-/// How far a build is.
+/// Progress of a build.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BuildProgress {
     /// Missions in all.
@@ -93,7 +93,7 @@ impl Builder {
         files::write_whole(&self.note_path(job), &json(&done)?)
     }
 
-    /// What is kept of a scene, when it is done and its files are there.
+    /// Facts of a finished scene.
     fn done(&self, job: Job) -> Option<FinishedScene> {
         let split = &self.recipe.splits[job.split].name;
         let done: FinishedScene = serde_json::from_slice(&files::read(&self.note_path(job)).ok()?).ok()?;

@@ -13,7 +13,7 @@ const BALANCED_FROM: u64 = 300;
 /// Least and greatest share of a modality then.
 const THIRDS: std::ops::RangeInclusive<f64> = 0.28..=0.39;
 
-/// How much to check.
+/// Extent of a check.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckScope<'a> {
     /// One split, or all.
@@ -22,20 +22,20 @@ pub struct CheckScope<'a> {
     pub scenes: Option<usize>,
     /// Every so manieth mission has its tours computed again and its pictures rendered; 1 for all of them.
     pub every: usize,
-    /// Whether the house is surveyed again, and every cue held against what was seen.
+    /// Surveys the house again and compares each cue with it.
     pub cues: bool,
     /// Threads; one for each processor when none.
     pub threads: Option<usize>,
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Clone, Debug, Default)]
 pub struct CheckReport {
     /// Scenes that were checked.
     pub scenes: usize,
     /// Missions that were checked.
     pub missions: usize,
-    /// What is wrong, in the order of the data set.
+    /// Errors in the order of the data set.
     pub faults: Vec<String>,
 }
 
@@ -90,7 +90,7 @@ pub fn run(
     Ok(report)
 }
 
-/// What missions of a split were drawn with; anything goes where there is no recipe.
+/// Recipe of the missions of a split; without one, every value is accepted.
 fn limits_of(manifest: &Manifest, split: &str) -> MissionRules {
     let anything = MissionRules {
         goals: [1, 8],

@@ -8,12 +8,12 @@ use avln_episode::Rules;
 use avln_interchange::{ExportedFile, InterchangeError, SceneMissions, Tables, authors_index, authors_scene};
 use std::path::Path;
 
-/// What to write of a split, and how.
+/// Content and format of an export.
 #[derive(Clone, Copy)]
 pub struct Export<'a> {
     /// The split.
     pub split: &'a SplitFolder,
-    /// How much may be told of it.
+    /// Facts of the split that may be published.
     pub openness: Openness,
     /// As the authors of LH-AVLN publish theirs: an index, and a file of JSON for each scene, packed by gzip.
     pub authors: bool,

@@ -21,7 +21,7 @@ use avln_world::{Body, SceneAssets};
 use serde::Serialize;
 use std::path::Path;
 
-/// What pictures with their contents are for.
+/// Purpose of labelled pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Purpose {
@@ -31,14 +31,14 @@ pub enum Purpose {
     Measurement,
 }
 
-/// Which pictures to take.
+/// Selection of pictures.
 #[derive(Clone, Debug)]
 pub struct FrameOptions {
     /// The recipe whose houses are drawn.
     pub recipe: Recipe,
     /// One of its splits.
     pub split: String,
-    /// What they are for.
+    /// Purpose of the pictures.
     pub purpose: Purpose,
     /// Houses, the first ones of the split.
     pub houses: usize,
@@ -50,7 +50,7 @@ pub struct FrameOptions {
     pub threads: Option<usize>,
 }
 
-/// What `frames.json` says.
+/// Content of `frames.json`.
 #[derive(Debug, Serialize)]
 struct FramesManifest<'a> {
     /// `avln-frames`.
@@ -61,7 +61,7 @@ struct FramesManifest<'a> {
     split: &'a str,
     side_px: u32,
     views: usize,
-    /// What the numbers of categories mean.
+    /// Names of the category numbers.
     categories: &'static [&'static str],
     /// The number of pixels that show none of them.
     unknown: u8,

@@ -10,21 +10,21 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// How deep below a folder files are looked for.
+/// Depth of the search for files below a folder.
 const DEPTH: usize = 4;
 /// Most files of one data set that are read.
 const MAX_FILES: usize = 100_000;
 
-/// What to import.
+/// Source and target of an import.
 #[derive(Clone, Debug)]
 pub struct Import<'a> {
     /// The format; told by the keys of each file where it is `None`.
     pub format: Option<Format>,
     /// A file, or the folder of a data set.
     pub source: &'a Path,
-    /// Where its scenes lie.
+    /// Folder of the scenes.
     pub scenes: &'a Path,
-    /// Where the data set of ours goes.
+    /// Folder of the imported data set.
     pub out: &'a Path,
     /// Name of the split that it becomes.
     pub split: &'a str,
@@ -34,7 +34,7 @@ pub struct Import<'a> {
     pub seed: u64,
 }
 
-/// What was imported, and what was not.
+/// Imported and rejected items.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
     /// Files that were read.
@@ -47,7 +47,7 @@ pub struct Account {
     pub scenes: usize,
     /// Every goal and episode that could not be kept.
     pub losses: Vec<Loss>,
-    /// What was done how often on the way.
+    /// Counts of conversions.
     pub notes: BTreeMap<String, usize>,
 }
 
@@ -78,7 +78,7 @@ impl Import<'_> {
         Ok(account)
     }
 
-    /// Where every loss is written down.
+    /// File of all losses.
     pub fn report_path(&self) -> PathBuf {
         self.out.join("import.txt")
     }

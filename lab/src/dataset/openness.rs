@@ -1,21 +1,21 @@
-//! What may be handed out of a split: agents that are measured must not have been told.
+//! Facts of a split that may be published: measured agents must not know them before.
 
 use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
 use avln_dataset::{SceneLine, SceneSource};
 use avln_houses::Pool;
 use avln_store::{Phase, Visibility};
 
-/// How much of a split may be handed out.
+/// Extent of a publication.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Openness {
     /// Missions and ground truth: it is there to learn from.
     Training,
-    /// What agents are told anyway: agents are measured by it, or nothing says that they are not.
+    /// Facts that agents receive in any case: agents are measured by the split, or no phase excludes it.
     Public,
 }
 
 impl Openness {
-    /// How open a split is, where `phases` are all that are known; `is_training` is what its owner says of scenes that were
+    /// Openness of a split, if `phases` is the complete list; `is_training` is the owner's statement about scenes that were
     /// read from files, which nothing else tells.
     ///
     /// # Errors

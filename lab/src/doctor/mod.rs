@@ -27,13 +27,13 @@ pub struct DoctorOptions {
     pub token: String,
     /// The phase that is to be played; empty: the one to practise in.
     pub phase: String,
-    /// Where to practise; the phase itself for `None`.
+    /// Practice phase; the phase itself for `None`.
     pub practice: Option<String>,
     /// Episodes to practise.
     pub episodes: u32,
     /// Actions in each, at most.
     pub steps: u32,
-    /// What to sense.
+    /// Sensors of the practice run.
     pub sensors: Sensors,
 }
 
@@ -208,7 +208,7 @@ fn quota(report: &mut DoctorReport, phase: &Phase, quotas: &[Quota]) {
     }
 }
 
-/// Whether a run of the phase costs the team nothing.
+/// True if a run of the phase does not count against the quota of the team.
 fn is_free(phase: &str, quotas: &[Quota]) -> bool {
     !quotas.iter().any(|quota| quota.phase == phase && quota.is_counted())
 }

@@ -45,7 +45,7 @@ pub(super) async fn check(
     }
 }
 
-/// What was seen of some episodes. Times are seconds.
+/// Measurements of some episodes. Times are seconds.
 #[derive(Debug, Default)]
 struct PracticeResult {
     begins_s: Vec<f64>,

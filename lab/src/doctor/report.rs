@@ -1,28 +1,28 @@
 use serde::Serialize;
 
-/// What came of an examination.
+/// Result of an examination.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct DoctorReport {
     /// The checks, in the order in which they were made.
     pub checks: Vec<Check>,
-    /// What was measured, as far as the checks came.
+    /// Measurements of the finished checks.
     pub measured: Measured,
 }
 
 /// A check.
 #[derive(Clone, Debug, Serialize)]
 pub struct Check {
-    /// What was looked at.
+    /// Subject of the check.
     pub name: &'static str,
-    /// How it stands.
+    /// Status of the check.
     pub verdict: Verdict,
-    /// What was found, for people.
+    /// Finding, as text.
     pub found: String,
-    /// What to do about it; empty where nothing.
+    /// Advice; empty without any.
     pub next: String,
 }
 
-/// How a check came out.
+/// Outcome of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -48,7 +48,7 @@ impl Verdict {
     }
 }
 
-/// What was measured. Times are seconds.
+/// Measurements. Times are seconds.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Measured {
     /// Between sending a question and its answer.
@@ -67,7 +67,7 @@ pub struct Measured {
     pub longest_run_s: Option<f64>,
 }
 
-/// How a measure is spread.
+/// Distribution of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
     /// Half are below.
@@ -76,7 +76,7 @@ pub struct Spread {
     pub p95: f64,
     /// The largest.
     pub max: f64,
-    /// How many were measured.
+    /// Number of measurements.
     pub count: usize,
 }
 
@@ -91,7 +91,7 @@ impl Spread {
 }
 
 impl DoctorReport {
-    /// Whether nothing failed.
+    /// True if no check failed.
     pub fn is_well(&self) -> bool {
         self.checks.iter().all(|check| check.verdict != Verdict::Failed)
     }

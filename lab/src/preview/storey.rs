@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Walls and furniture are cut off at this height above the floor, metres.
 const CUT_M: f32 = 1.7;
 
-/// What lies this far below a floor still belongs to it, metres.
+/// Depth below a floor that still belongs to its storey, metres.
 const BELOW_M: f32 = 0.15;
 
 /// Pixels that a metre of floor covers where the picture does not become too large.
@@ -20,7 +20,7 @@ const LONGEST_PX: f32 = 1600.0;
 /// Half the angle of view, radians: from so far away, walls hardly lean.
 const HALF_VIEW_RAD: f32 = 0.04;
 
-/// What lies outside, sRGB.
+/// Colour outside the building, sRGB.
 const PAPER_RGB: [u8; 3] = [58, 60, 66];
 
 /// A picture of each storey from above, the ceiling taken off, -Z at the top.
@@ -47,7 +47,7 @@ fn floors(scene: &Scene) -> Vec<Aabb> {
     }
 }
 
-/// What a camera high above `bounds` sees of what lies less than [`CUT_M`] above its floor.
+/// Picture from high above `bounds`, of everything less than [`CUT_M`] above its floor.
 fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
     let cut = Arc::new(cut(scene, bounds.min.y));
     if cut.mesh.triangles.is_empty() {
@@ -76,7 +76,7 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
     Some(frame)
 }
 
-/// What lies between the floor at `floor_m` and the cut above it, in the rough light of its own colours.
+/// Geometry between the floor at `floor_m` and the cut above it, in its own colours and with simple light.
 fn cut(scene: &Scene, floor_m: f32) -> Scene {
     let mut mesh = Mesh::default();
     for index in 0..scene.mesh.triangles.len() {

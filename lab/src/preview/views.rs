@@ -46,7 +46,7 @@ impl Viewer {
         Self { renderer, scene, rays }
     }
 
-    /// What one sees from `eye` in the direction `heading_rad`.
+    /// Picture from `eye` in the direction `heading_rad`.
     fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> Frame {
         let height = width * 3 / 4;
         let world_from_camera = angle::about_up(heading_rad);
@@ -92,7 +92,7 @@ impl Viewer {
         places.into_iter().step_by(stride).collect()
     }
 
-    /// Whether one can stand there: floor below, nothing near.
+    /// True if an agent can stand there: floor below, no obstacle near.
     fn is_open(&self, eye: &Point3<f32>) -> bool {
         let below = self.rays.cast(eye, &-Vector3::y(), EYE_M + 0.3);
         let on_floor = below.is_some_and(|hit| hit.distance > EYE_M - 0.1);
@@ -106,7 +106,7 @@ impl Viewer {
     }
 }
 
-/// How much there is to see in a small picture: many things, none of them too near.
+/// Score of the content of a small picture: many objects, none of them too near.
 fn interest(frame: &Frame) -> f32 {
     const SEEN_PIXELS: usize = 12;
     let mut pixels: BTreeMap<InstanceId, usize> = BTreeMap::new();

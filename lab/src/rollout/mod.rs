@@ -37,13 +37,13 @@ pub enum Sense {
     Rgb,
     /// Distances.
     Depth,
-    /// Where the body stands, as agents are told.
+    /// Pose of the agent, as sent to clients.
     Pose,
     /// Sound at both ears.
     Audio,
 }
 
-/// What is recorded.
+/// Recorded sensors.
 pub struct RolloutOptions<'a> {
     /// The split; one that is there to learn from.
     pub split: &'a SplitFolder,
@@ -51,21 +51,21 @@ pub struct RolloutOptions<'a> {
     pub rules: Rules,
     /// Clips and ears.
     pub audio: Audio,
-    /// Whether goals are visited in their order.
+    /// Order of the goals.
     pub order: Order,
-    /// What is written down, each once.
+    /// Recorded arrays, each once.
     pub senses: Vec<Sense>,
     /// Pixels along a side of the pictures.
     pub side_px: u32,
-    /// How many missions: the first of each scene, then the second of each, and so on; all for `None`.
+    /// Number of missions: the first of each scene, then the second of each, and so on; all for `None`.
     pub episodes: Option<usize>,
     /// Scenes at the same time; one for each processor for `None`.
     pub threads: Option<usize>,
-    /// Where what takes long is kept.
+    /// Folder of cached results.
     pub cache: Arc<dyn Cache>,
 }
 
-/// How much was recorded.
+/// Number of recorded items.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RolloutTally {
     /// Episodes that were there already.
@@ -76,7 +76,7 @@ pub struct RolloutTally {
     pub incomplete: usize,
 }
 
-/// What `rollouts.json` says.
+/// Content of `rollouts.json`.
 #[derive(Serialize)]
 struct RolloutManifest<'a> {
     /// `avln-rollouts`.
@@ -91,9 +91,9 @@ struct RolloutManifest<'a> {
     side_px: u32,
     hfov_rad: f32,
     sample_rate_hz: u32,
-    /// What the numbers of depth are multiplied by to give what the sensor says.
+    /// Factor from stored depth values to metres.
     depth_scale: f32,
-    /// What the numbers of actions mean.
+    /// Names of the action numbers.
     actions: [String; 5],
     rules: &'a Rules,
 }
@@ -118,7 +118,7 @@ impl RolloutOptions<'_> {
         Ok(tally)
     }
 
-    /// How many episodes there are to be.
+    /// Number of planned episodes.
     pub fn count(&self) -> usize {
         self.split.mission_count().min(self.episodes.unwrap_or(usize::MAX))
     }

@@ -17,11 +17,11 @@ use std::{io, sync::Arc};
 /// An episode as it is written.
 pub(super) struct Recorded {
     pub(super) bytes: Vec<u8>,
-    /// Whether every goal was found.
+    /// True if every goal was found.
     pub(super) is_complete: bool,
 }
 
-/// What `episode.json` says.
+/// Content of `episode.json`.
 #[derive(Serialize)]
 struct EpisodeFacts<'a> {
     episode: &'a str,

@@ -29,7 +29,7 @@ pub struct Oracle {
 impl Oracle {
     /// Name of the variant, for files.
     pub const NAME: &str = "shortest-path";
-    /// What its only episode is called between live and hints.
+    /// Name of its only episode between the live run and the hints.
     const HANDLE: &str = "episode";
 
     /// An oracle for the episode of this truth.

@@ -126,7 +126,7 @@ impl AgentVariant {
     ) -> Result<Box<dyn Agent + Send>, Failure> {
         if let Some(agent) = self.pag_nav(hints) {
             let untraced = |error| Failure::new(FailureKind::Data, error);
-            // What privileged agents believe is the truth, which stays in the process.
+            // Truth for privileged agents, which stays in the process.
             let folder = folder.filter(|_| !self.is_privileged());
             let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
             return Ok(match trace {

@@ -52,7 +52,7 @@ struct RirReport {
     edt_s: ByBand,
     c50_db: ByBand,
     ild_db: ByBand,
-    /// Where the response ends.
+    /// End of the response.
     length_s: f32,
 }
 

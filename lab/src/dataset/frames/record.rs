@@ -5,7 +5,7 @@ use avln_scene::{InstanceId, Scene};
 use avln_world::{Camera, Frame};
 use std::io;
 
-/// What pixels of procedural houses show; their numbers are the places in this list. The first three are the building
+/// Contents of pixels in procedural houses; a number is an index into this list. The first three are the building
 /// itself: all of it that is neither floor nor ceiling counts as wall, what is out of reach included.
 pub const CATEGORIES: [&str; 41] = [
     "wall",
@@ -55,12 +55,12 @@ pub(super) const UNKNOWN: u8 = 255;
 const WALL: u8 = 0;
 const FLOOR: u8 = 1;
 const CEILING: u8 = 2;
-/// How far from the height of a floor or a ceiling a point of it may be, metres.
+/// Largest distance of a point from the height of its floor or ceiling, metres.
 const LEVEL_M: f32 = 0.02;
 /// Heights of floors and ceilings differ by less than this where they are the same, metres.
 const SAME_LEVEL_M: f32 = 1e-3;
 
-/// What the instances of a scene are, and how high its floors and ceilings lie.
+/// Instances of a scene, and heights of its floors and ceilings.
 pub(super) struct Labels {
     /// By instance id; that of none is not used.
     category_of: Vec<u8>,
@@ -85,7 +85,7 @@ impl Labels {
         Self { category_of, floors_m, ceilings_m }
     }
 
-    /// What a pixel shows: an instance, or the building at `height_m` in the world; `None` beyond the reach of depth.
+    /// Content of a pixel: an instance, or the building at `height_m` in the world; `None` beyond the range of the depth sensor.
     fn category(&self, instance: InstanceId, height_m: Option<f32>) -> u8 {
         if instance != InstanceId::NONE {
             return self.category_of.get(instance.0 as usize).copied().unwrap_or(UNKNOWN);
@@ -143,7 +143,7 @@ pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &Frame, labels: &Lab
     out.extend(frame.instances.iter().flat_map(|instance| (instance.0 as u16).to_le_bytes()));
 }
 
-/// How high in the world lies what a pixel shows, metres; `None` where it has no depth.
+/// Height of the content of a pixel in the world, metres; `None` without depth.
 fn height_m(camera: &Camera, pixel: usize, depth_m: f32) -> Option<f32> {
     let (column, row) = (pixel % camera.width as usize, pixel / camera.width as usize);
     let (sin, cos) = avln_geom::angle::sin_cos(0.5 * camera.hfov_rad);

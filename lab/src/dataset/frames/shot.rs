@@ -14,7 +14,7 @@ const PITCHES_RAD: [f32; 2] = [-0.45, 0.25];
 const HFOVS_RAD: [f32; 2] = [1.05, 1.75];
 /// Share of the cameras that look towards some object; the others look anywhere.
 const AIMED: f64 = 0.6;
-/// How far from its box they stand, metres, and how far from the middle of the picture it is, radians.
+/// Distance of the camera from the box, metres, and of the box from the middle of the picture, radians.
 const REACHES_M: [f32; 2] = [0.3, 3.5];
 const ASIDE_RAD: f32 = 0.6;
 /// Places that are tried for a look at an object.

@@ -15,7 +15,7 @@ use std::{fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 
-/// What was played in a folder.
+/// Runs in a folder.
 pub struct SuiteReport {
     /// A page of tables, Markdown. It links to `results.csv` beside it.
     pub page: String,
@@ -127,7 +127,7 @@ impl ReportPage<'_> {
         text
     }
 
-    /// What parts of PAG-Nav are worth.
+    /// Ablation of PAG-Nav.
     fn variants(&self) -> String {
         let mut text = String::from("## What parts of PAG-Nav are worth\n");
         for order in ORDERS {
@@ -198,7 +198,7 @@ impl ReportPage<'_> {
         text
     }
 
-    /// How episodes ended, and why Submits completed nothing.
+    /// End reasons of episodes, and reasons of Submits without completion.
     fn failures(&self) -> String {
         let mut text = String::from(
             "## What fails\n\nShares of episodes by how they ended, and Submits of an episode that completed nothing, by cause: \

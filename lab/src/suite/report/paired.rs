@@ -5,7 +5,7 @@ use avln_geom::Rng;
 /// Draws of signs.
 const DRAWS: u32 = 20_000;
 
-/// What a paired test says.
+/// Result of a paired test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Paired {
     /// Pairs.

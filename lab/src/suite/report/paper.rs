@@ -1,4 +1,4 @@
-//! What the paper reports, table 1, as percentages: SR, ISR, OSR, SPL, SoftSPL ordered, then unordered.
+//! Table 1 of the paper, as percentages: SR, ISR, OSR, SPL, SoftSPL ordered, then unordered.
 
 /// A row of the paper's table.
 pub(super) struct Row {

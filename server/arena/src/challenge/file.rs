@@ -66,9 +66,9 @@ pub struct PhaseFile {
     /// From when no more; never by default.
     #[serde(default)]
     pub closes: Option<Datetime>,
-    /// Who may see scores.
+    /// Visibility of scores.
     pub scores: Visibility,
-    /// Who may see paths, maps and targets.
+    /// Visibility of paths, maps and targets.
     pub replays: Visibility,
     /// Episodes that a run may play side by side.
     #[serde(default)]
@@ -76,28 +76,28 @@ pub struct PhaseFile {
     /// Largest side of a picture, pixels.
     #[serde(default)]
     pub max_side: Option<u32>,
-    /// Whether each run has an order of its own; by default where replays are not public.
+    /// Gives each run an order of its own; by default where replays are not public.
     #[serde(default)]
     pub shuffle: Option<bool>,
     /// The draw of a run's episodes; all of them by default.
     #[serde(default)]
     pub sample: Option<Sample>,
-    /// Whether the organiser alone runs agents, shut off from everything but the server.
+    /// Only the organiser runs agents, in a sandbox without access to anything but the server.
     #[serde(default)]
     pub sealed: bool,
     /// Encodings that agents may ask for though they change values; by default those only that change none.
     #[serde(default)]
     pub encodings: Encodings,
-    /// How many runs a team may start.
+    /// Number of runs that a team may start.
     #[serde(default)]
     pub quota: QuotaLimits,
     /// Wall time that agents have.
     #[serde(default)]
     pub time: TimeLimits,
-    /// How runs are ranked.
+    /// Ranking of runs.
     #[serde(default)]
     pub ranking: Ranking,
-    /// Which teams may play.
+    /// Teams that may play.
     #[serde(default)]
     pub teams: Admission,
 }
@@ -114,7 +114,7 @@ pub enum Sensor {
     Audio,
 }
 
-/// How recordings and heads that the data folder keeps are named: the digest follows.
+/// Prefix of names of recordings and heads in the data folder: the digest follows.
 pub(super) const KEPT: &str = "kept:";
 
 impl ChallengeFile {

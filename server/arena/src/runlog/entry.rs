@@ -16,7 +16,7 @@ pub enum Entry {
         run: String,
         /// Id of its phase.
         phase: String,
-        /// How goals count.
+        /// Success criterion.
         order: Order,
         /// Digests and versions by name, as the store keeps them.
         digests: BTreeMap<String, String>,
@@ -33,7 +33,7 @@ pub enum Entry {
         ordinal: u32,
         /// Id of the episode inside the split.
         episode: String,
-        /// What the agent senses.
+        /// Sensors of the agent.
         sensors: Sensors,
         /// When.
         at_ms: i64,
@@ -50,7 +50,7 @@ pub enum Entry {
         state: String,
         /// For how long the agent thought.
         thought_us: u64,
-        /// What that left of the episode's bank.
+        /// Remaining time bank of the episode.
         bank_us: u64,
         /// When.
         at_ms: i64,
@@ -108,7 +108,7 @@ pub enum Entry {
         handle: String,
         /// Why it ended.
         end: EndReason,
-        /// What it was worth.
+        /// Score of the episode.
         metrics: Box<Metrics>,
         /// When.
         at_ms: i64,

@@ -7,7 +7,7 @@ use std::{
     time::Duration,
 };
 
-/// What a run log tells.
+/// Content of a run log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// The entries, in order.
@@ -18,7 +18,7 @@ pub struct History {
     pub head: String,
 }
 
-/// What a run log tells of one episode.
+/// Content of a run log about one episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeHistory {
     /// The slot that played it.
@@ -27,15 +27,15 @@ pub struct EpisodeHistory {
     pub ordinal: u32,
     /// Id of the episode inside the split.
     pub episode: String,
-    /// What the agent sensed.
+    /// Sensors of the agent.
     pub sensors: Sensors,
     /// Its actions, each with the hash of the state that it led to.
     pub taken: Vec<(Action, u64)>,
-    /// What was left of its bank; `None` before the first action.
+    /// Remaining time bank; `None` before the first action.
     pub bank_left: Option<Duration>,
-    /// How often, without success in between, the server died while it brought the episode back.
+    /// Number of consecutive server crashes during the restore of the episode.
     deaths_on_the_way: u32,
-    /// How often, without success in between, it died in the first step after that.
+    /// Number of consecutive server crashes in the first step after a restore.
     deaths_in_a_step: u32,
     danger: Danger,
     /// Why it ended and what it was worth, where that is written.
@@ -48,19 +48,19 @@ pub enum LogError {
     /// It cannot be read or written.
     #[error("run log {path}: {source}")]
     File {
-        /// Where it lies.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A line is not what was written.
     #[error("run log {path}, line {line}: {what}; this is not the log as the server wrote it")]
     Line {
-        /// Where it lies.
+        /// Path of the file.
         path: PathBuf,
         /// Number of the line, counted from 1.
         line: usize,
-        /// What is wrong with it.
+        /// Defect of the log.
         what: String,
     },
 }

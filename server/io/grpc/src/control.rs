@@ -109,7 +109,7 @@ pub struct SlotState {
 /// An open run's live state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SessionState {
-    /// Whether the client is connected.
+    /// True if the client is connected.
     pub is_there: bool,
     /// Slots with an open episode.
     pub slots: Vec<SlotState>,

@@ -164,7 +164,7 @@ pub struct OpenRun {
     pub episodes: u32,
     /// Stored episodes.
     pub done: u32,
-    /// Whether the organiser runs the agent in a sandbox.
+    /// True if the organiser runs the agent in a sandbox.
     pub sealed: bool,
     /// Digests.
     pub digests: Digests,

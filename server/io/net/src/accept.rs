@@ -22,7 +22,7 @@ pub struct AcceptLimits {
     pub max_connections: usize,
     /// Open connections per address.
     pub max_connections_per_address: usize,
-    /// Whether new connections wait in the system's queue while all places are taken, instead of being closed.
+    /// True if new connections wait in the system's queue while all places are taken, instead of being closed.
     pub waits_when_full: bool,
     /// Time for a TLS handshake.
     pub handshake: Duration,

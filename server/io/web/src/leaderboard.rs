@@ -65,7 +65,7 @@ pub(crate) struct LeaderboardParams {
     pub(crate) as_of_unix_ms: Option<i64>,
     /// Columns; empty for the default ones.
     pub(crate) columns: Vec<Key>,
-    /// Whether a parameter was empty, as in forms.
+    /// True if a parameter was empty, as in forms.
     pub(crate) has_blanks: bool,
 }
 

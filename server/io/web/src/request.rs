@@ -53,7 +53,7 @@ pub(crate) fn now_unix_ms() -> i64 {
 #[derive(Clone, Copy, Default)]
 pub(crate) struct GrpcEndpoint {
     pub(crate) port: u16,
-    /// Whether it uses TLS.
+    /// True if it uses TLS.
     pub(crate) is_secure: bool,
 }
 

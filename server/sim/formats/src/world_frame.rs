@@ -83,7 +83,7 @@ impl FileFrame {
     }
 }
 
-/// Whether the building would be much higher than wide with this vertical axis, while the other candidate is short and has
+/// True if the building would be much higher than wide with this vertical axis, while the other candidate is short and has
 /// more level surfaces.
 fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };

@@ -18,7 +18,7 @@ struct Tally {
     done: u32,
     /// Slots with an episode or a pending request.
     busy: u32,
-    /// Whether the host has no further episode.
+    /// True if the host has no further episode.
     is_dry: bool,
     /// Episodes returned to the host.
     returned: u32,

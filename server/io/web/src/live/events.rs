@@ -108,7 +108,7 @@ struct Snapshot {
     /// Data hash.
     id: String,
     data: String,
-    /// Whether the run has ended.
+    /// True if the run has ended.
     is_last: bool,
 }
 

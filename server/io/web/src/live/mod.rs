@@ -17,7 +17,7 @@ const LONG_WAIT_MS: i64 = 10_000;
 /// An open run's session.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LiveSession {
-    /// Whether the agent is connected.
+    /// True if the agent is connected.
     pub is_connected: bool,
     /// Slots with an open episode.
     pub slots: Vec<LiveSlot>,

@@ -32,7 +32,7 @@ pub enum TeamAction {
     IssueToken {
         /// Token name; may be empty.
         name: String,
-        /// Whether the token only grants read access.
+        /// True if the token only grants read access.
         looks_only: bool,
         /// Lifetime, days; `None` for the longest possible one.
         days: Option<u32>,
@@ -72,7 +72,7 @@ pub enum OrganiserAction {
         team: String,
         /// Phase id.
         phase: String,
-        /// Whether the team may play.
+        /// True if the team may play.
         approved: bool,
     },
     /// Grants a team runs beyond its quota; requires a reason.
@@ -96,7 +96,7 @@ pub enum OrganiserAction {
     Verify {
         /// Run id.
         run: String,
-        /// Whether the run is verified.
+        /// True if the run is verified.
         verified: bool,
     },
     /// Removes a run from all leaderboards; the reason is public.
@@ -183,7 +183,7 @@ pub(crate) struct ManagementState {
     pub(crate) actions: Arc<dyn Management>,
     pub(crate) sessions: Sessions,
     pub(crate) sign_in_limiter: SignInLimiter,
-    /// Whether the server uses TLS.
+    /// True if the server uses TLS.
     pub(crate) is_secure: bool,
 }
 

@@ -26,7 +26,7 @@ struct EpisodePage {
     view: EpisodeView,
     /// Requested storey, counted from 1.
     storey: Option<usize>,
-    /// Whether the server renders pictures.
+    /// True if the server renders pictures.
     has_pictures: bool,
     /// Sound, if the agent requested it and the server renders it.
     sound: Option<SoundView>,

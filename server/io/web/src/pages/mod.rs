@@ -167,7 +167,7 @@ impl PageShell {
 struct ErrorPage {
     shell: PageShell,
     message: String,
-    /// Whether the visitor tried to sign in.
+    /// True if the visitor tried to sign in.
     is_signing_in: bool,
 }
 

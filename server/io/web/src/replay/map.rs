@@ -63,7 +63,7 @@ pub(crate) struct Piece {
     /// First step.
     pub(crate) from_step: usize,
     pub(crate) storey: usize,
-    /// Whether it comes after the displayed step.
+    /// True if it comes after the displayed step.
     pub(crate) is_later: bool,
 }
 
@@ -86,13 +86,13 @@ pub(crate) struct TargetBox {
     pub(crate) height: f32,
     pub(crate) label: String,
     pub(crate) label_at: Spot,
-    /// Whether the label ends at `label_at`, and does not start there.
+    /// True if the label ends at `label_at`, and does not start there.
     pub(crate) leftwards: bool,
     pub(crate) found: bool,
     pub(crate) storey: usize,
     /// Sound source.
     pub(crate) source: Spot,
-    /// Whether it sounds at the displayed step.
+    /// True if it sounds at the displayed step.
     pub(crate) sounds: bool,
 }
 

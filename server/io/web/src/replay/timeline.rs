@@ -16,7 +16,7 @@ pub(crate) struct Moment {
     pub(crate) heading_rad: f32,
     /// The last action.
     pub(crate) action: Option<String>,
-    /// Whether the last action collided with an obstacle.
+    /// True if the last action collided with an obstacle.
     pub(crate) collided: bool,
     /// Sounding goal, from 0.
     pub(crate) sounding: Option<u8>,
