@@ -335,7 +335,7 @@ fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
         let from = out.find("\nordered (").unwrap_or_else(|| panic!("a table of ordered missions: {out}"));
         out[from..].to_owned()
     };
-    for words in ["\nordered (1 episodes", "\nunordered (1 episodes", "Data lies in"] {
+    for words in ["\nordered (1 episodes", "\nunordered (1 episodes", "Data folder"] {
         assert!(first.contains(words), "'{words}' in: {first}");
     }
     for method in ["random", "PAG-Nav"] {
