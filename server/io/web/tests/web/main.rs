@@ -8,3 +8,4 @@ mod live;
 mod management;
 mod pages;
 mod replay;
+mod site;

@@ -1,155 +1,19 @@
 //! Sign-in, permissions of teams and organisers, and protection against requests from other sites.
 
-use crate::fixture::{Answer, Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN};
-use avln_store::{AuditNote, Store, TokenScope};
-use avln_web::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
-    TeamCredential, async_trait,
+use crate::{
+    fixture::{Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN},
+    site::{NEW_SECRET, READ_ONLY, Site},
 };
-use axum::{
-    body::Body,
-    http::{Request, StatusCode, header},
-};
-use std::{
-    net::SocketAddr,
-    sync::{Arc, Mutex},
-};
+use avln_store::{AuditNote, TokenScope};
+use avln_web::Management;
+use axum::body::Body;
+use axum::http::{StatusCode, header};
+use std::net::SocketAddr;
+use std::sync::Arc;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
 };
-
-const READ_ONLY: &str = "a-read-only-token";
-const NEW_SECRET: &str = "avln_account_shown-once";
-
-/// An management that notes what it is asked for, and rules on runs.
-#[derive(Debug)]
-struct FakeManagement {
-    store: Store,
-    asked: Arc<Mutex<Vec<String>>>,
-}
-
-impl FakeManagement {
-    fn note(&self, asked: String) {
-        self.asked.lock().expect("no panic").push(asked);
-    }
-}
-
-#[async_trait]
-impl Management for FakeManagement {
-    async fn team_action(
-        &self,
-        team: TeamCredential,
-        action: TeamAction,
-    ) -> Result<ActionOutcome, ActionError> {
-        self.note(format!("{}: {action:?}", team.team));
-        let secret = matches!(action, TeamAction::IssueToken { .. }).then(|| NEW_SECRET.to_owned());
-        Ok(ActionOutcome { message: "It is <done>.".to_owned(), secret })
-    }
-
-    async fn organiser_action(
-        &self,
-        origin: ActionOrigin,
-        action: OrganiserAction,
-    ) -> Result<ActionOutcome, ActionError> {
-        self.note(format!("organiser: {action:?} because {}", origin.reason));
-        let store = &self.store;
-        let reason = origin.reason.as_str();
-        let note = AuditNote { actor: origin.token, reason: origin.reason.clone(), ..AuditNote::default() };
-        let mut secret = None;
-        match &action {
-            OrganiserAction::Disqualify(run) => store.disqualify_run(run, Some(reason), note, 50).await,
-            OrganiserAction::Reinstate(run) => store.disqualify_run(run, None, note, 60).await,
-            OrganiserAction::Verify { run, verified } => store.verify_run(run, *verified, note, 70).await,
-            OrganiserAction::Admit { .. } => {
-                secret = Some(NEW_SECRET.to_owned());
-                Ok(true)
-            }
-            OrganiserAction::Grant { .. } => {
-                return Err(ActionError::Refused("no such team".to_owned()));
-            }
-            _ => Ok(true),
-        }
-        .map_err(|error| ActionError::Failed(error.to_string()))?;
-        Ok(ActionOutcome { message: format!("{action:?} is done."), secret })
-    }
-
-    fn health(&self) -> ServerHealth {
-        ServerHealth { steps: 4321, slots: vec![("run_begun".to_owned(), 2, 77)], ..ServerHealth::default() }
-    }
-}
-
-/// A browser with a session cookie, if signed in.
-struct Browser<'a> {
-    arena: &'a Arena,
-    cookie: String,
-}
-
-struct Site {
-    arena: Arena,
-    asked: Arc<Mutex<Vec<String>>>,
-}
-
-impl Site {
-    async fn new() -> Self {
-        let asked = Arc::<Mutex<Vec<String>>>::default();
-        let management =
-            |store| Arc::new(FakeManagement { store, asked: asked.clone() }) as Arc<dyn Management>;
-        let arena = Arena::with_management(management).await;
-        arena.issue(READ_ONLY, TokenScope::ReadOnly, Some(RUDE_TEAM)).await;
-        Self { arena, asked }
-    }
-
-    fn asked(&self) -> Vec<String> {
-        self.asked.lock().expect("no panic").clone()
-    }
-
-    fn stranger(&self) -> Browser<'_> {
-        Browser { arena: &self.arena, cookie: String::new() }
-    }
-
-    async fn signed_in(&self, token: &str) -> Browser<'_> {
-        let mut browser = self.stranger();
-        let answer = browser.sign_in(token, "").await;
-        assert_eq!(answer.status, StatusCode::SEE_OTHER, "{}", answer.body);
-        browser
-    }
-}
-
-impl Browser<'_> {
-    fn request(&self, method: &str, address: &str) -> axum::http::request::Builder {
-        let request = Request::builder().method(method).uri(address).header(header::HOST, "arena.example");
-        if self.cookie.is_empty() { request } else { request.header(header::COOKIE, &self.cookie) }
-    }
-
-    async fn get(&self, address: &str) -> Answer {
-        self.arena.ask(self.request("GET", address).body(Body::empty()).expect("a request")).await
-    }
-
-    /// Sends a form from a page of the same origin.
-    async fn post(&self, address: &str, fields: &str) -> Answer {
-        let request = self.request("POST", address).header("sec-fetch-site", "same-origin");
-        self.arena.ask(request.body(Body::from(fields.to_owned())).expect("a request")).await
-    }
-
-    /// Sends a form with the form key of the session.
-    async fn act(&self, address: &str, fields: &str) -> Answer {
-        self.post(address, &format!("{fields}&key={}", self.key().await)).await
-    }
-
-    async fn key(&self) -> String {
-        let page = self.get("/me").await.body + &self.get("/organise").await.body;
-        let rest = page.split_once("name=\"key\" value=\"").expect("a form").1;
-        rest.split('"').next().expect("a key").to_owned()
-    }
-
-    async fn sign_in(&mut self, token: &str, next: &str) -> Answer {
-        let answer = self.post("/sign-in", &format!("token=+{token}%0A&next={next}")).await;
-        let cookie = answer.header(header::SET_COOKIE);
-        self.cookie = cookie.split(';').next().unwrap_or_default().to_owned();
-        answer
-    }
-}
 
 #[tokio::test]
 async fn visitors_sign_in_and_out() {
