@@ -5,11 +5,9 @@ use crate::{
     site::{NEW_SECRET, READ_ONLY, Site},
 };
 use avln_store::{AuditNote, TokenScope};
-use avln_web::Management;
 use axum::body::Body;
 use axum::http::{StatusCode, header};
 use std::net::SocketAddr;
-use std::sync::Arc;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
@@ -365,8 +363,8 @@ async fn forwarded_sign_in(server: SocketAddr, client: &str) -> String {
 
 #[tokio::test]
 async fn the_sign_in_limit_counts_clients_behind_a_trusted_proxy() {
-    let Site { arena, asked } = Site::new().await;
-    let management: Arc<dyn Management> = Arc::new(FakeManagement { store: arena.store.clone(), asked });
+    let behind = Site::new().await;
+    let management = behind.management();
     let proxy = "127.0.0.1".parse().expect("an address");
     for (trusted_proxies, other_may_try) in [(vec![proxy], true), (vec![], false)] {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
@@ -376,7 +374,7 @@ async fn the_sign_in_limit_counts_clients_behind_a_trusted_proxy() {
             trusted_proxies,
             ..avln_web::Site::default()
         };
-        tokio::spawn(avln_web::serve(listener, arena.store.reader(), site, std::future::pending()));
+        tokio::spawn(avln_web::serve(listener, behind.arena.store.reader(), site, std::future::pending()));
         for _ in 0..10 {
             assert!(forwarded_sign_in(server, "198.51.100.7").await.contains(" 403 "));
         }

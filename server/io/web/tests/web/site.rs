@@ -94,6 +94,11 @@ impl Site {
         Self { arena, asked }
     }
 
+    /// Returns another management with the same store and record.
+    pub(crate) fn management(&self) -> Arc<dyn Management> {
+        Arc::new(FakeManagement { store: self.arena.store.clone(), asked: self.asked.clone() })
+    }
+
     pub(crate) fn asked(&self) -> Vec<String> {
         self.asked.lock().expect("no panic").clone()
     }
