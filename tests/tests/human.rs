@@ -82,7 +82,7 @@ async fn a_person_plays_a_run_that_stands_on_the_board() {
     assert!(summary.complete, "{summary:?}");
     let board = http::get(house.doors.web, &format!("/leaderboard/{PHASE}?order=unordered")).await;
     assert!(
-        board.body.contains(">human</a>") && board.body.contains("colours, depth, sound"),
+        board.body.contains(">human</a>") && board.body.contains("colour, depth, sound"),
         "{}",
         board.body
     );

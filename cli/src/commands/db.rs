@@ -28,7 +28,7 @@ pub enum DbCommand {
         file: PathBuf,
     },
     /// Delete old run logs, and on request old records; scores remain
-    PruneArgs(PruneArgs),
+    Prune(PruneArgs),
 }
 
 /// Arguments of `prune`.
@@ -72,7 +72,7 @@ pub async fn run(data: &Path, command: DbCommand) -> Result<(), Failure> {
             show(&restored);
             say!("host it with: avln --data {} serve", data.display());
         }
-        DbCommand::PruneArgs(args) => {
+        DbCommand::Prune(args) => {
             let now = now_unix_ms();
             let rule = PruneOptions::from(&args);
             let Pruned { runs, logs, bytes, records } = backup::prune(data, &rule, now).await?;

@@ -24,7 +24,7 @@ impl Arena {
                 Err(error) => Err(Failure::new(FailureKind::Internal, error)),
             };
             if let Err(error) = stored {
-                tracing::warn!(run, %error, "the next episode could not be prepared; it will be when it is asked for");
+                tracing::warn!(run, %error, "cannot prepare the next episode in advance; it is prepared on request");
             }
         });
     }

@@ -125,7 +125,7 @@ impl CacheFolder {
     fn complain(&self, error: &io::Error) {
         if !self.complained.swap(true, Ordering::Relaxed) {
             let folder = self.folder.display();
-            tracing::warn!(%folder, %error, "cannot keep prepared scenes, they are made anew at each start; give the folder write permission and space");
+            tracing::warn!(%folder, %error, "cannot store prepared scenes, so each start prepares them; give the folder write permission and space");
         }
     }
 }
@@ -136,7 +136,7 @@ fn limit_gib(folder: &Path) -> u32 {
     let Ok(text) = fs::read_to_string(&path) else { return BUDGET_GIB };
     text.trim().parse().unwrap_or_else(|error| {
         let file = path.display();
-        tracing::warn!(%file, %error, "the file does not hold a number of GiB, the cache takes {BUDGET_GIB}; say --cache-size again");
+        tracing::warn!(%file, %error, "the file does not contain a number of GiB; the limit is {BUDGET_GIB}; set --cache-size");
         BUDGET_GIB
     })
 }
@@ -227,7 +227,7 @@ fn touch(path: &Path) {
 /// Deletes a damaged file.
 fn discard(path: &Path, error: &str) {
     let file = path.display();
-    tracing::warn!(%file, %error, "a file of the cache cannot be used; it is deleted and made anew");
+    tracing::warn!(%file, %error, "cannot use a file in the cache; it is deleted and regenerated");
     let _ = fs::remove_file(path);
 }
 

@@ -112,7 +112,7 @@ impl Arena {
         let made_up = store.credit_downtime(now_unix_ms()).await?;
         if made_up != DowntimeCredit::default() {
             let DowntimeCredit { away_ms, runs, phases } = made_up;
-            tracing::info!(away_ms, runs, ?phases, "the server was away; what that took is given back");
+            tracing::info!(away_ms, runs, ?phases, "the server was down; open runs get the lost time back");
         }
         Ok(Self {
             store,
@@ -212,7 +212,7 @@ fn keep_safe(logs: &Arc<RunLogs>) {
             ticks.tick().await;
             let Some(logs) = logs.upgrade() else { return };
             if let Err(error) = tokio::task::spawn_blocking(move || logs.sync()).await {
-                tracing::error!(%error, "run logs are not safe on the disk");
+                tracing::error!(%error, "cannot write run logs to the disk");
             }
         }
     });

@@ -174,7 +174,7 @@ impl Arena {
         if concluded.is_err()
             && let Err(error) = self.store.reopen_episode(run, &handle, now_unix_ms()).await
         {
-            tracing::error!(run, handle, %error, "an episode that could not be stored is taken back later");
+            tracing::error!(run, handle, %error, "cannot store an episode; it is withdrawn later");
             self.owed().insert((run.to_owned(), handle));
         }
         concluded
@@ -241,7 +241,7 @@ impl Arena {
         let (logs, key, run) = (self.logs.clone(), self.key.clone(), run.id.clone());
         let signed = tokio::task::spawn_blocking(move || logs.sign(&run, &key)).await;
         if let Err(why) = signed.map_err(|error| error.to_string()).flatten() {
-            tracing::error!(why, "the log of a run is not signed");
+            tracing::error!(why, "cannot sign the log of a run");
         }
     }
 

@@ -67,9 +67,7 @@ pub(super) fn token_refusal(state: &TokenState) -> Refusal {
     let renew = "ask the organiser for a new one (avln challenge team add NAME)";
     match state {
         TokenState::Expired => Refusal::new(Reason::TokenExpired, format!("the token has expired; {renew}")),
-        TokenState::Revoked => {
-            Refusal::new(Reason::TokenRevoked, format!("the token was taken back; {renew}"))
-        }
+        TokenState::Revoked => Refusal::new(Reason::TokenRevoked, format!("the token was revoked; {renew}")),
         TokenState::Valid(_) => Refusal::new(
             Reason::TokenScope,
             "the token is of another kind; account tokens start runs, run tokens play them",

@@ -43,7 +43,7 @@ impl Arena {
     }
 
     async fn play_anew(&self, lost: &RunningEpisode, why: &str) -> Result<(), Refusal> {
-        tracing::warn!(run = lost.run, episode = lost.handle, why, "an interrupted episode is played anew");
+        tracing::warn!(run = lost.run, episode = lost.handle, why, "an interrupted episode restarts");
         self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 

@@ -247,8 +247,8 @@ pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failu
     if found >= needed {
         return Ok(());
     }
-    let message = format!("rules '{}' need {needed} clips, the folder holds {found}", phase.rules.name);
-    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or leave --sounds away"))
+    let message = format!("rules '{}' need {needed} clips, but the folder has {found}", phase.rules.name);
+    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or omit --sounds"))
 }
 
 /// Returns the rule set `name`, or that of the split. The two may differ only in noise and clips.

@@ -69,7 +69,7 @@ fn reread(data: &DataFolder, phase: Phase, before: &[Arc<Stage>]) -> Option<Arc<
     match Stage::read(data, phase, before) {
         Ok(stage) => Some(Arc::new(stage)),
         Err(failure) => {
-            tracing::error!(phase = id, %failure, "a changed phase cannot be hosted; it stays as it was");
+            tracing::error!(phase = id, %failure, "cannot host a changed phase; the previous version stays");
             kept.cloned()
         }
     }

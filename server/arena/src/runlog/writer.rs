@@ -100,7 +100,7 @@ impl RunLogs {
         drop(open);
         for log in logs {
             if let Err(error) = log.sync() {
-                tracing::error!(path = %log.path.display(), %error, "a run log is not safe on the disk");
+                tracing::error!(path = %log.path.display(), %error, "cannot write a run log to the disk");
             }
         }
     }

@@ -70,7 +70,7 @@ impl<H: Host> Slot<H> {
         let run = self.session.run.clone();
         let name = handle.to_owned();
         if let Err(failure) = call_host("lose", async move { host.lose(&run, &name, ticket).await }).await {
-            tracing::error!(why = failure.message(), "a hanging episode was not taken back");
+            tracing::error!(why = failure.message(), "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
     }

@@ -21,14 +21,14 @@ const ENTRY_WORDS: [usize; SECTIONS] = [8, 4, 1, 3, 2, 2, 4, 2, 1, 2];
 pub enum ModelError {
     /// A different format or version.
     #[error(
-        "it was not written by this version of the program (layout {found:#x}, expected {VERSION:#x}); delete it, it will be made anew"
+        "it was not written by this version of the program (layout {found:#x}, expected {VERSION:#x}); delete it; the next start regenerates it"
     )]
     Foreign {
         /// Version found, or 0.
         found: u32,
     },
     /// Some are missing or changed.
-    #[error("it is damaged: {0}; delete it, it will be made anew")]
+    #[error("it is damaged: {0}; delete it; the next start regenerates it")]
     Damaged(&'static str),
 }
 
