@@ -58,7 +58,7 @@ async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
     let compared = rescore(&store, &row, &STRICT, 77).await.expect("records");
     assert!(compared.is_kept && !compared.contradicts());
     let (before, after) = (compared.before.expect("a summary"), compared.after.expect("a summary"));
-    assert!(before.collisions > 0.0, "the stroll bumps into something");
+    assert!(before.collisions > 0.0, "the scripted run collides");
     assert_eq!(after.collisions, 2.0 * before.collisions);
     assert_eq!(after.sr, before.sr);
     assert_eq!(
@@ -68,7 +68,7 @@ async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
     );
     assert!(board.contains(&format!("\"scorer\":\"{}\"", row.scorer())), "{board}");
     let shown = page(&format!("/runs/{run}")).await;
-    assert!(shown.contains("Scored again") && shown.contains("9.0.0"), "{shown}");
+    assert!(shown.contains("Rescoring") && shown.contains("9.0.0"), "{shown}");
     assert!(page(&format!("/leaderboard/{PHASE}?order=unordered")).await.contains("Scored by benchmark"));
 }
 

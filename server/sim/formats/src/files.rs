@@ -161,7 +161,7 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
         let mut found = Vec::new();
         while let Some(entry) = entries.next_element()? {
             // An entry of three bytes, `{},`, takes several hundred bytes in memory: without a limit, a small file
-            // could exhaust it (docs/decisions/0019).
+            // could exhaust it (docs/decisions/0020).
             if found.len() == MAX_ENTRIES {
                 return Err(A::Error::custom(format!("a list has more than {MAX_ENTRIES} entries")));
             }

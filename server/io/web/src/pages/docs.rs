@@ -19,7 +19,7 @@ macro_rules! texts {
 }
 
 /// Documents as path and Markdown, those for participants first.
-const PATHS: [(&str, &str); 40] = texts![
+const PATHS: [(&str, &str); 42] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
     "docs/results.md",
@@ -60,6 +60,8 @@ const PATHS: [(&str, &str); 40] = texts![
     "docs/decisions/0016-parquet-crate.md",
     "docs/decisions/0017-people-play-as-agents-do.md",
     "docs/decisions/0018-pages-without-a-library.md",
+    "docs/decisions/0019-own-inference-engine.md",
+    "docs/decisions/0020-scene-readers.md",
 ];
 
 /// All documents, ordered as [`PATHS`].
