@@ -94,12 +94,11 @@ async fn hand_over<H: Host>(
     let registry = context.registry.clone();
     let patience = context.limits.handover;
     let run = guard.run.clone();
-    let handed_over = Arc::downgrade(&session);
-    guard.hand_over(session);
+    let number = guard.hand_over(session);
     tokio::spawn(async move {
         // That connection may have given up meanwhile. Without this task, the session would stay open for ever.
         sleep(patience).await;
-        if let Some(session) = registry.take_unclaimed(&run, &handed_over) {
+        if let Some(session) = registry.take_unclaimed(&run, number) {
             session.close(EndReason::Disconnected).await;
         }
     });

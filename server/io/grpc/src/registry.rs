@@ -8,7 +8,7 @@ use crate::{
 use avln_proto::v1::{self, Reason};
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 use tokio::{
     sync::watch,
@@ -33,8 +33,15 @@ struct SessionEntries<S> {
     // A hash map with random keys: lookup times reveal no other tokens.
     run_of_token: HashMap<String, String>,
     /// Sessions between two connections, by run.
-    handed_over: BTreeMap<String, Arc<S>>,
+    handed_over: BTreeMap<String, HandedOver<S>>,
     guards: u64,
+}
+
+/// Session that waits for the connection that resumes it.
+struct HandedOver<S> {
+    /// Guard that handed it over.
+    guard: u64,
+    session: Arc<S>,
 }
 
 struct SessionEntry<S> {
@@ -160,7 +167,7 @@ impl<S> SessionRegistry<S> {
         };
         entries.by_run.insert(run.to_owned(), entry);
         self.summary.send_modify(|summary| summary.sessions = entries.by_run.len());
-        let session = entries.handed_over.remove(run);
+        let session = entries.handed_over.remove(run).map(|waiting| waiting.session);
         let guard =
             SessionGuard { run: run.to_owned(), attachment, number, registry: self.clone(), _over: over };
         Ok((guard, session))
@@ -173,12 +180,14 @@ impl<S> SessionRegistry<S> {
         entry.unary.clone().filter(|_| *entry.attachment.borrow() == Attachment::Unary)
     }
 
-    /// Removes a session that no connection took over.
-    pub(crate) fn take_unclaimed(&self, run: &str, session: &Weak<S>) -> Option<Arc<S>> {
+    /// Removes the session that guard number `guard` handed over, if no connection took it.
+    ///
+    /// The session does not identify the hand-over: one session passes through many of them, and a late call for an
+    /// earlier one must not remove it.
+    pub(crate) fn take_unclaimed(&self, run: &str, guard: u64) -> Option<Arc<S>> {
         let mut entries = self.entries();
-        let waiting = entries.handed_over.get(run);
-        let unclaimed = waiting.is_some_and(|waiting| Arc::as_ptr(waiting) == session.as_ptr());
-        if unclaimed { entries.handed_over.remove(run) } else { None }
+        let is_unclaimed = entries.handed_over.get(run).is_some_and(|waiting| waiting.guard == guard);
+        if is_unclaimed { entries.handed_over.remove(run).map(|waiting| waiting.session) } else { None }
     }
 
     /// Admits no further session, stops all, and waits until they are over. Returns sessions between two connections.
@@ -193,7 +202,8 @@ impl<S> SessionRegistry<S> {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.sessions == 0).await;
         // The connections that would have resumed these sessions are refused from now on.
-        std::mem::take(&mut self.entries().handed_over).into_values().collect()
+        let unclaimed = std::mem::take(&mut self.entries().handed_over);
+        unclaimed.into_values().map(|waiting| waiting.session).collect()
     }
 }
 
@@ -255,10 +265,12 @@ impl<S> SessionGuard<S> {
         }
     }
 
-    /// Leaves the session to the next connection that enters the run.
-    pub(crate) fn hand_over(self, session: Arc<S>) {
+    /// Leaves the session to the next connection that enters the run, and returns the number of this guard.
+    pub(crate) fn hand_over(self, session: Arc<S>) -> u64 {
+        let guard = self.number;
         // Before the guard is dropped, which wakes that connection.
-        self.registry.entries().handed_over.insert(self.run.clone(), session);
+        self.registry.entries().handed_over.insert(self.run.clone(), HandedOver { guard, session });
+        guard
     }
 
     /// Waits until the session must end.
@@ -330,6 +342,19 @@ mod tests {
         drop((greedy, more, late));
         let again = enter("run_a").await;
         assert_eq!(again.take_slots("red", 64, 0), 16);
+    }
+
+    #[tokio::test]
+    async fn a_late_cleanup_spares_a_session_that_is_handed_over_again() {
+        let registry = registry(4);
+        let session = Arc::new(());
+        let (first, _) = registry.enter("run_a", StopReason::Resumed).await.unwrap();
+        let earlier = first.hand_over(session.clone());
+        let (second, resumed) = registry.enter("run_a", StopReason::Resumed).await.unwrap();
+        assert!(resumed.is_some_and(|resumed| Arc::ptr_eq(&resumed, &session)));
+        let later = second.hand_over(session);
+        assert!(registry.take_unclaimed("run_a", earlier).is_none(), "the earlier hand-over was claimed");
+        assert!(registry.take_unclaimed("run_a", later).is_some());
     }
 
     #[tokio::test]
