@@ -1,9 +1,57 @@
-//! Energy over time, interpolated linearly between slice centres.
+//! Time slices of late energy with increasing width: 5 ms up to 80 ms, 10 ms up to 240 ms, 20 ms up to
+//! 560 ms, and so on.
 
-use super::bins;
-use super::field::Slice;
-use crate::SAMPLE_RATE_HZ;
 use crate::bands::BANDS;
+use crate::surfaces::SURFACE_BANDS;
+use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+use avln_geom::Vector3;
+
+/// Counters per cell and time slice: energy per band, and the flux in x, y, z.
+pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
+
+/// The shortest slice, seconds.
+const FIRST_S: f32 = 0.005;
+
+/// Slices per width.
+const OF_A_WIDTH: u32 = 16;
+
+/// Returns the slice of a wave with path length `length_m` (0 to 1e6).
+pub(super) fn bin_of(length_m: f32) -> usize {
+    let slot = (length_m * (1.0 / (SPEED_OF_SOUND_M_S * FIRST_S))) as u32 + OF_A_WIDTH;
+    let doubling = (slot / OF_A_WIDTH).ilog2();
+    (doubling * OF_A_WIDTH + (slot >> doubling) - OF_A_WIDTH) as usize
+}
+
+/// Width of the slice for a path length `length_m`, relative to the first slice, as a power of two.
+pub(super) fn doublings(length_m: f32) -> u32 {
+    bin_of(length_m) as u32 / OF_A_WIDTH
+}
+
+/// Start of slice `bin`, seconds.
+pub(super) fn start_s(bin: usize) -> f32 {
+    let (doubling, place) = (bin as u32 / OF_A_WIDTH, bin as u32 % OF_A_WIDTH);
+    (((OF_A_WIDTH + place) << doubling) - OF_A_WIDTH) as f32 * FIRST_S
+}
+
+/// Number of slices that start before `duration_s`.
+pub(super) fn count(duration_s: f32) -> usize {
+    (0..).take_while(|bin| start_s(*bin) < duration_s).count()
+}
+
+/// Late energy at a position. The direct wave at 1 m has energy 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Echo {
+    /// Time slices from the emission.
+    pub(crate) slices: Vec<Slice>,
+}
+
+/// Energy of a time slice.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Slice {
+    pub(crate) energy: [f32; BANDS],
+    /// Energy flow direction; 0 if isotropic, length 1 if unidirectional.
+    pub(crate) flow: Vector3<f32>,
+}
 
 /// Samples with linearly interpolated gains.
 pub(super) const BLOCK: usize = 16;
@@ -72,7 +120,7 @@ impl Envelope {
 
     /// Number of blocks before slice `index`, limited to the total.
     pub(super) fn blocks_until(&self, index: usize) -> usize {
-        let sample = (bins::start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
+        let sample = (start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
         (sample.saturating_sub(self.start) / BLOCK + 1).min(self.blocks)
     }
 
@@ -104,8 +152,9 @@ struct Place {
     share: f32,
 }
 
-fn middle_s(slice: usize) -> f32 {
-    0.5 * (bins::start_s(slice) + bins::start_s(slice + 1))
+/// Centre of a slice, seconds.
+pub(super) fn middle_s(slice: usize) -> f32 {
+    0.5 * (start_s(slice) + start_s(slice + 1))
 }
 
 /// Positions of the samples `first`, `first` + [`BLOCK`] and so on.
@@ -124,4 +173,27 @@ fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item =
 fn share_of_next(slice: usize, time_s: f32, middles_s: &[f32]) -> f32 {
     let Some(next_s) = middles_s.get(slice + 1) else { return 0.0 };
     ((time_s - middles_s[slice]) / (next_s - middles_s[slice])).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_follow_each_other_and_hold_what_begins_in_them() {
+        assert_eq!((start_s(0), start_s(1)), (0.0, 0.005));
+        assert!((start_s(16) - 0.08).abs() < 1e-6 && (start_s(32) - 0.24).abs() < 1e-6);
+        for bin in 0..100 {
+            let (start, end) = (start_s(bin), start_s(bin + 1));
+            assert!(end > start);
+            assert_eq!(bin_of((0.99 * start + 0.01 * end) * SPEED_OF_SOUND_M_S), bin);
+            assert_eq!(bin_of((0.01 * start + 0.99 * end) * SPEED_OF_SOUND_M_S), bin);
+        }
+        for (time_s, times_wider) in [(0.0, 1), (0.079, 1), (0.081, 2), (0.239, 2), (0.241, 4), (0.57, 8)] {
+            assert_eq!(1 << doublings(time_s * SPEED_OF_SOUND_M_S), times_wider, "{time_s} s");
+        }
+        assert_eq!(count(0.0), 0);
+        assert_eq!(count(0.08), 16);
+        assert_eq!(count(1.0), 59);
+    }
 }

@@ -1,4 +1,24 @@
-//! Serialisation of source data: lists of numbers with length prefixes, little-endian.
+//! A persistent cache of source data, and its binary format: lists of numbers with length prefixes,
+//! little-endian.
+
+use std::sync::Arc;
+
+/// A persistent cache of source data between runs of the program.
+pub trait SoundShelf: Send + Sync {
+    /// Returns the bytes stored as `name`, if present and intact.
+    fn find_sound(&self, name: &str) -> Option<Vec<u8>>;
+    /// Stores bytes; failures are ignored.
+    fn keep_sound(&self, name: &str, bytes: &[u8]);
+}
+
+/// The part of a cache for the sources of a building.
+#[derive(Clone)]
+pub struct SoundPlace {
+    /// The shelf.
+    pub shelf: Arc<dyn SoundShelf>,
+    /// A name that only buildings with the same content and surfaces have.
+    pub name: String,
+}
 
 /// Changes whenever equal places in equal buildings would give other bytes.
 pub(crate) const VERSION: u32 = 4;

@@ -1,10 +1,10 @@
 //! Sound in buildings: walls, doorways and odd places.
 
-mod common;
-
+use crate::common::{
+    building, energy_db, first_wave, lag_us, level_db, listener, opaque_rooms, point, two_rooms,
+};
 use avln_acoustics::{ImpulseResponse, Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings, Source};
 use avln_geom::Point3;
-use common::{building, energy_db, first_wave, lag_us, level_db, listener, opaque_rooms, point, two_rooms};
 
 /// A source in the first of the two rooms, out of sight of most of the second.
 fn source_beside_the_door() -> Point3<f32> {

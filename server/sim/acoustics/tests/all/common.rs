@@ -1,9 +1,4 @@
 //! Small buildings and measurements that several tests share.
-#![allow(dead_code)]
-
-pub(crate) mod lag;
-
-pub(crate) mod sofa;
 
 use avln_acoustics::{
     Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SURFACE_BANDS, Settings, Surface, Surfaces,

@@ -3,10 +3,12 @@
 //! Two independent noises correlate by chance at some lag, and all positions would hear the same direction in
 //! it.
 
-use super::fourier::Fourier;
-use super::noise::PERIOD;
+use crate::transform::Fourier;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_4, PI};
+
+/// Period of the noise, samples: about a second. A power of two.
+pub(super) const PERIOD: usize = 16_384;
 
 /// Analysed parts of the period: 32 ms long, with half overlap.
 const PARTS: usize = 32;

@@ -1,11 +1,88 @@
-//! Traversal of air voxels by a ray (Amanatides and Woo, 1987).
+//! A grid of cubic cells, and its traversal by rays.
 
-use crate::air::Grid;
-use avln_geom::{Point3, Vector3};
+use avln_geom::{Aabb, Point3, Vector3};
+
+/// Edge of a cell, metres.
+const CELL_M: f32 = 0.2;
+
+/// Limit on the number of cells; larger buildings get larger cells.
+const MAX_CELLS: f32 = 1.0e6;
+
+/// A box of cubic cells; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
+#[derive(Clone, Debug)]
+pub(crate) struct Grid {
+    /// Centre of cell 0.
+    pub(crate) first_center: Point3<f32>,
+    pub(crate) cell_m: f32,
+    pub(crate) size: [usize; 3],
+}
+
+impl Grid {
+    pub(super) fn new(bounds: Option<Aabb>) -> Self {
+        let finite = |bounds: &Aabb| bounds.size().iter().all(|edge_m| edge_m.is_finite());
+        let Some(bounds) = bounds.filter(finite) else {
+            return Self { first_center: Point3::origin(), cell_m: CELL_M, size: [0; 3] };
+        };
+        let edges = bounds.size();
+        let mut cell_m = CELL_M;
+        while edges.iter().map(|edge_m| (edge_m / cell_m).ceil().max(1.0)).product::<f32>() > MAX_CELLS {
+            cell_m *= 1.25;
+        }
+        let size = [edges.x, edges.y, edges.z].map(|edge_m| ((edge_m / cell_m) as usize).max(1));
+        let used = Vector3::from_fn(|axis, _| (size[axis] - 1) as f32 * cell_m);
+        Self { first_center: bounds.min + (edges - used) * 0.5, cell_m, size }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    pub(crate) fn index(&self, cell: [usize; 3]) -> usize {
+        (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0]
+    }
+
+    pub(crate) fn cell(&self, index: usize) -> [usize; 3] {
+        let [size_x, size_y, _] = self.size;
+        [index % size_x, index / size_x % size_y, index / (size_x * size_y)]
+    }
+
+    pub(crate) fn center(&self, index: usize) -> Point3<f32> {
+        let cell = self.cell(index);
+        self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
+    }
+
+    /// Returns true if `point` is inside the grid.
+    pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
+        (0..3).all(|axis| {
+            let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
+            (0.0..self.size[axis] as f32).contains(&place)
+        })
+    }
+
+    /// Index distance between neighbours in direction `axis`.
+    pub(crate) fn stride(&self, axis: usize) -> usize {
+        [1, self.size[0], self.size[0] * self.size[1]][axis]
+    }
+
+    /// Returns the cells within `reach` cells of `point` (of the nearest cell if `point` is outside).
+    pub(super) fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
+        if self.len() == 0 {
+            return Vec::new();
+        }
+        let ranges = [0, 1, 2].map(|axis| {
+            let position = ((point[axis] - self.first_center[axis]) / self.cell_m).round();
+            let middle = (position.max(0.0) as usize).min(self.size[axis] - 1);
+            middle.saturating_sub(reach)..=(middle + reach).min(self.size[axis] - 1)
+        });
+        let [xs, ys, zs] = ranges;
+        let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+        rows.flat_map(|(y, z)| xs.clone().map(move |x| self.index([x, y, z]))).collect()
+    }
+}
 
 /// Calls `visit` with the index of every voxel on the ray from `from` in the unit direction `direction`, and
 /// the distances in metres at entry and exit.
-pub(super) fn march(
+pub(crate) fn march(
     grid: &Grid,
     from: &Point3<f32>,
     direction: &Vector3<f32>,

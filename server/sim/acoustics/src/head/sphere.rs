@@ -1,9 +1,93 @@
 //! Sound pressure on a rigid sphere, from the series of Duda and Martens (1998), "Range dependence of the
 //! response of a spherical head model", J. Acoust. Soc. Am. 104, in the time convention exp(+j w t).
 
-use crate::SPEED_OF_SOUND_M_S;
+use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use crate::transform::unit_phasor;
+use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
+use std::sync::OnceLock;
+
+/// Azimuth of the ears of the sphere, degrees from straight ahead.
+const EAR_AZIMUTH_DEG: f32 = 100.0;
+
+/// Inverse ranges of the table, per metre: 0.25, 0.5, 1, 2, 4 metres and a plane wave.
+const INVERSE_RANGES: [f32; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.0];
+
+/// Angles of incidence of the table: 0 to 180 degrees, one degree apart.
+const ANGLES: usize = 181;
+
+/// Filters of an ear on a rigid sphere for every incidence and range, aligned on the wave front.
+pub(crate) struct HeadTable {
+    /// `INVERSE_RANGES × ANGLES`, row by row.
+    filters: Vec<Filter>,
+}
+
+/// Unit vectors out of the left and the right ear of the sphere, world frame.
+pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
+    let (sin, cos) = angle::sin_cos(heading_rad);
+    let (forward, left) = (Vector3::new(-sin, 0.0, -cos), Vector3::new(-cos, 0.0, sin));
+    let (ear_sin, ear_cos) = angle::sin_cos(EAR_AZIMUTH_DEG.to_radians());
+    [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
+}
+
+/// The table, computed on first use.
+pub(crate) fn head() -> &'static HeadTable {
+    static HEAD: OnceLock<HeadTable> = OnceLock::new();
+    HEAD.get_or_init(HeadTable::new)
+}
+
+impl HeadTable {
+    fn new() -> Self {
+        let filters = INVERSE_RANGES.iter().flat_map(|inverse| design_range(1.0 / f64::from(*inverse)));
+        Self { filters: filters.collect() }
+    }
+
+    /// Response to a source at `range_m` (at least 0.1) at the given cosine to the ear axis. Relative to the
+    /// free field at the head centre.
+    pub(crate) fn ear(&self, cos_incidence: f32, range_m: f32) -> EarResponse {
+        let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+        let (row, row_weight) = range_position(range_m);
+        let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
+        let column = (degrees as usize).min(ANGLES - 2);
+        let column_weight = degrees - column as f32;
+        let corners = [
+            (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
+            (row, column + 1, (1.0 - row_weight) * column_weight),
+            (row + 1, column, row_weight * (1.0 - column_weight)),
+            (row + 1, column + 1, row_weight * column_weight),
+        ];
+        let mut filter = [0.0; HEAD_TAPS];
+        for (row, column, weight) in corners {
+            let known = &self.filters[row * ANGLES + column];
+            filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
+        }
+        EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
+    }
+}
+
+/// The table row just beyond `range_m` on the near side, and the weight of the next row.
+fn range_position(range_m: f32) -> (usize, f32) {
+    let inverse = (1.0 / range_m).clamp(0.0, INVERSE_RANGES[0]);
+    let row = (0..INVERSE_RANGES.len() - 2).find(|row| inverse >= INVERSE_RANGES[row + 1]);
+    let row = row.unwrap_or(INVERSE_RANGES.len() - 2);
+    (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
+}
+
+/// The filters of all angles at one range.
+fn design_range(range_m: f64) -> Vec<Filter> {
+    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
+    let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
+        .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
+        .collect();
+    let at_angle = |degrees: usize| {
+        let cos_incidence = libm::cos((degrees as f64).to_radians());
+        let spectrum: Vec<_> = responses.iter().map(|response| response.pressure(cos_incidence)).collect();
+        design_from(&spectrum, onset_delay_s(cos_incidence, range_m))
+    };
+    (0..ANGLES).map(at_angle).collect()
+}
 
 /// Radius of the head, metres.
 pub(crate) const HEAD_RADIUS_M: f64 = 0.0875;
@@ -26,7 +110,7 @@ impl SphereResponse {
         let surface_slopes = hankel_slopes(ka);
         let incident = incident_terms(wave_number, range_m);
         // Both Hankel lists lack their factor exp(-j x); the one of the range cancels against the free field.
-        let scale = -Complex64::from_polar_libm(ka);
+        let scale = -unit_phasor(ka);
         let coefficients = std::array::from_fn(|order| {
             let weight = (2 * order + 1) as f64;
             scale * weight * incident[order] / surface_slopes[order]
@@ -46,17 +130,6 @@ impl SphereResponse {
             (previous, current) = (current, next);
         }
         sum
-    }
-}
-
-/// `exp(j angle)` with equal bits on every platform.
-trait FromPolarLibm {
-    fn from_polar_libm(angle_rad: f64) -> Self;
-}
-
-impl FromPolarLibm for Complex64 {
-    fn from_polar_libm(angle_rad: f64) -> Self {
-        Complex64::new(libm::cos(angle_rad), libm::sin(angle_rad))
     }
 }
 

@@ -1,10 +1,8 @@
 //! Sound over time: continuity, switches, superposition.
 
-mod common;
-
+use crate::common::{free_field, listener, noise, point, two_rooms};
 use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, SAMPLE_RATE_HZ};
 use avln_geom::{Point3, Rng};
-use common::{free_field, listener, noise, point, two_rooms};
 
 const STEP: usize = 4000;
 
