@@ -1,9 +1,8 @@
 //! Run service: a team's runs and quotas.
 
-use super::bearer;
 use crate::{
     attachment::StopReason,
-    context::ServiceContext,
+    context::{ServiceContext, bearer},
     host::{Host, RunRequest},
     limits::Limits,
     refusal::{Failure, Refusal, call_host},
@@ -37,13 +36,12 @@ const MAX_NOTE_CHARS: usize = 500;
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
 /// A team's runs.
-pub(super) struct RunCalls<H: Host>(pub(super) ServiceContext<H>);
+pub(crate) struct RunCalls<H: Host>(pub(crate) ServiceContext<H>);
 
 impl<H: Host> RunCalls<H> {
     async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let token = bearer(metadata)?;
-        let host = self.0.host.clone();
-        call_host("look an account up", async move { host.account(&token).await }).await
+        call_host("look an account up", &self.0.host, |host| async move { host.account(&token).await }).await
     }
 
     /// Returns the account, if it belongs to a team.
@@ -67,8 +65,8 @@ impl<H: Host> RunCalls<H> {
     }
 
     async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
-        let (host, account, run) = (self.0.host.clone(), account.clone(), checked_id(run)?);
-        call_host("look a run up", async move { host.run(&account, &run).await }).await
+        let (account, run) = (account.clone(), checked_id(run)?);
+        call_host("look a run up", &self.0.host, |host| async move { host.run(&account, &run).await }).await
     }
 
     /// Returns the requested order, or the phase's only order.
@@ -78,8 +76,10 @@ impl<H: Host> RunCalls<H> {
             v1::Order::Unordered => return Ok(Order::Unordered),
             v1::Order::Unspecified => {}
         }
-        let (host, account) = (self.0.host.clone(), account.clone());
-        let phases = call_host("list phases", async move { host.phases(Some(&account)).await }).await?;
+        let account = account.clone();
+        let phases =
+            call_host("list phases", &self.0.host, |host| async move { host.phases(Some(&account)).await })
+                .await?;
         Ok(only_order(&phases, phase)?)
     }
 
@@ -109,8 +109,10 @@ impl<H: Host> RunService for RunCalls<H> {
         self.0.registry.check_open().map_err(Failure::from)?;
         self.0.check_sound().map_err(Failure::from)?;
         let asked = self.request(&account, request.into_inner()).await?;
-        let (host, team) = (self.0.host.clone(), account.clone());
-        let ticket = call_host("start a run", async move { host.start_run(&team, asked).await }).await?;
+        let team = account.clone();
+        let ticket =
+            call_host("start a run", &self.0.host, |host| async move { host.start_run(&team, asked).await })
+                .await?;
         let status = self.status(&account, &ticket.run).await?;
         Ok(Response::new(v1::StartRunResponse {
             run: Some(wire::run(status)),
@@ -155,8 +157,9 @@ impl<H: Host> RunService for RunCalls<H> {
         // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first, with the
         // last episode, the run would be completed instead of cancelled.
         let run = self.status(&account, &request.get_ref().run).await?.run;
-        let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
-        call_host("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
+        let (team, id) = (account.clone(), run.clone());
+        call_host("cancel a run", &self.0.host, |host| async move { host.cancel_run(&team, &id).await })
+            .await?;
         self.0.registry.stop(&run, StopReason::Cancelled).await;
         let status = self.status(&account, &run).await?;
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
@@ -167,8 +170,8 @@ impl<H: Host> RunService for RunCalls<H> {
         request: Request<v1::ListRunsRequest>,
     ) -> Result<Response<v1::ListRunsResponse>, Status> {
         let account = self.team(request.metadata()).await?;
-        let host = self.0.host.clone();
-        let runs = call_host("list runs", async move { host.runs(&account).await }).await?;
+        let runs =
+            call_host("list runs", &self.0.host, |host| async move { host.runs(&account).await }).await?;
         Ok(Response::new(page(runs, request.get_ref()).map_err(Failure::from)?))
     }
 
@@ -177,11 +180,11 @@ impl<H: Host> RunService for RunCalls<H> {
         request: Request<v1::GetQuotaRequest>,
     ) -> Result<Response<v1::GetQuotaResponse>, Status> {
         let account = self.team(request.metadata()).await?;
-        let host = self.0.host.clone();
         let phase = request.into_inner().phase;
         let phase = if phase.is_empty() { None } else { Some(checked_id(&phase).map_err(Failure::from)?) };
-        let quotas =
-            call_host("look a quota up", async move { host.quotas(&account, phase.as_deref()).await });
+        let quotas = call_host("look a quota up", &self.0.host, |host| async move {
+            host.quotas(&account, phase.as_deref()).await
+        });
         let quotas = quotas.await?.into_iter().map(wire::quota).collect();
         Ok(Response::new(v1::GetQuotaResponse { quotas }))
     }
