@@ -1,5 +1,5 @@
 use crate::plane::{Spot, share_of_segment, turn};
-use crate::polygons::{Corner, RawPolygon};
+use crate::polygons::{PolygonCorner, RawPolygon};
 
 /// Tolerance outside a triangle for its height, relative to its area.
 const RIM: f64 = 1e-6;
@@ -7,7 +7,7 @@ const RIM: f64 = 1e-6;
 /// Triangles that give the polygons their heights: the detail mesh of Recast.
 pub(crate) struct Detail {
     first: Vec<u32>,
-    triangles: Vec<[Corner; 3]>,
+    triangles: Vec<[PolygonCorner; 3]>,
 }
 
 impl Detail {
@@ -48,14 +48,14 @@ impl Detail {
         heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)))
     }
 
-    fn of(&self, polygon: u32) -> &[[Corner; 3]] {
+    fn of(&self, polygon: u32) -> &[[PolygonCorner; 3]] {
         let range = |index: usize| self.first[index] as usize;
         &self.triangles[range(polygon as usize)..range(polygon as usize + 1)]
     }
 }
 
 /// Height at `spot` in the plane of a covering triangle.
-fn height_inside([a, b, c]: &[Corner; 3], spot: &Spot) -> Option<f64> {
+fn height_inside([a, b, c]: &[PolygonCorner; 3], spot: &Spot) -> Option<f64> {
     let area = turn(&a.spot, &b.spot, &c.spot);
     if area == 0.0 {
         return None;
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn heights_follow_the_triangle_and_hold_on_outside() {
-        let corner = |x, z, height_m| Corner { spot: Spot::new(x, z), height_m };
+        let corner = |x, z, height_m| PolygonCorner { spot: Spot::new(x, z), height_m };
         let ramp = [corner(0.0, 0.0, 1.0), corner(10.0, 0.0, 2.0), corner(0.0, 10.0, 1.0)];
         let detail = Detail::new(&[RawPolygon { detail: vec![ramp], ..Default::default() }]);
         assert_eq!(detail.height_m(0, &Spot::new(5.0, 2.0)), 1.5);

@@ -2,8 +2,8 @@ use crate::corners::{Corners, Link};
 use crate::mesh::{NavMesh, NavPoint};
 use crate::outlook::Outlook;
 use crate::plane::Spot;
-use crate::sight::{Eye, View, look};
-use crate::waiting::Waiting;
+use crate::sight::{Eye, VisiblePart, look};
+use crate::waiting::QueueEntry;
 use avln_geom::Point3;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -145,7 +145,7 @@ impl DistanceField {
     }
 
     /// Improves `way` by the seeds on `polygon` that are in `view`.
-    fn to_seeds(&self, mesh: &NavMesh, polygon: u32, view: &View, place: (&Spot, f64), way: &mut Way) {
+    fn to_seeds(&self, mesh: &NavMesh, polygon: u32, view: &VisiblePart, place: (&Spot, f64), way: &mut Way) {
         let first = self.seeds.partition_point(|seed| seed.eye.polygon < polygon);
         let here = self.seeds[first..].iter().zip(first as u32..);
         for (seed, index) in here.take_while(|(seed, _)| seed.eye.polygon == polygon) {
@@ -161,8 +161,8 @@ impl DistanceField {
 pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
     let seeded = costs.iter().zip(0..).filter(|(cost, _)| cost.0.is_finite());
     let mut waiting: BinaryHeap<_> =
-        seeded.map(|(cost, corner)| Reverse(Waiting { metres: cost.0, number: corner })).collect();
-    while let Some(Reverse(Waiting { metres, number: corner })) = waiting.pop() {
+        seeded.map(|(cost, corner)| Reverse(QueueEntry { metres: cost.0, number: corner })).collect();
+    while let Some(Reverse(QueueEntry { metres, number: corner })) = waiting.pop() {
         if metres > costs[corner as usize].0 {
             continue;
         }
@@ -170,7 +170,7 @@ pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
             let through = metres + link.metres;
             if through < costs[link.to as usize].0 {
                 costs[link.to as usize] = (through, Next::Corner(corner));
-                waiting.push(Reverse(Waiting { metres: through, number: link.to }));
+                waiting.push(Reverse(QueueEntry { metres: through, number: link.to }));
             }
         }
     }

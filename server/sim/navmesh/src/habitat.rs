@@ -1,10 +1,10 @@
 //! Habitat-compatible queries: projection, steps and path lengths as in habitat-sim's `PathFinder`. Sources:
 //! habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
 
-use crate::corridor::{End, corridor_m};
+use crate::corridor::{CorridorEnd, corridor_m};
 use crate::mesh::{NavMesh, NavPoint, Slide};
 use crate::plane::{Spot, share_of_segment};
-use crate::polygons::Corner;
+use crate::polygons::PolygonCorner;
 use crate::sight::Eye;
 use crate::stop::stop;
 use crate::surface::Surface;
@@ -76,7 +76,7 @@ impl NavMesh {
         if are_same(&on_a, &on_b) {
             return Some(0.0);
         }
-        let ends = [&on_a, &on_b].map(|on| End { place: self.place(on), polygon: on.polygon });
+        let ends = [&on_a, &on_b].map(|on| CorridorEnd { place: self.place(on), polygon: on.polygon });
         let drawn = [self.place(&self.end_of_path(a, &on_a)), self.place(&self.end_of_path(b, &on_b))];
         corridor_m(&self.polygons, self.lattice(), ends, drawn)
     }
@@ -90,9 +90,9 @@ impl NavMesh {
         self.distance_m(&self.end_of_path(a, &on_a), &self.end_of_path(b, &on_b))
     }
 
-    fn place(&self, point: &NavPoint) -> Corner {
+    fn place(&self, point: &NavPoint) -> PolygonCorner {
         let position = point.position;
-        Corner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
+        PolygonCorner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
     }
 
     /// `point` itself above its polygon, otherwise the point on the polygon's rim at rim height.

@@ -1,14 +1,14 @@
 use crate::corners::Link;
 use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
-use crate::sight::{Eye, View, look};
+use crate::sight::{Eye, VisiblePart, look};
 
 /// Visibility of a point on its mesh, reusable for many fields
 /// ([`DistanceField::distance_from_m`](crate::DistanceField::distance_from_m)).
 pub struct Outlook {
     eye: Eye,
     height_m: f64,
-    views: Vec<(u32, View)>,
+    views: Vec<(u32, VisiblePart)>,
     links: Vec<Link>,
 }
 
@@ -29,7 +29,7 @@ impl Outlook {
         (&self.eye.spot, self.height_m)
     }
 
-    pub(crate) fn views(&self) -> &[(u32, View)] {
+    pub(crate) fn views(&self) -> &[(u32, VisiblePart)] {
         &self.views
     }
 

@@ -7,16 +7,16 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// A convex polygon before joining: corners in order, in either direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
-    pub(crate) corners: Vec<Corner>,
+    pub(crate) corners: Vec<PolygonCorner>,
     /// The patch of floor that it covers.
     pub(crate) region: u16,
     /// Triangles that cover it in the plane and define its heights; empty if the scene defines them.
-    pub(crate) detail: Vec<[Corner; 3]>,
+    pub(crate) detail: Vec<[PolygonCorner; 3]>,
 }
 
 /// A corner of a polygon or detail triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Corner {
+pub(crate) struct PolygonCorner {
     pub(crate) spot: Spot,
     pub(crate) height_m: f64,
 }
@@ -25,8 +25,8 @@ impl RawPolygon {
     /// Area of the triangles in space, square metres.
     pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
         let cell_m = f64::from(lattice.cell_m);
-        let area = |[a, b, c]: &[Corner; 3]| {
-            let side = |to: &Corner| {
+        let area = |[a, b, c]: &[PolygonCorner; 3]| {
+            let side = |to: &PolygonCorner| {
                 let flat = (to.spot - a.spot) * cell_m;
                 avln_geom::Vector3::new(flat.x, to.height_m - a.height_m, flat.y)
             };
@@ -44,7 +44,7 @@ impl RawPolygon {
     }
 
     /// Counter-clockwise corners without duplicates in the plane.
-    fn tidy(&self) -> Vec<Corner> {
+    fn tidy(&self) -> Vec<PolygonCorner> {
         let mut corners = self.corners.clone();
         corners.dedup_by_key(|corner| key(&corner.spot));
         while corners.len() > 1 && key(&corners[0].spot) == key(&corners[corners.len() - 1].spot) {
@@ -184,12 +184,12 @@ impl Polygons {
 }
 
 /// Pairs opposite edges on the same line: lowest edge first, with the twin nearest in height.
-fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
+fn twins(outlines: &[Vec<PolygonCorner>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
         .flat_map(|outline| (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()])))
         .collect();
-    let plan = |corner: &Corner| key(&corner.spot);
+    let plan = |corner: &PolygonCorner| key(&corner.spot);
     let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|((a, b), e)| (plan(a), plan(b), e)).collect();
     by_plan.sort_unstable();
     let mut twins = vec![NONE; ends.len()];
@@ -220,7 +220,7 @@ pub(crate) mod tests {
 
     /// A square with sides of 10 cells at a height, as outline and two triangles.
     pub(crate) fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
-        let corner = |dx, dz| Corner { spot: Spot::new(x + dx, z + dz), height_m };
+        let corner = |dx, dz| PolygonCorner { spot: Spot::new(x + dx, z + dz), height_m };
         let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
         let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
         RawPolygon { corners, region: 1, detail }

@@ -4,7 +4,7 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
-use crate::waiting::Waiting;
+use crate::waiting::QueueEntry;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -16,12 +16,12 @@ pub(crate) struct Route {
 }
 
 /// An end of a path.
-struct End {
+struct RouteEnd {
     eye: Eye,
     height_m: f64,
 }
 
-impl End {
+impl RouteEnd {
     fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
         Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
     }
@@ -40,25 +40,25 @@ struct Reached {
 
 /// The shortest route from `a` to `b`; `None` if unreachable.
 pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
-    let (a, b) = (End::new(mesh, a), End::new(mesh, b));
-    let mut search = Search::new(mesh, &b);
+    let (a, b) = (RouteEnd::new(mesh, a), RouteEnd::new(mesh, b));
+    let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
         return Some(Route { metres, bends: Vec::new() });
     }
     search.run()
 }
 
-struct Search<'a> {
+struct RouteSearch<'a> {
     mesh: &'a NavMesh,
-    goal: &'a End,
+    goal: &'a RouteEnd,
     /// Per corner: straight distance to the goal, infinite if not in view.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
-impl<'a> Search<'a> {
-    fn new(mesh: &'a NavMesh, goal: &'a End) -> Self {
+impl<'a> RouteSearch<'a> {
+    fn new(mesh: &'a NavMesh, goal: &'a RouteEnd) -> Self {
         let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
         look(&mesh.polygons, &goal.eye, |polygon, view| {
             mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
@@ -70,7 +70,7 @@ impl<'a> Search<'a> {
     }
 
     /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
-    fn start(&mut self, start: &End) -> Option<f64> {
+    fn start(&mut self, start: &RouteEnd) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
         look(&mesh.polygons, &start.eye, |polygon, view| {
@@ -88,13 +88,13 @@ impl<'a> Search<'a> {
         if metres < known.metres {
             *known = Reached { metres, from };
             let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
-            self.waiting.push(Reverse(Waiting { metres: at_least, number: corner }));
+            self.waiting.push(Reverse(QueueEntry { metres: at_least, number: corner }));
         }
     }
 
     fn run(mut self) -> Option<Route> {
         let mut best = (f64::INFINITY, NONE);
-        while let Some(Reverse(Waiting { metres: at_least, number: corner })) = self.waiting.pop() {
+        while let Some(Reverse(QueueEntry { metres: at_least, number: corner })) = self.waiting.pop() {
             if at_least >= best.0 {
                 break;
             }

@@ -2,7 +2,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-use avln_render::{DepthNoise, Frame, Noise, RgbNoise};
+use avln_render::{CameraImage, DepthNoise, Noise, RgbNoise};
 use avln_scene::InstanceId;
 use std::hint::black_box;
 use std::time::Instant;
@@ -24,7 +24,7 @@ fn seconds(noise: &Noise, index: u64) -> f64 {
     let pixels = (SIDE * SIDE) as usize;
     let depth = (0..pixels).map(|pixel| 1.0 + pixel as f32 / pixels as f32 * 5.0).collect();
     let instances = vec![InstanceId::NONE; pixels];
-    let mut frame = Frame { width: SIDE, height: SIDE, rgb: vec![128; 3 * pixels], depth, instances };
+    let mut frame = CameraImage { width: SIDE, height: SIDE, rgb: vec![128; 3 * pixels], depth, instances };
     let start = Instant::now();
     noise.apply(black_box(&mut frame), index, 10.0);
     let taken_s = start.elapsed().as_secs_f64();

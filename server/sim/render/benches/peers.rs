@@ -17,7 +17,7 @@ use avln_formats::open;
 use avln_geom::convert::{GlamVec3, glam_from_point, glam_from_vector};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_houses::{HouseOptions, house};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{Lighting, Scene};
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::TriMesh;
@@ -102,7 +102,7 @@ fn report(what: &str, seconds: f64, ours_s: f64) {
 }
 
 /// Prints the pixel count with a difference above a thousandth.
-fn agreement(ours: &[Frame], theirs: &[Vec<f32>]) {
+fn agreement(ours: &[CameraImage], theirs: &[Vec<f32>]) {
     let pairs = ours.iter().zip(theirs).flat_map(|(ours, theirs)| ours.depth.iter().zip(theirs));
     let differ = pairs.filter(|(a, b)| (**a - **b).abs() > 1e-3 * b.max(0.1)).count();
     let all = ours.len() * (SIDE * SIDE) as usize;

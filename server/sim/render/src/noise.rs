@@ -6,7 +6,7 @@ mod depth;
 mod normal;
 mod rgb;
 
-use crate::Frame;
+use crate::CameraImage;
 use avln_geom::Rng;
 
 /// The sensors' noise and the seed that it is drawn with.
@@ -72,7 +72,7 @@ impl RgbNoise {
 impl Noise {
     /// Adds noise for image number `index` to a frame with a depth range of `depth_max_m`, metres. A pixel
     /// without depth stays empty; noisy depth beyond the range becomes 0.
-    pub fn apply(&self, frame: &mut Frame, index: u64, depth_max_m: f32) {
+    pub fn apply(&self, frame: &mut CameraImage, index: u64, depth_max_m: f32) {
         let key = |sensor: u64| Rng::word(Rng::word(self.seed, sensor), index);
         match self.depth {
             DepthNoise::None => {}

@@ -1,5 +1,5 @@
 use super::places::axes;
-use avln_render::{Camera, Frame};
+use avln_render::{Camera, CameraImage};
 use avln_scene::Scene;
 use std::fs;
 use std::io::Result;
@@ -10,7 +10,7 @@ pub(crate) fn write(
     folder: &Path,
     scene: &Scene,
     cameras: &[Camera],
-    ours: &[Frame],
+    ours: &[CameraImage],
     fps: f64,
 ) -> Result<()> {
     fs::create_dir_all(folder)?;

@@ -34,7 +34,7 @@ pub struct Model {
 
 /// A model's lists.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct View<'a> {
+pub(crate) struct ModelView<'a> {
     /// Boxes: smallest and largest corner as float bits, then the left child and 0, or a cluster and 1.
     pub(crate) nodes: &'a [[u32; 8]],
     pub(crate) clusters: &'a [Cluster],
@@ -71,10 +71,10 @@ impl Model {
     }
 
     /// The model's lists.
-    pub(crate) fn view(&self) -> View<'_> {
+    pub(crate) fn view(&self) -> ModelView<'_> {
         let bytes = (*self.bytes).as_ref();
         let section = |index: usize| &bytes[self.sections[index].clone()];
-        View {
+        ModelView {
             nodes: bytemuck::cast_slice(section(0)),
             clusters: bytemuck::cast_slice(section(1)),
             coordinates: bytemuck::cast_slice(section(2)),

@@ -1,5 +1,5 @@
 use super::normal::Normal;
-use crate::Frame;
+use crate::CameraImage;
 
 /// Deviation of the shift to the side, pixels.
 const SHIFT_PX: f32 = 0.25;
@@ -13,7 +13,7 @@ const STEPS_PER_PX: f32 = 8.0;
 const REACH_M: f32 = 10.0;
 
 /// See [`DepthNoise::Redwood`](super::DepthNoise::Redwood).
-pub(super) fn redwood(frame: &mut Frame, key: u64, depth_max_m: f32) {
+pub(super) fn redwood(frame: &mut CameraImage, key: u64, depth_max_m: f32) {
     let normal = Normal::table();
     let (width, height) = (frame.width as usize, frame.height as usize);
     let clean = std::mem::take(&mut frame.depth);

@@ -73,7 +73,7 @@ pub(super) struct Edge {
 }
 
 /// A triangle that is about to be drawn.
-pub(super) struct Stroke {
+pub(super) struct TriangleSetup {
     pub(super) edges: [Edge; 3],
     pub(super) nearness: Anchored,
     /// The largest nearness that it has anywhere, and a little more.
@@ -241,12 +241,12 @@ impl Batch {
     }
 
     #[inline(always)]
-    pub(super) fn stroke(&self, lane: usize, pixels: PixelRect) -> Stroke {
+    pub(super) fn stroke(&self, lane: usize, pixels: PixelRect) -> TriangleSetup {
         let edge = |corner: usize| Edge {
             plane: self.edges[corner].plane.lane(lane),
             limit: self.edges[corner].limit.0[lane],
         };
-        Stroke {
+        TriangleSetup {
             edges: [edge(0), edge(1), edge(2)],
             nearness: Anchored {
                 x: self.slope[0].0[lane],

@@ -1,6 +1,6 @@
 //! Triangles that reach behind the pinhole.
 
-use super::batch::{Anchored, Batch, Plane, Stroke};
+use super::batch::{Anchored, Batch, Plane, TriangleSetup};
 use super::{NEAR_M, Raster};
 use crate::lanes::LANES;
 use crate::model::HOLED;
@@ -76,11 +76,11 @@ impl Raster<'_> {
 
     /// A triangle with corners on the screen (column, row, nearness) and this plane of nearness; `None` when it covers no
     /// pixel.
-    fn part(&self, corners: [[f32; 3]; 3], nearness: Anchored) -> Option<Stroke> {
+    fn part(&self, corners: [[f32; 3]; 3], nearness: Anchored) -> Option<TriangleSetup> {
         let screen = &self.scratch.screen;
         let batch = Batch::single(corners, [screen.width, screen.height]);
         let pixels = batch.pixels(0)?;
-        Some(Stroke { nearness, ..batch.stroke(0, pixels) })
+        Some(TriangleSetup { nearness, ..batch.stroke(0, pixels) })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Draws triangles pixel by pixel, eight at a time.
 
 use super::Raster;
-use super::batch::{Anchored, Edge, Plane, Stroke};
+use super::batch::{Anchored, Edge, Plane, TriangleSetup};
 use super::screen::{SIDE, Screen, TileRect};
 use crate::lanes::{Floats, Truths};
 use crate::shade::is_solid;
@@ -9,7 +9,7 @@ use crate::shade::is_solid;
 /// Eight columns of a triangle: increments of edge planes and reciprocal depth from column 0, and edge
 /// limits.
 struct Strip<'a> {
-    stroke: &'a Stroke,
+    stroke: &'a TriangleSetup,
     edges: [Floats; 3],
     limits: [Floats; 3],
     nearness: Floats,
@@ -18,7 +18,7 @@ struct Strip<'a> {
     swatch: u32,
 }
 
-impl Stroke {
+impl TriangleSetup {
     #[inline(always)]
     fn strip(&self, column: usize, swatch: u32) -> Strip<'_> {
         let columns = Floats(std::array::from_fn(|i| (column + i) as i32 as f32));
@@ -50,7 +50,7 @@ impl Stroke {
 impl Screen {
     /// Draws a triangle, to be noted under the number `swatch`; whether it is seen anywhere.
     #[inline(always)]
-    pub(super) fn fill(&mut self, stroke: &Stroke, swatch: u32) -> bool {
+    pub(super) fn fill(&mut self, stroke: &TriangleSetup, swatch: u32) -> bool {
         let [left, top] = stroke.pixels.first.map(|at| at as usize);
         let [right, bottom] = stroke.pixels.end.map(|at| at as usize);
         if right - left <= SIDE && bottom - top <= 2 * SIDE {
@@ -126,7 +126,7 @@ impl Strip<'_> {
 
 impl Raster<'_> {
     /// Draws a triangle of a surface with holes and the shading record `swatch`.
-    pub(super) fn fill_holed(&mut self, stroke: &Stroke, surface: u32, swatch: u32) {
+    pub(super) fn fill_holed(&mut self, stroke: &TriangleSetup, surface: u32, swatch: u32) {
         let planes = self.scratch.swatches.planes[swatch as usize];
         let screen = &mut self.scratch.screen;
         for y in stroke.pixels.first[1]..stroke.pixels.end[1] {

@@ -15,10 +15,10 @@ mod walk;
 
 use screen::PixelRect;
 pub(crate) use screen::Screen;
-pub(crate) use swatch::Swatches;
+pub(crate) use swatch::ShadingRecords;
 
 use crate::camera::Lens;
-use crate::model::View;
+use crate::model::ModelView;
 use avln_simd::Work;
 use batch::{Batches, Projected};
 
@@ -29,7 +29,7 @@ pub(crate) const NEAR_M: f32 = 1e-3;
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) screen: Screen,
-    pub(crate) swatches: Swatches,
+    pub(crate) swatches: ShadingRecords,
     projected: Box<Projected>,
     batches: Box<Batches>,
     /// Triangles of the present cluster to draw: numbers and covered pixels.
@@ -40,7 +40,7 @@ pub(crate) struct Scratch {
 
 /// Drawing of a single image.
 pub(crate) struct Raster<'a> {
-    pub(crate) view: View<'a>,
+    pub(crate) view: ModelView<'a>,
     pub(crate) lens: Lens,
     pub(crate) scratch: &'a mut Scratch,
 }

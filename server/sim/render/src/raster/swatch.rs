@@ -4,7 +4,7 @@ use super::batch::{Batch, Plane};
 use super::edges::{Planes, planes};
 use super::{Raster, Scratch};
 use crate::lanes::{Floats, LANES, Numbers};
-use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
+use crate::model::{CLUSTER, HOLED, LEVEL_BITS, ModelView, NO_TEXTURE};
 use crate::shade;
 use std::array::from_fn;
 
@@ -13,7 +13,7 @@ const TINT_IS_EVEN: u32 = 0xff00_0000;
 
 /// A record per visible triangle in drawing order, after the record of the background.
 #[derive(Default)]
-pub(crate) struct Swatches {
+pub(crate) struct ShadingRecords {
     /// Planes of u and v times reciprocal depth (x, y, constant), texels of the full size per pixel at one
     /// metre (scales with depth cubed), and 0.
     pub(crate) planes: Vec<[f32; 8]>,
@@ -43,7 +43,7 @@ impl Meta {
 
     /// Shading data of a surface with these corner colours; varying tints are numbered later.
     #[inline(always)]
-    fn new(view: &View, surface: u32, [a, b, c]: [u32; 3]) -> Self {
+    fn new(view: &ModelView, surface: u32, [a, b, c]: [u32; 3]) -> Self {
         let [material, instance] = view.surfaces[surface as usize];
         let [base, texture, ..] = view.materials[material as usize];
         let tint = if a == b && b == c { shade::modulate(a, base) | TINT_IS_EVEN } else { 0 };
@@ -58,14 +58,14 @@ impl Meta {
 
     /// Texels of the texture's full size.
     #[inline(always)]
-    fn texels(&self, view: &View) -> f32 {
+    fn texels(&self, view: &ModelView) -> f32 {
         let [_, size] = view.levels[(self.texture >> LEVEL_BITS) as usize];
         (size & 0xffff) as i32 as f32 * (size >> 16) as i32 as f32
     }
 }
 
 /// The material's red, green and blue, 0 to 1.
-fn base_color(view: &View, surface: u32) -> [f32; 3] {
+fn base_color(view: &ModelView, surface: u32) -> [f32; 3] {
     let [material, _] = view.surfaces[surface as usize];
     let [r, g, b, _] = view.materials[material as usize][0].to_le_bytes();
     [r, g, b].map(|value| f32::from(value) / 255.0)
@@ -73,7 +73,7 @@ fn base_color(view: &View, surface: u32) -> [f32; 3] {
 
 /// Corners and surface of triangle `at` in a cluster.
 #[inline(always)]
-pub(super) fn corners(view: &View, cluster: usize, at: usize) -> ([Corner; 3], u32) {
+pub(super) fn corners(view: &ModelView, cluster: usize, at: usize) -> ([Corner; 3], u32) {
     let [_, first_corner, first, _] = view.clusters[cluster];
     let [corners, surface] = view.triangles[first as usize + at];
     let [a, b, c, _] = corners.to_le_bytes();
@@ -90,17 +90,17 @@ fn nearest_whole(value: f32) -> f32 {
 
 /// Corner attributes of eight triangles; unused lanes are undefined.
 #[derive(Default)]
-struct Looks {
+struct CornerAttributes {
     u: [Floats; 3],
     v: [Floats; 3],
     rgb: [Numbers; 3],
     surface: Numbers,
 }
 
-impl Looks {
+impl CornerAttributes {
     /// Attributes of the triangles `numbers` of a cluster, which form a batch.
     #[inline(always)]
-    fn new(view: &View, cluster: usize, numbers: &[u8]) -> Self {
+    fn new(view: &ModelView, cluster: usize, numbers: &[u8]) -> Self {
         let mut looks = Self::default();
         for at in numbers.iter().map(|&at| usize::from(at)) {
             let (corners, surface) = corners(view, cluster, at);
@@ -123,7 +123,7 @@ fn near_zero([a, b, c]: [Floats; 3]) -> [Floats; 3] {
     [a - whole, b - whole, c - whole]
 }
 
-impl Swatches {
+impl ShadingRecords {
     pub(super) fn clear(&mut self) {
         self.planes.clear();
         self.meta.clear();
@@ -193,7 +193,7 @@ impl Raster<'_> {
     #[inline(always)]
     fn make_swatches_of_batch(&mut self, cluster: usize, which: usize, kept: &[u8]) {
         let view = self.view;
-        let looks = Looks::new(&view, cluster, kept);
+        let looks = CornerAttributes::new(&view, cluster, kept);
         let Scratch { swatches, batches, .. } = &mut *self.scratch;
         let batch = &batches[which];
         let [u, v] = [near_zero(looks.u), near_zero(looks.v)];

@@ -2,9 +2,9 @@
 
 mod sample;
 
-use crate::camera::Frame;
-use crate::model::{NO_TEXTURE, View};
-use crate::raster::{Scratch, Swatches};
+use crate::camera::CameraImage;
+use crate::model::{ModelView, NO_TEXTURE};
+use crate::raster::{Scratch, ShadingRecords};
 use avln_scene::InstanceId;
 use avln_simd::Work;
 pub(crate) use sample::modulate;
@@ -15,12 +15,12 @@ const WHITE: u32 = u32::MAX;
 const RUN: usize = 64;
 
 /// Writes an image from the depth buffer.
-pub(crate) struct Developer<'a> {
-    pub(crate) view: View<'a>,
+pub(crate) struct Shader<'a> {
+    pub(crate) view: ModelView<'a>,
     pub(crate) depth_max_m: f32,
     pub(crate) scratch: &'a Scratch,
     /// Output with lists of the right length.
-    pub(crate) frame: &'a mut Frame,
+    pub(crate) frame: &'a mut CameraImage,
 }
 
 /// Adjacent pixels of a row.
@@ -43,7 +43,7 @@ struct Run {
     color: [u32; RUN],
 }
 
-impl Work for Developer<'_> {
+impl Work for Shader<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -71,18 +71,18 @@ impl Work for Developer<'_> {
 }
 
 /// Colour inputs of a run.
-struct Looks {
+struct ColourInputs {
     is_textured: bool,
     is_tinted: bool,
 }
 
-impl Developer<'_> {
+impl Shader<'_> {
     /// Computes texture coordinates, tints and instances of the pixels.
     #[inline(always)]
-    fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> Looks {
+    fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> ColourInputs {
         let swatches = &self.scratch.swatches;
         let (first_x, y) = (column as i32, row as i32 as f32);
-        let mut looks = Looks { is_textured: false, is_tinted: false };
+        let mut looks = ColourInputs { is_textured: false, is_tinted: false };
         for i in 0..count {
             let number = run.swatch[i] as usize;
             let ([ux, uy, u, vx, vy, v, texels, _], meta) =
@@ -169,7 +169,7 @@ impl Run {
         for i in 0..RUN {
             let is_seen = self.nearness[i] > 0.0;
             self.depth_m[i] = if is_seen { 1.0 / self.nearness[i] } else { 0.0 };
-            self.swatch[i] = if is_seen { self.swatch[i] } else { Swatches::NOTHING };
+            self.swatch[i] = if is_seen { self.swatch[i] } else { ShadingRecords::NOTHING };
         }
     }
 }
@@ -178,7 +178,7 @@ impl Run {
 /// reciprocal depth.
 #[inline(always)]
 pub(crate) fn is_solid(
-    view: &View,
+    view: &ModelView,
     surface: u32,
     planes: &[f32; 8],
     [column, row]: [f32; 2],

@@ -5,12 +5,12 @@ use crate::scenes::{
     add, camera, closed_room, direction, empty, painted, procedural, renderer, shoot, tumbled,
 };
 use avln_geom::{Point3, Rng, UnitQuaternion, Vector3, angle};
-use avln_render::{Camera, Frame};
+use avln_render::{Camera, CameraImage};
 use avln_scene::InstanceId;
 use std::sync::Arc;
 
 /// Pixels of two frames that differ by more than 1 mm and 0.1 % of depth, or in their instance.
-fn differences(a: &Frame, b: &Frame) -> usize {
+fn differences(a: &CameraImage, b: &CameraImage) -> usize {
     let same = |pixel: &usize| {
         let (depth, other) = (a.depth[*pixel], b.depth[*pixel]);
         (depth - other).abs() <= (1e-3 * depth).max(1e-3) && a.instances[*pixel] == b.instances[*pixel]
@@ -96,7 +96,7 @@ fn any_number_of_threads_takes_the_same_pictures() {
     let mut rng = Rng::new(4);
     let rooms = scene.regions.iter().cycle().take(16);
     let cameras: Vec<Camera> = rooms.map(|room| camera(room.bounds.center(), tumbled(&mut rng))).collect();
-    let alone: Vec<Frame> = cameras.iter().map(|camera| renderer.render(camera)).collect();
+    let alone: Vec<CameraImage> = cameras.iter().map(|camera| renderer.render(camera)).collect();
     for threads in [1, 2, 8] {
         let take = |first: usize| {
             let own = cameras.iter().enumerate().skip(first).step_by(threads);
