@@ -156,7 +156,7 @@ fn fan(polygons: &Polygons, wall: u32) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
     use avln_geom::Point3;
 
     #[test]

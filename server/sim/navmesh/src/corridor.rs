@@ -3,7 +3,7 @@
 
 use crate::plane::{Lattice, share_of_segment, turn};
 use crate::polygons::{NONE, PolygonCorner, Polygons};
-use crate::waiting::QueueEntry;
+use crate::route::QueueEntry;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

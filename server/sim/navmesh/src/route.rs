@@ -4,15 +4,38 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
-use crate::waiting::QueueEntry;
-use std::cmp::Reverse;
+use avln_geom::Point3;
+use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
+impl NavMesh {
+    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
+    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
+    /// directions.
+    pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
+        route(self, a, b).map(|route| route.metres)
+    }
+
+    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
+    pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let bends = route(self, a, b)?.bends;
+        let between = bends.into_iter().map(|corner| self.corner_position(corner));
+        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
+    }
+}
+
 /// A way between two points.
-pub(crate) struct Route {
-    pub(crate) metres: f64,
+struct Route {
+    metres: f64,
     /// Bends in order, as corner indices.
-    pub(crate) bends: Vec<u32>,
+    bends: Vec<u32>,
 }
 
 /// An end of a path.
@@ -39,7 +62,7 @@ struct Reached {
 }
 
 /// The shortest route from `a` to `b`; `None` if unreachable.
-pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
+fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
     let (a, b) = (RouteEnd::new(mesh, a), RouteEnd::new(mesh, b));
     let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
@@ -119,4 +142,29 @@ impl<'a> RouteSearch<'a> {
         bends.reverse();
         bends
     }
+}
+
+/// A queue entry of a search (corner or polygon), ordered by cost, then by index.
+#[derive(PartialEq)]
+pub(crate) struct QueueEntry {
+    pub(crate) metres: f64,
+    pub(crate) number: u32,
+}
+
+impl Eq for QueueEntry {}
+
+impl PartialOrd for QueueEntry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for QueueEntry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.metres.total_cmp(&other.metres).then(self.number.cmp(&other.number))
+    }
+}
+
+fn order(point: &NavPoint) -> (u32, [u32; 3]) {
+    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

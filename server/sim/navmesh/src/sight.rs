@@ -106,7 +106,7 @@ pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
 
     fn sees(eye: (f64, f64, u32), target: (f64, f64, u32)) -> bool {
         let eye = Eye { spot: Spot::new(eye.0, eye.1), polygon: eye.2 };

@@ -1,7 +1,6 @@
 //! A tile: header, corners, polygons, links, detail meshes, detail corners and detail triangles.
 
-use super::DetourError;
-use super::bytes::Reader;
+use super::{DetourError, Reader};
 use crate::mesh::Parts;
 use crate::plane::{Lattice, Spot, turn};
 use crate::polygons::{PolygonCorner, RawPolygon};
@@ -51,7 +50,7 @@ struct Part {
     triangles: usize,
 }
 
-pub(super) fn read(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
+pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
     let header = header(&mut reader)?;
     let corners_at = reader.at();
     let places = corners(&mut reader, "a corner", header.corners)?;
