@@ -1,4 +1,4 @@
-//! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test oracle` rewrites them.
+//! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test all` rewrites them.
 //!
 //! Filters may change slightly: grey levels may differ by [`MEAN`] on average, and by more than [`MOST`] in
 //! one channel of a hundred.
