@@ -29,7 +29,7 @@ pub mod limits {
     pub const MAX_ENTRIES: usize = 1 << 18;
     /// Triangles in a scene.
     pub const MAX_TRIANGLES: usize = 8_000_000;
-    /// Vertices in a scene; a vertex shared by several primitives counts once for each.
+    /// Vertices in a scene; a shared vertex counts once per primitive.
     pub const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
     /// Texels on a texture's side.
     pub const MAX_TEXTURE_SIDE: u32 = 16_384;
