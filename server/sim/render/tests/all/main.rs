@@ -1,10 +1,12 @@
-//! The renderer compared with double-precision rays; properties; golden images; bad input.
+//! The renderer compared with hand-computed values and double-precision rays; properties; golden images; bad
+//! input; noise.
 //!
 //! All tests use the public interface, so they are independent of the implementation.
 
-mod bad_input;
 mod compare;
+mod frames;
 mod golden;
+mod noise;
 mod properties;
 mod rays;
 mod scenes;

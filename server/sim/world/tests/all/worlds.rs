@@ -15,8 +15,8 @@
 use avln_geom::{Point2, Vector3};
 use avln_scene::{Lighting, Material, Mesh};
 use avln_world::{
-    Bank, Body, DepthNoise, Head, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng, Scene,
-    SceneAssets, SoundSource, StartError, View, World, WorldOptions,
+    Bank, Body, CameraView, DepthNoise, Head, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng,
+    Scene, SceneAssets, SoundSource, StartError, World, WorldOptions,
 };
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::{Arc, OnceLock};
@@ -213,7 +213,7 @@ fn two_thousand_random_motions_never_leave_the_floor() {
 }
 
 fn senses_of_a_walk(seed: u64) -> Vec<(u64, Vec<u8>, Vec<u32>)> {
-    let view = View { width: 32, height: 24, hfov_rad: FRAC_PI_2 };
+    let view = CameraView { width: 32, height: 24, hfov_rad: FRAC_PI_2 };
     let options = WorldOptions { view: Some(view), audio: true, samples_per_step: 500, ..options() };
     let sources = [(3.0, 1.5), (-3.0, -1.5)].map(|(x, z)| {
         let position = Point3::new(x, 0.8, z);
@@ -267,7 +267,7 @@ fn senses_that_were_not_asked_for_are_absent() {
 
 #[test]
 fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
-    let view = View { width: 33, height: 33, hfov_rad: FRAC_PI_2 };
+    let view = CameraView { width: 33, height: 33, hfov_rad: FRAC_PI_2 };
     let options = WorldOptions { view: Some(view), ..options() };
     let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
     let mut world = World::new(assets(), start, options, Vec::new()).expect("on the floor");
@@ -280,7 +280,7 @@ fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
 
 #[test]
 fn noise_changes_what_is_perceived_and_nothing_else() {
-    let view = Some(View { width: 32, height: 24, hfov_rad: FRAC_PI_2 });
+    let view = Some(CameraView { width: 32, height: 24, hfov_rad: FRAC_PI_2 });
     let walk = |noise: Noise| {
         let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
         let options = WorldOptions { view, noise, ..options() };

@@ -1,11 +1,11 @@
-//! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test oracle` rewrites them.
+//! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test all` rewrites them.
 //!
 //! Filters may change slightly: grey levels may differ by [`MEAN`] on average, and by more than [`MOST`] in
 //! one channel of a hundred.
 
 use crate::scenes::{camera, procedural, shoot, textured};
 use avln_geom::{Point3, angle};
-use avln_render::{Camera, Frame};
+use avln_render::{Camera, CameraImage};
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"))
 }
 
-fn write(path: &Path, frame: &Frame) {
+fn write(path: &Path, frame: &CameraImage) {
     fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
     let out = BufWriter::new(File::create(path).expect("a file that can be written"));
     let mut encoder = png::Encoder::new(out, frame.width, frame.height);
@@ -36,7 +36,7 @@ fn read(path: &Path) -> (u32, u32, Vec<u8>) {
     (info.width, info.height, rgb)
 }
 
-fn compare(name: &str, frame: &Frame) {
+fn compare(name: &str, frame: &CameraImage) {
     let path = path(name);
     if std::env::var_os("AVLN_BLESS").is_some() {
         write(&path, frame);
@@ -56,7 +56,7 @@ fn compare(name: &str, frame: &Frame) {
 }
 
 /// A view from a room centre, 1.2 m above the floor.
-fn in_room(seed: u64, room: usize, [heading_rad, pitch_rad]: [f32; 2]) -> Frame {
+fn in_room(seed: u64, room: usize, [heading_rad, pitch_rad]: [f32; 2]) -> CameraImage {
     let scene = procedural(seed);
     let bounds = scene.regions[room].bounds;
     let eye = Point3::new(bounds.center().x, bounds.min.y + 1.2, bounds.center().z);

@@ -1,33 +1,32 @@
 //! Shading records of the visible triangles.
 
-use super::batch::{Batch, Plane};
-use super::edges::{Planes, planes};
+use super::batch::{Batch, Plane, Planes, planes};
 use super::{Raster, Scratch};
 use crate::lanes::{Floats, LANES, Numbers};
-use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
+use crate::model::{CLUSTER, HOLED, LEVEL_BITS, ModelView, NO_TEXTURE};
 use crate::shade;
 use std::array::from_fn;
 
-/// Flag of constant tints (RGB); other tints index [`Swatches::tints`].
+/// Flag of constant tints (RGB); other tints index [`ShadingRecords::tints`].
 const TINT_IS_EVEN: u32 = 0xff00_0000;
 
 /// A record per visible triangle in drawing order, after the record of the background.
 #[derive(Default)]
-pub(crate) struct Swatches {
+pub(crate) struct ShadingRecords {
     /// Planes of u and v times reciprocal depth (x, y, constant), texels of the full size per pixel at one
     /// metre (scales with depth cubed), and 0.
     pub(crate) planes: Vec<[f32; 8]>,
     pub(crate) meta: Vec<Meta>,
     /// Planes of red, green and blue, 0 to 255, times nearness.
     pub(crate) tints: Vec<[f32; 9]>,
-    /// Triangles of the current cluster that were seen and have no swatch yet, in their order.
+    /// Triangles of the current cluster that were seen and have no record yet, in their order.
     kept: Vec<u8>,
 }
 
 /// Common shading data of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Meta {
-    /// Texture; see [`View::materials`].
+    /// Texture; see [`ModelView::materials`].
     pub(crate) texture: u32,
     /// Constant colour of material and corners, or the index of the colour planes.
     pub(crate) tint: u32,
@@ -43,7 +42,7 @@ impl Meta {
 
     /// Shading data of a surface with these corner colours; varying tints are numbered later.
     #[inline(always)]
-    fn new(view: &View, surface: u32, [a, b, c]: [u32; 3]) -> Self {
+    fn new(view: &ModelView, surface: u32, [a, b, c]: [u32; 3]) -> Self {
         let [material, instance] = view.surfaces[surface as usize];
         let [base, texture, ..] = view.materials[material as usize];
         let tint = if a == b && b == c { shade::modulate(a, base) | TINT_IS_EVEN } else { 0 };
@@ -58,14 +57,14 @@ impl Meta {
 
     /// Texels of the texture's full size.
     #[inline(always)]
-    fn texels(&self, view: &View) -> f32 {
+    fn texels(&self, view: &ModelView) -> f32 {
         let [_, size] = view.levels[(self.texture >> LEVEL_BITS) as usize];
         (size & 0xffff) as i32 as f32 * (size >> 16) as i32 as f32
     }
 }
 
 /// The material's red, green and blue, 0 to 1.
-fn base_color(view: &View, surface: u32) -> [f32; 3] {
+fn base_color(view: &ModelView, surface: u32) -> [f32; 3] {
     let [material, _] = view.surfaces[surface as usize];
     let [r, g, b, _] = view.materials[material as usize][0].to_le_bytes();
     [r, g, b].map(|value| f32::from(value) / 255.0)
@@ -73,7 +72,7 @@ fn base_color(view: &View, surface: u32) -> [f32; 3] {
 
 /// Corners and surface of triangle `at` in a cluster.
 #[inline(always)]
-pub(super) fn corners(view: &View, cluster: usize, at: usize) -> ([Corner; 3], u32) {
+pub(super) fn corners(view: &ModelView, cluster: usize, at: usize) -> ([Corner; 3], u32) {
     let [_, first_corner, first, _] = view.clusters[cluster];
     let [corners, surface] = view.triangles[first as usize + at];
     let [a, b, c, _] = corners.to_le_bytes();
@@ -90,17 +89,17 @@ fn nearest_whole(value: f32) -> f32 {
 
 /// Corner attributes of eight triangles; unused lanes are undefined.
 #[derive(Default)]
-struct Looks {
+struct CornerAttributes {
     u: [Floats; 3],
     v: [Floats; 3],
     rgb: [Numbers; 3],
     surface: Numbers,
 }
 
-impl Looks {
+impl CornerAttributes {
     /// Attributes of the triangles `numbers` of a cluster, which form a batch.
     #[inline(always)]
-    fn new(view: &View, cluster: usize, numbers: &[u8]) -> Self {
+    fn new(view: &ModelView, cluster: usize, numbers: &[u8]) -> Self {
         let mut looks = Self::default();
         for at in numbers.iter().map(|&at| usize::from(at)) {
             let (corners, surface) = corners(view, cluster, at);
@@ -123,7 +122,7 @@ fn near_zero([a, b, c]: [Floats; 3]) -> [Floats; 3] {
     [a - whole, b - whole, c - whole]
 }
 
-impl Swatches {
+impl ShadingRecords {
     pub(super) fn clear(&mut self) {
         self.planes.clear();
         self.meta.clear();
@@ -136,7 +135,7 @@ impl Swatches {
     /// Record of the background.
     pub(crate) const NOTHING: u32 = 0;
 
-    /// The number of the next swatch.
+    /// The number of the next record.
     #[inline(always)]
     pub(super) fn next(&self) -> u32 {
         (self.planes.len() + self.kept.len()) as u32
@@ -161,40 +160,40 @@ impl Raster<'_> {
     pub(super) fn draw_waiting(&mut self, cluster: usize) {
         let [_, _, first, _] = self.view.clusters[cluster];
         for next in 0..self.scratch.waiting.len() {
-            let Scratch { screen, swatches, waiting, batches, .. } = &mut *self.scratch;
+            let Scratch { screen, records, waiting, batches, .. } = &mut *self.scratch;
             let (at, pixels) = waiting[next];
             let [corners, surface] = self.view.triangles[first as usize + usize::from(at)];
-            let stroke = batches[usize::from(at) / LANES].stroke(usize::from(at) % LANES, pixels);
-            let number = swatches.next();
+            let setup = batches[usize::from(at) / LANES].setup(usize::from(at) % LANES, pixels);
+            let number = records.next();
             if corners & HOLED != 0 {
                 // Holes depend on the texture, which needs a record.
-                swatches.kept.push(at);
-                self.make_swatches(cluster);
-                self.fill_holed(&stroke, surface, number);
-            } else if screen.fill(&stroke, number) {
-                swatches.kept.push(at);
+                records.kept.push(at);
+                self.make_records(cluster);
+                self.fill_holed(&setup, surface, number);
+            } else if screen.fill(&setup, number) {
+                records.kept.push(at);
             }
         }
         self.scratch.waiting.clear();
     }
 
-    /// Makes the swatches of the triangles of a cluster that were kept.
+    /// Makes the records of the triangles of a cluster that were kept.
     #[inline(always)]
-    pub(super) fn make_swatches(&mut self, cluster: usize) {
-        let kept = std::mem::take(&mut self.scratch.swatches.kept);
+    pub(super) fn make_records(&mut self, cluster: usize) {
+        let kept = std::mem::take(&mut self.scratch.records.kept);
         for kept in kept.chunk_by(|one, next| usize::from(*one) / LANES == usize::from(*next) / LANES) {
-            self.make_swatches_of_batch(cluster, usize::from(kept[0]) / LANES, kept);
+            self.make_records_of_batch(cluster, usize::from(kept[0]) / LANES, kept);
         }
-        self.scratch.swatches.kept = kept;
-        self.scratch.swatches.kept.clear();
+        self.scratch.records.kept = kept;
+        self.scratch.records.kept.clear();
     }
 
-    /// Makes the swatches of some triangles of a batch.
+    /// Makes the records of some triangles of a batch.
     #[inline(always)]
-    fn make_swatches_of_batch(&mut self, cluster: usize, which: usize, kept: &[u8]) {
+    fn make_records_of_batch(&mut self, cluster: usize, which: usize, kept: &[u8]) {
         let view = self.view;
-        let looks = Looks::new(&view, cluster, kept);
-        let Scratch { swatches, batches, .. } = &mut *self.scratch;
+        let looks = CornerAttributes::new(&view, cluster, kept);
+        let Scratch { records, batches, .. } = &mut *self.scratch;
         let batch = &batches[which];
         let [u, v] = [near_zero(looks.u), near_zero(looks.v)];
         let (u_plane, v_plane) = (batch.over_depth(u), batch.over_depth(v));
@@ -212,13 +211,13 @@ impl Raster<'_> {
                 let base = base_color(&view, surface);
                 from_fn(|channel| planes[channel].lane(lane).times(base[channel]))
             };
-            swatches.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
+            records.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
         }
     }
 
     /// Creates the record of triangle `at` in a cluster across the near plane: `plane` computes planes over
     /// depth from corner values, `per_area` is the scale of screen areas.
-    pub(super) fn make_crossing_swatch(
+    pub(super) fn make_crossing_record(
         &mut self,
         cluster: usize,
         at: usize,
@@ -241,7 +240,7 @@ impl Raster<'_> {
             })
         };
         let texels = double_area * meta.texels(&view) * per_area;
-        self.scratch.swatches.add(uv.map(&plane), texels, meta, tint);
+        self.scratch.records.add(uv.map(&plane), texels, meta, tint);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Sensor noise: documented magnitude, repeatable, only on hits.
 
-use avln_render::{DepthNoise, Frame, Noise, RgbNoise};
+use avln_render::{CameraImage, DepthNoise, Noise, RgbNoise};
 use avln_scene::InstanceId;
 
 const REDWOOD: Noise = Noise { depth: DepthNoise::Redwood, rgb: RgbNoise::None, seed: 7 };
@@ -9,9 +9,9 @@ const BOTH: Noise = Noise { rgb: RgbNoise::Gaussian, ..REDWOOD };
 const REACH_M: f32 = 10.0;
 
 /// A frame with constant depth and grey.
-fn flat(side: u32, depth_m: f32, grey: u8) -> Frame {
+fn flat(side: u32, depth_m: f32, grey: u8) -> CameraImage {
     let pixels = (side * side) as usize;
-    Frame {
+    CameraImage {
         width: side,
         height: side,
         rgb: vec![grey; 3 * pixels],
@@ -20,7 +20,7 @@ fn flat(side: u32, depth_m: f32, grey: u8) -> Frame {
     }
 }
 
-fn noisy(noise: &Noise, mut frame: Frame, index: u64) -> Frame {
+fn noisy(noise: &Noise, mut frame: CameraImage, index: u64) -> CameraImage {
     noise.apply(&mut frame, index, REACH_M);
     frame
 }
@@ -123,7 +123,7 @@ fn noise_is_the_same_again_and_differs_by_seed_picture_and_pixel() {
         assert!(same < first.rgb.len() / 50, "{same} channels are the same");
         assert_ne!(first.depth, other.depth);
     }
-    let row = |frame: &Frame, row: usize| frame.rgb[row * 144..(row + 1) * 144].to_vec();
+    let row = |frame: &CameraImage, row: usize| frame.rgb[row * 144..(row + 1) * 144].to_vec();
     assert!((1..48).all(|other| row(&first, other) != row(&first, 0)));
     assert_eq!(first.instances, clean.instances);
     std::thread::scope(|scope| {
@@ -150,7 +150,7 @@ fn without_a_model_nothing_changes_and_frames_without_pixels_stay_so() {
     let clean = flat(9, 3.0, 90);
     assert_eq!(noisy(&Noise { seed: 3, ..Noise::default() }, clean.clone(), 1), clean);
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {
-        let none = Frame { width, height, ..Frame::default() };
+        let none = CameraImage { width, height, ..CameraImage::default() };
         assert_eq!(noisy(&BOTH, none.clone(), 1), none);
     }
     assert_eq!(noisy(&BOTH, flat(1, 3.0, 90), 1).depth.len(), 1);

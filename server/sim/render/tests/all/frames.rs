@@ -2,7 +2,7 @@
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
 use avln_houses::{HouseOptions, house};
-use avln_render::{Camera, Frame, Renderer, Width};
+use avln_render::{Camera, CameraImage, Renderer, Width};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -61,12 +61,12 @@ fn camera(width: u32, height: u32) -> Camera {
     }
 }
 
-fn shoot(scene: Scene, camera: &Camera) -> Frame {
+fn shoot(scene: Scene, camera: &Camera) -> CameraImage {
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     Renderer::new(Arc::new(scene), Arc::new(rays)).render(camera)
 }
 
-fn pixel(frame: &Frame, x: u32, y: u32) -> [u8; 3] {
+fn pixel(frame: &CameraImage, x: u32, y: u32) -> [u8; 3] {
     let at = 3 * (y * frame.width + x) as usize;
     [frame.rgb[at], frame.rgb[at + 1], frame.rgb[at + 2]]
 }

@@ -3,7 +3,7 @@
 use avln_formats::open;
 use avln_geom::{Point2, Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
 use avln_houses::{HouseOptions, house};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::Path;
@@ -150,7 +150,7 @@ pub(crate) fn renderer(scene: &Arc<Scene>) -> (Renderer, Arc<RayMesh>) {
     (Renderer::new(Arc::clone(scene), Arc::clone(&tree)), tree)
 }
 
-pub(crate) fn shoot(scene: Scene, camera: &Camera) -> Frame {
+pub(crate) fn shoot(scene: Scene, camera: &Camera) -> CameraImage {
     renderer(&Arc::new(scene)).0.render(camera)
 }
 

@@ -9,7 +9,7 @@
 use crate::rays::{Met, NEAR_M, Trace, instance, nearest, plane_depth_m, ray};
 use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
 use avln_geom::{Point3, RayMesh, Rng, angle};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{InstanceId, Scene};
 use std::sync::Arc;
 
@@ -79,7 +79,7 @@ impl Oracle<'_> {
         })
     }
 
-    fn compare(&self, camera: &Camera, frame: &Frame, tally: &mut Tally) {
+    fn compare(&self, camera: &Camera, frame: &CameraImage, tally: &mut Tally) {
         for pixel in 0..frame.depth.len() {
             let (column, row) = (pixel % camera.width as usize, pixel / camera.width as usize);
             let at = [column as f64 + 0.5, row as f64 + 0.5];
