@@ -51,7 +51,7 @@ words!(EpisodeState, "episode state", {
 });
 
 /// A method, as described by the team.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct MethodInfo {
     /// Name on the leaderboard.
     pub name: String,

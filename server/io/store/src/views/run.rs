@@ -60,8 +60,7 @@ pub struct RunLine {
 pub struct RunView {
     /// The run.
     pub line: RunLine,
-    /// Method description.
-    #[serde(skip)]
+    /// The method with description, links, licence and external data.
     pub method: MethodInfo,
     /// True if the viewer sees the scores.
     pub scores_visible: bool,

@@ -169,10 +169,15 @@ const SCHEMAS: &[(&str, &str)] = &[
     ),
     (
         "Run",
-        "schema_version:version line:RunLine summary:Summary? scores_visible:boolean replays_visible:boolean \
-         eligible:boolean modalities:[ModalityScore] by_goals:[Group] by_scene:[Group] health:{integer} \
+        "schema_version:version line:RunLine method:Method summary:Summary? scores_visible:boolean \
+         replays_visible:boolean eligible:boolean modalities:[ModalityScore] by_goals:[Group] by_scene:[Group] health:{integer} \
          time:TimeAccount sensors:Sensors? digests:{string} server_faults:integer rescores:[Rescore] \
          episodes:[EpisodeLine]",
+    ),
+    (
+        "Method",
+        "name:string version:string description:string code_url:string paper_url:string \
+         weights_licence:string external_data:string",
     ),
     ("ModalityScore", "modality:string goals:integer found:integer isr:number?"),
     ("TimeAccount", "simulation_s:number encoding_s:number queue_s:number thinking_s:number"),
