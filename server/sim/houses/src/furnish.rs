@@ -1,21 +1,16 @@
 //! Furnishing of rooms: groups first, then single pieces, then wall, ceiling and small objects.
 
-mod bathroom;
 mod bedroom;
-mod corners;
 mod dining;
 mod extras;
-mod kitchen;
 mod living;
-mod service;
 mod tops;
 mod walls;
-mod work;
 
 use super::assembly::{Assembly, Piece};
-use super::furniture::Make;
+use super::furniture::*;
 use super::model::{Facet, Model, about};
-use super::plan::{CEILING_M, Plan, RoomKind, remainder};
+use super::plan::{CEILING_M, Plan, RoomKind, Window, remainder};
 use super::rect::{Rect, Side, common, turned};
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
@@ -329,7 +324,7 @@ impl Decorator<'_> {
 
     /// Places a rug around `center`, wide in the direction of `side`, if it fits.
     fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
-        let rug = super::furniture::floor::RUG.sized(self.taste, [width, 0.0, depth]);
+        let rug = textiles::RUG.sized(self.taste, [width, 0.0, depth]);
         let size = rug.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
         let rect = Rect::around(center, size_xz);

@@ -14,10 +14,8 @@ mod reach;
 mod rect;
 mod shell;
 mod space;
-mod substance;
 mod taste;
 mod texture;
-mod tints;
 
 use assembly::Assembly;
 use avln_geom::Rng;

@@ -1,7 +1,5 @@
 //! Objects on walls and ceilings: windows, front door, pictures, towels, coats, lamps.
 
-use super::super::furniture::{clothes, lights, openings, towels};
-use super::super::plan::Window;
 use super::*;
 
 impl Decorator<'_> {
@@ -129,7 +127,7 @@ impl Decorator<'_> {
     /// Towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
-            let towel = towels::TOWEL.any(self.taste);
+            let towel = textiles::TOWEL.any(self.taste);
             let base = 1.42 - towel.size().y / 2.0;
             self.hang(&towel, base, Wish::Anywhere);
         }
@@ -138,7 +136,7 @@ impl Decorator<'_> {
     /// Clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
-            let coat = clothes::HANGING.any(self.taste);
+            let coat = textiles::HANGING.any(self.taste);
             self.hang_somewhere(&coat, 1.78 - coat.size().y);
         }
     }

@@ -5,24 +5,24 @@ use super::*;
 use Substance::*;
 
 /// A bed with a given width and its head towards -z.
-pub(crate) const BED: Make = Make {
-    category: "bed",
-    noun: "",
-    styles: 8,
-    substances: &[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted],
-    colors: taste::CLOTH,
-    draw: bed,
-};
+pub(crate) const BED: Make = Make::new(
+    "bed",
+    "",
+    8,
+    &[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted],
+    taste::CLOTH,
+    bed,
+);
 
 /// A flat cushion.
-pub(crate) const CUSHION: Make = Make {
-    category: "cushion",
-    noun: "",
-    styles: 8,
-    substances: &[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim],
-    colors: taste::CLOTH,
-    draw: cushion,
-};
+pub(crate) const CUSHION: Make = Make::new(
+    "cushion",
+    "",
+    8,
+    &[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim],
+    taste::CLOTH,
+    cushion,
+);
 
 /// Height of objects on a bed, metres.
 pub(crate) const COVER_M: f32 = 0.55;

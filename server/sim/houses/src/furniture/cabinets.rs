@@ -1,4 +1,4 @@
-//! Cabinets.
+//! Cabinets, wardrobes and chests of drawers.
 
 use super::parts::*;
 use super::*;
@@ -7,64 +7,30 @@ use Substance::*;
 const FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Bamboo, Wicker, Glass];
 
 /// A wardrobe.
-pub(crate) const WARDROBE: Make = Make {
-    category: "cabinet",
-    noun: "wardrobe",
-    styles: 5,
-    substances: FACES,
-    colors: taste::WOOD,
-    draw: wardrobe,
-};
+pub(crate) const WARDROBE: Make = Make::new("cabinet", "wardrobe", 5, FACES, taste::WOOD, wardrobe);
 
 /// A low and wide cabinet.
-pub(crate) const SIDEBOARD: Make = Make {
-    category: "cabinet",
-    noun: "sideboard",
-    styles: 8,
-    substances: FACES,
-    colors: taste::WOOD,
-    draw: sideboard,
-};
+pub(crate) const SIDEBOARD: Make = Make::new("cabinet", "sideboard", 8, FACES, taste::WOOD, sideboard);
 
 /// A television stand.
-pub(crate) const TV_STAND: Make = Make {
-    category: "cabinet",
-    noun: "tv stand",
-    styles: 4,
-    substances: FACES,
-    colors: taste::WOOD,
-    draw: tv_stand,
-};
+pub(crate) const TV_STAND: Make = Make::new("cabinet", "tv stand", 4, FACES, taste::WOOD, tv_stand);
 
 /// A wall cabinet; base at y = 0.
-pub(crate) const WALL_CABINET: Make = Make {
-    category: "cabinet",
-    noun: "wall cabinet",
-    styles: 4,
-    substances: FACES,
-    colors: taste::WOOD,
-    draw: wall_cabinet,
-};
+pub(crate) const WALL_CABINET: Make =
+    Make::new("cabinet", "wall cabinet", 4, FACES, taste::WOOD, wall_cabinet);
 
 /// A low cabinet to carry a basin.
-pub(crate) const VANITY: Make = Make {
-    category: "cabinet",
-    noun: "vanity",
-    styles: 4,
-    substances: FACES,
-    colors: taste::WOOD,
-    draw: vanity,
-};
+pub(crate) const VANITY: Make = Make::new("cabinet", "vanity", 4, FACES, taste::WOOD, vanity);
 
 /// A tall cabinet with glass doors, or a locker.
-pub(crate) const TALL_CABINET: Make = Make {
-    category: "cabinet",
-    noun: "",
-    styles: 4,
-    substances: &[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker],
-    colors: taste::WOOD,
-    draw: tall_cabinet,
-};
+pub(crate) const TALL_CABINET: Make = Make::new(
+    "cabinet",
+    "",
+    4,
+    &[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker],
+    taste::WOOD,
+    tall_cabinet,
+);
 
 fn wardrobe(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(0.9, 1.5), k.len(1.85, 2.2), k.len(0.52, 0.62));
@@ -261,6 +227,83 @@ fn tall_cabinet(k: &mut Draft) -> Words {
             }
             k.board(about(0.0, w - 0.06), [h * 0.45, h], [-d / 2.0, -d / 2.0 + 0.015]);
             "open"
+        }
+    };
+    [size, shape]
+}
+
+const CHEST_FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Wicker, Bamboo, Leather];
+
+/// A chest of drawers.
+pub(crate) const CHEST: Make = Make::new("chest_of_drawers", "", 8, CHEST_FACES, taste::WOOD, chest);
+
+/// A small chest for the side of a bed.
+pub(crate) const NIGHTSTAND: Make =
+    Make::new("chest_of_drawers", "nightstand", 5, CHEST_FACES, taste::WOOD, nightstand);
+
+fn chest(k: &mut Draft) -> Words {
+    let (w, d) = (k.width(0.78, 1.25), k.len(0.42, 0.5));
+    let rows = 3 + k.rng.below(3);
+    let p = k.p;
+    let rows = if k.style == 5 { rows.min(4) } else { rows };
+    let (feet, columns, step) = match k.style {
+        0 => (0.04, 1, 0.19),
+        1 => (0.13, 1, 0.19),
+        2 => (0.05, 2, 0.18),
+        3 => (0.16, 2, 0.17),
+        4 => (0.04, 1, 0.17),
+        5 => (0.04, 3, 0.15),
+        6 => (0.2, 1, 0.15),
+        _ => (0.06, 2, 0.2),
+    };
+    let h = feet + 0.04 + step * rows as f32;
+    carcass(k, &Carcass { size: [w, h, d], feet, cells: [columns, rows], doors: false });
+    let shape = match k.style {
+        4 => {
+            k.m.soft(about(0.0, w + 0.06), [h, h + 0.04], about(0.01, d + 0.08), 0.015, p);
+            "corniced"
+        }
+        7 => {
+            k.m.pair([w / 2.0, w / 2.0 + 0.04], [0.0, h], about(0.0, d + 0.03), p);
+            "framed"
+        }
+        1 | 3 | 6 => "legged",
+        5 => "many-drawered",
+        _ => "plain",
+    };
+    [size_word(h, 0.72, 0.95, ["low", "tall"]), shape]
+}
+
+fn nightstand(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.len(0.4, 0.54), k.len(0.46, 0.64), 0.38);
+    let size = size_word(h, 0.51, 0.58, ["low", "tall"]);
+    let p = k.p;
+    let shape = match k.style {
+        0 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [1, 2], doors: false });
+            "plain"
+        }
+        1 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.16, cells: [1, 1], doors: false });
+            "legged"
+        }
+        2 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [1, 3], doors: false });
+            "plain"
+        }
+        3 => {
+            k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h - 0.03], about(0.0, d), p);
+            k.board(about(0.0, w - 0.06), [0.08, 0.11], about(0.0, d));
+            k.board(about(0.0, w - 0.06), [h - 0.2, h - 0.03], about(0.0, d));
+            k.board(about(0.0, w), [h - 0.03, h], about(0.0, d));
+            let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: false };
+            fronts(&mut k.m, about(0.0, w - 0.08), [h - 0.19, h - 0.04], d / 2.0, [1, 1], &looks);
+            "open"
+        }
+        _ => {
+            k.m.lathe([0.0, 0.0], &[[w / 2.0 - 0.02, 0.0], [w / 2.0, 0.03], [w / 2.0, h]], 16, p);
+            k.m.lid(about(0.0, 0.12), about(h * 0.6, 0.02), [w / 2.0 - 0.01, w / 2.0 + 0.02], Paint::BRASS);
+            "round"
         }
     };
     [size, shape]

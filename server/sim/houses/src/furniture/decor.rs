@@ -5,54 +5,30 @@ use super::*;
 use Substance::*;
 
 /// A vase.
-pub(crate) const VASE: Make = Make {
-    category: "vase",
-    noun: "",
-    styles: 8,
-    substances: &[Ceramic, Glass, Metal, Wood, Marble, Concrete, Terrazzo],
-    colors: taste::CLOTH,
-    draw: vase,
-};
+pub(crate) const VASE: Make =
+    Make::new("vase", "", 8, &[Ceramic, Glass, Metal, Wood, Marble, Concrete, Terrazzo], taste::CLOTH, vase);
 
 /// A small figure.
-pub(crate) const STATUE: Make = Make {
-    category: "statue",
-    noun: "",
-    styles: 8,
-    substances: &[Marble, Metal, Wood, Ceramic, Concrete, Plastic, Glass],
-    colors: taste::CLOTH,
-    draw: statue,
-};
+pub(crate) const STATUE: Make = Make::new(
+    "statue",
+    "",
+    8,
+    &[Marble, Metal, Wood, Ceramic, Concrete, Plastic, Glass],
+    taste::CLOTH,
+    statue,
+);
 
 /// A stack or a row of books.
-pub(crate) const BOOKS: Make = Make {
-    category: "books",
-    noun: "",
-    styles: 8,
-    substances: &[Paper, Leather, Fabric, Striped, Checked, Dotted],
-    colors: taste::CLOTH,
-    draw: books,
-};
+pub(crate) const BOOKS: Make =
+    Make::new("books", "", 8, &[Paper, Leather, Fabric, Striped, Checked, Dotted], taste::CLOTH, books);
 
 /// A basket for the floor.
-pub(crate) const BASKET: Make = Make {
-    category: "basket",
-    noun: "",
-    styles: 8,
-    substances: &[Wicker, Fabric, Plastic, Metal, Knit, Bamboo],
-    colors: taste::WOOD,
-    draw: basket,
-};
+pub(crate) const BASKET: Make =
+    Make::new("basket", "", 8, &[Wicker, Fabric, Plastic, Metal, Knit, Bamboo], taste::WOOD, basket);
 
 /// A waste bin.
-pub(crate) const BIN: Make = Make {
-    category: "bin",
-    noun: "",
-    styles: 8,
-    substances: &[Plastic, Metal, Wicker, Wood, Rubber, Leather],
-    colors: taste::MACHINE,
-    draw: bin,
-};
+pub(crate) const BIN: Make =
+    Make::new("bin", "", 8, &[Plastic, Metal, Wicker, Wood, Rubber, Leather], taste::MACHINE, bin);
 
 fn turned(k: &mut Draft, profile: &[[f32; 2]], radius: f32, height: f32) {
     let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();

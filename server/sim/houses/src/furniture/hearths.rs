@@ -5,27 +5,27 @@ use super::*;
 use Substance::*;
 
 /// A fireplace for a wall.
-pub(crate) const FIREPLACE: Make = Make {
-    category: "fireplace",
-    noun: "",
-    styles: 8,
-    substances: &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
-    colors: &[
+pub(crate) const FIREPLACE: Make = Make::new(
+    "fireplace",
+    "",
+    8,
+    &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
+    &[
         "red", "white", "grey", "brown", "black", "green", "teal", "yellow", "blue", "orange", "pink",
         "purple",
     ],
-    draw: fireplace,
-};
+    fireplace,
+);
 
 /// A radiator under a window or on a wall.
-pub(crate) const RADIATOR: Make = Make {
-    category: "radiator",
-    noun: "",
-    styles: 8,
-    substances: &[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble],
-    colors: taste::SANITARY,
-    draw: radiator,
-};
+pub(crate) const RADIATOR: Make = Make::new(
+    "radiator",
+    "",
+    8,
+    &[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble],
+    taste::SANITARY,
+    radiator,
+);
 
 /// Logs and flames in a dark hole between `-half` and `half`, `high` up.
 fn fire(k: &mut Draft, half: f32, high: f32, back: f32) {

@@ -8,44 +8,16 @@ use avln_scene::Lamp;
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 
 /// A lamp that hangs from the ceiling at y = 0 (everything below 0).
-pub(crate) const PENDANT: Make = Make {
-    category: "lighting",
-    noun: "ceiling lamp",
-    styles: 8,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: pendant,
-};
+pub(crate) const PENDANT: Make = Make::new("lighting", "ceiling lamp", 8, SHADES, taste::CLOTH, pendant);
 
 /// A standing lamp.
-pub(crate) const FLOOR_LAMP: Make = Make {
-    category: "lighting",
-    noun: "floor lamp",
-    styles: 5,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: floor_lamp,
-};
+pub(crate) const FLOOR_LAMP: Make = Make::new("lighting", "floor lamp", 5, SHADES, taste::CLOTH, floor_lamp);
 
 /// A lamp for a table or nightstand.
-pub(crate) const TABLE_LAMP: Make = Make {
-    category: "lighting",
-    noun: "table lamp",
-    styles: 5,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: table_lamp,
-};
+pub(crate) const TABLE_LAMP: Make = Make::new("lighting", "table lamp", 5, SHADES, taste::CLOTH, table_lamp);
 
 /// A wall lamp; lower edge at y = 0, back at z = 0.
-pub(crate) const SCONCE: Make = Make {
-    category: "lighting",
-    noun: "wall lamp",
-    styles: 4,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: sconce,
-};
+pub(crate) const SCONCE: Make = Make::new("lighting", "wall lamp", 4, SHADES, taste::CLOTH, sconce);
 
 /// Shades in (radius, height), both as shares: a cone, a drum, a bell, a ball.
 const PROFILES: [&[[f32; 2]]; 4] = [

@@ -6,24 +6,10 @@ use Substance::*;
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
 /// A floor plant with the colour of its leaves and the material of its pot.
-pub(crate) const FLOOR_PLANT: Make = Make {
-    category: "plant",
-    noun: "",
-    styles: 8,
-    substances: POTS,
-    colors: taste::GREENERY,
-    draw: floor_plant,
-};
+pub(crate) const FLOOR_PLANT: Make = Make::new("plant", "", 8, POTS, taste::GREENERY, floor_plant);
 
 /// A plant for a table.
-pub(crate) const SMALL_PLANT: Make = Make {
-    category: "plant",
-    noun: "",
-    styles: 8,
-    substances: POTS,
-    colors: taste::GREENERY,
-    draw: small_plant,
-};
+pub(crate) const SMALL_PLANT: Make = Make::new("plant", "", 8, POTS, taste::GREENERY, small_plant);
 
 fn floor_plant(k: &mut Draft) -> Words {
     let scale = k.len(0.75, 1.35);

@@ -7,34 +7,13 @@ use Substance::*;
 const CASES: &[Substance] = &[Plastic, Plastic, Metal, Glass, Wood, Ceramic, Bamboo];
 
 /// A television of the wished width on a foot.
-pub(crate) const TV: Make = Make {
-    category: "tv_monitor",
-    noun: "television",
-    styles: 5,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: tv,
-};
+pub(crate) const TV: Make = Make::new("tv_monitor", "television", 5, CASES, taste::DARK, tv);
 
 /// A wall television; lower edge at y = 0, back at z = 0.
-pub(crate) const WALL_TV: Make = Make {
-    category: "tv_monitor",
-    noun: "television",
-    styles: 3,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: wall_tv,
-};
+pub(crate) const WALL_TV: Make = Make::new("tv_monitor", "television", 3, CASES, taste::DARK, wall_tv);
 
 /// A computer's monitor.
-pub(crate) const MONITOR: Make = Make {
-    category: "tv_monitor",
-    noun: "monitor",
-    styles: 5,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: monitor,
-};
+pub(crate) const MONITOR: Make = Make::new("tv_monitor", "monitor", 5, CASES, taste::DARK, monitor);
 
 /// A case with a screen; `bar` is the frame width.
 fn screen(k: &mut Draft, w: f32, y: Span, z: Span, bar: f32) {

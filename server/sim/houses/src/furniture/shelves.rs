@@ -5,24 +5,24 @@ use super::*;
 use Substance::*;
 
 /// A free-standing shelf with books.
-pub(crate) const BOOKCASE: Make = Make {
-    category: "shelving",
-    noun: "bookcase",
-    styles: 8,
-    substances: &[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker],
-    colors: taste::WOOD,
-    draw: bookcase,
-};
+pub(crate) const BOOKCASE: Make = Make::new(
+    "shelving",
+    "bookcase",
+    8,
+    &[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker],
+    taste::WOOD,
+    bookcase,
+);
 
 /// A wall shelf; base at y = 0.
-pub(crate) const WALL_SHELF: Make = Make {
-    category: "shelving",
-    noun: "wall shelf",
-    styles: 4,
-    substances: &[Wood, Metal, Glass, Bamboo, Plastic, Marble],
-    colors: taste::WOOD,
-    draw: wall_shelf,
-};
+pub(crate) const WALL_SHELF: Make = Make::new(
+    "shelving",
+    "wall shelf",
+    4,
+    &[Wood, Metal, Glass, Bamboo, Plastic, Marble],
+    taste::WOOD,
+    wall_shelf,
+);
 
 /// A row of books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {

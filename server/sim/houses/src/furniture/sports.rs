@@ -11,18 +11,11 @@ const KIT: &[&str] = &[
 const BODIES: &[Substance] = &[Metal, Plastic, Rubber, Leather, Wood, Fabric];
 
 /// A large machine: treadmill, bike, rower, cross trainer, weight bench, rack.
-pub(crate) const MACHINE: Make =
-    Make { category: "gym_equipment", noun: "", styles: 8, substances: BODIES, colors: KIT, draw: machine };
+pub(crate) const MACHINE: Make = Make::new("gym_equipment", "", 8, BODIES, KIT, machine);
 
 /// A small piece: ball, mat, kettlebells, bag.
-pub(crate) const KIT_PIECE: Make = Make {
-    category: "gym_equipment",
-    noun: "",
-    styles: 5,
-    substances: &[Rubber, Plastic, Leather, Fabric, Metal],
-    colors: KIT,
-    draw: kit,
-};
+pub(crate) const KIT_PIECE: Make =
+    Make::new("gym_equipment", "", 5, &[Rubber, Plastic, Leather, Fabric, Metal], KIT, kit);
 
 fn machine(k: &mut Draft) -> Words {
     match k.style {

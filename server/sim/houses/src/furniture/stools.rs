@@ -5,44 +5,38 @@ use super::*;
 use Substance::*;
 
 /// A stool to sit on.
-pub(crate) const STOOL: Make = Make {
-    category: "stool",
-    noun: "",
-    styles: 8,
-    substances: &[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric],
-    colors: taste::WOOD,
-    draw: stool,
-};
+pub(crate) const STOOL: Make =
+    Make::new("stool", "", 8, &[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric], taste::WOOD, stool);
 
 /// A tall stool for a counter.
-pub(crate) const BAR_STOOL: Make = Make {
-    category: "stool",
-    noun: "bar stool",
-    styles: 5,
-    substances: &[Wood, Leather, Metal, Fabric, Plastic, Velvet],
-    colors: taste::DARK,
-    draw: bar_stool,
-};
+pub(crate) const BAR_STOOL: Make = Make::new(
+    "stool",
+    "bar stool",
+    5,
+    &[Wood, Leather, Metal, Fabric, Plastic, Velvet],
+    taste::DARK,
+    bar_stool,
+);
 
 /// A padded footstool.
-pub(crate) const FOOTSTOOL: Make = Make {
-    category: "stool",
-    noun: "footstool",
-    styles: 5,
-    substances: &[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked],
-    colors: taste::CLOTH,
-    draw: footstool,
-};
+pub(crate) const FOOTSTOOL: Make = Make::new(
+    "stool",
+    "footstool",
+    5,
+    &[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked],
+    taste::CLOTH,
+    footstool,
+);
 
 /// A bench, pouf or similar seat.
-pub(crate) const SEATING: Make = Make {
-    category: "seating",
-    noun: "bench",
-    styles: 8,
-    substances: &[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped],
-    colors: taste::WOOD,
-    draw: seating,
-};
+pub(crate) const SEATING: Make = Make::new(
+    "seating",
+    "bench",
+    8,
+    &[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped],
+    taste::WOOD,
+    seating,
+);
 
 fn stool(k: &mut Draft) -> Words {
     let (h, r) = (k.len(0.4, 0.5), k.len(0.16, 0.2));

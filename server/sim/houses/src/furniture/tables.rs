@@ -7,54 +7,27 @@ use Substance::*;
 const TOPS: &[Substance] = &[Wood, Glass, Metal, Marble, Plastic, Bamboo, Wicker, Concrete];
 
 /// A dining table of the wished width and depth; round ones are as wide as wished.
-pub(crate) const DINING_TABLE: Make = Make {
-    category: "table",
-    noun: "dining table",
-    styles: 8,
-    substances: &[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo],
-    colors: taste::WOOD,
-    draw: dining_table,
-};
+pub(crate) const DINING_TABLE: Make = Make::new(
+    "table",
+    "dining table",
+    8,
+    &[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo],
+    taste::WOOD,
+    dining_table,
+);
 
 /// A low table for the front of a sofa.
-pub(crate) const COFFEE_TABLE: Make = Make {
-    category: "table",
-    noun: "coffee table",
-    styles: 8,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: coffee_table,
-};
+pub(crate) const COFFEE_TABLE: Make = Make::new("table", "coffee table", 8, TOPS, taste::WOOD, coffee_table);
 
 /// A small table for the side of a sofa or a bath.
-pub(crate) const SIDE_TABLE: Make = Make {
-    category: "table",
-    noun: "side table",
-    styles: 5,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: side_table,
-};
+pub(crate) const SIDE_TABLE: Make = Make::new("table", "side table", 5, TOPS, taste::WOOD, side_table);
 
 /// A narrow table for a hallway.
-pub(crate) const CONSOLE: Make = Make {
-    category: "table",
-    noun: "console table",
-    styles: 4,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: console,
-};
+pub(crate) const CONSOLE: Make = Make::new("table", "console table", 4, TOPS, taste::WOOD, console);
 
 /// A desk.
-pub(crate) const DESK: Make = Make {
-    category: "table",
-    noun: "desk",
-    styles: 5,
-    substances: &[Wood, Metal, Glass, Plastic, Bamboo, Leather],
-    colors: taste::WOOD,
-    draw: desk,
-};
+pub(crate) const DESK: Make =
+    Make::new("table", "desk", 5, &[Wood, Metal, Glass, Plastic, Bamboo, Leather], taste::WOOD, desk);
 
 /// Returns true if a dining table of this style has chairs all around.
 fn is_round(style: usize) -> bool {
