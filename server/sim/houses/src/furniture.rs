@@ -22,11 +22,12 @@ pub(super) mod textiles;
 
 use super::assembly::Piece;
 use super::model::{Model, Span, about};
-use super::paint::{Paint, Substance, Tint};
+use super::paint::{Paint, Substance, Substance::*, Tint};
 use super::taste::{self, Taste, size_word};
 use super::texture::Pattern;
 use avln_geom::{Point3, Rng, Vector3, angle};
-use avln_scene::Attributes;
+use avln_scene::{Attributes, Lamp};
+use parts::*;
 
 /// A furniture kind: names, variants, and drawing function.
 pub(super) struct Make {
@@ -90,6 +91,11 @@ impl Draft {
         if self.wish[2] > 0.0 { self.wish[2] } else { drawn }
     }
 
+    /// Returns the style's entry in `words`, which are separated by `|`.
+    pub(super) fn shape(&self, words: &'static str) -> &'static str {
+        words.split('|').nth(self.style).unwrap_or("")
+    }
+
     /// Returns true if the main part is upholstered or draped.
     pub(super) fn soft(&self) -> bool {
         self.substance.is_soft()
@@ -109,6 +115,12 @@ impl Draft {
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
         self.m.soft(x, y, z, bevel, self.p);
+    }
+
+    /// A turned shape of the main paint; `profile` is in shares of `radius` and `height`.
+    pub(super) fn turned(&mut self, profile: &[[f32; 2]], radius: f32, height: f32, sides: usize) {
+        let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();
+        self.m.lathe([0.0, 0.0], &profile, sides, self.p);
     }
 
     /// A plain box of the main paint.
@@ -142,11 +154,13 @@ impl Make {
         category: &'static str,
         noun: &'static str,
         styles: usize,
-        substances: &'static [Substance],
-        colors: &'static [&'static str],
         draw: fn(&mut Draft) -> Words,
     ) -> Self {
-        Self { category, noun, styles, substances, colors, draw }
+        Self { category, noun, styles, substances: &[], colors: &[], draw }
+    }
+
+    const fn made_of(self, substances: &'static [Substance], colors: &'static [&'static str]) -> Self {
+        Self { substances, colors, ..self }
     }
 
     /// A look that it comes in.

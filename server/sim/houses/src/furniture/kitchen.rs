@@ -1,8 +1,6 @@
 //! Kitchen counters, kitchen appliances and washing machines.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
 /// Height of a kitchen counter, metres.
 pub(crate) const COUNTER_M: f32 = 0.9;
@@ -13,10 +11,10 @@ pub(crate) const COUNTER_DEPTH_M: f32 = 0.62;
 const FACES: &[Substance] = &[Wood, Wood, Plastic, Metal, Bamboo, Concrete, Marble];
 
 /// A counter of a given width; depth 1 requests a sink cut-out.
-pub(crate) const COUNTER: Make = Make::new("counter", "", 8, FACES, taste::WOOD, counter);
+pub(crate) const COUNTER: Make = Make::new("counter", "", 8, counter).made_of(FACES, taste::WOOD);
 
 /// An island in the middle of a kitchen.
-pub(crate) const ISLAND: Make = Make::new("counter", "kitchen island", 5, FACES, taste::WOOD, island);
+pub(crate) const ISLAND: Make = Make::new("counter", "kitchen island", 5, island).made_of(FACES, taste::WOOD);
 
 /// A top of stone or wood.
 fn worktop(k: &mut Draft) -> Paint {
@@ -66,7 +64,7 @@ fn counter(k: &mut Draft) -> Words {
     } else {
         k.m.slab(about(0.0, w), y, z, top);
     }
-    [size, ["", "drawered", "drawered", "", "panelled", "drawered", "plain", "drawered"][k.style]]
+    [size, k.shape("|drawered|drawered||panelled|drawered|plain|drawered")]
 }
 
 /// Half the size of the hole for a kitchen sink, x and z.
@@ -82,25 +80,29 @@ fn holed_top(m: &mut Model, w: f32, y: Span, z: Span, top: Paint) {
 
 fn island(k: &mut Draft) -> Words {
     let (w, d) = (k.width(1.1, 1.7), 0.72);
-    let (p, top) = (k.p, worktop(k));
+    let top = worktop(k);
     let size = size_word(w, 1.2, 1.5, ["small", "large"]);
     let body = [0.08, COUNTER_M - 0.05];
-    let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: k.style != 1 };
+    let looks = Fronts { panel: k.p.times(1.04), handle: handle(k), doors: k.style != 1 };
     let shape = match k.style {
         3 => {
             k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 16), [COUNTER_M - 0.05, COUNTER_M], top);
-            k.m.prism_y(&oval([0.0, 0.04], [w / 2.0 - 0.06, d / 2.0 - 0.1], 16), [0.0, COUNTER_M - 0.05], p);
+            k.m.prism_y(
+                &oval([0.0, 0.04], [w / 2.0 - 0.06, d / 2.0 - 0.1], 16),
+                [0.0, COUNTER_M - 0.05],
+                k.p,
+            );
             return [size, "oval"];
         }
         4 => {
-            legs(&mut k.m, [w, d], COUNTER_M - 0.05, 0.07, 0.02, p);
+            legs(&mut k.m, [w, d], COUNTER_M - 0.05, 0.07, 0.02, k.p);
             k.board(about(0.0, w - 0.06), [COUNTER_M - 0.25, COUNTER_M - 0.05], about(0.0, d - 0.06));
             k.board(about(0.0, w - 0.06), [0.2, 0.24], about(0.0, d - 0.06));
             "open"
         }
         _ => {
-            k.m.block(about(0.0, w - 0.1), [0.0, 0.08], about(-0.04, d - 0.24), p.times(0.7));
-            k.m.block(about(0.0, w - 0.04), body, about(-0.06, d - 0.16), p);
+            k.m.block(about(0.0, w - 0.1), [0.0, 0.08], about(-0.04, d - 0.24), k.p.times(0.7));
+            k.m.block(about(0.0, w - 0.04), body, about(-0.06, d - 0.16), k.p);
             let mut back = Model::new();
             let columns = [2, 2, 3, 2, 2][k.style];
             let rows = if looks.doors { 1 } else { 3 };
@@ -117,26 +119,26 @@ fn island(k: &mut Draft) -> Words {
 const CASES: &[Substance] = &[Metal, Plastic, Metal, Ceramic, Glass, Wood];
 
 /// A refrigerator.
-pub(crate) const FRIDGE: Make = Make::new("appliances", "refrigerator", 5, CASES, taste::MACHINE, fridge);
+pub(crate) const FRIDGE: Make =
+    Make::new("appliances", "refrigerator", 5, fridge).made_of(CASES, taste::MACHINE);
 
 /// A cooker with an oven, as high as a counter.
 pub(crate) const COOKER: Make =
-    Make::new("appliances", "oven", 4, &[Metal, Metal, Ceramic, Plastic], taste::MACHINE, cooker);
+    Make::new("appliances", "oven", 4, cooker).made_of(&[Metal, Metal, Ceramic, Plastic], taste::MACHINE);
 
 /// A microwave oven, a coffee machine, a kettle or a toaster for a counter.
-pub(crate) const SMALL: Make =
-    Make::new("appliances", "microwave", 5, &[Metal, Plastic, Ceramic, Glass, Bamboo], taste::MACHINE, small);
+pub(crate) const SMALL: Make = Make::new("appliances", "microwave", 5, small)
+    .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], taste::MACHINE);
 
 /// A cooker hood; base at y = 0, back at the wall.
 pub(crate) const HOOD: Make =
-    Make::new("appliances", "range hood", 3, &[Metal, Glass, Plastic, Wood], taste::MACHINE, hood);
+    Make::new("appliances", "range hood", 3, hood).made_of(&[Metal, Glass, Plastic, Wood], taste::MACHINE);
 
 fn fridge(k: &mut Draft) -> Words {
     let (w, d) = (if k.style == 2 { 0.88 } else { k.len(0.6, 0.7) }, 0.62);
     let h = if k.style == 3 { k.len(0.86, 1.2) } else { k.len(1.6, 1.92) };
-    let p = k.p;
     let z = [d / 2.0 - 0.03, d / 2.0 + 0.02];
-    k.m.block(about(0.0, w), [0.04, h], about(-0.02, d - 0.04), p);
+    k.m.block(about(0.0, w), [0.04, h], about(-0.02, d - 0.04), k.p);
     k.m.block(about(0.0, w - 0.06), [0.0, 0.04], about(0.0, d - 0.1), Paint::DARK_METAL);
     let bevel = if k.style == 4 { 0.045 } else { 0.012 };
     let split = match k.style {
@@ -146,7 +148,7 @@ fn fridge(k: &mut Draft) -> Words {
     };
     let metal = k.metal();
     let mut door = |x: Span, y: Span, handle_x: f32| {
-        k.m.soft(x, y, z, bevel, p.times(1.02));
+        k.m.soft(x, y, z, bevel, k.p.times(1.02));
         let grip = [y[0] + (y[1] - y[0]) * 0.3, y[0] + (y[1] - y[0]) * 0.75];
         k.m.lid(about(handle_x, 0.025), grip, [z[1], z[1] + 0.03], metal);
     };
@@ -161,13 +163,12 @@ fn fridge(k: &mut Draft) -> Words {
         }
         _ => door(about(0.0, w), [0.06, h], w / 2.0 - 0.06),
     }
-    let shape = ["", "", "double", "low", "rounded"][k.style];
-    [size_word(h, 1.3, 1.74, ["small", "tall"]), shape]
+    [size_word(h, 1.3, 1.74, ["small", "tall"]), k.shape("||double|low|rounded")]
 }
 
 fn cooker(k: &mut Draft) -> Words {
-    let (p, d) = (k.p, 0.6);
-    k.m.block(about(0.0, 0.6), [0.04, COUNTER_M], about(-0.01, d - 0.02), p);
+    let d = 0.6;
+    k.m.block(about(0.0, 0.6), [0.04, COUNTER_M], about(-0.01, d - 0.02), k.p);
     k.m.block(about(0.0, 0.54), [0.0, 0.04], about(0.0, 0.5), Paint::DARK_METAL);
     let z = d / 2.0 - 0.02;
     let windows: &[Span] = if k.style == 1 { &[[0.12, 0.36], [0.42, 0.66]] } else { &[[0.24, 0.6]] };
@@ -188,44 +189,42 @@ fn cooker(k: &mut Draft) -> Words {
         }
     }
     if k.style == 3 {
-        k.m.block(about(0.0, 0.6), [COUNTER_M, COUNTER_M + 0.14], [-d / 2.0, -d / 2.0 + 0.04], p);
+        k.m.block(about(0.0, 0.6), [COUNTER_M, COUNTER_M + 0.14], [-d / 2.0, -d / 2.0 + 0.04], k.p);
     }
-    ["", ["", "double", "flat-topped", "high-backed"][k.style]]
+    ["", k.shape("|double|flat-topped|high-backed")]
 }
 
 fn small(k: &mut Draft) -> Words {
-    let p = k.p;
     match k.style {
         0 | 1 => {
             let (w, h) = (k.len(0.44, 0.54), k.len(0.26, 0.32));
             let bevel = [0.01, 0.04][k.style];
-            k.m.soft(about(0.0, w), [0.0, h], about(0.0, 0.34), bevel, p);
+            k.m.soft(about(0.0, w), [0.0, h], about(0.0, 0.34), bevel, k.p);
             k.m.lid([-w / 2.0 + 0.03, w / 2.0 - 0.13], [0.04, h - 0.04], [0.17, 0.178], Paint::SCREEN);
             k.m.lid(about(w / 2.0 - 0.06, 0.07), [h - 0.1, h - 0.05], [0.17, 0.176], Paint::SCREEN);
-            [size_word(w, 0.47, 0.51, ["small", "large"]), ["square", "rounded"][k.style]]
+            [size_word(w, 0.47, 0.51, ["small", "large"]), k.shape("square|rounded")]
         }
         2 => {
             k.noun = "coffee machine";
             let h = k.len(0.32, 0.4);
-            k.m.soft(about(0.0, 0.24), [0.0, 0.06], about(0.0, 0.3), 0.01, p);
-            k.m.soft(about(0.0, 0.24), [0.06, h], [-0.15, -0.02], 0.01, p);
-            k.m.soft(about(0.0, 0.24), [h - 0.1, h], [-0.02, 0.13], 0.01, p);
+            k.m.soft(about(0.0, 0.24), [0.0, 0.06], about(0.0, 0.3), 0.01, k.p);
+            k.m.soft(about(0.0, 0.24), [0.06, h], [-0.15, -0.02], 0.01, k.p);
+            k.m.soft(about(0.0, 0.24), [h - 0.1, h], [-0.02, 0.13], 0.01, k.p);
             k.m.lathe([0.0, 0.06], &[[0.05, 0.06], [0.06, 0.16], [0.04, 0.18]], 10, Paint::SCREEN);
             [size_word(h, 0.34, 0.38, ["low", "tall"]), ""]
         }
         3 => {
             k.noun = "kettle";
             let h = k.len(0.2, 0.27);
-            let profile = [[1.0, 0.0], [1.05, 0.2], [0.7, 0.9], [0.2, 0.97], [0.15, 1.05]];
-            k.m.lathe([0.0, 0.0], &profile.map(|[s, y]| [s * 0.09, y * h]), 12, p);
-            k.m.rod(Point3::new(0.07, 0.8 * h, 0.0), Point3::new(0.14, 0.95 * h, 0.0), 0.02, p);
-            k.m.rod(Point3::new(-0.08, 0.2 * h, 0.0), Point3::new(-0.13, h, 0.0), 0.014, Paint::DARK_METAL);
+            k.turned(&[[1.0, 0.0], [1.05, 0.2], [0.7, 0.9], [0.2, 0.97], [0.15, 1.05]], 0.09, h, 12);
+            k.m.rod(point(0.07, 0.8 * h, 0.0), point(0.14, 0.95 * h, 0.0), 0.02, k.p);
+            k.m.rod(point(-0.08, 0.2 * h, 0.0), point(-0.13, h, 0.0), 0.014, Paint::DARK_METAL);
             ["small", "round"]
         }
         _ => {
             k.noun = "toaster";
             let (w, h) = (k.len(0.26, 0.32), 0.2);
-            k.m.soft(about(0.0, w), [0.01, h], about(0.0, 0.18), 0.05, p);
+            k.m.soft(about(0.0, w), [0.01, h], about(0.0, 0.18), 0.05, k.p);
             for z in [-0.035, 0.035] {
                 k.m.block(about(0.0, w * 0.7), [h, h + 0.003], about(z, 0.025), Paint::SCREEN);
             }
@@ -236,32 +235,32 @@ fn small(k: &mut Draft) -> Words {
 }
 
 fn hood(k: &mut Draft) -> Words {
-    let (w, p) = (0.6, k.p);
+    let w = 0.6;
     let h = k.len(0.55, 0.75);
     match k.style {
         0 => {
-            k.m.block(about(0.0, w), [0.0, 0.06], about(0.0, 0.46), p);
-            k.m.prism_x(&[[-0.23, 0.06], [0.23, 0.06], [0.23, 0.26], [0.0, 0.26]], about(0.0, w * 0.8), p);
-            k.m.block(about(0.0, 0.26), [0.26, h], [-0.23, 0.03], p);
+            k.m.block(about(0.0, w), [0.0, 0.06], about(0.0, 0.46), k.p);
+            k.m.prism_x(&[[-0.23, 0.06], [0.23, 0.06], [0.23, 0.26], [0.0, 0.26]], about(0.0, w * 0.8), k.p);
+            k.m.block(about(0.0, 0.26), [0.26, h], [-0.23, 0.03], k.p);
             ["", "tapered"]
         }
         1 => {
-            k.m.soft(about(0.0, w), [0.0, 0.16], about(0.0, 0.46), 0.02, p);
-            k.m.block(about(0.0, 0.24), [0.16, h], [-0.23, 0.01], p);
+            k.m.soft(about(0.0, w), [0.0, 0.16], about(0.0, 0.46), 0.02, k.p);
+            k.m.block(about(0.0, 0.24), [0.16, h], [-0.23, 0.01], k.p);
             k.m.lid(about(0.0, 0.2), [0.05, 0.09], [0.23, 0.236], Paint::SCREEN);
             ["", "square"]
         }
         _ => {
             let cone = [[1.0, 0.0], [1.0, 0.06], [0.4, 0.4], [0.4, 1.0]];
-            k.m.lathe([0.0, 0.05], &cone.map(|[s, y]| [s * 0.27, y * h]), 14, p);
+            k.m.lathe([0.0, 0.05], &cone.map(|[s, y]| [s * 0.27, y * h]), 14, k.p);
             ["", "round"]
         }
     }
 }
 
 /// A machine with a round door.
-pub(crate) const WASHER: Make =
-    Make::new("appliances", "washing machine", 4, &[Metal, Plastic, Metal, Ceramic], taste::MACHINE, washer);
+pub(crate) const WASHER: Make = Make::new("appliances", "washing machine", 4, washer)
+    .made_of(&[Metal, Plastic, Metal, Ceramic], taste::MACHINE);
 
 fn washer(k: &mut Draft) -> Words {
     let (w, h, d) = (k.len(0.58, 0.68), k.len(0.84, 1.02), 0.6);
@@ -291,5 +290,5 @@ fn washer(k: &mut Draft) -> Words {
     }
     k.m.lid([-w / 2.0 + 0.04, -0.06], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::STEEL);
     k.m.lid([0.08, w / 2.0 - 0.05], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::SCREEN);
-    [size, ["", "", "high-backed", "plain"][k.style]]
+    [size, k.shape("||high-backed|plain")]
 }

@@ -1,56 +1,34 @@
 //! Chairs, armchairs and sofas.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
 /// A chair for a dining table or a wall.
-pub(crate) const CHAIR: Make = Make::new(
-    "chair",
-    "",
-    8,
-    &[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker],
-    taste::WOOD,
-    chair,
-);
+pub(crate) const CHAIR: Make = Make::new("chair", "", 8, chair)
+    .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], taste::WOOD);
 
 /// A swivel chair for a desk.
-pub(crate) const OFFICE_CHAIR: Make = Make::new(
-    "chair",
-    "office chair",
-    3,
-    &[Fabric, Leather, Knit, Plastic, Velvet],
-    taste::DARK,
-    office_chair,
-);
+pub(crate) const OFFICE_CHAIR: Make = Make::new("chair", "office chair", 3, office_chair)
+    .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], taste::DARK);
 
 /// A padded chair with arms.
-pub(crate) const ARMCHAIR: Make = Make::new(
-    "chair",
-    "armchair",
-    8,
-    &[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped],
-    taste::CLOTH,
-    armchair,
-);
+pub(crate) const ARMCHAIR: Make = Make::new("chair", "armchair", 8, armchair)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], taste::CLOTH);
 
 fn chair(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.42, 0.5), k.len(0.42, 0.5), k.len(0.8, 1.02));
     let seat = 0.45;
     let frame = if k.soft() { k.trim } else { k.p };
     let back = -d / 2.0;
-    let shape = match k.style {
+    match k.style {
         0 | 1 | 5 => {
             legs(&mut k.m, [w, d], seat - 0.04, 0.04, 0.0, frame);
             k.pad(about(0.0, w), [seat - 0.04, seat + if k.soft() { 0.04 } else { 0.0 }], about(0.0, d));
             open_back(k, [w, back], [seat, h], frame);
-            "straight"
         }
         2 => {
             splayed_legs(&mut k.m, [w, d], seat - 0.05, 0.02, frame);
             k.m.soft(about(0.0, w), [seat - 0.06, seat], about(0.0, d), 0.03, k.p);
             k.m.soft(about(0.0, w - 0.04), [seat - 0.02, h], [back - 0.01, back + 0.05], 0.02, k.p);
-            "rounded"
         }
         3 => {
             sled(&mut k.m, [w, d], seat - 0.04, Paint::DARK_METAL);
@@ -62,27 +40,24 @@ fn chair(k: &mut Draft) -> Words {
                 [back, back + 0.03],
                 Paint::DARK_METAL,
             );
-            ""
         }
         4 => {
             splayed_legs(&mut k.m, [w, d], seat - 0.04, 0.02, frame);
             round_pad(&mut k.m, w / 2.0, [seat - 0.05, seat], 14, k.p);
             spindles(k, [w, back + 0.04], [seat, h], frame);
-            "round"
         }
         6 => {
             pedestal(&mut k.m, 0.24, seat - 0.05, Paint::DARK_METAL);
             round_pad(&mut k.m, w / 2.0, [seat - 0.06, seat + 0.02], 16, k.p);
             tub(k, w / 2.0, [seat, h - 0.12]);
-            "round"
         }
         _ => {
             legs(&mut k.m, [w, d], 0.2, 0.05, 0.0, k.trim);
             k.pad(about(0.0, w), [0.2, seat + 0.03], about(0.0, d));
             k.pad(about(0.0, w), [0.2, h], [back - 0.02, back + 0.07]);
-            "square"
         }
-    };
+    }
+    let shape = k.shape("straight|straight|rounded||round|straight|round|square");
     [size_word(h, 0.86, 0.96, ["low", "tall"]), shape]
 }
 
@@ -102,8 +77,8 @@ fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint
         _ => {
             let x = w / 2.0 - 0.05;
             for side in [-1.0, 1.0] {
-                let from = Point3::new(-x * side, seat, back + 0.015);
-                k.m.rod(from, Point3::new(x * side, top - 0.09, back + 0.015), 0.016, k.p);
+                let from = point(-x * side, seat, back + 0.015);
+                k.m.rod(from, point(x * side, top - 0.09, back + 0.015), 0.016, k.p);
             }
         }
     }
@@ -114,7 +89,7 @@ fn spindles(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint)
     for i in 0..5 {
         let x = (i as f32 - 2.0) * w * 0.19;
         let z = back + 0.05 * (i as f32 - 2.0).abs() * 0.5;
-        k.m.rod(Point3::new(x, seat, z + 0.02), Point3::new(x * 1.05, top - 0.05, z - 0.02), 0.011, frame);
+        k.m.rod(point(x, seat, z + 0.02), point(x * 1.05, top - 0.05, z - 0.02), 0.011, frame);
     }
     k.m.soft(about(0.0, w), [top - 0.08, top], [back - 0.03, back + 0.02], 0.015, k.p);
 }
@@ -137,8 +112,8 @@ fn tub(k: &mut Draft, radius: f32, [low, high]: Span) {
 fn office_chair(k: &mut Draft) -> Words {
     for spoke in 0..5 {
         let (sin, cos) = angle::sin_cos(spoke as f32 * 1.2566);
-        let tip = Point3::new(0.27 * sin, 0.06, 0.27 * cos);
-        k.m.rod(Point3::new(0.0, 0.1, 0.0), tip, 0.02, Paint::DARK_METAL);
+        let tip = point(0.27 * sin, 0.06, 0.27 * cos);
+        k.m.rod(point(0.0, 0.1, 0.0), tip, 0.02, Paint::DARK_METAL);
         k.m.cylinder([0.27 * sin, 0.27 * cos], [0.0, 0.06], 0.03, 6, Paint::DARK_METAL);
     }
     k.m.cylinder([0.0, 0.0], [0.08, 0.42], 0.03, 8, Paint::DARK_METAL);
@@ -180,14 +155,8 @@ fn armchair(k: &mut Draft) -> Words {
 }
 
 /// A sofa as wide as wished.
-pub(crate) const SOFA: Make = Make::new(
-    "sofa",
-    "",
-    8,
-    &[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker],
-    taste::CLOTH,
-    sofa,
-);
+pub(crate) const SOFA: Make = Make::new("sofa", "", 8, sofa)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], taste::CLOTH);
 
 /// Upholstery style.
 pub(super) struct Upholstery {
@@ -226,36 +195,35 @@ impl Upholstery {
 
 /// Base, seat cushions, back and arms.
 pub(super) fn upholstered(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize, look: &Upholstery) {
-    let p = k.p;
     let (back, front, feet) = (-d / 2.0, d / 2.0, look.feet);
     legs(&mut k.m, [w, d], feet, 0.05, 0.06, k.trim);
-    k.m.rim(about(0.0, w - 0.04), [feet, 0.28], [back + 0.02, front - 0.02], p.times(0.95));
-    k.m.soft(about(0.0, w), [feet, top], [back, back + 0.2], look.bevel, p);
+    k.m.rim(about(0.0, w - 0.04), [feet, 0.28], [back + 0.02, front - 0.02], k.p.times(0.95));
+    k.m.soft(about(0.0, w), [feet, top], [back, back + 0.2], look.bevel, k.p);
     let inner = [-w / 2.0 + look.arm, w / 2.0 - look.arm];
     let step = (inner[1] - inner[0]) / seats as f32;
     for seat in 0..seats {
         let x = [inner[0] + step * seat as f32 + 0.005, inner[0] + step * (seat + 1) as f32 - 0.005];
-        k.m.soft(x, [0.28, 0.45], [back + 0.18, front], 0.04, p.times(1.03));
+        k.m.soft(x, [0.28, 0.45], [back + 0.18, front], 0.04, k.p.times(1.03));
         if !look.tufted && seats < 3 {
-            k.m.soft(x, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, p.times(1.02));
+            k.m.soft(x, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.p.times(1.02));
         }
     }
     if !look.tufted && seats > 2 {
-        k.m.soft(inner, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, p.times(1.02));
+        k.m.soft(inner, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.p.times(1.02));
     }
     if look.tufted {
-        let quilt = p.with(Pattern::Quilt);
+        let quilt = k.p.with(Pattern::Quilt);
         k.m.soft(inner, [0.45, top - 0.02], [back + 0.18, back + 0.3], 0.05, quilt);
     }
     let side = [w / 2.0 - look.arm, w / 2.0];
     for x in [side, [-side[1], -side[0]]] {
         let (z, high) = ([back + 0.02, front - 0.01], look.arm_top);
         if look.rolled {
-            k.m.block(x, [feet, high - 0.1], z, p);
+            k.m.block(x, [feet, high - 0.1], z, k.p);
             let center = (x[0] + x[1]) / 2.0;
-            k.m.prism_z(&circle([center, high - 0.1], look.arm / 2.0 + 0.01, 10), z, p);
+            k.m.prism_z(&circle([center, high - 0.1], look.arm / 2.0 + 0.01, 10), z, k.p);
         } else {
-            k.m.soft(x, [feet, high], z, look.bevel, p);
+            k.m.soft(x, [feet, high], z, look.bevel, k.p);
         }
     }
 }
