@@ -49,14 +49,9 @@ impl Model {
 
     /// A box with sharp edges.
     pub(super) fn block(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
-        self.solid(x, y, z);
-        let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
-        self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
-        self.quad([p(1, 0, 0), p(0, 0, 0), p(0, 1, 0), p(1, 1, 0)], paint);
-        self.quad([p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)], paint);
-        self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
-        self.quad([p(0, 1, 1), p(1, 1, 1), p(1, 1, 0), p(0, 1, 0)], paint);
-        self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
+        self.slab(x, y, z, paint);
+        let p = |i: usize, k: usize| Point3::new(x[i], y[0], z[k]);
+        self.quad([p(0, 0), p(1, 0), p(1, 1), p(0, 1)], paint);
     }
 
     /// Remembers that a box is full.

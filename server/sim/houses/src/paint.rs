@@ -62,9 +62,9 @@ impl Paint {
     }
 }
 
-/// Mean brightness of the pattern of each substance, 0 to 1.
+/// Mean brightness of every substance's pattern, 0 to 1.
 static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
-    let patterns = Substance::ALL.iter().filter_map(|substance| substance.pattern());
+    let patterns = SUBSTANCES.iter().filter_map(|(.., pattern)| *pattern);
     patterns.map(|pattern| (pattern, pattern.mean())).collect()
 });
 
@@ -98,110 +98,48 @@ pub(super) enum Substance {
     Rubber,
 }
 
-impl Substance {
-    const ALL: [Self; 25] = [
-        Self::Wood,
-        Self::Bamboo,
-        Self::Wicker,
-        Self::Metal,
-        Self::Plastic,
-        Self::Glass,
-        Self::Ceramic,
-        Self::Marble,
-        Self::Concrete,
-        Self::Terrazzo,
-        Self::Brick,
-        Self::Tile,
-        Self::Paper,
-        Self::Fabric,
-        Self::Velvet,
-        Self::Leather,
-        Self::Corduroy,
-        Self::Knit,
-        Self::Denim,
-        Self::Quilt,
-        Self::Striped,
-        Self::Checked,
-        Self::Dotted,
-        Self::Wool,
-        Self::Rubber,
-    ];
+/// Description, acoustic material and pattern of every substance, in the order of the enum.
+const SUBSTANCES: [(Substance, &str, &str, Option<Pattern>); 25] = [
+    (Substance::Wood, "wooden", "wood", Some(Pattern::Grain)),
+    (Substance::Bamboo, "bamboo", "wood", Some(Pattern::Bamboo)),
+    (Substance::Wicker, "wicker", "wood", Some(Pattern::Wicker)),
+    (Substance::Metal, "metal", "metal", Some(Pattern::Brushed)),
+    (Substance::Plastic, "plastic", "plastic", None),
+    (Substance::Glass, "glass", "glass", Some(Pattern::Sheen)),
+    (Substance::Ceramic, "ceramic", "ceramic", None),
+    (Substance::Marble, "marble", "stone", Some(Pattern::Marble)),
+    (Substance::Concrete, "concrete", "stone", Some(Pattern::Concrete)),
+    (Substance::Terrazzo, "terrazzo", "stone", Some(Pattern::Terrazzo)),
+    (Substance::Brick, "brick", "brick", Some(Pattern::Brick)),
+    (Substance::Tile, "tiled", "tile", Some(Pattern::WallTiles)),
+    (Substance::Paper, "paper", "paper", None),
+    (Substance::Fabric, "fabric", "fabric", Some(Pattern::Weave)),
+    (Substance::Velvet, "velvet", "fabric", Some(Pattern::Velvet)),
+    (Substance::Leather, "leather", "leather", Some(Pattern::Leather)),
+    (Substance::Corduroy, "corduroy", "fabric", Some(Pattern::Ribs)),
+    (Substance::Knit, "knitted", "fabric", Some(Pattern::Knit)),
+    (Substance::Denim, "denim", "fabric", Some(Pattern::Twill)),
+    (Substance::Quilt, "quilted", "fabric", Some(Pattern::Quilt)),
+    (Substance::Striped, "striped", "fabric", Some(Pattern::ClothStripes)),
+    (Substance::Checked, "checked", "fabric", Some(Pattern::Gingham)),
+    (Substance::Dotted, "dotted", "fabric", Some(Pattern::Dots)),
+    (Substance::Wool, "woollen", "carpet", Some(Pattern::Carpet)),
+    (Substance::Rubber, "rubber", "rubber", None),
+];
 
+impl Substance {
     /// The word that describes it.
     pub(super) fn word(self) -> &'static str {
-        match self {
-            Self::Wood => "wooden",
-            Self::Bamboo => "bamboo",
-            Self::Wicker => "wicker",
-            Self::Metal => "metal",
-            Self::Plastic => "plastic",
-            Self::Glass => "glass",
-            Self::Ceramic => "ceramic",
-            Self::Marble => "marble",
-            Self::Concrete => "concrete",
-            Self::Terrazzo => "terrazzo",
-            Self::Brick => "brick",
-            Self::Tile => "tiled",
-            Self::Paper => "paper",
-            Self::Fabric => "fabric",
-            Self::Velvet => "velvet",
-            Self::Leather => "leather",
-            Self::Corduroy => "corduroy",
-            Self::Knit => "knitted",
-            Self::Denim => "denim",
-            Self::Quilt => "quilted",
-            Self::Striped => "striped",
-            Self::Checked => "checked",
-            Self::Dotted => "dotted",
-            Self::Wool => "woollen",
-            Self::Rubber => "rubber",
-        }
+        SUBSTANCES[self as usize].1
     }
 
-    /// Material name of its surfaces, in words known to the acoustics.
+    /// Surface material, a word known to the acoustics.
     pub(super) fn surface(self) -> &'static str {
-        match self {
-            Self::Wood | Self::Bamboo | Self::Wicker => "wood",
-            Self::Metal => "metal",
-            Self::Plastic => "plastic",
-            Self::Glass => "glass",
-            Self::Ceramic => "ceramic",
-            Self::Marble | Self::Concrete | Self::Terrazzo => "stone",
-            Self::Brick => "brick",
-            Self::Tile => "tile",
-            Self::Paper => "paper",
-            Self::Leather => "leather",
-            Self::Wool => "carpet",
-            Self::Rubber => "rubber",
-            _ => "fabric",
-        }
+        SUBSTANCES[self as usize].2
     }
 
     fn pattern(self) -> Option<Pattern> {
-        Some(match self {
-            Self::Wood => Pattern::Grain,
-            Self::Bamboo => Pattern::Bamboo,
-            Self::Wicker => Pattern::Wicker,
-            Self::Metal => Pattern::Brushed,
-            Self::Glass => Pattern::Sheen,
-            Self::Marble => Pattern::Marble,
-            Self::Concrete => Pattern::Concrete,
-            Self::Terrazzo => Pattern::Terrazzo,
-            Self::Brick => Pattern::Brick,
-            Self::Tile => Pattern::WallTiles,
-            Self::Fabric => Pattern::Weave,
-            Self::Velvet => Pattern::Velvet,
-            Self::Leather => Pattern::Leather,
-            Self::Corduroy => Pattern::Ribs,
-            Self::Knit => Pattern::Knit,
-            Self::Denim => Pattern::Twill,
-            Self::Quilt => Pattern::Quilt,
-            Self::Striped => Pattern::ClothStripes,
-            Self::Checked => Pattern::Gingham,
-            Self::Dotted => Pattern::Dots,
-            Self::Wool => Pattern::Carpet,
-            Self::Plastic | Self::Ceramic | Self::Paper | Self::Rubber => return None,
-        })
+        SUBSTANCES[self as usize].3
     }
 
     /// Returns true if its pattern preserves the colour word in mean room light.
@@ -221,5 +159,15 @@ impl Substance {
     /// A surface of it in the colour `tint`.
     pub(super) fn paint(self, tint: Tint) -> Paint {
         Paint { material: self.surface(), rgb: tint.rgb, pattern: self.pattern() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn substance_rows_follow_the_enum() {
+        assert!(SUBSTANCES.iter().enumerate().all(|(index, row)| row.0 as usize == index));
     }
 }
