@@ -113,14 +113,17 @@ impl Taste {
 
     /// An index drawn with probabilities in proportion to `weights`.
     pub(super) fn weighted(&mut self, weights: &[f32]) -> usize {
-        let total: f32 = weights.iter().sum();
-        let mut left = self.rng.range(0.0, total);
-        let index = weights.iter().position(|weight| {
-            left -= weight;
-            left < 0.0
-        });
-        index.unwrap_or(weights.len() - 1)
+        weighted(&mut self.rng, weights).unwrap_or(weights.len() - 1)
     }
+}
+
+/// An index drawn in proportion to `weights`; `None` if they are empty, or if rounding exhausts them.
+pub(super) fn weighted(rng: &mut Rng, weights: &[f32]) -> Option<usize> {
+    let mut left = rng.range(0.0, weights.iter().sum());
+    weights.iter().position(|weight| {
+        left -= weight;
+        left < 0.0
+    })
 }
 
 /// The only pool with style `style` of `count`; `None` for shared styles.

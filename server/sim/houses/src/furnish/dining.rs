@@ -48,20 +48,10 @@ impl Decorator<'_> {
         let total: f32 = pieces.iter().map(|piece| piece.size().x + GAP_M).sum();
         let size = Vector3::new(total, kitchen::COUNTER_M, kitchen::COUNTER_DEPTH_M);
         let mut places = self.wall_places(total, Wish::Corner);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let claims: Vec<(Side, f32, Claim)> = places
-            .into_iter()
-            .map(|(side, start, _)| {
-                (side, start, self.claim_at_wall(side, [start, start + total], size, 0.8))
-            })
-            .filter(|(side, start, _)| self.tall_ones_fit(units, &pieces, *side, *start))
-            .collect();
-        let Some(claim) = self.space.first_fit(claims.iter().map(|(.., claim)| *claim)) else { return false };
-        let Some((side, start, _)) = claims.into_iter().find(|(.., other)| other.rect == claim.rect) else {
-            return false;
-        };
+        places.retain(|place| self.tall_ones_fit(units, &pieces, place.side, place.start_m));
+        let Some((place, claim)) = self.first_fit(&places, size, 0.8) else { return false };
         self.space.take(&claim);
-        self.set_row(units, &pieces, side, start, look);
+        self.set_row(units, &pieces, place.side, place.start_m, look);
         true
     }
 

@@ -4,6 +4,7 @@ use super::RoomKind::{self, *};
 use super::outline::Outline;
 use super::skeleton::Block;
 use crate::rect::{Rect, Side, common};
+use crate::taste::weighted;
 use avln_geom::Rng;
 
 /// A room at the hallway with small rooms in its corners.
@@ -51,12 +52,7 @@ pub(super) fn programme(rng: &mut Rng, count: usize) -> Vec<RoomKind> {
     while kinds.len() < count {
         let weights =
             EXTRAS.map(|(kind, most, weight)| if allowed(&kinds, kind, most) { weight } else { 0.0 });
-        let mut left = rng.range(0.0, weights.iter().sum());
-        let drawn = weights.iter().position(|weight| {
-            left -= weight;
-            left < 0.0
-        });
-        kinds.push(drawn.map_or(Bedroom, |index| EXTRAS[index].0));
+        kinds.push(weighted(rng, &weights).map_or(Bedroom, |index| EXTRAS[index].0));
     }
     kinds
 }
