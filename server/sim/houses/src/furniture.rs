@@ -92,7 +92,7 @@ impl Draft {
     }
 
     /// Returns the style's entry in `words`, which are separated by `|`.
-    pub(super) fn shape(&self, words: &'static str) -> &'static str {
+    pub(super) fn by_style(&self, words: &'static str) -> &'static str {
         words.split('|').nth(self.style).unwrap_or("")
     }
 

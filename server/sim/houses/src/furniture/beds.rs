@@ -60,7 +60,7 @@ fn bed(k: &mut Draft) -> Words {
             k.m.rod(rail(1.05)[0], rail(1.05)[1], 0.02, Paint::DARK_METAL);
         }
     }
-    let shape = k.shape("straight|upholstered|railed|arched|canopied|low|tufted|barred");
+    let shape = k.by_style("straight|upholstered|railed|arched|canopied|low|tufted|barred");
     pillows(k, w, head);
     [size_word(w, 1.15, 1.55, ["narrow", "wide"]), shape]
 }
@@ -96,44 +96,27 @@ fn pillows(k: &mut Draft, w: f32, head: f32) {
 
 fn cushion(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.34, 0.52), k.len(0.34, 0.44), k.len(0.11, 0.16));
-    let size = size_word(w, 0.39, 0.46, ["small", "large"]);
     let r = w / 2.0;
     match k.style {
-        0 => {
-            k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), k.p);
-            [size, "square"]
-        }
+        0 => k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), k.p),
         1 => {
             let round = [[r * 0.8, 0.0], [r, h * 0.35], [r, h * 0.65], [r * 0.7, h], [0.0, h]];
             k.m.lathe([0.0, 0.0], &round, 14, k.p);
-            [size, "round"]
         }
-        2 => {
-            k.m.pillow(about(0.0, w * 1.25), [0.0, h], about(0.0, d * 0.8), k.p);
-            [size, "rectangular"]
-        }
-        3 => {
-            k.m.prism_x(&circle([0.0, 0.09], 0.09, 12), about(0.0, w * 1.1), k.p);
-            [size, "cylindrical"]
-        }
-        4 => {
-            k.m.soft(about(0.0, w), [0.0, h * 0.7], about(0.0, w), 0.03, k.p);
-            [size, "boxy"]
-        }
+        2 => k.m.pillow(about(0.0, w * 1.25), [0.0, h], about(0.0, d * 0.8), k.p),
+        3 => k.m.prism_x(&circle([0.0, 0.09], 0.09, 12), about(0.0, w * 1.1), k.p),
+        4 => k.m.soft(about(0.0, w), [0.0, h * 0.7], about(0.0, w), 0.03, k.p),
         5 => {
             k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), k.p);
             k.m.lathe([0.0, 0.0], &[[0.03, h - 0.004], [0.02, h + 0.01]], 8, k.p.times(0.8));
-            [size, "buttoned"]
         }
         6 => {
             let heart =
                 [[0.0, -0.5], [0.5, 0.1], [0.42, 0.4], [0.2, 0.5], [-0.2, 0.5], [-0.42, 0.4], [-0.5, 0.1]];
             k.m.prism_y(&heart.map(|[x, y]| [x * w, y * w]), [0.0, h * 0.7], k.p);
-            [size, "heart-shaped"]
         }
-        _ => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.0, h * 0.8], k.p);
-            [size, "hexagonal"]
-        }
+        _ => k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.0, h * 0.8], k.p),
     }
+    let shape = k.by_style("square|round|rectangular|cylindrical|boxy|buttoned|heart-shaped|hexagonal");
+    [size_word(w, 0.39, 0.46, ["small", "large"]), shape]
 }

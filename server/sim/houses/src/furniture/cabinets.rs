@@ -57,64 +57,42 @@ fn wardrobe(k: &mut Draft) -> Words {
             k.m.lid(about(x, w * 0.3), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::MIRROR);
         }
     }
-    [size, k.shape("||sliding|corniced|mirrored")]
+    [size, k.by_style("||sliding|corniced|mirrored")]
 }
 
 fn sideboard(k: &mut Draft) -> Words {
-    let (w, h, d) = (k.width(0.8, 1.5), k.len(0.5, 0.88), k.depth(0.36, 0.46));
+    let size @ [w, h, d] = [k.width(0.8, 1.5), k.len(0.5, 0.88), k.depth(0.36, 0.46)];
     let columns = if w > 1.2 { 3 } else { 2 };
-    let mut body = Carcass { size: [w, h, d], feet: 0.05, cells: [columns, 1], doors: true };
-    let shape = match k.style {
-        0 => "plain",
-        1 => {
-            body.feet = 0.15;
-            "legged"
-        }
-        2 => {
-            (body.cells, body.doors) = ([columns, 2], false);
-            "drawered"
-        }
-        3 => {
-            body.feet = 0.18;
-            body.cells = [1, 2];
-            body.doors = false;
-            "legged"
-        }
+    match k.style {
+        0 => carcass(k, &Carcass { size, feet: 0.05, cells: [columns, 1], doors: true }),
+        1 => carcass(k, &Carcass { size, feet: 0.15, cells: [columns, 1], doors: true }),
+        2 => carcass(k, &Carcass { size, feet: 0.05, cells: [columns, 2], doors: false }),
+        3 => carcass(k, &Carcass { size, feet: 0.18, cells: [1, 2], doors: false }),
         4 => {
             k.m.soft(about(0.0, w), [0.12, h], about(0.0, d), 0.04, k.p);
             splayed_legs(&mut k.m, [w - 0.2, d], 0.13, 0.02, k.trim);
             let looks = Fronts { panel: k.p.times(0.95), handle: handle(k), doors: true };
             fronts(&mut k.m, about(0.0, w - 0.1), [0.17, h - 0.05], d / 2.0, [columns, 1], &looks);
-            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "rounded"];
         }
         5 => {
             let outline = oval([0.0, 0.0], [w / 2.0, d / 2.0], 16);
             k.m.prism_y(&outline, [0.08, h], k.p);
             legs(&mut k.m, [w * 0.7, d * 0.7], 0.08, 0.05, 0.0, k.trim);
             for x in [-0.05, 0.05] {
-                k.m.lid(
-                    about(x, 0.02),
-                    about(h * 0.55, 0.14),
-                    [d / 2.0 - 0.005, d / 2.0 + 0.025],
-                    Paint::BRASS,
-                );
+                let z = [d / 2.0 - 0.005, d / 2.0 + 0.025];
+                k.m.lid(about(x, 0.02), about(h * 0.55, 0.14), z, Paint::BRASS);
             }
-            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "oval"];
         }
-        6 => {
-            body.cells = [4, 1];
-            "panelled"
-        }
+        6 => carcass(k, &Carcass { size, feet: 0.05, cells: [4, 1], doors: true }),
         _ => {
             k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], about(0.0, d), k.p);
             for y in [0.06, h * 0.5, h - 0.03] {
                 k.board(about(0.0, w - 0.06), [y, y + 0.03], about(0.0, d));
             }
             k.board(about(0.0, w - 0.06), [0.06, h], [-d / 2.0, -d / 2.0 + 0.015]);
-            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "open"];
         }
-    };
-    carcass(k, &body);
+    }
+    let shape = k.by_style("plain|legged|drawered|legged|rounded|oval|panelled|open");
     [size_word(h, 0.62, 0.78, ["low", "tall"]), shape]
 }
 
@@ -138,7 +116,7 @@ fn tv_stand(k: &mut Draft) -> Words {
             k.m.lid(about(0.0, w * 0.4), [0.16, h - 0.06], [d / 2.0, d / 2.0 + 0.012], k.p.times(0.85));
         }
     }
-    [size_word(w, 1.25, 1.45, ["short", "long"]), k.shape("open|legged|drawered|rounded")]
+    [size_word(w, 1.25, 1.45, ["short", "long"]), k.by_style("open|legged|drawered|rounded")]
 }
 
 fn wall_cabinet(k: &mut Draft) -> Words {
@@ -161,7 +139,7 @@ fn wall_cabinet(k: &mut Draft) -> Words {
             fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &Fronts { doors: false, ..looks });
         }
     }
-    [size_word(w, 0.6, 1.0, ["small", "long"]), k.shape("|panelled|glazed|corniced")]
+    [size_word(w, 0.6, 1.0, ["small", "long"]), k.by_style("|panelled|glazed|corniced")]
 }
 
 fn vanity(k: &mut Draft) -> Words {
@@ -170,7 +148,7 @@ fn vanity(k: &mut Draft) -> Words {
     let feet = [0.06, 0.14, 0.06, 0.2][k.style];
     let doors = k.style != 1 && k.style != 2;
     carcass(k, &Carcass { size: [w, h, d], feet, cells, doors });
-    [size_word(w, 0.7, 0.85, ["small", "wide"]), k.shape("|legged|drawered|legged")]
+    [size_word(w, 0.7, 0.85, ["small", "wide"]), k.by_style("|legged|drawered|legged")]
 }
 
 fn tall_cabinet(k: &mut Draft) -> Words {
@@ -200,7 +178,7 @@ fn tall_cabinet(k: &mut Draft) -> Words {
             k.board(about(0.0, w - 0.06), [h * 0.45, h], [-d / 2.0, -d / 2.0 + 0.015]);
         }
     }
-    [size, k.shape("glazed|glazed|panelled|open")]
+    [size, k.by_style("glazed|glazed|panelled|open")]
 }
 
 const CHEST_FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Wicker, Bamboo, Leather];
@@ -236,7 +214,7 @@ fn chest(k: &mut Draft) -> Words {
         5 => {}
         _ => {}
     }
-    let shape = k.shape("plain|legged|plain|legged|corniced|many-drawered|legged|framed");
+    let shape = k.by_style("plain|legged|plain|legged|corniced|many-drawered|legged|framed");
     [size_word(h, 0.72, 0.95, ["low", "tall"]), shape]
 }
 
@@ -261,5 +239,5 @@ fn nightstand(k: &mut Draft) -> Words {
             k.m.lid(about(0.0, 0.12), about(h * 0.6, 0.02), [w / 2.0 - 0.01, w / 2.0 + 0.02], Paint::BRASS);
         }
     }
-    [size, k.shape("plain|legged|plain|open|round")]
+    [size, k.by_style("plain|legged|plain|open|round")]
 }

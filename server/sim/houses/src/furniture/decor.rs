@@ -41,7 +41,7 @@ fn vase(k: &mut Draft) -> Words {
         }
         _ => k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.0, h], k.p),
     }
-    let shape = k.shape("bulbous|cylindrical|conical|bottle-shaped|square|bowl-shaped|handled|hexagonal");
+    let shape = k.by_style("bulbous|cylindrical|conical|bottle-shaped|square|bowl-shaped|handled|hexagonal");
     [size_word(k.m.bounds().size().y, 0.23, 0.3, ["small", "tall"]), shape]
 }
 
@@ -88,7 +88,8 @@ fn statue(k: &mut Draft) -> Words {
             }
         }
     }
-    let shape = k.shape("human|spherical|obelisk-shaped|four-legged|conical|stacked|leaf-shaped|ring-shaped");
+    let shape =
+        k.by_style("human|spherical|obelisk-shaped|four-legged|conical|stacked|leaf-shaped|ring-shaped");
     [size_word(h, 0.27, 0.35, ["small", "tall"]), shape]
 }
 
@@ -121,7 +122,7 @@ fn books(k: &mut Draft) -> Words {
                 let (w, d) = (k.len(0.2, 0.26), k.len(0.15, 0.19));
                 flat(k, 0.0, 0.036 * i as f32, [w, d], 0.035, [1.0, 0.94][i % 2]);
             }
-            [k.shape("low|tall"), "stacked"]
+            [k.by_style("low|tall"), "stacked"]
         }
         2 | 3 => {
             let count = [4, 7][k.style - 2];
@@ -158,7 +159,7 @@ fn basket(k: &mut Draft) -> Words {
         0 | 1 => {
             let low = [0.8, 0.95][k.style];
             k.turned(&[[low, 0.0], [1.0, 1.0], [0.92, 1.0], [0.85, 0.7], [0.0, 0.65]], r, h, 12);
-            k.shape("round|cylindrical")
+            k.by_style("round|cylindrical")
         }
         2 | 3 => {
             let w = [2.0, 2.6][k.style - 2] * r;
@@ -220,6 +221,6 @@ fn bin(k: &mut Draft) -> Words {
             k.m.prism_z(&arch(1.5 * r, h * 0.84, h), about(0.0, 1.5 * r), p.times(0.95));
         }
     }
-    let shape = k.shape("round|domed|square|hexagonal|pedalled|oval|waisted|arched");
+    let shape = k.by_style("round|domed|square|hexagonal|pedalled|oval|waisted|arched");
     [size_word(h, 0.38, 0.5, ["small", "tall"]), shape]
 }

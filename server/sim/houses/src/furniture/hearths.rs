@@ -57,7 +57,7 @@ fn fireplace(k: &mut Draft) -> Words {
         7 => k.m.prism_z(&arch(w, h - 0.06, h + 0.3), [back, back + 0.12], p),
         _ => {}
     }
-    let shape = k.shape("plain|chimneyed|beamed|pillared|hearthed|gabled|plain|arched");
+    let shape = k.by_style("plain|chimneyed|beamed|pillared|hearthed|gabled|plain|arched");
     k.m.soft(about(0.0, w + 0.14), [h - 0.06, h], [back, front + 0.06], 0.012, shelf);
     [size_word(w, 1.25, 1.42, ["small", "large"]), shape]
 }
@@ -110,5 +110,5 @@ fn radiator(k: &mut Draft) -> Words {
             k.m.pair([w * 0.36, w * 0.42], [0.0, 0.14], about(0.0, 0.2), Paint::DARK_METAL);
         }
     }
-    [size, k.shape("ribbed|ribbed|flat|flat|barred|covered|tubular|rounded")]
+    [size, k.by_style("ribbed|ribbed|flat|flat|barred|covered|tubular|rounded")]
 }

@@ -64,7 +64,7 @@ fn counter(k: &mut Draft) -> Words {
     } else {
         k.m.slab(about(0.0, w), y, z, top);
     }
-    [size, k.shape("|drawered|drawered||panelled|drawered|plain|drawered")]
+    [size, k.by_style("|drawered|drawered||panelled|drawered|plain|drawered")]
 }
 
 /// Half the size of the hole for a kitchen sink, x and z.
@@ -163,7 +163,7 @@ fn fridge(k: &mut Draft) -> Words {
         }
         _ => door(about(0.0, w), [0.06, h], w / 2.0 - 0.06),
     }
-    [size_word(h, 1.3, 1.74, ["small", "tall"]), k.shape("||double|low|rounded")]
+    [size_word(h, 1.3, 1.74, ["small", "tall"]), k.by_style("||double|low|rounded")]
 }
 
 fn cooker(k: &mut Draft) -> Words {
@@ -191,7 +191,7 @@ fn cooker(k: &mut Draft) -> Words {
     if k.style == 3 {
         k.m.block(about(0.0, 0.6), [COUNTER_M, COUNTER_M + 0.14], [-d / 2.0, -d / 2.0 + 0.04], k.p);
     }
-    ["", k.shape("|double|flat-topped|high-backed")]
+    ["", k.by_style("|double|flat-topped|high-backed")]
 }
 
 fn small(k: &mut Draft) -> Words {
@@ -202,7 +202,7 @@ fn small(k: &mut Draft) -> Words {
             k.m.soft(about(0.0, w), [0.0, h], about(0.0, 0.34), bevel, k.p);
             k.m.lid([-w / 2.0 + 0.03, w / 2.0 - 0.13], [0.04, h - 0.04], [0.17, 0.178], Paint::SCREEN);
             k.m.lid(about(w / 2.0 - 0.06, 0.07), [h - 0.1, h - 0.05], [0.17, 0.176], Paint::SCREEN);
-            [size_word(w, 0.47, 0.51, ["small", "large"]), k.shape("square|rounded")]
+            [size_word(w, 0.47, 0.51, ["small", "large"]), k.by_style("square|rounded")]
         }
         2 => {
             k.noun = "coffee machine";
@@ -235,27 +235,25 @@ fn small(k: &mut Draft) -> Words {
 }
 
 fn hood(k: &mut Draft) -> Words {
-    let w = 0.6;
-    let h = k.len(0.55, 0.75);
+    let (w, h) = (0.6, k.len(0.55, 0.75));
     match k.style {
         0 => {
             k.m.block(about(0.0, w), [0.0, 0.06], about(0.0, 0.46), k.p);
-            k.m.prism_x(&[[-0.23, 0.06], [0.23, 0.06], [0.23, 0.26], [0.0, 0.26]], about(0.0, w * 0.8), k.p);
+            let funnel = [[-0.23, 0.06], [0.23, 0.06], [0.23, 0.26], [0.0, 0.26]];
+            k.m.prism_x(&funnel, about(0.0, w * 0.8), k.p);
             k.m.block(about(0.0, 0.26), [0.26, h], [-0.23, 0.03], k.p);
-            ["", "tapered"]
         }
         1 => {
             k.m.soft(about(0.0, w), [0.0, 0.16], about(0.0, 0.46), 0.02, k.p);
             k.m.block(about(0.0, 0.24), [0.16, h], [-0.23, 0.01], k.p);
             k.m.lid(about(0.0, 0.2), [0.05, 0.09], [0.23, 0.236], Paint::SCREEN);
-            ["", "square"]
         }
         _ => {
             let cone = [[1.0, 0.0], [1.0, 0.06], [0.4, 0.4], [0.4, 1.0]];
             k.m.lathe([0.0, 0.05], &cone.map(|[s, y]| [s * 0.27, y * h]), 14, k.p);
-            ["", "round"]
         }
     }
+    ["", k.by_style("tapered|square|round")]
 }
 
 /// A machine with a round door.
@@ -290,5 +288,5 @@ fn washer(k: &mut Draft) -> Words {
     }
     k.m.lid([-w / 2.0 + 0.04, -0.06], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::STEEL);
     k.m.lid([0.08, w / 2.0 - 0.05], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::SCREEN);
-    [size, k.shape("||high-backed|plain")]
+    [size, k.by_style("||high-backed|plain")]
 }

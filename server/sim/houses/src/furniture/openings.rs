@@ -76,7 +76,7 @@ fn panelled_door(k: &mut Draft) -> Words {
     }
     k.m.rod(point(0.38, 1.0, 0.03), point(0.38, 1.0, 0.09), 0.015, Paint::CHROME);
     k.m.rod(point(0.39, 1.0, 0.085), point(0.28, 1.0, 0.085), 0.012, Paint::CHROME);
-    ["", k.shape("panelled|glazed|panelled|arched")]
+    ["", k.by_style("panelled|glazed|panelled|arched")]
 }
 
 /// Half of a pair of curtains of a given width and height.
@@ -137,7 +137,7 @@ fn curtain(k: &mut Draft) -> Words {
             folds(k, 8, [h * 0.5, h], |_| w);
         }
     }
-    let shape = k.shape("straight|tied|hemmed|pleated|flared|valanced|loose|two-tiered");
+    let shape = k.by_style("straight|tied|hemmed|pleated|flared|valanced|loose|two-tiered");
     [size_word(h, 1.25, 1.9, ["short", "long"]), shape]
 }
 
@@ -186,6 +186,6 @@ fn blind(k: &mut Draft) -> Words {
             }
         }
     }
-    let shape = k.shape("slatted|slatted|rolled|folded|vertical|pleated|shuttered|scalloped");
+    let shape = k.by_style("slatted|slatted|rolled|folded|vertical|pleated|shuttered|scalloped");
     [size_word(w, 0.8, 1.2, ["narrow", "wide"]), shape]
 }

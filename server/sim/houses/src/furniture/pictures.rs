@@ -54,16 +54,8 @@ fn picture(k: &mut Draft) -> Words {
         7 => circle([0.0, w.min(h) / 2.0], w.min(h) / 2.0, 8),
         _ => rectangle(w, h, h / 2.0),
     };
-    let (bar, front) = [
-        (0.015, 0.018),
-        (0.022, 0.02),
-        (0.006, 0.025),
-        (0.026, 0.02),
-        (0.034, 0.026),
-        (0.012, 0.03),
-        (0.02, 0.02),
-        (0.018, 0.02),
-    ][k.style];
+    let bar = [0.015, 0.022, 0.006, 0.026, 0.034, 0.012, 0.02, 0.018][k.style];
+    let front = [0.018, 0.02, 0.025, 0.02, 0.026, 0.03, 0.02, 0.02][k.style];
     frame(&mut k.m, &outline, bar, front, paint);
     k.m.pictured(&outline, front - 0.006, canvas);
     if k.style == 3 {
@@ -105,7 +97,7 @@ fn mirror(k: &mut Draft) -> Words {
             k.m.rod(at(side * 0.29), at(side * 0.49), 0.012, k.p);
         }
     }
-    let shape = k.shape("rectangular|round|oval|arched|octagonal|hexagonal|broad-framed|sunburst");
+    let shape = k.by_style("rectangular|round|oval|arched|octagonal|hexagonal|broad-framed|sunburst");
     [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
 }
 
@@ -152,7 +144,7 @@ fn board(k: &mut Draft) -> Words {
         };
         k.m.lid(about(x, 0.07), about(y, 0.09), [0.02, 0.023], tone);
     }
-    let shape = k.shape("framed|plain|arched|framed|plain|plain|hexagonal|oval");
+    let shape = k.by_style("framed|plain|arched|framed|plain|plain|hexagonal|oval");
     [size_word(w, 0.8, 1.1, ["small", "large"]), shape]
 }
 
@@ -196,6 +188,6 @@ fn clock(k: &mut Draft) -> Words {
     let hour = k.rng.range(0.0, std::f32::consts::TAU);
     hand(k, hour, r * 0.4);
     hand(k, hour * 12.0, r * 0.6);
-    let shape = k.shape("round|square|octagonal|hexagonal|arched|upright|oval|star-shaped");
+    let shape = k.by_style("round|square|octagonal|hexagonal|arched|upright|oval|star-shaped");
     [size_word(size, 0.28, 0.36, ["small", "large"]), shape]
 }

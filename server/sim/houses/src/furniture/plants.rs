@@ -36,7 +36,7 @@ fn plant(k: &mut Draft, scale: f32) -> &'static str {
         6 => broad(k, span, leaf),
         _ => palm(k, span, leaf),
     }
-    k.shape("round|spiky|bushy|columnar|drooping|flowering|broad-leaved|feathery")
+    k.by_style("round|spiky|bushy|columnar|drooping|flowering|broad-leaved|feathery")
 }
 
 /// A pot in a colour that leaves the leaves their word.

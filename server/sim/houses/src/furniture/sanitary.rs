@@ -51,40 +51,33 @@ fn toilet(k: &mut Draft) -> Words {
             k.m.soft(about(0.0, 0.4), [h - 0.03, h], [back, back + 0.2], 0.01, k.p);
         }
     }
-    let shape = k.shape("round|oval|square|wall-hung|high-tanked|round|square|low-backed");
+    let shape = k.by_style("round|oval|square|wall-hung|high-tanked|round|square|low-backed");
     [size_word(h, 0.8, 0.85, ["low", "tall"]), shape]
 }
 
 fn bathtub(k: &mut Draft) -> Words {
     let (l, w, h) = (k.width(1.45, 1.75), k.len(0.7, 0.78), k.len(0.5, 0.6));
-    let size = size_word(l, 1.55, 1.66, ["small", "large"]);
     let r = w / 2.0;
-    let oval = |k: &mut Draft, foot: f32| {
-        let profile = [[0.7, foot], [0.9, 0.2], [1.0, h], [0.9, h], [0.78, 0.26], [0.0, 0.2]];
+    let turned = |k: &mut Draft, profile: [[f32; 2]; 6]| {
         k.m.oval([0.0, 0.0], [l / w, 1.0], &profile.map(|[s, y]| [s * r, y]), 18, k.p);
     };
-    let shape = match k.style {
+    let oval = |foot: f32| [[0.7, foot], [0.9, 0.2], [1.0, h], [0.9, h], [0.78, 0.26], [0.0, 0.2]];
+    match k.style {
         0..=2 => {
             walls(k, [l, h, w], [0.1, 0.08, 0.05][k.style]);
             let panel = [0.05, h - 0.06];
             if k.style == 1 {
                 k.m.lid(about(0.0, l - 0.2), panel, [r, r + 0.012], k.p.with(Pattern::WallTiles));
             }
-            "rectangular"
         }
         3 => {
-            oval(k, 0.06);
+            turned(k, oval(0.06));
             legs(&mut k.m, [l * 0.6, w * 0.7], 0.12, 0.06, 0.02, Paint::STEEL);
-            "oval"
         }
-        4 => {
-            oval(k, 0.0);
-            "oval"
-        }
+        4 => turned(k, oval(0.0)),
         5 => {
             let boat = [[0.72, 0.0], [0.8, 0.2], [1.0, h + 0.04], [0.93, h + 0.04], [0.7, 0.26], [0.0, 0.22]];
-            k.m.oval([0.0, 0.0], [l / w, 1.0], &boat.map(|[s, y]| [s * r, y]), 18, k.p);
-            "boat-shaped"
+            turned(k, boat);
         }
         6 => {
             let deep = [[1.0, 0.0], [1.0, 0.66], [0.9, 0.66], [0.88, 0.3], [0.0, 0.28]];
@@ -94,13 +87,13 @@ fn bathtub(k: &mut Draft) -> Words {
         _ => {
             walls(k, [l, h, w], 0.06);
             k.m.soft(about(0.0, l + 0.06), [h - 0.03, h + 0.02], [r, r + 0.08], 0.015, k.p);
-            "rectangular"
         }
-    };
+    }
     let x = -l / 2.0 + 0.07;
     k.m.cylinder([x, 0.0], [h - 0.02, h + 0.12], 0.02, 8, k.metal());
     k.m.block([x, x + 0.15], [h + 0.09, h + 0.12], about(0.0, 0.03), k.metal());
-    [size, shape]
+    let shape = k.by_style("rectangular|rectangular|rectangular|oval|oval|boat-shaped|round|rectangular");
+    [size_word(l, 1.55, 1.66, ["small", "large"]), shape]
 }
 
 /// A straight tub: bottom and four walls.
@@ -138,8 +131,8 @@ fn shower(k: &mut Draft) -> Words {
         k.board([half - 0.03, half], [0.03, 2.1], [-half + 0.03, half]);
     }
     frame(k, half);
-    plumbing(k, half, k.p);
-    words(k.shape("square|open|rounded|walled|open|flat|rounded|walled"))
+    plumbing(k, half);
+    words(k.by_style("square|open|rounded|walled|open|flat|rounded|walled"))
 }
 
 /// Posts and rails of the glass.
@@ -160,7 +153,7 @@ fn frame(k: &mut Draft, half: f32) {
     }
 }
 
-fn plumbing(k: &mut Draft, half: f32, _: Paint) {
+fn plumbing(k: &mut Draft, half: f32) {
     let back = -half + 0.06;
     let reach = if k.style == 1 || k.style == 6 { 0.0 } else { -half * 0.5 };
     k.m.rod(point(0.0, 0.9, back), point(0.0, 2.0, back), 0.014, k.metal());
@@ -195,7 +188,7 @@ fn pedestal_sink(k: &mut Draft) -> Words {
     }
     let round = matches!(k.style, 0 | 4);
     basin(k, [w, 0.46], [0.66, h], round);
-    [size, k.shape("round|square|square|square|round")]
+    [size, k.by_style("round|square|square|square|round")]
 }
 
 fn vessel_sink(k: &mut Draft) -> Words {
@@ -213,7 +206,7 @@ fn vessel_sink(k: &mut Draft) -> Words {
             tap(k, [0.0, -0.19], h);
         }
     }
-    [size, k.shape("oval|square|round|rectangular|conical")]
+    [size, k.by_style("oval|square|round|rectangular|conical")]
 }
 
 /// A hollow basin between two heights, with a tap at the back.
@@ -260,5 +253,5 @@ fn kitchen_sink(k: &mut Draft) -> Words {
         m.block(about(0.0, 0.02), [-0.15, 0.0], about(0.0, 2.0 * z), k.p);
     }
     tap(k, [0.0, -z - 0.03], 0.03);
-    ["", k.shape("rectangular|rectangular|double")]
+    ["", k.by_style("rectangular|rectangular|double")]
 }

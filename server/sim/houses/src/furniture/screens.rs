@@ -42,20 +42,13 @@ fn tv(k: &mut Draft) -> Words {
     let w = k.width(0.8, 1.35);
     let h = w * 0.58;
     let feet = Paint::DARK_METAL;
-    let shape = match k.style {
+    match k.style {
         0 => {
             k.m.block(about(0.0, w * 0.4), [0.0, 0.015], about(0.0, 0.2), feet);
             k.m.block(about(0.0, 0.08), [0.015, 0.09], about(-0.01, 0.03), feet);
-            "flat"
         }
-        1 => {
-            k.m.pair([w * 0.3, w * 0.34], [0.0, 0.07], about(0.0, 0.22), feet);
-            "flat"
-        }
-        2 => {
-            k.m.prism_y(&oval([0.0, 0.0], [w * 0.2, 0.1], 12), [0.0, 0.07], feet);
-            "flat"
-        }
+        1 => k.m.pair([w * 0.3, w * 0.34], [0.0, 0.07], about(0.0, 0.22), feet),
+        2 => k.m.prism_y(&oval([0.0, 0.0], [w * 0.2, 0.1], 12), [0.0, 0.07], feet),
         3 => {
             let (w, h) = (w.min(0.75), w.min(0.75) * 0.8);
             k.m.soft(about(0.0, w * 0.8), [0.04, h - 0.04], [-0.2, -0.05], 0.05, k.p);
@@ -66,11 +59,10 @@ fn tv(k: &mut Draft) -> Words {
             for x in [-w * 0.25, w * 0.25] {
                 k.m.prism_x(&[[-0.1, 0.0], [0.1, 0.0], [0.0, 0.07]], about(x, 0.03), feet);
             }
-            "flat"
         }
-    };
+    }
     screen(k, w, [0.07, 0.07 + h], [-0.025, 0.025], 0.03);
-    [size(w), shape]
+    [size(w), "flat"]
 }
 
 fn wall_tv(k: &mut Draft) -> Words {
@@ -80,7 +72,7 @@ fn wall_tv(k: &mut Draft) -> Words {
     if k.style == 2 {
         k.m.soft(about(0.0, w * 0.7), [-0.11, -0.03], [0.0, 0.07], 0.02, Paint::DARK_METAL);
     }
-    [size(w), k.shape("flat|framed|flat")]
+    [size(w), k.by_style("flat|framed|flat")]
 }
 
 fn monitor(k: &mut Draft) -> Words {
@@ -101,5 +93,5 @@ fn monitor(k: &mut Draft) -> Words {
         _ => k.m.block(about(0.0, w * 0.6), [0.0, 0.1], about(-0.01, 0.06), k.p),
     }
     screen(k, w, [0.1, 0.1 + h], [-0.025, 0.02], 0.03);
-    [size_word(w, 0.5, 0.62, ["small", "large"]), k.shape("round-footed||three-legged|square|low")]
+    [size_word(w, 0.5, 0.62, ["small", "large"]), k.by_style("round-footed||three-legged|square|low")]
 }

@@ -57,7 +57,7 @@ fn chair(k: &mut Draft) -> Words {
             k.pad(about(0.0, w), [0.2, h], [back - 0.02, back + 0.07]);
         }
     }
-    let shape = k.shape("straight|straight|rounded||round|straight|round|square");
+    let shape = k.by_style("straight|straight|rounded||round|straight|round|square");
     [size_word(h, 0.86, 0.96, ["low", "tall"]), shape]
 }
 
@@ -146,7 +146,7 @@ fn armchair(k: &mut Draft) -> Words {
             "open"
         }
         _ => {
-            let look = Upholstery::of(k, 1);
+            let look = Upholstery::of(k);
             upholstered(k, [w, h, d], 1, &look);
             look.shape
         }
@@ -172,7 +172,7 @@ pub(super) struct Upholstery {
 }
 
 impl Upholstery {
-    pub(super) fn of(k: &mut Draft, _: usize) -> Self {
+    pub(super) fn of(k: &mut Draft) -> Self {
         let base = Self {
             arm: k.len(0.12, 0.18),
             arm_top: k.len(0.54, 0.66),
@@ -231,7 +231,7 @@ pub(super) fn upholstered(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize, lo
 fn sofa(k: &mut Draft) -> Words {
     let (w, top, d) = (k.width(1.5, 2.4), k.len(0.76, 0.94), k.len(0.84, 0.96));
     let seats = if w > 1.85 { 3 } else { 2 };
-    let look = Upholstery::of(k, seats);
+    let look = Upholstery::of(k);
     let shape = match k.style {
         4 => daybed(k, [w, top, d]),
         5 => framed(k, [w, top, d], seats),

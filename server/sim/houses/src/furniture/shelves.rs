@@ -102,7 +102,7 @@ fn bookcase(k: &mut Draft) -> Words {
     if k.style == 7 {
         k.m.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], k.p);
     }
-    [size, k.shape("||low|framed|leaning|cubed|open|arched")]
+    [size, k.by_style("||low|framed|leaning|cubed|open|arched")]
 }
 
 fn wall_shelf(k: &mut Draft) -> Words {
@@ -126,7 +126,7 @@ fn wall_shelf(k: &mut Draft) -> Words {
         }
         _ => k.board(about(0.0, w), [0.0, 0.1], [-d / 2.0, -d / 2.0 + 0.02]),
     }
-    let shape = k.shape("bracketed|box-shaped|double|plain");
+    let shape = k.by_style("bracketed|box-shaped|double|plain");
     filled(k, [-w / 2.0 + 0.04, w / 2.0 - 0.04], 0.13, z);
     [size_word(w, 0.65, 0.95, ["short", "long"]), shape]
 }

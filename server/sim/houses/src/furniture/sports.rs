@@ -16,21 +16,19 @@ pub(crate) const KIT_PIECE: Make =
     Make::new("gym_equipment", "", 5, kit).made_of(&[Rubber, Plastic, Leather, Fabric, Metal], KIT);
 
 fn machine(k: &mut Draft) -> Words {
-    match k.style {
-        0 => treadmill(k),
-        1 => bike(k),
-        2 => weight_bench(k),
-        3 => dumbbell_rack(k),
-        4 => rower(k),
-        5 => cross_trainer(k),
-        6 => tower(k),
-        _ => steps(k),
-    }
+    let nouns = "treadmill|exercise bike|weight bench|dumbbell rack|\
+                 rowing machine|cross trainer|weight machine|stair climber";
+    k.noun = k.by_style(nouns);
+    let draw = [treadmill, bike, weight_bench, dumbbell_rack, rower, cross_trainer, tower, steps][k.style];
+    draw(k);
+    [
+        k.by_style("large||large|low|large|large|tall|large"),
+        k.by_style("long|wheeled|long|shelved|long|tall|upright|stepped"),
+    ]
 }
 
 /// A treadmill, used towards -z.
-fn treadmill(k: &mut Draft) -> Words {
-    k.noun = "treadmill";
+fn treadmill(k: &mut Draft) {
     k.m.block(about(0.0, 0.5), [0.08, 0.15], about(0.0, 1.5), Paint::RUBBER);
     k.m.pair([0.25, 0.36], [0.0, 0.18], about(0.0, 1.55), k.p);
     k.m.soft(about(0.0, 0.72), [0.0, 0.3], [-0.8, -0.45], 0.04, k.p);
@@ -41,12 +39,10 @@ fn treadmill(k: &mut Draft) -> Words {
     }
     k.m.soft(about(0.0, 0.72), [1.12, 1.36], [-0.8, -0.68], 0.03, k.p);
     k.m.lid(about(0.0, 0.4), [1.18, 1.3], [-0.68, -0.675], Paint::SCREEN);
-    ["large", "long"]
 }
 
 /// It faces -z.
-fn bike(k: &mut Draft) -> Words {
-    k.noun = "exercise bike";
+fn bike(k: &mut Draft) {
     for z in [[-0.5, -0.42], [0.42, 0.5]] {
         k.m.block(about(0.0, 0.5), [0.0, 0.06], z, k.p);
     }
@@ -59,11 +55,9 @@ fn bike(k: &mut Draft) -> Words {
     k.m.soft(about(0.0, 0.2), [0.86, 0.93], [0.12, 0.38], 0.03, Paint::DARK_METAL);
     k.m.rod(point(-0.25, 1.1, -0.28), point(0.25, 1.1, -0.28), 0.025, Paint::DARK_METAL);
     k.m.block(about(0.0, 0.2), [1.12, 1.24], [-0.34, -0.3], Paint::SCREEN);
-    ["", "wheeled"]
 }
 
-fn weight_bench(k: &mut Draft) -> Words {
-    k.noun = "weight bench";
+fn weight_bench(k: &mut Draft) {
     k.m.soft(about(0.0, 0.32), [0.36, 0.48], about(0.1, 1.2), 0.04, k.p);
     k.m.soft(about(0.0, 0.3), [0.02, 0.36], about(0.4, 0.3), 0.03, k.p);
     k.m.pair([0.36, 0.42], [0.0, 0.98], [-0.5, -0.44], Paint::STEEL);
@@ -73,11 +67,9 @@ fn weight_bench(k: &mut Draft) -> Words {
     for side in [-0.55_f32, 0.55] {
         wheel(&mut k.m, about(side, 0.07), [1.0, -0.47], 0.19, k.p);
     }
-    ["large", "long"]
 }
 
-fn dumbbell_rack(k: &mut Draft) -> Words {
-    k.noun = "dumbbell rack";
+fn dumbbell_rack(k: &mut Draft) {
     k.m.pair([0.42, 0.48], [0.0, 0.8], about(0.0, 0.36), k.p);
     for y in [0.25, 0.62] {
         k.m.block(about(0.0, 0.84), [y, y + 0.03], about(0.0, 0.36), k.p);
@@ -90,12 +82,10 @@ fn dumbbell_rack(k: &mut Draft) -> Words {
             }
         }
     }
-    ["low", "shelved"]
 }
 
 /// It faces -z.
-fn rower(k: &mut Draft) -> Words {
-    k.noun = "rowing machine";
+fn rower(k: &mut Draft) {
     k.m.block(about(0.0, 0.1), [0.22, 0.32], [-0.7, 1.0], k.p);
     k.m.block(about(0.0, 0.5), [0.0, 0.24], [0.88, 0.96], k.p);
     k.m.block(about(0.0, 0.5), [0.0, 0.1], [-0.72, -0.62], k.p);
@@ -103,12 +93,10 @@ fn rower(k: &mut Draft) -> Words {
     k.m.soft(about(0.0, 0.32), [0.34, 0.42], about(0.35, 0.28), 0.03, Paint::DARK_METAL);
     k.m.rod(point(-0.22, 0.5, -0.4), point(0.22, 0.5, -0.4), 0.02, Paint::DARK_METAL);
     k.m.pair([0.08, 0.2], [0.18, 0.4], [-0.42, -0.36], k.p);
-    ["large", "long"]
 }
 
 /// It faces -z.
-fn cross_trainer(k: &mut Draft) -> Words {
-    k.noun = "cross trainer";
+fn cross_trainer(k: &mut Draft) {
     k.m.block(about(0.0, 0.5), [0.0, 0.06], [0.62, 0.7], k.p);
     k.m.block(about(0.0, 0.1), [0.0, 0.08], about(0.0, 1.3), k.p);
     wheel(&mut k.m, about(0.0, 0.2), [0.36, -0.45], 0.3, k.p);
@@ -120,12 +108,10 @@ fn cross_trainer(k: &mut Draft) -> Words {
         k.m.rod(at(0.3, -0.4), at(0.22, 0.5), 0.03, k.p);
         k.m.block(about(side * 0.24, 0.14), [0.24, 0.28], about(0.3, 0.34), Paint::RUBBER);
     }
-    ["large", "tall"]
 }
 
 /// A tower with a seat and a stack of weights.
-fn tower(k: &mut Draft) -> Words {
-    k.noun = "weight machine";
+fn tower(k: &mut Draft) {
     k.m.pair([0.4, 0.47], [0.0, 2.0], [-0.5, -0.43], k.p);
     k.m.block(about(0.0, 0.94), [1.94, 2.0], [-0.5, -0.43], k.p);
     k.m.block(about(0.0, 0.94), [0.0, 0.07], [-0.5, -0.3], k.p);
@@ -136,12 +122,10 @@ fn tower(k: &mut Draft) -> Words {
     k.m.soft(about(0.0, 0.32), [0.5, 1.0], [-0.05, 0.04], 0.03, k.p);
     k.m.rod(point(-0.45, 1.7, -0.2), point(0.45, 1.7, -0.2), 0.02, Paint::CHROME);
     k.m.rod(point(0.0, 1.96, -0.46), point(0.0, 1.7, -0.2), 0.012, Paint::CHROME);
-    ["tall", "upright"]
 }
 
 /// A stair climber.
-fn steps(k: &mut Draft) -> Words {
-    k.noun = "stair climber";
+fn steps(k: &mut Draft) {
     for i in 0..4 {
         let z = 0.5 - 0.28 * i as f32;
         k.m.soft(about(0.0, 0.56), [0.0, 0.2 * (i + 1) as f32], [z - 0.28, z], 0.012, k.p);
@@ -153,48 +137,37 @@ fn steps(k: &mut Draft) -> Words {
         k.m.rod(at(0.0, 0.4), at(0.85, 0.4), 0.03, k.p);
     }
     k.m.block(about(0.0, 0.6), [1.35, 1.55], [-0.64, -0.58], Paint::SCREEN);
-    ["large", "stepped"]
 }
 
 fn kit(k: &mut Draft) -> Words {
+    k.noun = k.by_style("exercise ball|exercise mat|kettlebell|step platform|punching bag");
+    let mut size = k.by_style("|small|small|low|tall");
     match k.style {
         0 => {
-            k.noun = "exercise ball";
             let r = k.len(0.26, 0.36);
             k.turned(&[[0.35, 0.0], [0.8, 0.2], [1.0, 0.5], [1.0, 1.0], [0.8, 1.6], [0.35, 1.95]], r, r, 16);
-            [size_word(r, 0.29, 0.33, ["small", "large"]), "round"]
+            size = size_word(r, 0.29, 0.33, ["small", "large"]);
         }
         1 => {
-            k.noun = "exercise mat";
             k.m.prism_x(&circle([0.0, 0.07], 0.07, 12), about(0.0, 0.62), k.p);
             k.m.lid(about(0.0, 0.05), [0.0, 0.141], [0.06, 0.072], k.p.times(0.8));
-            ["small", "rolled"]
         }
         2 => {
-            k.noun = "kettlebell";
             k.turned(&[[0.5, 0.0], [0.95, 0.25], [1.0, 0.5], [0.7, 0.9], [0.3, 1.0]], 0.11, 0.2, 12);
             let at = |x: f32, y: f32| point(x, y, 0.0);
             k.m.rod(at(-0.06, 0.17), at(-0.06, 0.28), 0.016, k.p);
             k.m.rod(at(0.06, 0.17), at(0.06, 0.28), 0.016, k.p);
             k.m.rod(at(-0.07, 0.28), at(0.07, 0.28), 0.016, k.p);
-            ["small", "round"]
         }
         3 => {
-            k.noun = "step platform";
             k.m.soft(about(0.0, 0.8), [0.08, 0.18], about(0.0, 0.34), 0.02, k.p);
             k.m.pair([0.26, 0.38], [0.0, 0.08], about(0.0, 0.3), k.p.times(0.9));
-            ["low", "rectangular"]
         }
         _ => {
-            k.noun = "punching bag";
-            k.m.lathe(
-                [0.0, 0.0],
-                &[[0.26, 0.0], [0.26, 0.08], [0.05, 0.2], [0.05, 0.6]],
-                12,
-                Paint::DARK_METAL,
-            );
+            let foot = [[0.26, 0.0], [0.26, 0.08], [0.05, 0.2], [0.05, 0.6]];
+            k.m.lathe([0.0, 0.0], &foot, 12, Paint::DARK_METAL);
             k.m.lathe([0.0, 0.0], &[[0.15, 0.6], [0.19, 0.66], [0.19, 1.6], [0.12, 1.72]], 14, k.p);
-            ["tall", "cylindrical"]
         }
     }
+    [size, k.by_style("round|rolled|round|rectangular|cylindrical")]
 }

@@ -89,38 +89,29 @@ fn bar_stool(k: &mut Draft) -> Words {
             k.m.prism_y(&circle([0.0, 0.0], 0.2, 8), [h - 0.06, h], k.p);
         }
     }
-    [size_word(h, 0.66, 0.72, ["low", "tall"]), k.shape("round|square|round|low-backed|octagonal")]
+    [size_word(h, 0.66, 0.72, ["low", "tall"]), k.by_style("round|square|round|low-backed|octagonal")]
 }
 
 fn footstool(k: &mut Draft) -> Words {
     let (size, h) = (k.len(0.4, 0.62), k.len(0.34, 0.45));
     let r = size / 2.0;
-    let words = |shape| [size_word(size, 0.46, 0.55, ["small", "large"]), shape];
     match k.style {
         0 => {
             splayed_legs(&mut k.m, [size * 0.8, size * 0.8], 0.14, 0.02, k.trim);
             round_pad(&mut k.m, r, [0.12, h], 16, k.p);
-            words("round")
         }
         1 => {
             legs(&mut k.m, [size, size], 0.12, 0.04, 0.03, k.trim);
             k.m.soft(about(0.0, size), [0.12, h], about(0.0, size), 0.04, k.p);
-            words("square")
         }
-        2 => {
-            k.turned(&[[0.5, 0.0], [0.92, 0.2], [1.0, 0.5], [0.85, 0.85], [0.4, 1.0]], r, h, 16);
-            words("round")
-        }
-        3 => {
-            k.m.soft(about(0.0, size * 1.4), [0.0, h], about(0.0, size * 0.8), 0.05, k.p);
-            words("rectangular")
-        }
+        2 => k.turned(&[[0.5, 0.0], [0.92, 0.2], [1.0, 0.5], [0.85, 0.85], [0.4, 1.0]], r, h, 16),
+        3 => k.m.soft(about(0.0, size * 1.4), [0.0, h], about(0.0, size * 0.8), 0.05, k.p),
         _ => {
             k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.06, h], k.p);
             legs(&mut k.m, [size * 0.7, size * 0.7], 0.06, 0.04, 0.0, k.trim);
-            words("hexagonal")
         }
     }
+    [size_word(size, 0.46, 0.55, ["small", "large"]), k.by_style("round|square|round|rectangular|hexagonal")]
 }
 
 fn seating(k: &mut Draft) -> Words {
@@ -170,6 +161,6 @@ fn seating(k: &mut Draft) -> Words {
             splayed_legs(&mut k.m, [w * 0.8, d * 0.9], h - 0.1, 0.025, k.trim);
         }
     }
-    let shape = k.shape("slatted|box-shaped||rounded|folding|rectangular|scrolled|oval");
+    let shape = k.by_style("slatted|box-shaped||rounded|folding|rectangular|scrolled|oval");
     [size_word(w, 1.05, 1.28, ["short", "long"]), shape]
 }

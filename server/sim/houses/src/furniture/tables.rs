@@ -136,7 +136,7 @@ fn side_table(k: &mut Draft) -> Words {
         }
         _ => k.m.soft(about(0.0, size), [0.0, h], about(0.0, size), 0.012, k.p),
     }
-    [size_word(h, 0.53, 0.6, ["low", "tall"]), k.shape("round|square|round|octagonal|cube-shaped")]
+    [size_word(h, 0.53, 0.6, ["low", "tall"]), k.by_style("round|square|round|octagonal|cube-shaped")]
 }
 
 fn console(k: &mut Draft) -> Words {

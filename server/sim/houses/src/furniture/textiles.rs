@@ -73,7 +73,7 @@ fn towel(k: &mut Draft) -> Words {
             rail(k, w, h - 0.02, Paint::BRASS);
         }
     }
-    let shape = k.shape("bordered|plain|double|gathered|edged|ring-hung|layered|fringed");
+    let shape = k.by_style("bordered|plain|double|gathered|edged|ring-hung|layered|fringed");
     [size_word(w * h, 0.17, 0.29, ["small", "large"]), shape]
 }
 
@@ -93,7 +93,7 @@ fn pile(k: &mut Draft) -> Words {
     if k.style == 2 {
         k.m.block(about(0.0, 0.04), [0.0, 0.06 * layers as f32 + 0.004], about(0.0, 0.224), k.p.times(0.8));
     }
-    ["small", k.shape("folded|rolled|tied")]
+    ["small", k.by_style("folded|rolled|tied")]
 }
 
 const CLOTHS: &[Substance] = &[Fabric, Denim, Knit, Checked, Striped, Leather, Velvet, Dotted];
@@ -119,72 +119,58 @@ fn sleeves(k: &mut Draft, length: f32, share: f32) {
 }
 
 fn hanging(k: &mut Draft) -> Words {
-    let words: ([&str; 2], f32) = match k.style {
+    k.noun = k.by_style("coat|jacket|dress|bathrobe|shirt|trousers|scarf|hat");
+    let l = match k.style {
+        0 => k.len(0.85, 1.05),
+        1 => k.len(0.62, 0.74),
+        2 | 3 => k.len(0.95, 1.15),
+        4 => k.len(0.6, 0.72),
+        5 => k.len(0.85, 1.02),
+        6 => k.len(0.75, 0.95),
+        _ => 0.24,
+    };
+    match k.style {
         0 => {
-            let l = k.len(0.85, 1.05);
             body(k, l, 0.24, 0.2);
             sleeves(k, l, 0.52);
             k.m.block(about(0.0, 0.012), [0.06, l - 0.06], [0.145, 0.165], k.p.times(0.75));
-            (["", "long-sleeved"], l)
         }
         1 => {
-            k.noun = "jacket";
-            let l = k.len(0.62, 0.74);
             body(k, l, 0.2, 0.19);
             sleeves(k, l, 0.48);
             k.m.block(about(0.0, 0.36), [0.0, 0.06], [0.03, 0.13], k.p.times(0.85));
-            (["", "long-sleeved"], l)
         }
-        2 => {
-            k.noun = "dress";
-            let l = k.len(0.95, 1.15);
-            body(k, l, 0.3, 0.13);
-            (["", "sleeveless"], l)
-        }
+        2 => body(k, l, 0.3, 0.13),
         3 => {
-            k.noun = "bathrobe";
-            let l = k.len(0.95, 1.15);
             body(k, l, 0.23, 0.2);
             sleeves(k, l, 0.44);
             k.m.block(about(0.0, 0.4), [l * 0.5, l * 0.55], [0.005, 0.155], k.p.times(0.85));
-            (["", "belted"], l)
         }
         4 => {
-            k.noun = "shirt";
-            let l = k.len(0.6, 0.72);
             body(k, l, 0.19, 0.19);
             sleeves(k, l, 0.2);
-            (["", "short-sleeved"], l)
         }
         5 => {
-            k.noun = "trousers";
-            let l = k.len(0.85, 1.02);
             for side in [-1.0, 1.0] {
                 let leg = [[0.07, 0.0], [0.08, l * 0.6], [0.1, l - 0.05]];
                 k.m.oval([side * 0.085, 0.06], [1.0, 0.5], &leg, 8, k.p);
             }
             k.m.soft(about(0.0, 0.36), [l - 0.12, l], [0.01, 0.11], 0.02, k.p.times(0.97));
-            (["", "two-legged"], l)
         }
         6 => {
-            k.noun = "scarf";
-            let l = k.len(0.75, 0.95);
             k.m.soft(about(-0.06, 0.14), [0.0, l], [0.02, 0.06], 0.015, k.p);
             k.m.soft(about(0.07, 0.14), [l * 0.25, l], [0.03, 0.07], 0.015, k.p.times(0.96));
-            (["", "narrow"], l)
         }
         _ => {
-            k.noun = "hat";
             let cone = [[0.2, 0.1], [0.2, 0.12], [0.11, 0.13], [0.1, 0.26], [0.04, 0.28]];
             k.m.lathe([0.0, 0.21], &cone, 14, k.p);
             k.m.rod(point(0.0, 0.18, 0.0), point(0.0, 0.2, 0.2), 0.015, Paint::WALNUT);
-            (["", "brimmed"], 0.24)
         }
-    };
-    let ([_, shape], l) = words;
+    }
     k.m.block(about(0.0, 0.3), [l + 0.02, l + 0.08], [0.0, 0.02], Paint::WALNUT);
     k.m.rod(point(0.0, l - 0.02, 0.06), point(0.0, l + 0.05, 0.015), 0.012, Paint::STEEL);
-    [size_word(l, 0.66, 0.98, ["short", "long"]), shape]
+    let shapes = "long-sleeved|long-sleeved|sleeveless|belted|short-sleeved|two-legged|narrow|brimmed";
+    [size_word(l, 0.66, 0.98, ["short", "long"]), k.by_style(shapes)]
 }
 
 fn folded(k: &mut Draft) -> Words {
@@ -198,7 +184,7 @@ fn folded(k: &mut Draft) -> Words {
                 let size = [0.36, 0.26][k.style];
                 k.m.soft(about(x, size), [y, y + 0.05], about(z, 0.27), 0.018, k.p.times(shade));
             }
-            [k.shape("large|small"), "folded"]
+            [k.by_style("large|small"), "folded"]
         }
         2 => {
             let heap = [[0.24, 0.0], [0.22, 0.07], [0.12, 0.15], [0.0, 0.17]];
@@ -261,8 +247,5 @@ fn rug(k: &mut Draft) -> Words {
             k.m.prism_y(&diamond, [0.01, 0.014], k.p.times(0.84));
         }
     }
-    let shape =
-        ["bordered", "round", "oval", "fringed", "banded", "shaggy", "octagonal", "diamond-patterned"]
-            [k.style];
-    [size, shape]
+    [size, k.by_style("bordered|round|oval|fringed|banded|shaggy|octagonal|diamond-patterned")]
 }
