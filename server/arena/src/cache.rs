@@ -3,7 +3,7 @@
 //! All files can be recomputed, so every problem is a warning, never an error.
 
 use crate::{Failure, FailureKind, secret};
-use avln_render::{Model, Shelf};
+use avln_render::{Model, ModelCache};
 use avln_simd::Mapped;
 use avln_world::{Cache, SoundShelf};
 use std::{
@@ -157,7 +157,7 @@ impl Kept {
     }
 }
 
-impl Shelf for CacheFolder {
+impl ModelCache for CacheFolder {
     fn find(&self, name: &str) -> Option<Model> {
         let path = self.model_path(name);
         let read = match Mapped::open(&path) {

@@ -2,7 +2,7 @@ use super::*;
 use avln_geom::{UnitQuaternion, angle};
 use avln_houses::{HouseOptions, house};
 use avln_scene::{Scene, digest::digest};
-use avln_world::{Body, Cached, Camera, Frame, SceneAssets};
+use avln_world::{Body, Cached, Camera, CameraImage, SceneAssets};
 use std::sync::LazyLock;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -40,7 +40,7 @@ fn pictures(cache: Option<Arc<dyn Cache>>) -> Vec<Vec<u8>> {
     turned.map(picture).collect()
 }
 
-fn bytes(frame: &Frame) -> Vec<u8> {
+fn bytes(frame: &CameraImage) -> Vec<u8> {
     let depth = frame.depth.iter().flat_map(|depth| depth.to_bits().to_le_bytes());
     let ids = frame.instances.iter().flat_map(|id| id.0.to_le_bytes());
     frame.rgb.iter().copied().chain(depth).chain(ids).collect()

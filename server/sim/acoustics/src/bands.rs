@@ -16,6 +16,9 @@ pub(crate) const LOSS_TAPS: usize = 48;
 /// Loss per band in decibels; 0 is no loss.
 pub(crate) type BandLoss = [f32; BANDS];
 
+/// Loss of a silent band, decibels.
+pub(crate) const SILENT_DB: f32 = 100.0;
+
 /// Absorption of air at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels a metre (ISO 9613-1).
 const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297, 0.105];
 

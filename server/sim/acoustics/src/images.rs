@@ -4,13 +4,13 @@
 //! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the existing sequences
 //! of planes, so that only those are evaluated.
 
-use crate::bands::{BANDS, BandLoss, air_loss, both};
+use crate::bands::{BANDS, BandLoss, SILENT_DB, air_loss, both};
+use crate::building::Building;
+use crate::cache::{Reader, Writer};
 use crate::impulse::Arrival;
 use crate::planes::{Plane, PlaneId};
-use crate::source::Building;
-use crate::stored::{Reader, Writer};
 use crate::surfaces::{SURFACE_BANDS, Surface};
-use crate::ways::SILENT_DB;
+use crate::unreflected::disc_point;
 use avln_geom::{Aabb, Point3, Vector3, angle};
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
@@ -26,9 +26,6 @@ const LEAST_RAYS: u32 = 8;
 
 /// Largest number of returned waves, strongest first.
 const MAX_ARRIVALS: usize = 40;
-
-/// Golden angle as a share of a turn, for a sunflower pattern (Vogel 1979).
-const GOLDEN_SHARE: f32 = 0.381_966;
 
 /// Mirror planes of a ray, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
@@ -156,8 +153,7 @@ const RIM: usize = 4;
 fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
     const PLACES: usize = 14;
     let place = |index: usize| {
-        let radius_m = BLUR_M * ((index as f32 + 0.5) / PLACES as f32).sqrt();
-        let (sin, cos) = angle::sin_cos(TAU * GOLDEN_SHARE * index as f32);
+        let [cos, sin, radius_m] = disc_point(index, PLACES, BLUR_M);
         listener + Vector3::new(cos, 0.0, sin) * radius_m
     };
     let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);

@@ -1,14 +1,16 @@
 //! Sound sources in a building, and the waves that reach a listener from them.
 
-use crate::air::Air;
+use crate::building::{Building, Settings};
+use crate::cache::{Reader, SoundPlace, Writer};
 use crate::geodesic::{GeodesicField, length_m};
+use crate::head::Head;
 use crate::images::Images;
-use crate::impulse::{Arrival, ImpulseResponse};
-use crate::late::{Cells, Echo, LateField, add_tail};
-use crate::planes::Planes;
-use crate::stored::{Reader, Writer};
-use crate::ways::Ways;
-use crate::{Head, Listener, Settings, SoundPlace, Surfaces};
+use crate::impulse::{Arrival, ImpulseResponse, Listener};
+use crate::late::LateField;
+use crate::late::slices::Echo;
+use crate::late::tail::add_tail;
+use crate::surfaces::Surfaces;
+use crate::unreflected::Ways;
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
 use std::collections::VecDeque;
@@ -30,17 +32,6 @@ type Key = [u32; 3];
 
 /// Filled by the first user of the source, while others wait.
 type Slot = Arc<OnceLock<Source>>;
-
-/// Precomputed data of a building.
-pub(crate) struct Building {
-    pub(crate) air: Air,
-    pub(crate) planes: Planes,
-    pub(crate) surfaces: Surfaces,
-    pub(crate) settings: Settings,
-    /// Per triangle: unit normal; 0 for degenerate triangles.
-    pub(crate) normals: Vec<Vector3<f32>>,
-    pub(crate) cells: Cells,
-}
 
 /// A sound source position with its precomputed paths through the building. Cheap to clone.
 #[derive(Clone)]
@@ -143,26 +134,6 @@ impl Acoustics {
 /// Bytes of a source; 0 while it is being worked out.
 fn bytes_of(slot: &Slot) -> usize {
     slot.get().map_or(0, |source| source.known.byte_count())
-}
-
-impl Building {
-    pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
-        let air = Air::new(scene, rays);
-        let cells = Cells::new(&air, LateField::most_cells(&settings));
-        let normal = |triangle: usize| {
-            let [a, b, c] = scene.corners(triangle);
-            (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
-        };
-        let normals = (0..scene.mesh.triangles.len()).map(normal).collect();
-        Self { air, planes: Planes::new(scene), surfaces, settings, normals, cells }
-    }
-
-    fn byte_count(&self) -> usize {
-        self.air.byte_count()
-            + self.planes.byte_count()
-            + self.cells.byte_count()
-            + size_of_val(self.normals.as_slice())
-    }
 }
 
 impl Source {

@@ -1,7 +1,7 @@
 //! Small scenes for unit tests.
 
-use crate::source::Building;
-use crate::{Settings, Surface, Surfaces};
+use crate::building::{Building, Settings};
+use crate::surfaces::{Surface, Surfaces};
 use avln_geom::{Point3, RayMesh, angle};
 use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::sync::Arc;

@@ -2,7 +2,7 @@ use crate::sight::Surfaces;
 use avln_acoustics::{Acoustics, Settings, SoundPlace, SoundShelf, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, Frame, Place, Renderer, Shelf};
+use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
@@ -21,9 +21,9 @@ pub struct SceneAssets {
 }
 
 /// A persistent cache of render models and sound sources.
-pub trait Cache: Shelf + SoundShelf {}
+pub trait Cache: ModelCache + SoundShelf {}
 
-impl<T: Shelf + SoundShelf> Cache for T {}
+impl<T: ModelCache + SoundShelf> Cache for T {}
 
 /// A scene's name in a cache.
 #[derive(Clone)]
@@ -96,9 +96,10 @@ impl SceneAssets {
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let place =
-            cached.clone().map(|Cached { cache, name }| Place { shelf: cache as Arc<dyn Shelf>, name });
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
+        let place = cached
+            .clone()
+            .map(|Cached { cache, name }| ModelCacheEntry { cache: cache as Arc<dyn ModelCache>, name });
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), place);
         let surfaces = Surfaces::new(&scene);
         Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
@@ -116,7 +117,7 @@ impl SceneAssets {
     }
 
     /// Renders a camera image.
-    pub fn render(&self, camera: &Camera) -> Frame {
+    pub fn render(&self, camera: &Camera) -> CameraImage {
         self.renderer.render(camera)
     }
 

@@ -1,9 +1,9 @@
 //! The families of clips.
 
-use super::synth::{
-    add, beats, hump, leveled, low_pass, pink, recur, resonate, samples, shaped, silence, sweep, white,
+use super::synthesis::{
+    add, beats, bell, buzz, hump, leveled, low_pass, note, pink, recur, resonate, samples, shaped, silence,
+    sweep, white,
 };
-use super::tones::{bell, buzz, note};
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 

@@ -1,10 +1,11 @@
 //! Measured heads.
 
-use super::sofa::{EarMeasurement, Measurements};
-use super::{DESIGN_POINTS, EarResponse, Filter, design_from, ear_axes, unit_phasor};
+use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::sofa::{EarMeasurement, HeadError, Measurements};
+use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
-use crate::late::HeardField;
-use crate::sphere::onset_delay_s;
+use crate::late::diffuse::HeardField;
+use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
@@ -32,42 +33,18 @@ const FINER: usize = 8;
 /// Bins normalised to the free-field level: the head is no obstacle there (188 to 1000 Hz).
 const CALM_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 
-/// Errors of a head file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum HeadError {
-    /// A different format, or a damaged file.
-    #[error(
-        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
-    NoSofa,
-    /// A table is missing.
-    #[error(
-        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
-    Missing(&'static str),
-    /// A table has the wrong shape.
-    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
-    Shape(&'static str, String),
-    /// The sample rate is out of range.
-    #[error("{0} samples a second: 16000 to 400000 are read")]
-    Rate(f64),
-    /// The responses are silent.
-    #[error("both ears are silent: name a file of head-related impulse responses")]
-    Silent,
-}
-
 /// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
 pub struct MeasuredHead {
     /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
     table: Vec<[Ear; 2]>,
     /// Response to diffuse sound, computed on first use.
-    heard_field: OnceLock<HeardField>,
+    pub(super) heard_field: OnceLock<HeardField>,
 }
 
 /// Response of an ear to a wave from a direction.
 #[derive(Clone, Debug, PartialEq)]
 struct Ear {
-    /// The wave front is tap [`super::HEAD_LEAD`].
+    /// The wave front is tap [`HEAD_LEAD`](super::filter::HEAD_LEAD).
     filter: Filter,
     /// Delay of the wave front relative to the head centre, seconds.
     delay_s: f64,
@@ -103,11 +80,6 @@ impl MeasuredHead {
         let nodes = (0..UP).flat_map(|up| (0..AROUND).map(move |around| node_direction(up, around)));
         let table = nodes.map(|node| interpolated(&node, &measured.directions, &ears)).collect();
         Ok(Self { table, heard_field: OnceLock::new() })
-    }
-
-    /// Cell for the response to diffuse sound.
-    pub(crate) fn heard_field(&self) -> &OnceLock<HeardField> {
-        &self.heard_field
     }
 
     /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame).
@@ -178,7 +150,7 @@ fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 
 }
 
 fn mixed<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
-    let mut sum = Ear { filter: [0.0; super::HEAD_TAPS], delay_s: 0.0 };
+    let mut sum = Ear { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
     for (ear, share) in parts {
         sum.filter.iter_mut().zip(&ear.filter).for_each(|(sum, tap)| *sum += share as f32 * tap);
         sum.delay_s += share * ear.delay_s;

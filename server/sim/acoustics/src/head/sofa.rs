@@ -1,6 +1,5 @@
 //! Measured heads in SOFA files (AES69).
 
-use super::measured::HeadError;
 use avln_geom::Vector3;
 use sofar::hdf::{self, DataObject, ParsedHdf};
 use std::ops::RangeInclusive;
@@ -16,6 +15,30 @@ const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
 /// Longest separate delay, seconds.
 const MOST_DELAY_S: f64 = 0.1;
+
+/// Errors of a head file.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum HeadError {
+    /// A different format, or a damaged file.
+    #[error(
+        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    NoSofa,
+    /// A table is missing.
+    #[error(
+        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    Missing(&'static str),
+    /// A table has the wrong shape.
+    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
+    Shape(&'static str, String),
+    /// The sample rate is out of range.
+    #[error("{0} samples a second: 16000 to 400000 are read")]
+    Rate(f64),
+    /// The responses are silent.
+    #[error("both ears are silent: name a file of head-related impulse responses")]
+    Silent,
+}
 
 /// Content of a file.
 pub(super) struct Measurements {

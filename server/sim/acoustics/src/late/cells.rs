@@ -1,11 +1,15 @@
 //! Cells of open air that collect late energy. No cell crosses a wall.
 
+use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
 /// Edge of a block in voxels, and its limit.
 const BLOCK: usize = 3;
 const MOST_BLOCK: usize = 24;
+
+/// Largest memory of the energy of a source, bytes.
+const MOST_BYTES: usize = 6 << 20;
 
 /// No cell.
 pub(super) const NOWHERE: u32 = u32::MAX;
@@ -34,8 +38,9 @@ struct Cell {
 }
 
 impl Cells {
-    /// Divides the air into at most `most` cells.
-    pub(crate) fn new(air: &Air, most: usize) -> Self {
+    /// Divides the air, with the energy for responses of `response_s` seconds within [`MOST_BYTES`].
+    pub(crate) fn new(air: &Air, response_s: f32) -> Self {
+        let most = MOST_BYTES / (slices::count(response_s).max(1) * CHANNELS * size_of::<u16>());
         let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
         let mut edge = BLOCK;
         loop {

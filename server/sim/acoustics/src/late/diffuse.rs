@@ -1,9 +1,10 @@
 //! Head responses to diffuse sound.
 
 use super::noise::{Diffuse, Noise};
+use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
-use crate::head::{EarResponse, HEAD_LEAD, HEAD_TAPS};
-use crate::{Head, SAMPLE_RATE_HZ};
+use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS};
+use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -18,9 +19,6 @@ const FREQUENCIES: usize = 65;
 /// Roll-off frequency of the filters, hertz.
 const MOST_PROBED_HZ: f64 = 6000.0;
 
-/// Distance of plane waves, metres.
-pub(super) const FAR_M: f32 = 1e6;
-
 /// The response of a head to late energy.
 pub(crate) struct HeardField {
     pub(super) noise: Noise,
@@ -29,19 +27,8 @@ pub(crate) struct HeardField {
 }
 
 impl HeardField {
-    /// Returns the response of `head`, computed on first use.
-    pub(crate) fn of(head: &Head) -> &Self {
-        static SPHERE: OnceLock<HeardField> = OnceLock::new();
-        static OMNI: OnceLock<HeardField> = OnceLock::new();
-        let place = match head {
-            Head::Sphere => &SPHERE,
-            Head::Omni => &OMNI,
-            Head::Measured(measured) => measured.heard_field(),
-        };
-        place.get_or_init(|| Self::new(|direction| head.ears(direction, 0.0, FAR_M)))
-    }
-
-    fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
+    /// Averages over all directions. `ears` returns the responses to a wave from a direction.
+    pub(crate) fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
         let known = diffuse_field(&ears);
         let noise = Noise::new(|frequency_hz| between(&known, frequency_hz));
         let mut energy = [0.0; BANDS];
@@ -117,7 +104,7 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
 fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     const TURN: usize = 2 * (FREQUENCIES - 1);
     let step_hz = f64::from(SAMPLE_RATE_HZ) / TURN as f64;
-    let phasor = |turns: f64| Complex64::new(libm::cos(TAU * turns), -libm::sin(TAU * turns));
+    let phasor = |turns: f64| unit_phasor(TAU * turns).conj();
     let turns: [Complex64; TURN] = std::array::from_fn(|k| phasor(k as f64 / TURN as f64));
     std::array::from_fn(|k| {
         let tap = |n: usize| turns[k * (n + TURN - HEAD_LEAD) % TURN] * f64::from(ear.filter[n]);
@@ -136,10 +123,12 @@ fn between(known: &[Diffuse], frequency_hz: f64) -> Diffuse {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::head::Head;
+    use crate::head::filter::FAR_M;
 
     #[test]
     fn a_wave_from_the_left_is_louder_at_the_left_ear() {
-        let field = HeardField::of(&Head::Sphere);
+        let field = Head::Sphere.heard_field();
         let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
         let [left, right] = ears.map(|ear| field.tilt(&ear));
         for band in 2..BANDS {

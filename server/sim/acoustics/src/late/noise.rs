@@ -4,17 +4,14 @@
 //! noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by repeated division by the envelope and restoration
 //! of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
 
-use super::envelope::BLOCK;
-use super::fourier::Fourier;
-use super::lags::Lags;
+use super::decorrelation::{Lags, PERIOD};
+use super::slices::BLOCK;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
+use crate::transform::{Fourier, unit_phasor};
 use avln_geom::Rng;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
-
-/// Period of the noise, samples: about a second. A power of two.
-pub(super) const PERIOD: usize = 16_384;
 
 /// Iterations of envelope flattening.
 const ROUNDS: usize = 12;
@@ -86,8 +83,7 @@ impl Pair {
             pair.sum_size.push((0.5 * energy * (1.0 + coherence).max(0.0)).sqrt());
             pair.difference_size.push((0.5 * energy * (1.0 - coherence).max(0.0)).sqrt());
             for spectrum in [&mut pair.sum, &mut pair.difference] {
-                let turn = TAU * rng.unit();
-                spectrum.push(Complex64::new(libm::cos(turn), libm::sin(turn)));
+                spectrum.push(unit_phasor(TAU * rng.unit()));
             }
         }
         let coherence = |bin: usize| {

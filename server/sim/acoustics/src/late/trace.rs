@@ -1,17 +1,14 @@
 //! Rays that carry the energy of a source through a building.
 
-use super::bins::{bin_of, doublings};
 use super::cells::NOWHERE;
-use super::march::march;
+use super::slices::{CHANNELS, bin_of, doublings};
+use crate::air::grid::march;
+use crate::building::Building;
 use crate::images::{Images, MAX_ORDER};
 use crate::planes::PlaneId;
-use crate::source::Building;
 use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Hit, Point3, Rng, Vector3, angle};
 use std::f32::consts::{PI, TAU};
-
-/// Counters per cell and time slice: energy per band, and the flux in x, y, z.
-pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
 
 /// Rays below this share of their initial energy in every band end: -65 dB.
 const FAINT: f32 = 3.2e-7;
