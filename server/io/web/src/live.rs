@@ -1,18 +1,48 @@
-//! Live state of open runs, from the database and the running arena.
+//! Live state of open runs, from the database and the running arena; and its Server-Sent Events.
 
-mod events;
-
-pub(crate) use events::{LiveFeed, run, runs};
-
-use crate::format::{self, NOTHING};
+use crate::{
+    error::RequestError,
+    format::{self, NOTHING, with_named_times},
+    request::{NoParameters, RequestContext, StrictQuery, now_unix_ms},
+    server::{MAX_CONNECTIONS, Streaming},
+};
 use avln_store::{LiveRun, RunState};
+use axum::{
+    Extension,
+    extract::Path,
+    http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header},
+    response::{
+        IntoResponse, Response,
+        sse::{Event, KeepAlive, Sse},
+    },
+};
 use serde::Serialize;
-use std::fmt;
+use std::{convert::Infallible, fmt, sync::Arc, time::Duration};
+use tokio::{
+    sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch},
+    time::{Instant, sleep},
+};
+use tokio_stream::wrappers::ReceiverStream;
+use utoipa::ToSchema;
 
 /// Limit for the list of open runs.
 pub(crate) const MAX_RUNS: u32 = 50;
 /// Wait for an agent after which the page names the slot, milliseconds.
 const LONG_WAIT_MS: i64 = 10_000;
+
+/// Subscriber limit: a quarter of all connections, so that pages remain available.
+const MAX_SUBSCRIBERS: usize = MAX_CONNECTIONS / 4;
+/// Shortest time between two events.
+const INTERVAL: Duration = Duration::from_secs(1);
+/// Interval between comments that keep an idle connection open.
+const HEARTBEAT: Duration = Duration::from_secs(15);
+/// Stream lifetime, shorter than that of a connection. The browser then reconnects, which repeats the token check.
+const STREAM_LIFETIME: Duration = Duration::from_secs(50);
+/// Delay before a browser reconnects.
+const RECONNECT_DELAY: Duration = Duration::from_secs(2);
+const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
+/// Header that makes nginx forward events without buffering.
+const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
 /// An open run's session.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,7 +54,7 @@ pub struct LiveSession {
 }
 
 /// A slot with an open episode.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
 pub struct LiveSlot {
     /// Slot number.
     pub slot: u32,
@@ -35,7 +65,6 @@ pub struct LiveSlot {
     /// Mean step duration, seconds.
     pub mean_step_s: Option<f64>,
     /// Time when the agent received its last observation, milliseconds since 1970-01-01 UTC.
-    #[serde(rename = "since_at", serialize_with = "format::at")]
     pub since_unix_ms: i64,
 }
 
@@ -62,7 +91,7 @@ pub(crate) struct LiveRunView {
 }
 
 /// An open run for programs.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct LiveRunJson {
     run: String,
     state: RunState,
@@ -72,15 +101,13 @@ pub(crate) struct LiveRunJson {
     connected: Option<bool>,
     steps_per_s: Option<f64>,
     slots: Vec<LiveSlot>,
-    #[serde(rename = "created_at", serialize_with = "format::at")]
     created_unix_ms: i64,
-    #[serde(rename = "finished_at", serialize_with = "format::maybe_at")]
     finished_unix_ms: Option<i64>,
     words: LiveText,
 }
 
 /// Texts about an open run.
-#[derive(Debug, PartialEq, Eq, Serialize)]
+#[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct LiveText {
     pub(crate) state: String,
     pub(crate) episodes: String,
@@ -183,6 +210,166 @@ impl LiveRunView {
             _ => "open episodes wait for their agent to reconnect",
         }
     }
+}
+
+/// Live runs with a subscriber limit.
+#[derive(Debug)]
+pub(crate) struct LiveFeed {
+    live_status: Option<Arc<dyn LiveStatus>>,
+    permits: Arc<Semaphore>,
+    /// Changes when the server shuts down; `None` for a router without a server.
+    closed: Option<watch::Receiver<()>>,
+}
+
+impl LiveFeed {
+    pub(crate) fn new(live_status: Option<Arc<dyn LiveStatus>>, closed: Option<watch::Receiver<()>>) -> Self {
+        Self { live_status, permits: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)), closed }
+    }
+
+    /// Returns a run; `None` if the viewer may not see it.
+    pub(crate) async fn run(
+        &self,
+        context: &RequestContext,
+        id: &str,
+    ) -> Result<Option<LiveRunView>, RequestError> {
+        let run = context.reader.live_run(&context.viewer, id).await?;
+        Ok(run.map(|run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms())))
+    }
+
+    /// Returns all open runs that the viewer may see.
+    pub(crate) async fn runs(&self, context: &RequestContext) -> Result<Vec<LiveRunView>, RequestError> {
+        let runs = context.reader.live_runs(&context.viewer, MAX_RUNS).await?;
+        let view = |run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms());
+        Ok(runs.into_iter().map(view).collect())
+    }
+}
+
+/// Streams a run's state.
+pub(crate) async fn run(
+    context: RequestContext,
+    Path(id): Path<String>,
+    Extension(feed): Extension<Arc<LiveFeed>>,
+    headers: HeaderMap,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    subscribe(Subscription { feed, context, run: Some(id) }, &headers).await
+}
+
+/// Streams the state of all open runs.
+pub(crate) async fn runs(
+    context: RequestContext,
+    Extension(feed): Extension<Arc<LiveFeed>>,
+    headers: HeaderMap,
+    _: StrictQuery<NoParameters>,
+) -> Result<Response, RequestError> {
+    subscribe(Subscription { feed, context, run: None }, &headers).await
+}
+
+struct Subscription {
+    feed: Arc<LiveFeed>,
+    context: RequestContext,
+    /// Run id; `None` for all open runs.
+    run: Option<String>,
+}
+
+/// All open runs for programs.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct LiveRunsJson {
+    runs: Vec<LiveRunJson>,
+}
+
+struct Snapshot {
+    /// Data hash.
+    id: String,
+    data: String,
+    /// True if the run has ended.
+    is_last: bool,
+}
+
+impl Subscription {
+    /// Returns the current state; `None` for an unknown run.
+    async fn read(&self) -> Result<Option<Snapshot>, RequestError> {
+        let (data, is_last) = match &self.run {
+            Some(id) => match self.feed.run(&self.context, id).await? {
+                Some(live) => (with_named_times(&live.json())?, !live.run.line.state.is_open()),
+                None => return Ok(None),
+            },
+            None => {
+                let runs = self.feed.runs(&self.context).await?.iter().map(LiveRunView::json).collect();
+                (with_named_times(&LiveRunsJson { runs })?, false)
+            }
+        };
+        let data = data.to_string();
+        let id = blake3::hash(data.as_bytes()).to_hex()[..16].to_owned();
+        Ok(Some(Snapshot { id, data, is_last }))
+    }
+
+    fn event(&self, snapshot: &Snapshot) -> Event {
+        let name = if self.run.is_some() { "run" } else { "runs" };
+        Event::default().event(name).id(&snapshot.id).retry(RECONNECT_DELAY).data(&snapshot.data)
+    }
+
+    /// Sends changes until the run ends, the client disconnects, or the stream's lifetime is over.
+    async fn send_changes(
+        self,
+        mut snapshot: Snapshot,
+        mut sent: String,
+        sender: mpsc::Sender<Result<Event, Infallible>>,
+        _permit: OwnedSemaphorePermit,
+    ) {
+        let end = Instant::now() + STREAM_LIFETIME;
+        loop {
+            if snapshot.id != sent {
+                let event = self.event(&snapshot);
+                sent.clone_from(&snapshot.id);
+                if sender.send(Ok(event)).await.is_err() {
+                    return;
+                }
+            }
+            if snapshot.is_last || Instant::now() >= end {
+                return;
+            }
+            tokio::select! {
+                () = sleep(INTERVAL) => {}
+                () = sender.closed() => return,
+                () = shut_down(self.feed.closed.clone()) => return,
+            }
+            snapshot = match self.read().await {
+                Ok(Some(snapshot)) => snapshot,
+                Ok(None) | Err(_) => return,
+            };
+        }
+    }
+}
+
+/// Completes when the server shuts down.
+async fn shut_down(closed: Option<watch::Receiver<()>>) {
+    match closed {
+        // The sender never sends: this completes when the sender is dropped.
+        Some(mut closed) => drop(closed.changed().await),
+        None => std::future::pending().await,
+    }
+}
+
+async fn subscribe(subscription: Subscription, headers: &HeaderMap) -> Result<Response, RequestError> {
+    let unknown = || RequestError::unknown("run", subscription.run.clone().unwrap_or_default());
+    let snapshot = subscription.read().await?.ok_or_else(unknown)?;
+    let sent = headers.get(LAST_EVENT_ID).and_then(|id| id.to_str().ok()).unwrap_or_default().to_owned();
+    if snapshot.is_last && sent == snapshot.id {
+        // By the specification, browsers do not reconnect after a 204.
+        return Ok((StatusCode::NO_CONTENT, [(header::CACHE_CONTROL, "no-store")]).into_response());
+    }
+    let permits = subscription.feed.permits.clone();
+    let permit =
+        permits.try_acquire_owned().map_err(|_| RequestError::Followed { limit: MAX_SUBSCRIBERS })?;
+    let (sender, events) = mpsc::channel(1);
+    tokio::spawn(subscription.send_changes(snapshot, sent, sender, permit));
+    let events = Sse::new(ReceiverStream::new(events)).keep_alive(KeepAlive::new().interval(HEARTBEAT));
+    let mut response = (Extension(Streaming), events).into_response();
+    let headers = response.headers_mut();
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(UNBUFFERED, HeaderValue::from_static("no"));
+    Ok(response)
 }
 
 #[cfg(test)]

@@ -8,8 +8,8 @@ use crate::{
         FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, expired_cookie,
         is_management_page, session_cookie,
     },
-    proxy::ClientAddress,
     request::{StrictQuery, now_unix_ms},
+    server::ClientAddress,
 };
 use askama::Template;
 use avln_store::{Quota, Reader, RunLine, TokenHash, TokenLine, Viewer};
@@ -93,7 +93,6 @@ pub(super) async fn sign_out(
 #[template(path = "team.html")]
 struct TeamPage {
     shell: PageShell,
-    form_context: FormContext,
     by: SignedIn,
     team: String,
     /// A new token.
@@ -145,9 +144,9 @@ async fn show(reader: &Reader, management: &ManagementState, by: SignedIn, secre
     let viewer = &by.holder.viewer;
     let Viewer::Team(team) = viewer.clone() else { return Err(RequestError::NoPage) };
     let now_unix_ms = now_unix_ms();
+    let shell = PageShell::new("My page", SiteSection::Own);
     render(&TeamPage {
-        shell: PageShell::new("My page", SiteSection::Own),
-        form_context: FormContext::new(management, &by),
+        shell: PageShell { form: FormContext::new(management, &by), ..shell },
         tokens: reader.own_tokens(viewer).await?,
         quotas: reader.quotas(viewer, now_unix_ms).await?,
         runs: reader.own_runs(viewer, LISTED_RUNS).await?,
