@@ -3,7 +3,7 @@
 use crate::files::{self, ImportReport};
 use crate::world_frame::ImportOptions;
 use crate::{gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
-use avln_scene::canonical::canonical;
+use avln_scene::digest::canonical;
 use avln_scene::{Scene, SceneError};
 use std::path::{Path, PathBuf};
 

@@ -6,8 +6,7 @@ mod shared_scenes;
 use avln_formats::{ImportReport, glb, open};
 use avln_geom::{Aabb, Point2, Point3, RayMesh, Rng, Vector3};
 use avln_houses::{HouseOptions, house};
-use avln_scene::canonical::canonical;
-use avln_scene::digest::digest;
+use avln_scene::digest::{canonical, digest};
 use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use std::path::{Path, PathBuf};
 
