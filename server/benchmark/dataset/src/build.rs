@@ -2,15 +2,15 @@
 
 use crate::{
     format::{SceneFacts, SceneLine, write_scene},
-    mission::{EpisodeSpec, MissionOptions, StepGoal, sample_missions},
-    split::{DatasetError, SceneSource, SceneSpec},
+    mission::{MissionOptions, StepGoal},
+    split::{DatasetError, DrawnScene, SceneSource},
     stats::Statistics,
-    survey::{SurveyOptions, ThresholdsOnly, survey_with},
+    survey::SurveyOptions,
 };
 use avln_episode::Rules;
 use avln_geom::Rng;
 use avln_houses::Pool;
-use avln_world::{Cache, SceneAssets};
+use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
 
@@ -278,21 +278,25 @@ pub fn build_scene(
     cache: Option<&Arc<dyn Cache>>,
 ) -> Result<BuiltScene, DatasetError> {
     let split = &recipe.splits[job.split];
-    let (name, rules) = (recipe.scene_name(job), recipe.rules()?);
-    let maker = Maker { recipe, split, rules, cache };
+    let name = recipe.scene_name(job);
+    let rules = recipe.rules()?;
+    let build = |source, missions_seed, least| {
+        let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
+        let drawn = DrawnScene::new(&name, source, &rules, &recipe.survey, &options, cache)?;
+        if drawn.episodes.len() < least { Err(drawn.no_mission()) } else { finish(&drawn) }
+    };
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
             // A file cannot be redrawn, so any mission count above 0 is accepted.
-            let missions_seed = recipe.scene_rng(job).fork("missions").next_u64();
-            maker.build(&name, source, missions_seed, 1)
+            build(source, recipe.scene_rng(job).fork("missions").next_u64(), 1)
         }
         SceneChoice::Houses { .. } => {
             let house = |attempt: u32| {
                 let (source, missions_seed) = recipe.drawn(job, attempt)?;
-                maker.build(&name, source, missions_seed, split.missions_per_scene)
+                build(source, missions_seed, split.missions_per_scene)
             };
-            // A house can lack instances for all missions, and only the survey can tell. Another draw is cheaper than a
+            // A house can lack instances for all missions, which only the survey detects. Another draw is cheaper than a
             // search for the limits of each house.
             let mut last = house(0);
             for attempt in 1..Recipe::HOUSE_DRAWS {
@@ -306,54 +310,18 @@ pub fn build_scene(
     }
 }
 
-/// Shared state for scenes in a split.
-struct Maker<'a> {
-    recipe: &'a Recipe,
-    split: &'a SplitRecipe,
-    rules: Rules,
-    cache: Option<&'a Arc<dyn Cache>>,
-}
-
-impl Maker<'_> {
-    /// Builds the scene from `source`; fails with fewer than `least` missions.
-    fn build(
-        &self,
-        name: &str,
-        source: SceneSource,
-        missions_seed: u64,
-        least: usize,
-    ) -> Result<BuiltScene, DatasetError> {
-        let Self { recipe, split, rules, cache } = self;
-        let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = spec.prepare(scene, rules, *cache)?;
-        let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
-        let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
-        let episodes = sample_missions(&assets, &instances, rules, &options);
-        if episodes.len() < least {
-            let objects = assets.scene.objects.len();
-            let (scene, instances) = (name.to_owned(), instances.len());
-            return Err(DatasetError::NoMission { scene, instances, objects });
-        }
-        finish(&assets, spec, instances.len(), &episodes)
-    }
-}
-
-fn finish(
-    assets: &SceneAssets,
-    spec: SceneSpec,
-    instances: usize,
-    episodes: &[EpisodeSpec],
-) -> Result<BuiltScene, DatasetError> {
+fn finish(drawn: &DrawnScene) -> Result<BuiltScene, DatasetError> {
+    let DrawnScene { spec, assets, instances, episodes } = drawn;
     let storeys = assets.scene.regions.iter().map(|region| region.storey).max().map_or(1, |top| top + 1);
     let facts = SceneFacts {
         regions: assets.scene.regions.len() as u32,
         storeys: u32::from(storeys),
         objects: assets.scene.objects.len() as u32,
-        instances: instances as u32,
+        instances: *instances as u32,
         area_m2: assets.navmesh.area_m2(),
     };
     let statistics = Statistics::of_scene(Some(facts), episodes);
-    let written = write_scene(&spec, Some(facts), episodes)?;
+    let written = write_scene(spec, Some(facts), episodes)?;
     Ok(BuiltScene { line: written.line, missions: written.missions, sealed: written.sealed, statistics })
 }
 

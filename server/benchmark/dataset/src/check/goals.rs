@@ -2,7 +2,7 @@
 
 use crate::{
     build::MissionRules,
-    check::fault::Constraint,
+    check::Constraint,
     cue::{CueSpec, CueView, Description},
     describe::{Facts, fits_only, unsaid},
     mission::GoalSpec,

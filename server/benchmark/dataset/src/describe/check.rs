@@ -4,7 +4,7 @@
 //! every benefit of the doubt, must fail for all rivals.
 
 use crate::describe::{
-    facts::{Claim, Claims, Facts, Landmark, Relation, SIDES},
+    Claim, Claims, Facts, Landmark, Relation, SIDES,
     lexicon::{self, may_be_called, room_noun},
 };
 use avln_geom::{Aabb, Point3};

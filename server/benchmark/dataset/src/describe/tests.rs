@@ -4,8 +4,8 @@ mod houses;
 
 use crate::{
     describe::{
+        Claim, Claims, Facts, Relation,
         check::{self, Reading},
-        facts::{Claim, Claims, Facts, Relation},
         lexicon,
         relate::Relater,
     },
@@ -176,7 +176,7 @@ fn checker_accepts_all_written_claims() {
 /// Claims with the noun for `index` and one location by the noun for `landmark`.
 fn place(facts: &Facts, index: usize, relation: Relation, landmark: usize) -> Claims {
     let name = |index: usize| lexicon::names(&facts.scene.objects[index]).swap_remove(0);
-    let mark = crate::describe::facts::Landmark { name: name(landmark), color: None, only: true };
+    let mark = crate::describe::Landmark { name: name(landmark), color: None, only: true };
     Claims { head: name(index), list: vec![Claim::Place(relation, vec![mark])] }
 }
 

@@ -1,6 +1,6 @@
 //! Measurements of a picture of an object: size, outline, colours.
 
-use crate::{cue::CueView, survey::options::SurveyOptions};
+use crate::{cue::CueView, survey::SurveyOptions};
 use avln_scene::{InstanceId, colors};
 use avln_world::CameraImage;
 use std::{collections::BTreeMap, sync::LazyLock};

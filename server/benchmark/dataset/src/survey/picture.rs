@@ -2,7 +2,7 @@
 
 use crate::{
     cue::CueView,
-    survey::{look::Look, options::SurveyOptions, sighting::Sighting},
+    survey::{Sighting, SurveyOptions, look::Look},
 };
 use avln_scene::{Object, Scene};
 use std::collections::BTreeSet;

@@ -2,8 +2,7 @@
 
 use crate::{
     describe::{
-        facts::{Claim, Landmark, Relation},
-        lexicon, unsaid,
+        Claim, Landmark, Relation, lexicon, unsaid,
         writer::{Sentence, Writer},
     },
     survey::{SurveyOptions, ThresholdsOnly, look_around},
