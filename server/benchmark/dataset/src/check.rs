@@ -5,7 +5,9 @@
 
 mod goals;
 
-use crate::{build::MissionRules, mission::EpisodeSpec, reference::reference_steps, survey::SurveyOptions};
+use crate::{
+    mission::EpisodeSpec, recipe::MissionRules, reference::reference_steps, survey::look::SurveyOptions,
+};
 use avln_episode::Rules;
 use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
 use goals::{GoalCheck, SNAP_M, Seen};

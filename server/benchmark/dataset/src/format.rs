@@ -14,10 +14,9 @@ pub use read::{File, read_manifest, read_missions, read_scene, read_scenes};
 pub use write::{WrittenScene, digest_of, manifest_bytes, scenes_bytes, write_scene};
 
 use crate::{
-    build::Recipe,
-    cue::CueView,
-    describe::Claims,
+    cue::{Claims, CueView},
     mission::ReferenceTour,
+    recipe::Recipe,
     split::{SceneSource, SceneSpec},
 };
 use avln_geom::Pose;
@@ -190,16 +189,4 @@ impl SceneLine {
     pub fn spec(&self) -> SceneSpec {
         SceneSpec { name: self.name.clone(), source: self.source.clone(), digest: self.digest.clone() }
     }
-}
-
-/// Error in a data set file.
-#[derive(Debug, PartialEq, thiserror::Error)]
-#[error("{file}{}: {cause}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
-pub struct FormatError {
-    /// File name.
-    pub file: String,
-    /// Line number from 1; `None` for the whole file.
-    pub line: Option<usize>,
-    /// Cause.
-    pub cause: String,
 }

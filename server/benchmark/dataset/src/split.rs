@@ -1,7 +1,6 @@
 use crate::{
-    format::FormatError,
     mission::{EpisodeSpec, MissionOptions, sample_missions},
-    survey::{SurveyOptions, ThresholdsOnly, survey_with},
+    survey::{ThresholdsOnly, look::SurveyOptions, survey_with},
 };
 use avln_episode::Rules;
 use avln_formats::open::open;
@@ -113,6 +112,18 @@ pub enum DatasetError {
         /// Cause.
         reason: String,
     },
+}
+
+/// Error in a data set file.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[error("{file}{}: {cause}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
+pub struct FormatError {
+    /// File name.
+    pub file: String,
+    /// Line number from 1; `None` for the whole file.
+    pub line: Option<usize>,
+    /// Cause.
+    pub cause: String,
 }
 
 impl SceneSpec {

@@ -1,7 +1,7 @@
 //! English nouns, plurals, articles, room names and adjectives.
 
+use crate::cue::Name;
 use avln_scene::Object;
-use serde::{Deserialize, Serialize};
 
 /// Nouns per category, most common first. Other categories use their own name.
 const NOUNS: &[(&str, &[&str])] = &[
@@ -96,14 +96,6 @@ pub(crate) enum Measure {
     Height,
     /// Longer side on the floor plan.
     Width,
-}
-
-/// Noun with the category.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Name {
-    pub(crate) noun: String,
-    pub(crate) category: String,
 }
 
 /// Nouns for an object, most specific first.

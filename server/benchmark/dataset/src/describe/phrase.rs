@@ -1,8 +1,8 @@
 //! Sentence frames, and conversion from claims to words.
 
-use crate::describe::{
-    Claim, Landmark, Relation,
-    lexicon::{article, plural, substance},
+use crate::{
+    cue::{Claim, Landmark, Relation},
+    describe::lexicon::{article, plural, substance},
 };
 use avln_geom::Rng;
 

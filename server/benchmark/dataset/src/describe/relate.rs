@@ -1,8 +1,11 @@
 //! Spatial relations between objects, restricted to undisputed ones.
 
-use crate::describe::{
-    Claim, Facts, Landmark, Relation, SIDES,
-    lexicon::{is_landmark, may_be_called, names},
+use crate::{
+    cue::{Claim, Landmark, Relation},
+    describe::{
+        facts::{Facts, SIDES},
+        lexicon::{is_landmark, may_be_called, names},
+    },
 };
 use avln_geom::{Aabb, Vector3};
 use avln_scene::Object;

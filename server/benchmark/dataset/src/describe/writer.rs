@@ -1,13 +1,16 @@
 use crate::{
-    cue::Description,
+    cue::{Claim, Claims, Description, Name, Relation},
     describe::{
-        Claim, Claims, Facts, Relation,
         check::{self, Reading},
-        lexicon::{self, Name},
+        facts::Facts,
+        lexicon,
         phrase::{SentenceFrame, Words},
         relate::Relater,
     },
-    survey::{Palette, Sighting, SurveyOptions},
+    survey::{
+        Sighting,
+        look::{Palette, SurveyOptions},
+    },
 };
 use avln_geom::Rng;
 use avln_scene::{InstanceId, Object};

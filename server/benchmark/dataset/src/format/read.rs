@@ -1,10 +1,11 @@
 use crate::{
     cue::{CueSpec, Description},
     format::{
-        DATASET_VERSION, FormatError, Header, Manifest, PublicGoal, PublicMission, SceneLine, SealedGoal,
-        SealedMission, SealedTarget, write::digest_of,
+        DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneLine, SealedGoal, SealedMission,
+        SealedTarget, write::digest_of,
     },
     mission::{EpisodeSpec, GoalSpec},
+    split::FormatError,
 };
 use avln_episode::Modality;
 use avln_truth::Target;
