@@ -19,6 +19,16 @@ const LFS_ADVICE: &str = "it is a Git LFS pointer in the file's place; run `git 
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
 
+/// Returns the reason as an error if `is_bad`.
+pub(crate) fn refuse_if(is_bad: bool, reason: impl FnOnce() -> String) -> Checked<()> {
+    if is_bad { Err(reason()) } else { Ok(()) }
+}
+
+/// Returns the error for a mesh with too many parts of a kind.
+pub(crate) fn too_many(limit: usize, parts: &str) -> String {
+    format!("it has more than {limit} {parts}; decimate it in a 3D editor")
+}
+
 /// Returns the error for an unusable file; `reason` continues "… is not a usable scene: ".
 pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Malformed { path: path.display().to_string(), reason: reason.into() }

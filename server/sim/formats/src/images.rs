@@ -1,6 +1,6 @@
 //! Images: PNG, JPEG and Basis Universal (`.basis` files, as in HM3D, and KTX2 files) in, PNG out.
 
-use crate::files::{self, Checked, ImportReport, neighbour};
+use crate::files::{self, Checked, ImportReport, neighbour, refuse_if};
 use avln_scene::Texture;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXTURE_SIDE};
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
@@ -50,9 +50,9 @@ fn kind_of(bytes: &[u8]) -> &'static str {
 
 fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
     let side = MAX_TEXTURE_SIDE as usize;
-    if width > side || height > side || width == 0 || height == 0 {
-        return Err(format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it"));
-    }
+    refuse_if(width > side || height > side || width == 0 || height == 0, || {
+        format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it")
+    })?;
     *budget = budget
         .checked_sub(width as u64 * height as u64)
         .ok_or("with it, the textures exceed the texel limit; resize them")?;
@@ -110,9 +110,9 @@ fn decode_basis(bytes: &[u8], check_size: impl FnOnce(usize, usize) -> Checked<(
     check_size(width as usize, height as usize)?;
     let mut pixels = picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(fail)?;
     let row_bytes = 4 * width as usize;
-    if pixels.len() != row_bytes * height as usize {
-        return Err("its pixels do not fill its size; export it again".to_owned());
-    }
+    refuse_if(pixels.len() != row_bytes * height as usize, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
     if begins_at_the_bottom(bytes) {
         pixels = pixels.chunks_exact(row_bytes).rev().flatten().copied().collect();
     }
@@ -131,9 +131,9 @@ fn begins_at_the_bottom(bytes: &[u8]) -> bool {
 /// Makes a texture from grey, grey-alpha, RGB or RGBA bytes.
 fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Texture> {
     let texels = width as usize * height as usize;
-    if !(1..=4).contains(&samples) || raw.len() != texels * samples {
-        return Err("its pixels do not fill its size; export it again".to_owned());
-    }
+    refuse_if(!(1..=4).contains(&samples) || raw.len() != texels * samples, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
     let rgba = |texel: &[u8]| match *texel {
         [grey] => [grey, grey, grey, 255],
         [grey, alpha] => [grey, grey, grey, alpha],

@@ -1,6 +1,6 @@
 //! Axes and units of files, and their transform to the world frame: Y up, metres.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if};
 use avln_geom::{Aabb, Point3, Vector3};
 use avln_scene::Mesh;
 use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
@@ -181,15 +181,15 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     let bounds = Aabb::around(&mesh.positions).ok_or("it has no triangles; export the meshes with it")?;
     let size = bounds.size();
     let longest = size.max();
-    if !(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {
-        return Err(format!(
+    refuse_if(!(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest), || {
+        format!(
             "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {}",
             size.x,
             size.y,
             size.z,
             advice(longest)
-        ));
-    }
+        )
+    })?;
     if size.y > TALLEST_M {
         report.warn(format!(
             "it is {} m high; if its unit is not the metre, use --units cm or --units mm, if another axis points up, use --up",

@@ -1,7 +1,7 @@
 //! Nodes, meshes and primitives as a triangle mesh in the world frame; materials and textures, read at the first use by a
 //! surface.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if, too_many};
 use crate::glb::document::{
     MaterialEntry, PlacedNode, Primitive, TextureTransform, TextureUse, missing, placed_nodes,
 };
@@ -122,12 +122,13 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             return Ok(());
         }
         let (corners, mut triangles) = self.unpacked(primitive, mode)?;
-        if triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()) {
-            return Err("a triangle refers to a vertex that does not exist; export the file again".to_owned());
-        }
-        if self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES {
-            return Err(format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"));
-        }
+        refuse_if(
+            triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()),
+            || "a triangle refers to a vertex that does not exist; export the file again".into(),
+        )?;
+        refuse_if(self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES, || {
+            too_many(MAX_TRIANGLES, "triangles")
+        })?;
         if world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
             triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
@@ -162,9 +163,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             }
         };
         // Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
-        self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
-            format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
-        })?;
+        self.corners_left =
+            self.corners_left.checked_sub(order.len()).ok_or_else(|| too_many(MAX_TRIANGLES, "triangles"))?;
         if let (Some(uvs), Some(transform)) = (&mut corners.uvs, used.and_then(|used| used.transform())) {
             transform_uvs(uvs, &transform);
         }
@@ -178,10 +178,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         };
         let positions = find("POSITION")?.ok_or("a primitive has no POSITION; export the file again")?;
         let count = positions.count();
-        self.vertices_left = self
-            .vertices_left
-            .checked_sub(count)
-            .ok_or_else(|| format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"))?;
+        self.vertices_left =
+            self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
         let attribute = |name: &str| {
             let found = find(name)?;
             match found {

@@ -1,6 +1,6 @@
 //! The table `X.semantic.txt`, and scene export in HM3D's layout with semantics, for Habitat and other tools.
 
-use crate::files::{Checked, plain_words};
+use crate::files::{Checked, plain_words, refuse_if};
 use crate::glb;
 use avln_geom::{Point2, Point3};
 use avln_scene::describe::{Meaning, meaning};
@@ -29,9 +29,9 @@ pub(super) struct InstanceAnnotation {
 pub(super) fn parse(text: &str) -> Checked<Vec<InstanceAnnotation>> {
     let mut lines = text.lines().enumerate();
     let header = lines.next().map(|(_, line)| line).unwrap_or_default();
-    if !header.contains(HEADER) {
-        return Err(format!("its first line is not {HEADER:?}; use the .semantic.txt of HM3D"));
-    }
+    refuse_if(!header.contains(HEADER), || {
+        format!("its first line is not {HEADER:?}; use the .semantic.txt of HM3D")
+    })?;
     let mut annotations = Vec::new();
     let mut seen = BTreeSet::new();
     for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
@@ -42,13 +42,9 @@ pub(super) fn parse(text: &str) -> Checked<Vec<InstanceAnnotation>> {
                 index + 1
             )
         })?;
-        if !seen.insert(annotation.id) {
-            return Err(format!(
-                "line {} repeats number {}; renumber the instances",
-                index + 1,
-                annotation.id
-            ));
-        }
+        refuse_if(!seen.insert(annotation.id), || {
+            format!("line {} repeats number {}; renumber the instances", index + 1, annotation.id)
+        })?;
         annotations.push(annotation);
     }
     annotations.retain(|annotation| annotation.id != 0);

@@ -2,7 +2,7 @@
 
 mod tables;
 
-use crate::files::{self, Checked, ImportReport, scene_name};
+use crate::files::{self, Checked, ImportReport, refuse_if, scene_name};
 use crate::images::ImageSet;
 use crate::ply::tables::PlyTables;
 use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
@@ -76,9 +76,9 @@ pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
         polygon::triangulate(&tables.positions, corners, &mut triangles);
         face_of.resize(triangles.len(), face as u32);
     }
-    if triangles.is_empty() {
-        return Err("it has no faces; use the file with surfaces, not the point cloud".to_owned());
-    }
+    refuse_if(triangles.is_empty(), || {
+        "it has no faces; use the file with surfaces, not the point cloud".into()
+    })?;
     let by_face = |labels: Vec<i64>| face_of.iter().map(|&face| labels[face as usize]).collect::<Vec<_>>();
     let by_vertex = |labels: Vec<i64>| {
         triangles.iter().map(|corners| most(corners.map(|at| labels[at as usize]))).collect()
