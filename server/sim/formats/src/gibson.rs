@@ -112,7 +112,6 @@ struct ScnObject {
 struct GibsonObject {
     id: u32,
     class: String,
-    /// Centre and size.
     place: Option<[[f32; 3]; 2]>,
 }
 

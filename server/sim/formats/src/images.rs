@@ -153,7 +153,6 @@ pub(crate) fn checker() -> Texture {
     Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
 }
 
-/// Encodes a texture as PNG: RGB for opaque textures, RGBA for others.
 pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
     let data: Vec<u8> = if opaque {
@@ -176,7 +175,8 @@ pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
 /// A scene's images in order by first use, without duplicates.
 pub(crate) struct ImageSet {
     folder: PathBuf,
-    textures: Vec<Texture>,
+    /// In number order.
+    pub(crate) textures: Vec<Texture>,
     number_of: BTreeMap<String, u16>,
     texels_left: u64,
 }
@@ -202,11 +202,6 @@ impl ImageSet {
         self.textures.push(texture);
         self.number_of.insert(name.to_owned(), number);
         Ok(number)
-    }
-
-    /// Returns all images in number order.
-    pub(crate) fn into_textures(self) -> Vec<Texture> {
-        self.textures
     }
 
     fn load(&mut self, name: &str, report: &mut ImportReport) -> Checked<Texture> {
@@ -261,6 +256,6 @@ mod tests {
         assert_eq!(numbers, [0, 1, 0, 2]);
         assert_eq!(report.warnings.len(), 3, "{report:?}");
         assert!(report.warnings[0].contains("\"absent.png\"") && report.warnings[0].contains("checker"));
-        assert_eq!(pictures.into_textures()[0], checker());
+        assert_eq!(pictures.textures[0], checker());
     }
 }

@@ -129,7 +129,6 @@ struct InfoExtent {
     sizes: [f64; 3],
 }
 
-/// An object with its class name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct ReplicaObject {
     id: u32,

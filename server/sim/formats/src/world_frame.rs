@@ -9,9 +9,9 @@ use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
     /// Y, as in glTF.
-    Y,
+    Y = 1,
     /// Z, as in Matterport, Replica and Gibson scans.
-    Z,
+    Z = 2,
 }
 
 /// A file's unit.
@@ -55,11 +55,9 @@ impl LengthUnit {
 }
 
 impl UpAxis {
+    /// Returns the coordinate's index.
     pub(crate) fn index(self) -> usize {
-        match self {
-            Self::Y => 1,
-            Self::Z => 2,
-        }
+        self as usize
     }
 
     pub(crate) fn other(self) -> Self {
@@ -147,7 +145,6 @@ impl FileFrame {
         Aabb::new(a.inf(&b), a.sup(&b))
     }
 
-    /// Rotates and scales all positions.
     pub(crate) fn apply(&self, mesh: &mut Mesh) {
         mesh.positions.iter_mut().for_each(|position| *position = self.point((*position).into()));
     }

@@ -230,7 +230,6 @@ pub(super) fn missing(what: &str, index: usize) -> String {
 /// A scene node with parent and transform.
 pub(super) struct PlacedNode {
     pub(super) node: usize,
-    /// Parent index among the placed nodes.
     pub(super) parent: Option<usize>,
     pub(super) world_from_node: Matrix4<f64>,
 }

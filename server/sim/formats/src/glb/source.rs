@@ -17,7 +17,6 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const JSON_CHUNK: &[u8] = b"JSON";
 const BIN_CHUNK: &[u8] = b"BIN\0";
 
-/// A parsed file with buffers.
 pub(super) struct Source<'a> {
     pub(super) document: Document,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
@@ -44,7 +43,6 @@ impl<'a> Source<'a> {
         Ok(Self { document, buffers, folder })
     }
 
-    /// Returns a buffer view's bytes.
     pub(super) fn view(&self, index: usize) -> Checked<&[u8]> {
         let view = self.document.buffer_views.get(index).ok_or_else(|| missing("buffer view", index))?;
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
@@ -175,7 +173,6 @@ const F32: u32 = 5126;
 /// Elements in an accessor without data: the file size does not limit them.
 const MAX_UNBACKED: usize = 1 << 22;
 
-/// An accessor's elements.
 pub(super) struct Elements<'a> {
     bytes: Cow<'a, [u8]>,
     stride: usize,
@@ -271,7 +268,6 @@ impl<'a> Elements<'a> {
         Ok((0..self.count).map(element).collect())
     }
 
-    /// Returns the elements as vertex numbers.
     pub(super) fn indices(&self) -> Checked<Vec<u32>> {
         refuse_if(self.components != 1, || {
             "an index list is not a list of single numbers; export the file again".into()
@@ -350,7 +346,6 @@ fn components(kind: &str) -> Option<usize> {
     }
 }
 
-/// A primitive's vertices.
 pub(super) struct PrimitiveVertices {
     pub(super) positions: Vec<[f32; 3]>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,

@@ -16,7 +16,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A labelled object and the triangles.
 struct PlacedObject {
     /// Number in the scene's configuration.
     own_id: Option<u32>,
@@ -92,7 +91,6 @@ impl Assembly {
         }))
     }
 
-    /// Returns a file's asset; reads it at the first use.
     fn asset(&mut self, path: &Path, report: &mut ImportReport) -> Result<Rc<Mesh>, SceneError> {
         if let Some(known) = self.assets.get(path) {
             return Ok(Rc::clone(known));
@@ -197,7 +195,6 @@ impl Assembly {
     }
 }
 
-/// Describes an instance; `None` if it has no surface.
 fn object(
     placed: &PlacedObject,
     id: InstanceId,

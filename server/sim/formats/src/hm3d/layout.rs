@@ -12,14 +12,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// First line.
 const HEADER: &str = "HM3D Semantic Annotations";
 
-/// A table line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct InstanceAnnotation {
     /// Instance number, at least 1.
     pub(super) id: u32,
-    /// Painted colour.
     pub(super) color: [u8; 3],
-    /// The annotator's words.
     pub(super) category: String,
     /// Room number in the file; negative for none.
     pub(super) region: i32,
@@ -143,7 +140,6 @@ fn sort_by_material(mesh: &mut Mesh) {
     mesh.material_of = order.iter().map(|&triangle| mesh.material_of[triangle]).collect();
 }
 
-/// The unique colour for an instance number; black for none.
 fn color(id: InstanceId) -> [u8; 3] {
     let [_, r, g, b] = (id.0.wrapping_mul(SCATTER) & InstanceId::MAX).to_be_bytes();
     [r, g, b]

@@ -29,7 +29,6 @@ pub(super) struct HouseLevel {
 pub(super) struct HouseRoom {
     pub(super) index: u32,
     pub(super) level: Option<u32>,
-    /// A letter.
     pub(super) label: String,
     /// Two corners; `None` for a room without surfaces.
     pub(super) bounds: Option<[[f32; 3]; 2]>,
@@ -37,7 +36,6 @@ pub(super) struct HouseRoom {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Category {
-    /// The annotators' words, with blanks.
     pub(super) raw_name: String,
     pub(super) mpcat40_index: Option<u32>,
     pub(super) mpcat40_name: String,
@@ -50,7 +48,6 @@ pub(super) struct HouseObject {
     pub(super) category: Option<u32>,
 }
 
-/// Record counts in the header.
 #[derive(Default)]
 struct RecordCounts {
     objects: usize,
@@ -136,7 +133,6 @@ impl HouseTable {
     }
 }
 
-/// A line's words.
 struct Record<'a> {
     words: Vec<&'a str>,
 }

@@ -54,7 +54,6 @@ pub(crate) fn import(
     Ok(labels::scene(scene_name(table), surface, &label_of, &labels, regions, report))
 }
 
-/// Visible surfaces, their labels per triangle, and the file's frame.
 fn surfaces(
     table: &Path,
     semantic: Option<Ply>,
@@ -118,7 +117,6 @@ fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> 
     vec![0; ply.mesh.triangles.len()]
 }
 
-/// Labels for the table's objects: their numbers plus one.
 fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<ObjectLabel>, String> {
     let label = |object: &HouseObject| {
         let (category, noun) = object

@@ -48,11 +48,10 @@ fn model(bytes: &[u8], folder: &Path, report: &mut ImportReport) -> Checked<Mode
     for name in &surfaces.materials {
         materials.push(material(name, &entries, &mut pictures, report)?);
     }
-    let textures = pictures.into_textures();
+    let textures = pictures.textures;
     Ok(Model::from_named_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
 }
 
-/// Materials in all the file's libraries.
 fn libraries(surfaces: &ObjSurfaces, folder: &Path, report: &mut ImportReport) -> Vec<MtlMaterial> {
     let mut entries = Vec::new();
     for name in &surfaces.libraries {
@@ -96,21 +95,17 @@ const IGNORED: [&str; 10] = ["vn", "s", "l", "p", "vp", "usemap", "lod", "mg", "
 /// Keywords for curved surfaces.
 const CURVED: [&str; 5] = ["curv", "curv2", "surf", "cstype", "bmat"];
 
-/// Surfaces in an `.obj` file, in file coordinates.
 #[derive(Default)]
 struct ObjSurfaces {
     mesh: Mesh,
     /// Material names in number order; the empty name is no material.
     materials: Vec<String>,
-    /// Object and group names.
     parts: Vec<String>,
     /// Index into `parts` per triangle.
     part_of: Vec<u32>,
-    /// Material library names.
     libraries: Vec<String>,
 }
 
-/// Reads a file line by line.
 fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<ObjSurfaces> {
     let mut parser = ObjParser::default();
     for (number, line) in lines(bytes) {

@@ -49,25 +49,22 @@ pub(crate) fn import(
         name: scene_name(path),
         mesh: ply.mesh,
         materials: vec![material(texture)],
-        textures: pictures.into_textures(),
+        textures: pictures.textures,
         regions: Vec::new(),
         objects: Vec::new(),
         lighting: Lighting::Painted,
     })
 }
 
-/// Returns the material for PLY files.
 pub(crate) fn material(texture: Option<u16>) -> Material {
     Material { name: "scan".to_owned(), base_color: [255; 4], texture, alpha_cutoff: None }
 }
 
-/// Reads a file in file coordinates.
 pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Ply, SceneError> {
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     parse(&bytes, report).map_err(|reason| files::malformed(path, reason))
 }
 
-/// Parses a file in file coordinates.
 pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
     let mut tables = PlyTables::read(bytes, report)?;
     let mut triangles = Vec::new();

@@ -76,7 +76,6 @@ impl PlyTables {
         Ok(tables)
     }
 
-    /// Returns the faces' corner lists.
     pub(super) fn faces(&self) -> impl Iterator<Item = &[u32]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
@@ -201,7 +200,6 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     Ok((header, rows))
 }
 
-/// A cursor over table rows.
 struct RowCursor<'a> {
     rest: &'a [u8],
     /// File size, bytes.
@@ -388,7 +386,6 @@ fn number(property: &Property) -> Option<f64> {
     })
 }
 
-/// A scalar column's type.
 fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
     match &element.properties.get(name)?.data_type {
         PropertyType::Scalar(kind) => Some(kind),

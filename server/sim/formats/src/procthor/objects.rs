@@ -164,7 +164,6 @@ const MAX_DATABASE_BYTES: u64 = 256 << 20;
 /// Least and greatest box side, metres; other sides are clamped.
 const SIDES_M: (f32, f32) = (0.005, 10.0);
 
-/// Asset sizes and types.
 #[derive(Default)]
 pub(super) struct AssetSizes {
     assets: BTreeMap<String, DatabaseAsset>,

@@ -29,7 +29,6 @@ const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("orange", "plaster", [222, 170, 110]),
 ];
 
-/// A room in the house.
 pub(super) struct ProcthorRoom {
     pub(super) label: String,
     pub(super) bounds: Aabb,
