@@ -1,6 +1,6 @@
 //! Frames, poses, angles, boxes, rays and the seeded random generator.
 //!
-//! World frame (Habitat's): right-handed, Y up, metres, radians. A body with heading 0 looks along -Z;
+//! World frame (Habitat's): right-handed, Y up, metres, radians. A body with heading 0 faces -Z;
 //! a positive rotation about +Y is a left turn. Quaternions are written `x, y, z, w`.
 //!
 //! Start reading at [`Pose`], [`Aabb`] and [`RayMesh`].
@@ -24,17 +24,17 @@ pub mod convert {
     use nalgebra::{Point3, Vector3};
     pub use parry3d::math::Vec3 as GlamVec3;
 
-    /// A point as parry writes it.
+    /// Converts a point for parry.
     pub fn glam_from_point(point: &Point3<f32>) -> GlamVec3 {
         GlamVec3::new(point.x, point.y, point.z)
     }
 
-    /// A direction as parry writes it.
+    /// Converts a direction for parry.
     pub fn glam_from_vector(vector: &Vector3<f32>) -> GlamVec3 {
         GlamVec3::new(vector.x, vector.y, vector.z)
     }
 
-    /// A point of parry's in nalgebra's words.
+    /// Converts a point from parry.
     pub fn point_from_glam(point: GlamVec3) -> Point3<f32> {
         Point3::new(point.x, point.y, point.z)
     }

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Position and heading of a body, in the world frame unless named otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// Base of the body (feet), metres.
+    /// Base (feet), metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians in (-pi, pi]; 0 looks along -Z, left is positive.
+    /// Rotation about +Y, radians in (-pi, pi]; 0 faces -Z, left is positive.
     pub heading_rad: f32,
 }
 
@@ -17,29 +17,29 @@ impl Pose {
         Self { position, heading_rad: angle::wrap(heading_rad) }
     }
 
-    /// The unit vector that the body faces, horizontal.
+    /// Returns the horizontal unit vector ahead.
     pub fn forward(&self) -> Vector3<f32> {
         let (sin, cos) = angle::sin_cos(self.heading_rad);
         Vector3::new(-sin, 0.0, -cos)
     }
 
-    /// The unit vector to the right of the body, horizontal.
+    /// Returns the horizontal unit vector to the right.
     pub fn right(&self) -> Vector3<f32> {
         let (sin, cos) = angle::sin_cos(self.heading_rad);
         Vector3::new(cos, 0.0, -sin)
     }
 
-    /// The rotation as a quaternion.
+    /// Returns the rotation as a quaternion.
     pub fn rotation(&self) -> UnitQuaternion<f32> {
         angle::about_up(self.heading_rad)
     }
 
-    /// The transform that takes points of the agent's frame into the world.
+    /// Returns the transform from the agent's frame to the world.
     pub fn world_from_agent(&self) -> Isometry3<f32> {
         Isometry3::from_parts(Translation3::from(self.position), self.rotation())
     }
 
-    /// This pose as seen from `start`: the position in the frame of `start`, the heading relative to it.
+    /// Returns this pose in the frame of `start`.
     pub fn relative_to(&self, start: &Pose) -> Pose {
         let offset = self.position - start.position;
         let along = |axis: Vector3<f32>| offset.dot(&axis);

@@ -7,15 +7,15 @@ use tree::{Node, Tree, WIDTH};
 /// A hit of a ray on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index of the triangle.
+    /// Triangle index.
     pub triangle: u32,
-    /// Distance from the origin, in lengths of the ray's direction (metres for a unit direction).
+    /// Distance from the origin, in direction lengths (metres for a unit direction).
     pub distance: f32,
     /// Barycentric weights of the triangle's second and third corner.
     pub barycentric: [f32; 2],
 }
 
-/// A triangle soup that answers rays. Triangles have two sides; degenerate ones are never hit.
+/// Two-sided triangles, indexed for ray queries. Degenerate triangles are never hit.
 pub struct RayMesh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
@@ -29,18 +29,18 @@ impl RayMesh {
     /// If an index is outside `positions`.
     pub fn new(positions: &[Point3<f32>], triangles: &[[u32; 3]]) -> Self {
         let corners = |index: u32| triangles[index as usize].map(|i| positions[i as usize]);
-        let boxes: Vec<_> = (0..triangles.len() as u32).map(|i| box_around(&corners(i))).collect();
+        let boxes: Vec<_> = (0..triangles.len() as u32).filter_map(|i| Aabb::around(&corners(i))).collect();
         let Tree { nodes, leaves } = Tree::new(&boxes);
         let packets = leaves.iter().map(|members| Packet::new(members, corners)).collect();
         Self { nodes, packets, triangle_count: triangles.len() }
     }
 
-    /// Triangle count.
+    /// Returns the triangle count.
     pub fn len(&self) -> usize {
         self.triangle_count
     }
 
-    /// Bytes that it takes.
+    /// Returns the memory use in bytes.
     pub fn byte_count(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
     }
@@ -50,7 +50,7 @@ impl RayMesh {
         self.triangle_count == 0
     }
 
-    /// Returns true if the segment from `from` to `to` is free, except for a millimetre at both ends.
+    /// Returns true if the segment is free, except for a millimetre at both ends.
     pub fn is_clear(&self, from: &Point3<f32>, to: &Point3<f32>) -> bool {
         const END_GAP_M: f32 = 1e-3;
         let offset = to - from;
@@ -64,26 +64,20 @@ impl RayMesh {
     }
 }
 
-fn box_around([a, b, c]: &[Point3<f32>; 3]) -> Aabb {
-    Aabb { min: a.inf(b).inf(c), max: a.sup(b).sup(c) }
-}
-
-/// A value for each of four triangles.
 type Lanes = [f32; WIDTH];
 
-/// Up to four triangles, each a corner and the two edges that leave it; unused lanes are degenerate.
+/// Up to four triangles: a corner and two edges each. Unused lanes are degenerate.
 #[derive(Clone, Debug)]
 struct Packet {
     origin: [Lanes; 3],
     edge_u: [Lanes; 3],
     edge_v: [Lanes; 3],
-    /// Index of each triangle in the mesh.
     triangles: [u32; WIDTH],
-    /// Number of used lanes.
+    /// Used lanes.
     len: u8,
 }
 
-/// Hits of a ray on four triangles; infinite distance for a miss.
+/// Ray hits on four triangles; infinite distance for a miss.
 struct PacketHits {
     distance: Lanes,
     u: Lanes,
@@ -91,7 +85,6 @@ struct PacketHits {
 }
 
 impl Packet {
-    /// Packs the triangles `members` with corners from `corners`.
     fn new(members: &[u32], corners: impl Fn(u32) -> [Point3<f32>; 3]) -> Self {
         let zero = [[0.0; WIDTH]; 3];
         let mut packet = Self {
@@ -113,7 +106,7 @@ impl Packet {
         packet
     }
 
-    /// Distances and barycentric weights of the hits (Möller and Trumbore 1997, both sides).
+    /// Returns distances and barycentric weights (Möller and Trumbore 1997, both sides).
     #[inline]
     fn intersect(&self, origin: &[Lanes; 3], direction: &[Lanes; 3]) -> PacketHits {
         let p = cross(direction, &self.edge_v);
@@ -160,7 +153,7 @@ mod tests {
     use super::*;
     use crate::Rng;
 
-    /// Distance of the hit on a triangle, by the formula of Möller and Trumbore.
+    /// Reference: the formula by Möller and Trumbore for a single triangle.
     fn distance_to(
         [a, b, c]: [Point3<f32>; 3],
         origin: &Point3<f32>,
@@ -246,7 +239,7 @@ mod tests {
         assert_eq!(hit.expect("in the middle").distance, 1.0);
     }
 
-    /// A visitor of all boxes beyond x = 0 that records their triangles.
+    /// A visitor that records the triangles in all boxes beyond x = 0.
     struct RightHalf(Vec<u32>);
 
     impl Visitor for RightHalf {

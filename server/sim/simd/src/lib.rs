@@ -2,7 +2,7 @@
 //!
 //! The `README.md` of this crate contains the soundness arguments.
 //!
-//! *Never*: depends on its use.
+//! *Never*: contains knowledge about scenes or images.
 
 mod widest;
 
@@ -22,7 +22,7 @@ impl Mapped {
     /// If the file cannot be opened or mapped, for example an empty file.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
-        // SAFETY: the content does not change while it is borrowed, by the promise above that callers give; see README.md.
+        // SAFETY: callers guarantee that the content does not change while it is borrowed; see README.md.
         unsafe { Mmap::map(&file) }.map(Self)
     }
 }

@@ -1,6 +1,7 @@
-//! parry's binary tree of boxes, four boxes to a node and up to four triangles to a leaf, and traversals of it.
+//! parry's binary box tree, widened to four boxes per node and four triangles per leaf, and its traversals
+//! (docs/decisions/0003).
 
-use super::{Hit, PacketHits, RayMesh, splat};
+use super::{Hit, RayMesh, splat};
 use crate::convert::{glam_from_point, point_from_glam};
 use crate::{Aabb, Point3, Vector3};
 use parry3d::{
@@ -8,13 +9,12 @@ use parry3d::{
     partitioning::{Bvh, BvhBuildStrategy, TraversalAction},
 };
 
-/// Boxes of a node, and triangles of a leaf.
+/// Boxes per node, triangles per leaf.
 pub(super) const WIDTH: usize = 4;
 
-/// Content of a node box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Child {
-    /// Empty: an inverted box that no ray hits.
+    /// An inverted box that no ray hits.
     Empty,
     /// Index into [`Tree::nodes`].
     Node(u32),
@@ -29,19 +29,18 @@ pub(super) struct Node {
     pub(super) min: [[f32; WIDTH]; 3],
     /// Largest corners: `[axis][box]`.
     pub(super) max: [[f32; WIDTH]; 3],
-    /// Content of every box.
     pub(super) children: [Child; WIDTH],
 }
 
-/// The tree; node 0 is the root. Empty without triangles.
+/// The tree, empty without triangles; node 0 is the root.
 #[derive(Default)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
-    /// Triangles of each leaf.
+    /// Triangles per leaf.
     pub(super) leaves: Vec<Vec<u32>>,
 }
 
-/// A node of the binary tree that parry built.
+/// A node in parry's binary tree.
 struct Binary {
     bounds: Aabb,
     /// Triangles below it.
@@ -56,7 +55,6 @@ enum Content {
 }
 
 impl Tree {
-    /// The tree over triangles with these boxes.
     pub(super) fn new(boxes: &[Aabb]) -> Self {
         let binary = binary_tree(boxes);
         let mut tree = Self::default();
@@ -74,7 +72,7 @@ impl Tree {
         tree
     }
 
-    /// Creates the child for the binary node `top`; boxes of new nodes are pushed to `open`.
+    /// Creates the child for the binary node `top` and pushes new nodes to `open`.
     fn child(&mut self, binary: &[Binary], top: usize, open: &mut Vec<(usize, usize)>) -> Child {
         if binary[top].count as usize <= WIDTH {
             self.leaves.push(triangles_below(binary, top));
@@ -103,15 +101,15 @@ impl Node {
         self.children[slot] = child;
     }
 
-    /// The box in `slot`.
     pub(super) fn bounds(&self, slot: usize) -> Aabb {
         let corner = |side: &[[f32; WIDTH]; 3]| Point3::new(side[0][slot], side[1][slot], side[2][slot]);
         Aabb { min: corner(&self.min), max: corner(&self.max) }
     }
 }
 
-/// Boxes that replace `top` in a wide node: the largest is expanded until there are four.
+/// Returns up to four boxes that replace `top` in a wide node.
 fn opened(binary: &[Binary], top: usize) -> Vec<usize> {
+    // Expanding the largest box first leaves the children about equally likely to be hit.
     let mut shown = vec![top];
     while shown.len() < WIDTH {
         let largest =
@@ -148,11 +146,8 @@ fn binary_tree(boxes: &[Aabb]) -> Vec<Binary> {
     let leaves: Vec<_> =
         boxes.iter().map(|b| ParryAabb::new(glam_from_point(&b.min), glam_from_point(&b.max))).collect();
     let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves);
-    let mut copy = vec![Binary {
-        bounds: Aabb::new(Point3::origin(), Point3::origin()),
-        count: 0,
-        content: Content::Pair(1),
-    }];
+    let bounds = Aabb::new(Point3::origin(), Point3::origin());
+    let mut copy = vec![Binary { bounds, count: 0, content: Content::Pair(1) }];
     let mut parents = vec![0];
     bvh.traverse_indexed(None, |node, index| {
         let (_, is_right) = index.decompose();
@@ -171,7 +166,7 @@ fn binary_tree(boxes: &[Aabb]) -> Vec<Binary> {
         }
         TraversalAction::Continue
     });
-    // parry has no box around all: entry 0 stands for it, unless there are fewer than two triangles.
+    // parry has no box around all: entry 0 is added for it, unless there are fewer than two triangles.
     if copy.len() < 3 {
         return copy.split_off(1);
     }
@@ -187,7 +182,7 @@ fn binary_tree(boxes: &[Aabb]) -> Vec<Binary> {
 
 /// A traversal of mesh boxes; see [`RayMesh::visit`].
 pub trait Visitor {
-    /// Returns the sort key of a box: the smaller key comes first.
+    /// Returns a box's sort key; smaller keys come first.
     fn distance(&self, bounds: &Aabb) -> f32;
 
     /// Returns true to enter a box.
@@ -197,17 +192,16 @@ pub trait Visitor {
     fn triangle(&mut self, index: u32);
 }
 
-/// A ray, four times side by side.
+/// A ray with its components copied into four lanes.
 struct Ray {
     origin: [[f32; WIDTH]; 3],
     direction: [[f32; WIDTH]; 3],
-    /// Reciprocal of the direction; huge instead of infinite.
     inverse: [f32; 3],
 }
 
-/// Nodes that wait to be looked at, with the distance at which the ray enters them.
+/// Pending nodes with the ray's entry distances.
 struct Stack {
-    /// Sufficient for any tree that is not badly degenerate.
+    /// Sufficient unless the tree is badly degenerate.
     near: [(u32, f32); 48],
     len: usize,
     rest: Vec<(u32, f32)>,
@@ -241,16 +235,17 @@ impl Stack {
 
 impl Ray {
     fn new(origin: &Point3<f32>, direction: &Vector3<f32>) -> Self {
+        // A finite reciprocal avoids 0 * infinity, which is not a number, for rays in a box face.
         const HUGE: f32 = 1e30;
         let inverse = |d: f32| if d.abs() < 1.0 / HUGE { HUGE.copysign(d) } else { 1.0 / d };
         let inverse = [inverse(direction.x), inverse(direction.y), inverse(direction.z)];
         Self { origin: splat(&origin.coords), direction: splat(direction), inverse }
     }
 
-    /// Entry distances of the ray into the boxes of a node; infinite for a miss or beyond `reach`.
+    /// Returns the ray's entry distances into a node's boxes; infinite for a miss or beyond `reach`.
     #[inline]
     fn enter(&self, node: &Node, reach: f32) -> [f32; WIDTH] {
-        // Rounding can shorten the way through a box by three units in the last place (Ize 2013).
+        // Rounding can shorten the path through a box by three units in the last place (Ize 2013).
         const ROUNDING: f32 = 1.0 + 2.0 * f32::EPSILON;
         let (mut near, mut far) = ([0.0; WIDTH], [reach; WIDTH]);
         for axis in 0..3 {
@@ -268,7 +263,7 @@ impl Ray {
 }
 
 impl RayMesh {
-    /// Returns the first triangle in `direction` from `origin`, within `max_distance` lengths of `direction`.
+    /// Returns the first triangle within `max_distance` direction lengths.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, max_distance: f32) -> Option<Hit> {
         let ray = Ray::new(origin, direction);
         let mut best = Hit { triangle: u32::MAX, distance: max_distance, barycentric: [0.0; 2] };
@@ -284,7 +279,7 @@ impl RayMesh {
         (best.triangle != u32::MAX).then_some(best)
     }
 
-    /// Tests the leaves of `node` and pushes its inner nodes, the nearest on top.
+    /// Tests a node's leaves and pushes its inner nodes, the nearest on top.
     #[inline]
     fn look_into(&self, ray: &Ray, node: &Node, best: &mut Hit, stack: &mut Stack) {
         let entered = ray.enter(node, best.distance);
@@ -296,7 +291,13 @@ impl RayMesh {
             match node.children[slot] {
                 Child::Leaf(leaf) => {
                     let packet = &self.packets[leaf as usize];
-                    closest(&packet.intersect(&ray.origin, &ray.direction), &packet.triangles, best);
+                    let hits = packet.intersect(&ray.origin, &ray.direction);
+                    for (lane, &triangle) in packet.triangles.iter().enumerate() {
+                        let distance = hits.distance[lane];
+                        if distance < best.distance {
+                            *best = Hit { triangle, distance, barycentric: [hits.u[lane], hits.v[lane]] };
+                        }
+                    }
                 }
                 Child::Node(child) => push_sorted(stack, bottom, (child, distance)),
                 Child::Empty => {}
@@ -304,7 +305,7 @@ impl RayMesh {
         }
     }
 
-    /// Returns true for a hit within `reach` lengths of `direction`.
+    /// Returns true for any hit within `reach` direction lengths.
     pub(super) fn is_hit(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach: f32) -> bool {
         let ray = Ray::new(origin, direction);
         let mut stack = Stack::new();
@@ -329,7 +330,7 @@ impl RayMesh {
         false
     }
 
-    /// Traverses the boxes, near ones first, and sends `visitor` the triangles of entered boxes.
+    /// Traverses the boxes, near ones first; `visitor` receives the triangles in entered boxes.
     pub fn visit(&self, visitor: &mut impl Visitor) {
         let Some(root) = self.nodes.first() else { return };
         let mut open: Vec<(f32, Aabb, Child)> = Vec::with_capacity(64);
@@ -352,7 +353,7 @@ impl RayMesh {
     }
 }
 
-/// Pushes `entry` below those entries above `bottom` that are nearer.
+/// Pushes `entry` below the nearer entries above `bottom`.
 #[inline]
 fn push_sorted(stack: &mut Stack, bottom: usize, entry: (u32, f32)) {
     stack.push(entry);
@@ -363,16 +364,6 @@ fn push_sorted(stack: &mut Stack, bottom: usize, entry: (u32, f32)) {
     while at > bottom && stack.near[at - 1].1 < stack.near[at].1 {
         stack.near.swap(at - 1, at);
         at -= 1;
-    }
-}
-
-#[inline]
-fn closest(hits: &PacketHits, triangles: &[u32; WIDTH], best: &mut Hit) {
-    for (lane, &triangle) in triangles.iter().enumerate() {
-        let distance = hits.distance[lane];
-        if distance < best.distance {
-            *best = Hit { triangle, distance, barycentric: [hits.u[lane], hits.v[lane]] };
-        }
     }
 }
 
