@@ -104,7 +104,7 @@ impl Air {
     }
 
     /// Returns a few room cells visible from `point`, nearest first.
-    pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
+    pub(crate) fn visible_cells(&self, point: &Point3<f32>) -> Vec<usize> {
         const ENOUGH: usize = 8;
         for reach in 1..=2 {
             let cells = self.room_cells(point, reach).into_iter();

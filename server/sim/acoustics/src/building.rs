@@ -20,7 +20,7 @@ pub struct Settings {
     pub ray_count: usize,
     /// Highest order of discrete reflections, 0 to 3; 0 leaves all reflections to the late energy.
     pub reflection_order: usize,
-    /// Head model; [`Source::heard_by`](crate::Source::heard_by) changes it later.
+    /// Head model; [`Source::with_head`](crate::Source::with_head) changes it later.
     pub head: Head,
 }
 
@@ -37,7 +37,7 @@ impl Settings {
     }
 
     /// The name under which a source at a place is kept, in a building called `building`.
-    pub(crate) fn name_of_source(&self, building: &str, [x, y, z]: [u32; 3]) -> String {
+    pub(crate) fn source_name(&self, building: &str, [x, y, z]: [u32; 3]) -> String {
         let (samples, rays, order) = (self.response_samples(), self.ray_count, self.reflection_order);
         format!("{building}-{x:08x}{y:08x}{z:08x}-{samples}-{rays}-{order}-{VERSION}")
     }

@@ -4,18 +4,18 @@
 use std::sync::Arc;
 
 /// A persistent cache of source data between runs of the program.
-pub trait SoundShelf: Send + Sync {
+pub trait SoundCache: Send + Sync {
     /// Returns the bytes stored as `name`, if present and intact.
-    fn find_sound(&self, name: &str) -> Option<Vec<u8>>;
+    fn load_sound(&self, name: &str) -> Option<Vec<u8>>;
     /// Stores bytes; failures are ignored.
-    fn keep_sound(&self, name: &str, bytes: &[u8]);
+    fn store_sound(&self, name: &str, bytes: &[u8]);
 }
 
 /// The part of a cache for the sources of a building.
 #[derive(Clone)]
-pub struct SoundPlace {
+pub struct BuildingCache {
     /// The shelf.
-    pub shelf: Arc<dyn SoundShelf>,
+    pub cache: Arc<dyn SoundCache>,
     /// A name that only buildings with the same content and surfaces have.
     pub name: String,
 }

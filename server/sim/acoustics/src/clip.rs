@@ -12,7 +12,7 @@ pub use recording::RecordingError;
 
 use avln_geom::Rng;
 use families::FAMILIES;
-use mastering::Finish;
+use mastering::Mastering;
 use std::sync::{Arc, OnceLock};
 use synthesis::CLIP_SAMPLES;
 
@@ -47,26 +47,26 @@ pub struct Bank(Content);
 #[derive(Clone, Debug)]
 enum Content {
     /// Indices of synthesised clips.
-    Made(Arc<[usize]>),
-    Own(Arc<[Clip]>),
+    Synthesized(Arc<[usize]>),
+    Given(Arc<[Clip]>),
 }
 
 impl Bank {
     /// Returns the clips of `pool`: 6 s long, in ten families. A clip is synthesised on first use and cached.
     pub fn of(pool: ClipPool) -> Self {
-        Self(Content::Made((0..COUNT).filter(|&index| pool.holds(index)).collect()))
+        Self(Content::Synthesized((0..COUNT).filter(|&index| pool.holds(index)).collect()))
     }
 
     /// A bank of `clips`, in their order.
-    pub fn own(clips: Vec<Clip>) -> Self {
-        Self(Content::Own(clips.into()))
+    pub fn from_clips(clips: Vec<Clip>) -> Self {
+        Self(Content::Given(clips.into()))
     }
 
     /// Number of clips.
     pub fn len(&self) -> usize {
         match &self.0 {
-            Content::Made(indices) => indices.len(),
-            Content::Own(clips) => clips.len(),
+            Content::Synthesized(indices) => indices.len(),
+            Content::Given(clips) => clips.len(),
         }
     }
 
@@ -78,16 +78,16 @@ impl Bank {
     /// Returns the clip at `index`; `None` if out of range.
     pub fn clip(&self, index: usize) -> Option<Clip> {
         match &self.0 {
-            Content::Made(indices) => indices.get(index).map(|&index| clip(index).clone()),
-            Content::Own(clips) => clips.get(index).cloned(),
+            Content::Synthesized(indices) => indices.get(index).map(|&index| clip(index).clone()),
+            Content::Given(clips) => clips.get(index).cloned(),
         }
     }
 
     /// Names of all clips, in order, without synthesis.
     pub fn names(&self) -> Vec<String> {
         match &self.0 {
-            Content::Made(indices) => indices.iter().map(|&index| name(index)).collect(),
-            Content::Own(clips) => clips.iter().map(|clip| clip.name.clone()).collect(),
+            Content::Synthesized(indices) => indices.iter().map(|&index| name(index)).collect(),
+            Content::Given(clips) => clips.iter().map(|clip| clip.name.clone()).collect(),
         }
     }
 
@@ -134,7 +134,7 @@ const SEED: u64 = 0x61_766c_6e01;
 /// If `index` is out of range.
 fn clip(index: usize) -> &'static Clip {
     static CLIPS: [OnceLock<Clip>; COUNT] = [const { OnceLock::new() }; COUNT];
-    CLIPS[index].get_or_init(|| make(index))
+    CLIPS[index].get_or_init(|| synthesize(index))
 }
 
 /// Name of the clip at `index`: family and number.
@@ -143,12 +143,12 @@ fn name(index: usize) -> String {
 }
 
 /// Synthesises the clip at `index`.
-fn make(index: usize) -> Clip {
-    static FINISH: OnceLock<Finish> = OnceLock::new();
+fn synthesize(index: usize) -> Clip {
+    static MASTERING: OnceLock<Mastering> = OnceLock::new();
     let family = &FAMILIES[index / CLIPS_PER_FAMILY];
     let name = name(index);
-    let mut samples = (family.make)(&mut Rng::new(SEED).fork(&name));
-    FINISH.get_or_init(|| Finish::new(CLIP_SAMPLES)).apply(&mut samples);
+    let mut samples = (family.generate)(&mut Rng::new(SEED).fork(&name));
+    MASTERING.get_or_init(|| Mastering::new(CLIP_SAMPLES)).apply(&mut samples);
     Clip { name, samples: samples.into() }
 }
 
@@ -205,7 +205,7 @@ mod tests {
                 bank[..index].iter().all(|other| other.name != clip.name && other.samples != clip.samples)
             );
         }
-        assert_eq!(make(42), bank[42]);
+        assert_eq!(synthesize(42), bank[42]);
         assert_eq!(bank[42].name, "babble-2");
     }
 

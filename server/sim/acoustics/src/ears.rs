@@ -76,8 +76,8 @@ impl Ears {
     }
 
     /// Upper limit of the bytes.
-    pub fn most_bytes(&self) -> usize {
-        let channels = self.channels.iter().map(|channel| self.convolver.most_bytes(&channel.dry));
+    pub fn max_bytes(&self) -> usize {
+        let channels = self.channels.iter().map(|channel| self.convolver.max_bytes(&channel.dry));
         self.convolver.byte_count() + channels.sum::<usize>()
     }
 
@@ -131,7 +131,7 @@ impl Channel {
 
     /// Renders this step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let only_rings = self.dry.quiet_samples() >= count + RINGING_SAMPLES;
+        let only_rings = self.dry.silent_samples() >= count + RINGING_SAMPLES;
         let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
         let (mut now, before) = match self.previous.take() {
             Some(before) if is_as_before(&before) => (before, None),

@@ -100,12 +100,12 @@ fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TA
 
 /// Adds `taps` to `ear` from sample `start`, which may be fractional or negative (the run-up of a
 /// band-limited pulse before 0 is cut).
-fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, most_samples: usize) {
+fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
     let first = whole as i64 + 1 - DELAY_HALF_TAPS as i64;
     let end = first + (taps.len() + kernel.len()) as i64 - 1;
-    add_convolved(ear, &kernel, taps, first, end.clamp(0, most_samples as i64) as usize);
+    add_convolved(ear, &kernel, taps, first, end.clamp(0, max_samples as i64) as usize);
 }
 
 /// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, which may be negative, after

@@ -6,8 +6,6 @@ pub(crate) mod diffuse;
 mod noise;
 pub(crate) mod slices;
 pub(crate) mod tail;
-#[cfg(test)]
-mod tests;
 mod trace;
 
 use crate::SPEED_OF_SOUND_M_S;
@@ -17,7 +15,7 @@ use crate::cache::{Reader, Writer};
 use crate::images::Images;
 use crate::surfaces::SURFACE_BANDS;
 use avln_geom::{Point3, Rng, Vector3};
-use cells::NOWHERE;
+use cells::NO_CELL;
 use slices::{CHANNELS, Echo, Slice};
 use trace::{Tally, trace};
 
@@ -26,7 +24,7 @@ const SALT: u64 = 0x5d0_1a7e;
 
 /// Energy by cell, slice of time, band and direction.
 pub(crate) struct LateField {
-    /// Per cell: its row in `values`, [`NOWHERE`] without energy.
+    /// Per cell: its row in `values`, [`NO_CELL`] without energy.
     row_of: Vec<u32>,
     /// `rows × slices × channels`: energy per cubic metre times metres, in the upper half of a 32-bit float.
     values: Vec<u16>,
@@ -67,7 +65,7 @@ impl LateField {
         let count = slices::count(building.settings.response_s);
         let (lost_share, row_of, values) = (reader.words()?, reader.words()?, reader.halves()?);
         let rows = values.len() / (count * CHANNELS).max(1);
-        let is_known = |row: &u32| *row == NOWHERE || (*row as usize) < rows;
+        let is_known = |row: &u32| *row == NO_CELL || (*row as usize) < rows;
         let fits = row_of.len() == building.cells.len() && row_of.iter().all(is_known);
         let lost_share = f32::from_bits(*lost_share.first()?);
         fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
@@ -88,7 +86,7 @@ impl LateField {
         let width = self.air.len() * CHANNELS;
         let mut sums = vec![0.0_f32; width];
         for (cell, weight) in building.cells.around(&building.air, listener) {
-            if self.row_of[cell] != NOWHERE {
+            if self.row_of[cell] != NO_CELL {
                 let first = self.row_of[cell] as usize * width;
                 let values = &self.values[first..first + width];
                 sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * from_half(*value));
@@ -117,7 +115,7 @@ fn slice(channels: &[f32], air: &[f32; BANDS]) -> Slice {
 /// Converts energy times length into density per cell.
 fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     let width = tally.bins * CHANNELS;
-    for (cell, row) in tally.row_of.iter().enumerate().filter(|(_, row)| **row != NOWHERE) {
+    for (cell, row) in tally.row_of.iter().enumerate().filter(|(_, row)| **row != NO_CELL) {
         let inverse = 1.0 / building.cells.volume_m3(&building.air, cell);
         let first = *row as usize * width;
         tally.sums[first..first + width].iter_mut().for_each(|value| *value *= inverse);
@@ -137,3 +135,6 @@ fn to_half(value: f32) -> u16 {
 fn from_half(half: u16) -> f32 {
     f32::from_bits(u32::from(half) << 16)
 }
+
+#[cfg(test)]
+mod tests;

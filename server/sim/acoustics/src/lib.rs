@@ -22,13 +22,11 @@ mod measure;
 mod planes;
 mod source;
 mod surfaces;
-#[cfg(test)]
-mod testing;
 mod transform;
 mod unreflected;
 
 pub use building::Settings;
-pub use cache::{SoundPlace, SoundShelf};
+pub use cache::{BuildingCache, SoundCache};
 pub use clip::{Bank, Clip, ClipPool, RecordingError};
 pub use ears::{Ears, Emitter};
 pub use head::{Head, HeadError, MeasuredHead};
@@ -42,3 +40,6 @@ pub const SAMPLE_RATE_HZ: u32 = 16_000;
 
 /// Speed of sound in air of 20 degrees Celsius, metres per second.
 pub const SPEED_OF_SOUND_M_S: f32 = 343.0;
+
+#[cfg(test)]
+mod tests;

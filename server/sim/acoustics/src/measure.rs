@@ -122,8 +122,8 @@ pub fn expected_reverberation_s(scene: &Scene, surfaces: &Surfaces) -> f32 {
             *sum += area_m2 * (surface.absorption[band] + surface.transmission[band]);
         }
     }
-    let least_m2 = absorbing_m2.into_iter().fold(f32::INFINITY, f32::min);
-    24.0 * std::f32::consts::LN_10 * bounds.size().product() / (SPEED_OF_SOUND_M_S * least_m2)
+    let min_m2 = absorbing_m2.into_iter().fold(f32::INFINITY, f32::min);
+    24.0 * std::f32::consts::LN_10 * bounds.size().product() / (SPEED_OF_SOUND_M_S * min_m2)
 }
 
 /// Compared frequencies, hertz.
@@ -132,12 +132,12 @@ const HIGH_HZ: f64 = 1500.0;
 const STEP_HZ: f64 = 10.0;
 
 /// Longest delay, and the search steps, microseconds.
-const MOST_US: f64 = 1000.0;
+const MAX_US: f64 = 1000.0;
 const COARSE_US: f64 = 10.0;
 const FINE_US: f64 = 0.1;
 
 /// Cross spectrum of two ears at a frequency: left times conjugate right.
-struct Common {
+struct CrossSpectrum {
     turn_us: f64,
     re: f64,
     im: f64,
@@ -146,19 +146,19 @@ struct Common {
 /// Lead of the left ear, seconds; `None` without common content.
 fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
     let count = ((HIGH_HZ - LOW_HZ) / STEP_HZ) as usize;
-    let products: Vec<Common> =
+    let products: Vec<CrossSpectrum> =
         (0..=count).map(|index| common(left, right, LOW_HZ + STEP_HZ * index as f64)).collect();
     if products.iter().all(|common| common.re == 0.0 && common.im == 0.0) {
         return None;
     }
-    let coarse_us = best(&products, 0.0, MOST_US, COARSE_US);
+    let coarse_us = best(&products, 0.0, MAX_US, COARSE_US);
     Some(best(&products, coarse_us, COARSE_US, FINE_US) * 1e-6)
 }
 
-fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> Common {
+fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> CrossSpectrum {
     let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
     let ((left_re, left_im), (right_re, right_im)) = (bin(left, turn), bin(right, turn));
-    Common {
+    CrossSpectrum {
         turn_us: TAU * frequency_hz * 1e-6,
         re: left_re * right_re + left_im * right_im,
         im: left_im * right_re - left_re * right_im,
@@ -175,9 +175,9 @@ fn bin(ear: &[f32], turn: f64) -> (f64, f64) {
 }
 
 /// The lead around `middle_us` with the highest correlation.
-fn best(products: &[Common], middle_us: f64, reach_us: f64, step_us: f64) -> f64 {
-    let alike = |lead_us: f64| -> f64 {
-        let turned = |common: &Common| {
+fn best(products: &[CrossSpectrum], middle_us: f64, reach_us: f64, step_us: f64) -> f64 {
+    let correlation = |lead_us: f64| -> f64 {
+        let turned = |common: &CrossSpectrum| {
             let phase = common.turn_us * lead_us;
             common.re * libm::cos(phase) + common.im * libm::sin(phase)
         };
@@ -185,7 +185,10 @@ fn best(products: &[Common], middle_us: f64, reach_us: f64, step_us: f64) -> f64
     };
     let steps = libm::round(reach_us / step_us) as i32;
     let leads = (-steps..=steps).map(|step| middle_us + f64::from(step) * step_us);
-    leads.map(|lead| (alike(lead), lead)).max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, lead)| lead)
+    leads
+        .map(|lead| (correlation(lead), lead))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(0.0, |(_, lead)| lead)
 }
 
 #[cfg(test)]

@@ -2,20 +2,20 @@
 
 use crate::bands::{BandLoss, SILENT_DB, air_loss, both, diffraction_loss};
 use crate::building::Building;
-use crate::geodesic::{APART_M, GeodesicField, LONGER_M, Way, horizontal_m, length_m};
+use crate::geodesic::{APART_M, AirPath, GeodesicField, LONGER_M, horizontal_m, length_m};
 use crate::impulse::Arrival;
 use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use std::f32::consts::TAU;
 
 /// Paths of a source through the air of a building.
-pub(crate) struct Ways<'a> {
+pub(crate) struct UnreflectedWaves<'a> {
     pub(crate) building: &'a Building,
     pub(crate) field: &'a GeodesicField,
     pub(crate) outlet: &'a Point3<f32>,
 }
 
-impl Ways<'_> {
+impl UnreflectedWaves<'_> {
     /// Returns the direct wave; if the source is hidden, up to two diffracted waves and the transmitted wave,
     /// if audible. The shortest path through the air is first.
     pub(crate) fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
@@ -31,17 +31,17 @@ impl Ways<'_> {
     }
 
     /// The shortest path through the air; `None` if unreachable from `listener`.
-    pub(crate) fn shortest(&self, listener: &Point3<f32>) -> Option<Way> {
+    pub(crate) fn shortest(&self, listener: &Point3<f32>) -> Option<AirPath> {
         let air = &self.building.air;
-        let near = air.clear_cells(listener);
+        let near = air.visible_cells(listener);
         if !near.is_empty() {
-            return self.field.way(air, listener, &near);
+            return self.field.path(air, listener, &near);
         }
         // Enclosed or outside: the path of the nearest air.
         let cell = air.nearest_cell(listener)?;
-        let mut way = self.field.way(air, &air.grid().center(cell), &[cell])?;
-        way.insert(0, *listener);
-        Some(way)
+        let mut path = self.field.path(air, &air.grid().center(cell), &[cell])?;
+        path.insert(0, *listener);
+        Some(path)
     }
 
     fn around(&self, listener: &Point3<f32>, seen: &Visibility) -> Vec<Arrival> {
@@ -50,7 +50,7 @@ impl Ways<'_> {
         let mut arrivals = vec![self.bent(&first, hidden, 1.0)];
         let share = (2.0 * hidden - 1.0).max(0.0);
         if share > 0.0
-            && let Some(second) = self.field.second_way(&self.building.air, &first)
+            && let Some(second) = self.field.second_path(&self.building.air, &first)
         {
             let share = share * independence(&first, &second);
             arrivals.extend((share > 0.0).then(|| self.bent(&second, hidden, share)));
@@ -59,20 +59,20 @@ impl Ways<'_> {
     }
 
     /// The wave on a bent path with the pressure share `share`.
-    fn bent(&self, way: &[Point3<f32>], hidden: f32, share: f32) -> Arrival {
-        let length_m = length_m(way);
-        let detour_m = length_m - (self.outlet - way[0]).norm();
+    fn bent(&self, path: &[Point3<f32>], hidden: f32, share: f32) -> Arrival {
+        let length_m = length_m(path);
+        let detour_m = length_m - (self.outlet - path[0]).norm();
         let faded_db = -20.0 * libm::log10f(share.max(1e-5));
         let border = diffraction_loss(0.0).map(|db| db * (hidden - 1.0) + faded_db);
         let loss = both(&diffraction_loss(detour_m), &border);
-        Arrival { direction: first_leg(way), length_m, loss: both(&air_loss(length_m), &loss) }
+        Arrival { direction: first_leg(path), length_m, loss: both(&air_loss(length_m), &loss) }
     }
 
     /// The wave transmitted through all surfaces; `None` if a surface blocks it.
     fn through_walls(&self, listener: &Point3<f32>) -> Option<Arrival> {
         let (direction, length_m) = bearing(self.outlet, listener);
         let (mut loss, mut from_m) = ([0.0; SURFACE_BANDS], 0.0);
-        for crossed in 0..MOST_SURFACES {
+        for crossed in 0..MAX_SURFACES {
             let from = self.outlet + direction * from_m;
             let Some(hit) = self.building.air.rays().cast(&from, &direction, length_m - from_m) else {
                 let loss = std::array::from_fn(|band| loss[band.min(SURFACE_BANDS - 1)]);
@@ -91,7 +91,7 @@ impl Ways<'_> {
 }
 
 /// Limit on consecutive surfaces; more block the wave.
-const MOST_SURFACES: usize = 64;
+const MAX_SURFACES: usize = 64;
 
 /// Surfaces closer than this count as one, metres.
 const SURFACE_GAP_M: f32 = 5e-4;
@@ -121,10 +121,10 @@ fn bearing(from: &Point3<f32>, to: &Point3<f32>) -> (Vector3<f32>, f32) {
 }
 
 /// Direction in which a path leaves the listener, ignoring adjacent corners.
-fn first_leg(way: &[Point3<f32>]) -> Vector3<f32> {
+fn first_leg(path: &[Point3<f32>]) -> Vector3<f32> {
     const NEAR_M: f32 = 0.02;
-    let ahead = way[1..].iter().find(|point| (*point - way[0]).norm() > NEAR_M);
-    bearing(&way[0], ahead.unwrap_or(&way[way.len() - 1])).0
+    let ahead = path[1..].iter().find(|point| (*point - path[0]).norm() > NEAR_M);
+    bearing(&path[0], ahead.unwrap_or(&path[path.len() - 1])).0
 }
 
 /// Rays of a bundle.
@@ -185,7 +185,7 @@ pub(crate) fn disc_point(index: usize, count: usize, disc_radius_m: f32) -> [f32
 mod tests {
     use super::*;
     use crate::Settings;
-    use crate::testing::{HARD, Soup, building};
+    use crate::tests::{HARD, Soup, building};
 
     /// A source in a building and all its paths.
     struct Heard {
@@ -199,14 +199,15 @@ mod tests {
             let settings = Settings { reflection_order: 0, ray_count: 0, ..Settings::default() };
             let building = building(soup, surface, settings);
             let outlet = Point3::from(outlet);
-            let seeds = building.air.clear_cells(&outlet);
+            let seeds = building.air.visible_cells(&outlet);
             let field = GeodesicField::new(&building.air, &outlet, &seeds);
             Self { building, field, outlet }
         }
 
         fn at(&self, x: f32, z: f32) -> Vec<Arrival> {
-            let ways = Ways { building: &self.building, field: &self.field, outlet: &self.outlet };
-            ways.arrivals(&Point3::new(x, 1.0, z))
+            let paths =
+                UnreflectedWaves { building: &self.building, field: &self.field, outlet: &self.outlet };
+            paths.arrivals(&Point3::new(x, 1.0, z))
         }
     }
 
@@ -331,10 +332,10 @@ mod tests {
         let heard = Heard::new(&two_doors(), HARD, [1.0, 1.0, 2.45]);
         // As far from one door as from the other: (1, 2.45) to the jambs at z = 1.9 and z = 3.0 and on.
         let waves = heard.at(7.2, 2.45);
-        let way_m = 2.0 * 3.0_f32.hypot(0.55) + 0.2;
+        let path_m = 2.0 * 3.0_f32.hypot(0.55) + 0.2;
         assert_eq!(waves.len(), 2);
         for wave in &waves {
-            assert!((-0.01..0.05).contains(&(wave.length_m - way_m)), "{} m, not {way_m} m", wave.length_m);
+            assert!((-0.01..0.05).contains(&(wave.length_m - path_m)), "{} m, not {path_m} m", wave.length_m);
         }
         let azimuths = [0, 1].map(|wave| azimuth_deg(&waves[wave].direction).abs());
         let jamb_deg = 180.0 - 0.55_f32.atan2(3.0).to_degrees();
@@ -389,8 +390,8 @@ mod tests {
         let wave = &heard.at(1.5, 2.0)[0];
         // Around both edges of the slab at x = 4.8: 3.3 m horizontal and 1.6 m up, 0.2 m, then 3.3 m horizontal
         // and 1.2 m up.
-        let way_m = 3.3_f32.hypot(1.6) + 0.2 + 3.3_f32.hypot(1.2);
-        assert!((-0.02..0.06).contains(&(wave.length_m - way_m)), "{} m, not {way_m} m", wave.length_m);
+        let path_m = 3.3_f32.hypot(1.6) + 0.2 + 3.3_f32.hypot(1.2);
+        assert!((-0.02..0.06).contains(&(wave.length_m - path_m)), "{} m, not {path_m} m", wave.length_m);
         let elevation_deg = wave.direction.y.asin().to_degrees();
         assert!((elevation_deg - 1.6_f32.atan2(3.3).to_degrees()).abs() < 3.0, "{elevation_deg}");
     }

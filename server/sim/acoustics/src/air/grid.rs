@@ -52,7 +52,7 @@ impl Grid {
     }
 
     /// Returns true if `point` is inside the grid.
-    pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
+    pub(crate) fn contains(&self, point: &Point3<f32>) -> bool {
         (0..3).all(|axis| {
             let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
             (0.0..self.size[axis] as f32).contains(&place)

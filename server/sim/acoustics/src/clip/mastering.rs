@@ -16,18 +16,18 @@ const LOW_END_HZ: f32 = 1200.0;
 const HIGH_START_HZ: f32 = 2000.0;
 
 /// Minimum energy shares of the low and the high part.
-const LEAST_SHARE: f32 = 0.3;
+const MIN_SHARE: f32 = 0.3;
 
 /// Lowest frequency of a clip, hertz.
 const CUT_HZ: f32 = 80.0;
 
 /// Processing of raw loops with a common length.
-pub(super) struct Finish {
+pub(super) struct Mastering {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
 }
 
-impl Finish {
+impl Mastering {
     /// For loops of `length` samples.
     pub(super) fn new(length: usize) -> Self {
         let mut planner = RealFftPlanner::<f32>::new();
@@ -83,8 +83,8 @@ fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
     let top_hz = last as f32 * bin_hz;
     let parts = [energy(0.0, LOW_END_HZ), energy(LOW_END_HZ, HIGH_START_HZ), energy(HIGH_START_HZ, top_hz)];
     let total: f32 = parts.iter().sum();
-    let [low, high] = [parts[0] / total, parts[2] / total].map(|share| share.max(LEAST_SHARE));
-    let middle = (parts[1] / total).min(1.0 - 2.0 * LEAST_SHARE);
+    let [low, high] = [parts[0] / total, parts[2] / total].map(|share| share.max(MIN_SHARE));
+    let middle = (parts[1] / total).min(1.0 - 2.0 * MIN_SHARE);
     let wanted = [low, middle, high].map(|share| share / (low + middle + high));
     let gains: [f32; 3] = std::array::from_fn(|part| (wanted[part] * total / parts[part]).sqrt());
     for (bin, value) in spectrum.iter_mut().enumerate() {

@@ -1,7 +1,7 @@
 //! Clips from recordings.
 
 use super::Clip;
-use super::mastering::Finish;
+use super::mastering::Mastering;
 use crate::SAMPLE_RATE_HZ;
 use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
@@ -57,7 +57,7 @@ impl Clip {
     pub fn recorded(name: &str, samples: &[f32], rate_hz: u32) -> Result<Self, RecordingError> {
         check(samples, rate_hz)?;
         let mut sound = without_seam(&resample(samples, rate_hz, SAMPLE_RATE_HZ));
-        if !Finish::new(sound.len()).set_loudness(&mut sound) {
+        if !Mastering::new(sound.len()).set_loudness(&mut sound) {
             return Err(RecordingError::Silent);
         }
         Ok(Self { name: name.to_owned(), samples: sound.into() })

@@ -123,7 +123,7 @@ pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
 }
 
 /// Copies the signal with root mean square 1; silence stays silent.
-pub(super) fn leveled(signal: &[f32]) -> Vec<f32> {
+pub(super) fn normalized(signal: &[f32]) -> Vec<f32> {
     let mean_square = signal.iter().map(|sample| sample * sample).sum::<f32>() / signal.len().max(1) as f32;
     let gain = if mean_square > 0.0 { 1.0 / mean_square.sqrt() } else { 1.0 };
     signal.iter().map(|sample| gain * sample).collect()

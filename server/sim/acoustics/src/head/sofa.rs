@@ -14,7 +14,7 @@ const TAPS: RangeInclusive<usize> = 8..=16_384;
 const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
 /// Longest separate delay, seconds.
-const MOST_DELAY_S: f64 = 0.1;
+const MAX_DELAY_S: f64 = 0.1;
 
 /// Errors of a head file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -159,7 +159,7 @@ fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadErr
 /// Per direction: delays of both ears, in file order.
 fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
     let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
-    let most = MOST_DELAY_S * rate_hz;
+    let most = MAX_DELAY_S * rate_hz;
     let in_range = delays.values.iter().all(|delay| delay.abs() <= most);
     let row = |direction: usize| match delays.sizes[..] {
         [1, 2] => Some([delays.values[0], delays.values[1]]),

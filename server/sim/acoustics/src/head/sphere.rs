@@ -19,7 +19,7 @@ const INVERSE_RANGES: [f32; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.0];
 const ANGLES: usize = 181;
 
 /// Filters of an ear on a rigid sphere for every incidence and range, aligned on the wave front.
-pub(crate) struct HeadTable {
+pub(crate) struct SphereTable {
     /// `INVERSE_RANGES × ANGLES`, row by row.
     filters: Vec<Filter>,
 }
@@ -33,12 +33,12 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
 }
 
 /// The table, computed on first use.
-pub(crate) fn head() -> &'static HeadTable {
-    static HEAD: OnceLock<HeadTable> = OnceLock::new();
-    HEAD.get_or_init(HeadTable::new)
+pub(crate) fn sphere_table() -> &'static SphereTable {
+    static TABLE: OnceLock<SphereTable> = OnceLock::new();
+    TABLE.get_or_init(SphereTable::new)
 }
 
-impl HeadTable {
+impl SphereTable {
     fn new() -> Self {
         let filters = INVERSE_RANGES.iter().flat_map(|inverse| design_range(1.0 / f64::from(*inverse)));
         Self { filters: filters.collect() }

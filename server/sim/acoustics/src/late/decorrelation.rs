@@ -44,7 +44,7 @@ impl Lags {
     }
 
     /// Rotates the phases of both ears, a period each, towards the target correlation.
-    pub(super) fn even_out(&self, ears: &mut [Vec<Complex64>; 2]) {
+    pub(super) fn decorrelate(&self, ears: &mut [Vec<Complex64>; 2]) {
         let (length, points) = (self.window.len(), ears[0].len());
         let mut sums = [(); 2].map(|()| vec![Complex64::default(); points]);
         for start in (0..points).step_by(length / 2) {
@@ -75,7 +75,7 @@ impl Lags {
         let excess =
             |(phase, cosine): (&Complex64, &Option<f64>)| cosine.map_or(Complex64::default(), |c| phase - c);
         let mut surplus: Vec<_> = phases.iter().zip(&self.cosines).map(excess).collect();
-        self.keep_heard_lags(&mut surplus);
+        self.keep_short_lags(&mut surplus);
         for (bin, phase) in phases.iter().enumerate().filter(|(bin, _)| self.cosines[*bin].is_some()) {
             let turn = unit(phase - surplus[bin] * STEP) * phase.conj();
             let half = unit(turn + 1.0);
@@ -83,7 +83,7 @@ impl Lags {
         }
     }
 
-    fn keep_heard_lags(&self, surplus: &mut [Complex64]) {
+    fn keep_short_lags(&self, surplus: &mut [Complex64]) {
         let length = surplus.len();
         self.fourier.backward(surplus);
         for (lag, value) in surplus.iter_mut().enumerate() {
@@ -123,7 +123,7 @@ mod tests {
         let of_part = |start| {
             let [left, right] = ears.each_ref().map(|ear| lags.part(ear, start));
             let mut phases: Vec<_> = left.iter().zip(&right).map(|(l, r)| unit(r * l.conj())).collect();
-            lags.keep_heard_lags(&mut phases);
+            lags.keep_short_lags(&mut phases);
             lags.fourier.backward(&mut phases);
             phases.iter().map(|value| value.norm_sqr()).fold(0.0, f64::max).sqrt() / length as f64
         };
@@ -134,7 +134,7 @@ mod tests {
     fn noise_has_no_direction_by_chance() {
         let (lags, mut ears) = (Lags::new(PERIOD, |_| Some(0.0)), two_noises());
         let before = peak(&lags, &ears);
-        (0..8).for_each(|_| lags.even_out(&mut ears));
+        (0..8).for_each(|_| lags.decorrelate(&mut ears));
         let after = peak(&lags, &ears);
         assert!(before > 0.06 && after < 0.4 * before, "from {before} to {after}");
     }

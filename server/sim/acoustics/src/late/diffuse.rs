@@ -1,6 +1,6 @@
 //! Head responses to diffuse sound.
 
-use super::noise::{Diffuse, Noise};
+use super::noise::{DiffuseResponse, Noise};
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
 use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS};
@@ -17,7 +17,7 @@ const DIRECTIONS: usize = 256;
 const FREQUENCIES: usize = 65;
 
 /// Roll-off frequency of the filters, hertz.
-const MOST_PROBED_HZ: f64 = 6000.0;
+const MAX_PROBED_HZ: f64 = 6000.0;
 
 /// The response of a head to late energy.
 pub(crate) struct HeardField {
@@ -74,7 +74,7 @@ fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
 /// Cosine and sine of every probe at every tap.
 fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
     let frequencies = BAND_HZ.iter().flat_map(|center| {
-        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MOST_PROBED_HZ))
+        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MAX_PROBED_HZ))
     });
     let wave = |frequency_hz: f64| {
         let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
@@ -84,7 +84,7 @@ fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
 }
 
 /// Response of both ears to plane waves from all directions, by frequency.
-fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
+fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<DiffuseResponse> {
     let (mut energy, mut likeness) = ([0.0; FREQUENCIES], [0.0; FREQUENCIES]);
     for index in 0..DIRECTIONS {
         let [left, right] = ears(&angle::spread_direction(index, DIRECTIONS)).map(|ear| spectrum(&ear));
@@ -93,7 +93,7 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
             likeness[k] += (left * right.conj()).re;
         }
     }
-    let mean = |(energy, likeness): (f64, f64)| Diffuse {
+    let mean = |(energy, likeness): (f64, f64)| DiffuseResponse {
         energy: energy / DIRECTIONS as f64,
         coherence: if energy > 0.0 { (likeness / energy).clamp(-1.0, 1.0) } else { 1.0 },
     };
@@ -112,12 +112,12 @@ fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     })
 }
 
-fn between(known: &[Diffuse], frequency_hz: f64) -> Diffuse {
+fn between(known: &[DiffuseResponse], frequency_hz: f64) -> DiffuseResponse {
     let place = frequency_hz * (2 * (FREQUENCIES - 1)) as f64 / f64::from(SAMPLE_RATE_HZ);
     let low = (place as usize).min(FREQUENCIES - 2);
     let share = (place - low as f64).clamp(0.0, 1.0);
-    let mix = |of: fn(&Diffuse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
-    Diffuse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
+    let mix = |of: fn(&DiffuseResponse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
+    DiffuseResponse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ const FIRST_S: f32 = 0.005;
 const OF_A_WIDTH: u32 = 16;
 
 /// Returns the slice of a wave with path length `length_m` (0 to 1e6).
-pub(super) fn bin_of(length_m: f32) -> usize {
+pub(super) fn slice_of(length_m: f32) -> usize {
     let slot = (length_m * (1.0 / (SPEED_OF_SOUND_M_S * FIRST_S))) as u32 + OF_A_WIDTH;
     let doubling = (slot / OF_A_WIDTH).ilog2();
     (doubling * OF_A_WIDTH + (slot >> doubling) - OF_A_WIDTH) as usize
@@ -24,7 +24,7 @@ pub(super) fn bin_of(length_m: f32) -> usize {
 
 /// Width of the slice for a path length `length_m`, relative to the first slice, as a power of two.
 pub(super) fn doublings(length_m: f32) -> u32 {
-    bin_of(length_m) as u32 / OF_A_WIDTH
+    slice_of(length_m) as u32 / OF_A_WIDTH
 }
 
 /// Start of slice `bin`, seconds.
@@ -70,7 +70,7 @@ pub(super) struct Envelope {
     /// Per slice: its centre, seconds.
     middles_s: Vec<f32>,
     /// Per block: its start.
-    places: Vec<Place>,
+    places: Vec<SlicePosition>,
     /// Per slice: seconds under its two lines.
     weight_s: Vec<f32>,
 }
@@ -110,7 +110,7 @@ impl Envelope {
 
     /// Gain of each band at the start of a block, or at the end of the last one.
     pub(super) fn gains(&self, densities: &[Density], block: usize) -> [f32; BANDS] {
-        let Place { slice, share } = self.places[block];
+        let SlicePosition { slice, share } = self.places[block];
         let next = &densities[(slice + 1).min(densities.len() - 1)];
         std::array::from_fn(|band| {
             let density = densities[slice][band] * (1.0 - share) + next[band] * share;
@@ -145,7 +145,7 @@ impl Envelope {
 }
 
 /// A position between two centres.
-struct Place {
+struct SlicePosition {
     /// The earlier slice.
     slice: usize,
     /// Fraction towards the later slice, 0 to 1.
@@ -158,14 +158,14 @@ pub(super) fn middle_s(slice: usize) -> f32 {
 }
 
 /// Positions of the samples `first`, `first` + [`BLOCK`] and so on.
-fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item = Place> {
+fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item = SlicePosition> {
     let mut slice = 0;
     (0..count).map(move |block| {
         let time_s = (first + block * BLOCK) as f32 / SAMPLE_RATE_HZ as f32;
         while middles_s.get(slice + 1).is_some_and(|middle_s| *middle_s <= time_s) {
             slice += 1;
         }
-        Place { slice, share: share_of_next(slice, time_s, middles_s) }
+        SlicePosition { slice, share: share_of_next(slice, time_s, middles_s) }
     })
 }
 
@@ -186,8 +186,8 @@ mod tests {
         for bin in 0..100 {
             let (start, end) = (start_s(bin), start_s(bin + 1));
             assert!(end > start);
-            assert_eq!(bin_of((0.99 * start + 0.01 * end) * SPEED_OF_SOUND_M_S), bin);
-            assert_eq!(bin_of((0.01 * start + 0.99 * end) * SPEED_OF_SOUND_M_S), bin);
+            assert_eq!(slice_of((0.99 * start + 0.01 * end) * SPEED_OF_SOUND_M_S), bin);
+            assert_eq!(slice_of((0.01 * start + 0.99 * end) * SPEED_OF_SOUND_M_S), bin);
         }
         for (time_s, times_wider) in [(0.0, 1), (0.079, 1), (0.081, 2), (0.239, 2), (0.241, 4), (0.57, 8)] {
             assert_eq!(1 << doublings(time_s * SPEED_OF_SOUND_M_S), times_wider, "{time_s} s");

@@ -141,7 +141,7 @@ fn add_block(
 }
 
 /// Smallest energy share of a slice with a direction.
-const LEAST_SHARE: f32 = 1e-3;
+const MIN_SHARE: f32 = 1e-3;
 
 /// Taps of the fractional shift of a filter.
 const MOVE_TAPS: usize = 4;
@@ -157,7 +157,7 @@ fn add_directed(
     noise: &Noise,
 ) {
     let energy = |slice: &Slice| slice.energy.iter().sum::<f32>();
-    let least = LEAST_SHARE * slices.iter().map(energy).sum::<f32>();
+    let least = MIN_SHARE * slices.iter().map(energy).sum::<f32>();
     for (index, slice) in slices.iter().enumerate().take(DIRECTED) {
         let share = directed_share(slice);
         if share == 0.0 || share * energy(slice) <= least {
@@ -190,13 +190,13 @@ fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noi
 }
 
 /// Adds `sound`, which passes the head centre from sample `first`, as heard by the ear.
-fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, most_samples: usize) {
+fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, max_samples: usize) {
     let delay = filter.delay_s * f64::from(SAMPLE_RATE_HZ);
     let whole = libm::floor(delay);
     let taps = moved(&filter.filter, (delay - whole) as f32);
     let start = first as i64 + whole as i64 - HEAD_LEAD as i64 - 1;
     let end = start + (sound.len() + taps.len()) as i64;
-    add_convolved(ear, sound, &taps, start, end.clamp(0, most_samples as i64) as usize);
+    add_convolved(ear, sound, &taps, start, end.clamp(0, max_samples as i64) as usize);
 }
 
 /// The filter delayed by one sample and `fraction` (0 to 1): Lagrange interpolation with four taps.

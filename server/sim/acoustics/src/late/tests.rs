@@ -10,7 +10,7 @@ use crate::head::Head;
 use crate::images::Images;
 use crate::impulse::{ImpulseResponse, Listener};
 use crate::surfaces::{SURFACE_BANDS, Surface};
-use crate::testing::{Soup, building};
+use crate::tests::{Soup, building};
 use crate::{SPEED_OF_SOUND_M_S, interaural_delay_s};
 use avln_geom::{Point3, Vector3};
 use std::f64::consts::PI;

@@ -106,10 +106,10 @@ pub(super) fn band_energies(signal: &[f32]) -> [f64; SURFACE_BANDS] {
 const BEYOND_DB: f64 = 15.0;
 
 /// Smallest product of bandwidth and decay time distinguishable from the filter: a pulse has 10.8.
-const LEAST_BANDWIDTH_TIME: f64 = 11.0;
+const MIN_BANDWIDTH_TIME: f64 = 11.0;
 
 /// Shortest plausible decay, seconds.
-const LEAST_TIME_S: f64 = 0.02;
+const MIN_TIME_S: f64 = 0.02;
 
 /// Remaining energy of a band over time.
 pub(super) struct Decay {
@@ -117,7 +117,7 @@ pub(super) struct Decay {
     left_db: Vec<f64>,
     /// End of the response, seconds after the first wave.
     end_s: f64,
-    least_time_s: f64,
+    min_time_s: f64,
 }
 
 impl Decay {
@@ -134,8 +134,8 @@ impl Decay {
         let first = ((first_arrival_s * f64::from(SAMPLE_RATE_HZ)).max(0.0) as usize).min(samples);
         let level_db = |energy: &f64| 10.0 * libm::log10(*energy / sum);
         let left_db = left[first..].iter().take_while(|energy| **energy > 0.0).map(level_db).collect();
-        let least_time_s = (LEAST_BANDWIDTH_TIME / bandwidth_hz(band)).max(LEAST_TIME_S);
-        Self { left_db, end_s: length_s - first_arrival_s, least_time_s }
+        let min_time_s = (MIN_BANDWIDTH_TIME / bandwidth_hz(band)).max(MIN_TIME_S);
+        Self { left_db, end_s: length_s - first_arrival_s, min_time_s }
     }
 
     /// Time for 60 dB on the line through the curve between two levels in decibels.
@@ -146,7 +146,7 @@ impl Decay {
         let (level_db, slope_db_s) = line(self.left_db.get(start..end)?, start)?;
         let time_s = -60.0 / slope_db_s;
         let shown_s = (to_db - BEYOND_DB - level_db) / slope_db_s;
-        (slope_db_s < 0.0 && time_s >= self.least_time_s && shown_s <= self.end_s).then_some(time_s)
+        (slope_db_s < 0.0 && time_s >= self.min_time_s && shown_s <= self.end_s).then_some(time_s)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::common::{point, two_rooms};
 use avln_acoustics::{
-    Acoustics, Bank, Ears, Emitter, ImpulseResponse, Listener, Settings, SoundPlace, SoundShelf, Surfaces,
+    Acoustics, Bank, BuildingCache, Ears, Emitter, ImpulseResponse, Listener, Settings, SoundCache, Surfaces,
 };
 use avln_geom::{Point3, RayMesh};
 use avln_houses::{HouseOptions, house};
@@ -16,21 +16,21 @@ struct Memory {
     found: Mutex<u32>,
 }
 
-impl SoundShelf for Memory {
-    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+impl SoundCache for Memory {
+    fn load_sound(&self, name: &str) -> Option<Vec<u8>> {
         let found = self.kept.lock().unwrap().get(name).cloned();
         *self.found.lock().unwrap() += u32::from(found.is_some());
         found
     }
 
-    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+    fn store_sound(&self, name: &str, bytes: &[u8]) {
         self.kept.lock().unwrap().insert(name.to_owned(), bytes.to_vec());
     }
 }
 
 fn kept(memory: &Arc<Memory>) -> Acoustics {
-    let shelf: Arc<dyn SoundShelf> = Arc::clone(memory) as _;
-    two_rooms(true).kept_at(Some(SoundPlace { shelf, name: "flat".into() }))
+    let cache: Arc<dyn SoundCache> = Arc::clone(memory) as _;
+    two_rooms(true).with_cache(Some(BuildingCache { cache, name: "flat".into() }))
 }
 
 /// What the sources of a flat with two rooms do to some listeners.
@@ -78,12 +78,12 @@ fn bytes_that_do_not_fit_the_building_are_not_used() {
 #[derive(Default)]
 struct Last(Mutex<Option<(String, Vec<u8>)>>);
 
-impl SoundShelf for Last {
-    fn find_sound(&self, _: &str) -> Option<Vec<u8>> {
+impl SoundCache for Last {
+    fn load_sound(&self, _: &str) -> Option<Vec<u8>> {
         None
     }
 
-    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+    fn store_sound(&self, name: &str, bytes: &[u8]) {
         *self.0.lock().unwrap() = Some((name.to_owned(), bytes.to_vec()));
     }
 }
@@ -97,14 +97,14 @@ fn hash(bytes: &[u8]) -> u64 {
 #[test]
 fn the_version_changes_when_what_is_known_of_a_source_does() {
     let last = Arc::new(Last::default());
-    let shelf: Arc<dyn SoundShelf> = Arc::clone(&last) as _;
-    let acoustics = two_rooms(true).kept_at(Some(SoundPlace { shelf, name: "flat".into() }));
+    let cache: Arc<dyn SoundCache> = Arc::clone(&last) as _;
+    let acoustics = two_rooms(true).with_cache(Some(BuildingCache { cache, name: "flat".into() }));
     acoustics.source(&point(2.5, 1.0, 1.5));
     let (name, bytes) = last.0.lock().unwrap().take().expect("a source");
     assert_eq!(
         (name.as_str(), hash(&bytes)),
         ("flat-402000003f8000003fc00000-16000-8192-2-4", 7_648_694_016_639_023_626),
-        "sources are not what they were: count avln-acoustics' stored::VERSION up and put the new hash here"
+        "sources are not what they were: count avln-acoustics' cache::VERSION up and put the new hash here"
     );
 }
 
@@ -136,6 +136,6 @@ fn a_source_takes_8_mb_at_most_and_an_environment_64() {
     }
     let bytes = acoustics.resident_bytes() + ears.resident_bytes();
     assert!((4 * MB..64 * MB).contains(&bytes), "{bytes} bytes of an environment");
-    assert!(ears.resident_bytes() <= ears.most_bytes(), "{} bytes are promised", ears.most_bytes());
+    assert!(ears.resident_bytes() <= ears.max_bytes(), "{} bytes are promised", ears.max_bytes());
     println!("{} bytes, {} of them for the ears", bytes, ears.resident_bytes());
 }

@@ -1,5 +1,7 @@
 //! Invariants of procedural houses.
 
+mod golden;
+
 use avln_geom::{Aabb, Point3};
 use avln_houses::{HouseOptions, house};
 use avln_scene::categories::is_target;

@@ -1,5 +1,5 @@
 //! Numbers and digests of some procedural houses. A change of the generator invalidates all earlier splits
-//! and must be deliberate. `AVLN_BLESS=1 cargo test -p avln-houses --test golden` rewrites them; state the
+//! and must be deliberate. `AVLN_BLESS=1 cargo test -p avln-houses --test all` rewrites them; state the
 //! reason in the changelog.
 
 use avln_houses::{HouseOptions, Pool, house};
