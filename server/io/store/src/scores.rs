@@ -27,7 +27,7 @@ pub struct Rescored {
 }
 
 /// A run's stored means by another scorer than the first.
-#[derive(Clone, Debug, PartialEq, Serialize, FromRow)]
+#[derive(Clone, Debug, PartialEq, Serialize, FromRow, utoipa::ToSchema)]
 pub struct Rescore {
     /// Benchmark version.
     pub scorer: String,

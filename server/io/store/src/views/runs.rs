@@ -17,7 +17,7 @@ use sqlx::{Sqlite, Transaction};
 use std::collections::BTreeMap;
 
 /// A page in the run list.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunList {
     /// Runs, newest first.
     pub runs: Vec<RunLine>,
@@ -144,7 +144,7 @@ async fn read_progress(
 }
 
 /// Two runs with equal phase and order, over common episodes.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct CompareView {
     /// The first run.
     pub first: RunLine,
@@ -157,7 +157,7 @@ pub struct CompareView {
 }
 
 /// An episode scored in both runs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PairView {
     /// Episode id inside the split.
     pub episode: String,
