@@ -1,4 +1,4 @@
-use crate::plane::{Lattice, Spot, turn};
+use crate::plane::{Lattice, LatticePoint, Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use crate::sight::{Eye, VisiblePart, look};
 use std::ops::Range;
@@ -22,8 +22,6 @@ pub(crate) struct Corners {
 #[derive(Clone, Copy)]
 pub(crate) struct WallCorner {
     pub(crate) eye: Eye,
-    /// Ground height, metres.
-    pub(crate) height_m: f64,
     /// Start of the arriving wall and end of the leaving wall; the floor is on their left.
     before: Spot,
     after: Spot,
@@ -41,8 +39,8 @@ impl WallCorner {
     /// Returns true if a path from `spot` can bend here: the wall is on a single side of the line through
     /// both.
     fn is_tangent(&self, spot: &Spot) -> bool {
-        let before = turn(spot, &self.eye.spot, &self.before);
-        let after = turn(spot, &self.eye.spot, &self.after);
+        let before = turn(spot, &self.eye.place.spot, &self.before);
+        let after = turn(spot, &self.eye.place.spot, &self.after);
         !(before > SLACK && after < -SLACK || before < -SLACK && after > SLACK)
     }
 }
@@ -81,10 +79,9 @@ impl Corners {
         &self.links[range(corner as usize)..range(corner as usize + 1)]
     }
 
-    /// Distance in space between a corner and a position (spot and height), metres.
-    pub(crate) fn metres_to(&self, corner: u32, place: (&Spot, f64)) -> f64 {
-        let corner = self.get(corner);
-        self.lattice.apart_m((&corner.eye.spot, corner.height_m), place)
+    /// Distance in space, metres.
+    pub(crate) fn metres_to(&self, corner: u32, place: &LatticePoint) -> f64 {
+        self.lattice.apart_m(&self.get(corner).eye.place, place)
     }
 
     /// Calls `found` for corners among the `edges` of a polygon that are in `view` and useful from `place`.
@@ -92,7 +89,7 @@ impl Corners {
         &self,
         edges: Range<u32>,
         view: &VisiblePart,
-        place: (&Spot, f64),
+        place: &LatticePoint,
         mut found: impl FnMut(Link),
     ) {
         for &to in &self.at_edge[edges.start as usize..edges.end as usize] {
@@ -100,7 +97,7 @@ impl Corners {
                 continue;
             }
             let corner = &self.corners[to as usize];
-            if view.holds(&corner.eye.spot) && corner.is_tangent(place.0) {
+            if view.holds(&corner.eye.place.spot) && corner.is_tangent(&place.spot) {
                 found(Link { to, metres: self.metres_to(to, place) });
             }
         }
@@ -110,9 +107,9 @@ impl Corners {
         let corner = self.corners[id as usize];
         let mut links = Vec::new();
         look(polygons, &corner.eye, |polygon, view| {
-            self.in_view(polygons.edges(polygon), view, (&corner.eye.spot, corner.height_m), |link| {
-                let other = self.corners[link.to as usize].eye.spot;
-                if other != corner.eye.spot && corner.is_tangent(&other) {
+            self.in_view(polygons.edges(polygon), view, &corner.eye.place, |link| {
+                let other = self.corners[link.to as usize].eye.place.spot;
+                if other != corner.eye.place.spot && corner.is_tangent(&other) {
                     links.push(link);
                 }
             });
@@ -137,8 +134,9 @@ fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<WallCorner>,
         let is_dead_end = side == 0.0 && (after - spot).dot(&(spot - before)) < 0.0;
         if side < 0.0 || is_dead_end {
             fan.iter().for_each(|&edge| at_edge[edge as usize] = corners.len() as u32);
-            let eye = Eye { spot, polygon: polygons.owner(leaving) };
-            corners.push(WallCorner { eye, height_m: height_m(leaving), before, after });
+            let place = LatticePoint { spot, height_m: height_m(leaving) };
+            let eye = Eye { place, polygon: polygons.owner(leaving) };
+            corners.push(WallCorner { eye, before, after });
         }
     }
     (corners, at_edge)
@@ -165,8 +163,9 @@ mod tests {
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
         let corners = Corners::new(&polygons, lattice, |_| 3.0);
         assert_eq!(corners.len(), 1);
-        assert_eq!(corners.metres_to(0, (&Spot::new(2.0, 10.0), 0.0)), 5.0);
-        assert_eq!(corners.get(0).eye.spot, Spot::new(10.0, 10.0));
+        let place = LatticePoint { spot: Spot::new(2.0, 10.0), height_m: 0.0 };
+        assert_eq!(corners.metres_to(0, &place), 5.0);
+        assert_eq!(corners.get(0).eye.place.spot, Spot::new(10.0, 10.0));
         assert!(corners.links(0).is_empty());
         // From (2, 18) a way may go on behind the corner; from (5, 5) it would run into the wall.
         assert!(corners.get(0).is_tangent(&Spot::new(2.0, 18.0)));

@@ -32,21 +32,7 @@ pub enum DetourError {
         /// File size in bytes.
         length: usize,
     },
-    /// Another kind of file.
-    #[error("{what} at byte {offset} begins with {found:02x?} where {expected:02x?} belongs{hint}")]
-    Magic {
-        /// Item being read.
-        what: &'static str,
-        /// Offset of the item.
-        offset: usize,
-        /// Bytes found.
-        found: Vec<u8>,
-        /// Expected bytes.
-        expected: [u8; 4],
-        /// Alternative explanation; empty or a continuation of the sentence.
-        hint: &'static str,
-    },
-    /// A number that cannot be.
+    /// An unsupported value.
     #[error("{what} at byte {offset} is {found}; {expected}")]
     Value {
         /// Item being read.
@@ -85,7 +71,8 @@ impl NavMesh {
 fn read(bytes: &[u8]) -> Result<Parts, DetourError> {
     let mut reader = Reader::new(bytes);
     let pointer = bytes.starts_with(b"version https://git-lfs");
-    let hint = if pointer { ": a Git LFS pointer, run `git lfs pull`" } else { ": not a navmesh set" };
+    let hint =
+        if pointer { "this is a Git LFS pointer, run `git lfs pull`" } else { "this is no navmesh set" };
     reader.magic("the navmesh set", SET_MAGIC, hint)?;
     let version = reader.within("the version of the navmesh set", SET_VERSIONS)?;
     reader.within("the number of tiles", 1..=MAX_TILES)?;
@@ -131,18 +118,11 @@ impl<'a> Reader<'a> {
         Ok(Self { bytes: self.bytes, at, end: self.at })
     }
 
-    fn magic(
-        &mut self,
-        what: &'static str,
-        expected: &[u8; 4],
-        hint: &'static str,
-    ) -> Result<(), DetourError> {
+    fn magic(&mut self, what: &'static str, magic: &[u8; 4], hint: &str) -> Result<(), DetourError> {
         let offset = self.at;
         let found = self.take(what, 4)?;
-        if found == expected {
-            return Ok(());
-        }
-        Err(DetourError::Magic { what, offset, found: found.to_vec(), expected: *expected, hint })
+        let expected = || format!("it must begin with {magic:02x?}: {hint}");
+        self.demand(found == magic, what, offset, format!("{found:02x?}"), expected)
     }
 
     fn u8(&mut self, what: &'static str) -> Result<u8, DetourError> {

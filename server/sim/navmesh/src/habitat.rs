@@ -1,12 +1,12 @@
 //! Habitat-compatible queries: projection, steps and path lengths as in habitat-sim's `PathFinder`. Sources:
 //! habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
 
-use crate::corridor::{CorridorEnd, corridor_m};
+use crate::corridor::corridor_m;
 use crate::mesh::{NavMesh, NavPoint, Slide};
-use crate::plane::{Spot, share_of_segment};
-use crate::polygons::PolygonCorner;
+use crate::plane::{LatticePoint, Spot, nearest_height_m};
 use crate::sight::Eye;
 use crate::surface::Surface;
+use crate::walk::Step;
 use avln_geom::Point3;
 
 /// Half extents of the polygon search box: in x and z, and in y, metres.
@@ -22,8 +22,8 @@ impl NavMesh {
     ///
     /// A polygon above or below the point within the body's climb has priority over nearer lateral polygons.
     pub fn project(&self, point: &Point3<f32>) -> Option<NavPoint> {
-        let (spot, height_m) = (self.lattice().spot(point), f64::from(point.y));
-        let reach_cells = self.lattice().cells(BOX_M.0);
+        let (spot, height_m) = (self.lattice.spot(point), f64::from(point.y));
+        let reach_cells = self.lattice.cells(BOX_M.0);
         let mut best: Option<(f64, u32, Spot)> = None;
         self.bins.around(&spot, reach_cells, |polygon| {
             if self.is_in_box(polygon, &spot, height_m) {
@@ -50,9 +50,10 @@ impl NavMesh {
         if self.island_of(&from) != self.island_of(&towards) {
             return None;
         }
-        let eye = Eye { spot: self.lattice().spot(&from.position), polygon: from.polygon };
-        let length_m = f64::from((end - from.position).norm());
-        let Slide { end: reached, blocked } = self.step(eye, self.lattice().spot(end), length_m, slides)?;
+        let (start, target) = (self.lattice.spot(&from.position), self.lattice.spot(end));
+        let reach_cells = self.step_reach(f64::from((end - from.position).norm()));
+        let step = Step { start, polygon: from.polygon, target, reach_cells, slides };
+        let Slide { end: reached, blocked } = self.step(&step)?;
         let exact = matches!(self.surface, Surface::Detail(_)) && blocked && slides;
         let stopped = exact.then(|| stop(self, reached.polygon, end)).flatten();
         let place = stopped.unwrap_or(reached.position);
@@ -75,9 +76,9 @@ impl NavMesh {
         if are_same(&on_a, &on_b) {
             return Some(0.0);
         }
-        let ends = [&on_a, &on_b].map(|on| CorridorEnd { place: self.place(on), polygon: on.polygon });
+        let ends = [&on_a, &on_b].map(|on| Eye { place: self.place(on), polygon: on.polygon });
         let drawn = [self.place(&self.end_of_path(a, &on_a)), self.place(&self.end_of_path(b, &on_b))];
-        corridor_m(&self.polygons, self.lattice(), ends, drawn)
+        corridor_m(&self.polygons, &self.lattice, ends, drawn)
     }
 
     /// Length of the shortest path between the points of [`NavMesh::geodesic_m`]; never longer.
@@ -89,38 +90,29 @@ impl NavMesh {
         self.distance_m(&self.end_of_path(a, &on_a), &self.end_of_path(b, &on_b))
     }
 
-    fn place(&self, point: &NavPoint) -> PolygonCorner {
+    fn place(&self, point: &NavPoint) -> LatticePoint {
         let position = point.position;
-        PolygonCorner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
+        LatticePoint { spot: self.lattice.spot(&position), height_m: f64::from(position.y) }
     }
 
     /// `point` itself above its polygon, otherwise the point on the polygon's rim at rim height.
     fn end_of_path(&self, point: &Point3<f32>, on: &NavPoint) -> NavPoint {
-        let spot = self.lattice().spot(point);
+        let spot = self.lattice.spot(point);
         let nearest = self.polygons.nearest(on.polygon, &spot);
         let height_m = if nearest == spot { point.y } else { self.rim_m(on.polygon, &nearest) as f32 };
-        NavPoint { position: self.lattice().point(&nearest, height_m), polygon: on.polygon }
+        NavPoint { position: self.lattice.point(&nearest, height_m), polygon: on.polygon }
     }
 
     /// Height of the straight rim of `polygon` nearest to `spot`, metres.
     fn rim_m(&self, polygon: u32, spot: &Spot) -> f64 {
-        let (corners, heights) = (self.polygons.corners(polygon), self.polygons.heights_m(polygon));
-        let mut best = (f64::INFINITY, 0.0);
-        for (i, a) in corners.iter().enumerate() {
-            let j = (i + 1) % corners.len();
-            let share = share_of_segment(spot, a, &corners[j]);
-            let gap = (a + (corners[j] - a) * share - spot).norm_squared();
-            if gap < best.0 {
-                best = (gap, heights[i] + (heights[j] - heights[i]) * share);
-            }
-        }
-        best.1
+        let side = |edge| [edge, self.polygons.next(edge)].map(|edge| self.polygons.corner(edge));
+        nearest_height_m(spot, self.polygons.edges(polygon).map(side))
     }
 
     fn is_in_box(&self, polygon: u32, spot: &Spot, height_m: f64) -> bool {
         let corners = self.polygons.corners(polygon);
         let (low, high) = corners.iter().fold((corners[0], corners[0]), |(l, h), c| (l.inf(c), h.sup(c)));
-        let reach = self.lattice().cells(BOX_M.0);
+        let reach = self.lattice.cells(BOX_M.0);
         let beside = low.x <= spot.x + reach
             && high.x >= spot.x - reach
             && low.y <= spot.y + reach
@@ -140,9 +132,9 @@ impl NavMesh {
     fn nearness(&self, polygon: u32, spot: &Spot, nearest: &Spot, height_m: f64) -> f64 {
         let rise_m = f64::from(self.surface.height_m(polygon, nearest)) - height_m;
         if nearest == spot {
-            (rise_m.abs() - f64::from(self.climb_m())).max(0.0).powi(2)
+            (rise_m.abs() - f64::from(self.climb_m)).max(0.0).powi(2)
         } else {
-            let flat_m = (nearest - spot).norm() * f64::from(self.lattice().cell_m);
+            let flat_m = (nearest - spot).norm() * f64::from(self.lattice.cell_m);
             flat_m * flat_m + rise_m * rise_m
         }
     }
@@ -152,7 +144,7 @@ impl NavMesh {
         let (corners, heights) = (self.polygons.corners(polygon), self.polygons.heights_m(polygon));
         let count = corners.len() as f64;
         let sum = corners.iter().fold(Spot::origin(), |sum, corner| sum + corner.coords);
-        self.lattice().point(&(sum / count), (heights.iter().sum::<f64>() / count) as f32)
+        self.lattice.point(&(sum / count), (heights.iter().sum::<f64>() / count) as f32)
     }
 }
 
@@ -191,10 +183,13 @@ impl Wall {
 }
 
 /// The end of a step to `target` that a wall of `polygon` stopped; `None` for a polygon without walls.
-pub(crate) fn stop(mesh: &NavMesh, polygon: u32, target: &Point3<f32>) -> Option<Point3<f32>> {
+fn stop(mesh: &NavMesh, polygon: u32, target: &Point3<f32>) -> Option<Point3<f32>> {
     let polygons = &mesh.polygons;
     let wall = |edge: u32| {
-        let place = |edge: u32| mesh.lattice().corner(polygons.from(edge), polygons.height_m(edge) as f32);
+        let place = |edge: u32| {
+            let LatticePoint { spot, height_m } = polygons.corner(edge);
+            mesh.lattice.corner(&spot, height_m as f32)
+        };
         Wall { begin: place(polygons.next(edge)), end: place(edge) }
     };
     let mut best: Option<(f32, f32, Wall)> = None;
@@ -208,7 +203,7 @@ pub(crate) fn stop(mesh: &NavMesh, polygon: u32, target: &Point3<f32>) -> Option
     let mut place = begin + (end - begin) * share;
     let crossed = polygons.edges(polygon).filter(|&edge| wall(edge).crosses(&place)).count();
     if crossed % 2 == 1 {
-        place.y = mesh.surface.height_m(polygon, &mesh.lattice().spot(&place));
+        place.y = mesh.surface.height_m(polygon, &mesh.lattice.spot(&place));
     }
     Some(place)
 }

@@ -1,15 +1,16 @@
-use crate::plane::Spot;
+use crate::plane::{Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;
 
 /// Connected parts of the mesh, the main island first.
 pub(crate) struct Islands {
-    of_polygon: Vec<u32>,
-    parts: Vec<Island>,
+    /// Island by polygon.
+    pub(crate) of_polygon: Vec<u32>,
+    pub(crate) parts: Vec<Island>,
 }
 
-struct Island {
-    area_m2: f64,
+pub(crate) struct Island {
+    pub(crate) area_m2: f64,
     /// Triangles of the island with the area, in cells squared, of all up to and including them.
     triangles: Vec<(f64, Triangle)>,
 }
@@ -41,22 +42,6 @@ impl Islands {
             parts.push(Island { area_m2: area * square_cell_m2, triangles: triangles(polygons, &members) });
         }
         Self { of_polygon, parts }
-    }
-
-    pub(crate) fn of(&self, polygon: u32) -> u32 {
-        self.of_polygon[polygon as usize]
-    }
-
-    pub(crate) fn area_m2(&self, island: u32) -> f64 {
-        self.parts[island as usize].area_m2
-    }
-
-    pub(crate) fn total_area_m2(&self) -> f64 {
-        self.parts.iter().map(|part| part.area_m2).sum()
-    }
-
-    pub(crate) fn count(&self) -> u32 {
-        self.parts.len() as u32
     }
 
     /// Samples a spot of `island` and its polygon, uniform by area in the plane.
@@ -117,7 +102,7 @@ fn triangles(polygons: &Polygons, members: &[u32]) -> Vec<(f64, Triangle)> {
     for &polygon in members {
         let corners = polygons.corners(polygon);
         for corner in 1..corners.len().saturating_sub(1) {
-            total += 0.5 * crate::plane::turn(&corners[0], &corners[corner], &corners[corner + 1]);
+            total += 0.5 * turn(&corners[0], &corners[corner], &corners[corner + 1]);
             triangles.push((total, Triangle { polygon, corner: corner as u32 }));
         }
     }

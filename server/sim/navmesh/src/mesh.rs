@@ -1,6 +1,6 @@
 use crate::corners::Corners;
 use crate::islands::Islands;
-use crate::plane::{Lattice, Spot};
+use crate::plane::{Lattice, LatticePoint, Spot};
 use crate::polygons::{Bins, Polygons, RawPolygon};
 use crate::settings::{Body, Cells, NavMeshError, NavMeshSettings};
 use crate::sight::Eye;
@@ -47,9 +47,10 @@ pub struct Slide {
 ///
 /// Points must belong to the mesh: with points of a different mesh, methods panic or return wrong results.
 pub struct NavMesh {
-    lattice: Lattice,
+    pub(crate) lattice: Lattice,
     headroom_m: f32,
-    climb_m: f32,
+    /// Highest step, metres.
+    pub(crate) climb_m: f32,
     pub(crate) polygons: Polygons,
     pub(crate) corners: Corners,
     islands: Islands,
@@ -119,7 +120,7 @@ impl NavMesh {
         let islands = Islands::new(&polygons, lattice.cell_m, is_roof);
         let corners = Corners::new(&polygons, lattice, |edge| match &surface {
             Surface::Scene(_) => f64::from(surface.height_m(polygons.owner(edge), polygons.from(edge))),
-            Surface::Detail(_) => polygons.height_m(edge),
+            Surface::Detail(_) => polygons.corner(edge).height_m,
         });
         let bins = Bins::new(&polygons);
         Self { lattice, headroom_m, climb_m, polygons, corners, islands, bins, surface }
@@ -154,12 +155,12 @@ impl NavMesh {
 
     /// Island index of `point`.
     pub fn island_of(&self, point: &NavPoint) -> u32 {
-        self.islands.of(point.polygon)
+        self.islands.of_polygon[point.polygon as usize]
     }
 
     /// Island count, at least 1.
     pub fn island_count(&self) -> u32 {
-        self.islands.count()
+        self.islands.parts.len() as u32
     }
 
     /// Area of an island in the ground plane, square metres.
@@ -167,7 +168,7 @@ impl NavMesh {
     /// # Panics
     /// If `island` is out of range.
     pub fn island_area_m2(&self, island: u32) -> f64 {
-        self.islands.area_m2(island)
+        self.islands.parts[island as usize].area_m2
     }
 
     /// The main island: the largest island except roofs.
@@ -177,7 +178,7 @@ impl NavMesh {
 
     /// Area of all islands in the ground plane, square metres.
     pub fn area_m2(&self) -> f64 {
-        self.islands.total_area_m2()
+        self.islands.parts.iter().map(|part| part.area_m2).sum()
     }
 
     /// Samples a point of `island`, uniform by area in the ground plane.
@@ -214,21 +215,32 @@ impl NavMesh {
     /// Moves by `displacement` from `from` with sliding, like Habitat: at a wall the step ends at the nearest
     /// reachable point to its target. Only the horizontal part of `displacement` counts.
     pub fn slide(&self, from: &NavPoint, displacement: &Vector3<f32>) -> Slide {
-        let start = self.eye(from);
+        let start = self.eye(from).place.spot;
         let cells = |metres: f32| self.lattice.cells(f64::from(metres));
-        let target = Spot::new(start.spot.x + cells(displacement.x), start.spot.y + cells(displacement.z));
+        let target = Spot::new(start.x + cells(displacement.x), start.y + cells(displacement.z));
         let length_m = f64::from(displacement.xz().norm());
-        self.step(start, target, length_m, true).unwrap_or(Slide { end: *from, blocked: true })
+        let step = Step {
+            start,
+            polygon: from.polygon,
+            target,
+            reach_cells: self.step_reach(length_m),
+            slides: true,
+        };
+        self.step(&step).unwrap_or(Slide { end: *from, blocked: true })
     }
 
     /// A step to `target` that measures `length_m`; `None` when it ends nowhere.
-    pub(crate) fn step(&self, start: Eye, target: Spot, length_m: f64, slides: bool) -> Option<Slide> {
-        if !(target.x.is_finite() && target.y.is_finite()) {
+    pub(crate) fn step(&self, step: &Step) -> Option<Slide> {
+        if !(step.target.x.is_finite() && step.target.y.is_finite()) {
             return None;
         }
-        let reach_cells = self.lattice.cells(0.5 * length_m + STEP_RIM_M);
-        let walked = walk(&self.polygons, &Step { start, target, reach_cells, slides })?;
-        Some(Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked })
+        let walked = walk(&self.polygons, step)?;
+        Some(Slide { end: self.point(&walked.end, walked.polygon), blocked: walked.blocked })
+    }
+
+    /// Portal search radius of a step, cells.
+    pub(crate) fn step_reach(&self, length_m: f64) -> f64 {
+        self.lattice.cells(0.5 * length_m + STEP_RIM_M)
     }
 
     /// The polygons of the mesh for maps: corners in order, in the world frame.
@@ -244,21 +256,13 @@ impl NavMesh {
         let spot = self.polygons.nearest(point.polygon, &self.lattice.spot(&point.position));
         let is_here = |corner: &&Spot| (*corner - spot).norm_squared() < ROUNDING_CELLS * ROUNDING_CELLS;
         let corner = self.polygons.corners(point.polygon).iter().find(is_here);
-        Eye { spot: corner.copied().unwrap_or(spot), polygon: point.polygon }
+        let spot = corner.copied().unwrap_or(spot);
+        Eye { place: LatticePoint { spot, height_m: f64::from(point.position.y) }, polygon: point.polygon }
     }
 
     pub(crate) fn corner_position(&self, corner: u32) -> Point3<f32> {
-        let corner = self.corners.get(corner);
-        self.lattice.point(&corner.eye.spot, corner.height_m as f32)
-    }
-
-    pub(crate) fn lattice(&self) -> &Lattice {
-        &self.lattice
-    }
-
-    /// The highest step that the body walks, metres.
-    pub(crate) fn climb_m(&self) -> f32 {
-        self.climb_m
+        let place = &self.corners.get(corner).eye.place;
+        self.lattice.point(&place.spot, place.height_m as f32)
     }
 
     pub(crate) fn point(&self, spot: &Spot, polygon: u32) -> NavPoint {

@@ -6,6 +6,14 @@ use avln_geom::{Point2, Point3};
 /// A place in the ground plane, in cells: world x and z from the lattice's origin.
 pub(crate) type Spot = Point2<f64>;
 
+/// A position over the lattice.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LatticePoint {
+    pub(crate) spot: Spot,
+    /// World height, metres.
+    pub(crate) height_m: f64,
+}
+
 /// Ties lattice coordinates to the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lattice {
@@ -43,10 +51,10 @@ impl Lattice {
         metres / f64::from(self.cell_m)
     }
 
-    /// Distance in space between two positions (spot and height in metres), metres.
-    pub(crate) fn apart_m(&self, a: (&Spot, f64), b: (&Spot, f64)) -> f64 {
-        let flat_m = (a.0 - b.0).norm() * f64::from(self.cell_m);
-        let rise_m = a.1 - b.1;
+    /// Distance in space, metres.
+    pub(crate) fn apart_m(&self, a: &LatticePoint, b: &LatticePoint) -> f64 {
+        let flat_m = (a.spot - b.spot).norm() * f64::from(self.cell_m);
+        let rise_m = a.height_m - b.height_m;
         if rise_m == 0.0 { flat_m } else { (flat_m * flat_m + rise_m * rise_m).sqrt() }
     }
 }
@@ -60,6 +68,19 @@ pub(crate) fn turn(a: &Spot, b: &Spot, c: &Spot) -> f64 {
 /// The point of the segment from `a` to `b` nearest to `p`.
 pub(crate) fn nearest_on_segment(p: &Spot, a: &Spot, b: &Spot) -> Spot {
     a + (b - a) * share_of_segment(p, a, b)
+}
+
+/// Height at the nearest point to `p` of several sloped segments, metres.
+pub(crate) fn nearest_height_m(p: &Spot, sides: impl Iterator<Item = [LatticePoint; 2]>) -> f64 {
+    let mut best = (f64::INFINITY, 0.0);
+    for [a, b] in sides {
+        let share = share_of_segment(p, &a.spot, &b.spot);
+        let gap = (a.spot + (b.spot - a.spot) * share - p).norm_squared();
+        if gap < best.0 {
+            best = (gap, a.height_m + (b.height_m - a.height_m) * share);
+        }
+    }
+    best.1
 }
 
 /// Parameter (0 at `a`, 1 at `b`) of the segment point nearest to `p`.
@@ -86,9 +107,9 @@ mod tests {
     #[test]
     fn places_are_apart_in_space() {
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
-        let (a, b) = (Spot::new(0.0, 0.0), Spot::new(6.0, 0.0));
-        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 1.0)), 3.0);
-        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 5.0)), 5.0);
+        let point = |x: f64, height_m: f64| LatticePoint { spot: Spot::new(x, 0.0), height_m };
+        assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 1.0)), 3.0);
+        assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 5.0)), 5.0);
     }
 
     #[test]

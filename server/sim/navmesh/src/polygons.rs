@@ -1,32 +1,27 @@
-use crate::plane::{Lattice, Spot, nearest_on_segment, turn};
+use crate::plane::{Lattice, LatticePoint, Spot, nearest_on_segment, turn};
 use std::ops::Range;
 
 /// No edge, no polygon, no corner.
 pub(crate) const NONE: u32 = u32::MAX;
+/// Habitat drops polygons below this area, square metres.
+pub(crate) const MIN_POLYGON_M2: f64 = 1e-5;
 
 /// A convex polygon before joining: corners in order, in either direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
-    pub(crate) corners: Vec<PolygonCorner>,
+    pub(crate) corners: Vec<LatticePoint>,
     /// The patch of floor that it covers.
     pub(crate) region: u16,
     /// Triangles that cover it in the plane and define its heights; empty if the scene defines them.
-    pub(crate) detail: Vec<[PolygonCorner; 3]>,
-}
-
-/// A corner of a polygon or detail triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct PolygonCorner {
-    pub(crate) spot: Spot,
-    pub(crate) height_m: f64,
+    pub(crate) detail: Vec<[LatticePoint; 3]>,
 }
 
 impl RawPolygon {
     /// Area of the triangles in space, square metres.
     pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
         let cell_m = f64::from(lattice.cell_m);
-        let area = |[a, b, c]: &[PolygonCorner; 3]| {
-            let side = |to: &PolygonCorner| {
+        let area = |[a, b, c]: &[LatticePoint; 3]| {
+            let side = |to: &LatticePoint| {
                 let flat = (to.spot - a.spot) * cell_m;
                 avln_geom::Vector3::new(flat.x, to.height_m - a.height_m, flat.y)
             };
@@ -44,7 +39,7 @@ impl RawPolygon {
     }
 
     /// Counter-clockwise corners without duplicates in the plane.
-    fn tidy(&self) -> Vec<PolygonCorner> {
+    fn tidy(&self) -> Vec<LatticePoint> {
         let mut corners = self.corners.clone();
         corners.dedup_by_key(|corner| key(&corner.spot));
         while corners.len() > 1 && key(&corners[0].spot) == key(&corners[corners.len() - 1].spot) {
@@ -129,9 +124,9 @@ impl Polygons {
         &self.from[edge as usize]
     }
 
-    /// Height at the start of `edge`, metres.
-    pub(crate) fn height_m(&self, edge: u32) -> f64 {
-        self.height_m[edge as usize]
+    /// Start of `edge` with its height.
+    pub(crate) fn corner(&self, edge: u32) -> LatticePoint {
+        LatticePoint { spot: self.from[edge as usize], height_m: self.height_m[edge as usize] }
     }
 
     /// End of `edge`.
@@ -184,12 +179,12 @@ impl Polygons {
 }
 
 /// Pairs opposite edges on the same line: lowest edge first, with the twin nearest in height.
-fn twins(outlines: &[Vec<PolygonCorner>], max_gap_m: f64) -> Vec<u32> {
+fn twins(outlines: &[Vec<LatticePoint>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
         .flat_map(|outline| (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()])))
         .collect();
-    let plan = |corner: &PolygonCorner| key(&corner.spot);
+    let plan = |corner: &LatticePoint| key(&corner.spot);
     let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|((a, b), e)| (plan(a), plan(b), e)).collect();
     by_plan.sort_unstable();
     let mut twins = vec![NONE; ends.len()];

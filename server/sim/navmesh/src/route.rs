@@ -1,7 +1,6 @@
 //! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
 
 use crate::mesh::{NavMesh, NavPoint};
-use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
 use avln_geom::Point3;
@@ -38,22 +37,6 @@ struct Route {
     bends: Vec<u32>,
 }
 
-/// An end of a path.
-struct RouteEnd {
-    eye: Eye,
-    height_m: f64,
-}
-
-impl RouteEnd {
-    fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
-        Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
-    }
-
-    fn place(&self) -> (&Spot, f64) {
-        (&self.eye.spot, self.height_m)
-    }
-}
-
 /// The best known way to a corner.
 #[derive(Clone, Copy)]
 struct Reached {
@@ -63,7 +46,7 @@ struct Reached {
 
 /// The shortest route from `a` to `b`; `None` if unreachable.
 fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
-    let (a, b) = (RouteEnd::new(mesh, a), RouteEnd::new(mesh, b));
+    let (a, b) = (mesh.eye(a), mesh.eye(b));
     let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
         return Some(Route { metres, bends: Vec::new() });
@@ -73,7 +56,7 @@ fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
 
 struct RouteSearch<'a> {
     mesh: &'a NavMesh,
-    goal: &'a RouteEnd,
+    goal: &'a Eye,
     /// Per corner: straight distance to the goal, infinite if not in view.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
@@ -81,10 +64,10 @@ struct RouteSearch<'a> {
 }
 
 impl<'a> RouteSearch<'a> {
-    fn new(mesh: &'a NavMesh, goal: &'a RouteEnd) -> Self {
+    fn new(mesh: &'a NavMesh, goal: &'a Eye) -> Self {
         let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
-        look(&mesh.polygons, &goal.eye, |polygon, view| {
-            mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
+        look(&mesh.polygons, goal, |polygon, view| {
+            mesh.corners.in_view(mesh.polygons.edges(polygon), view, &goal.place, |link| {
                 last_m[link.to as usize] = link.metres;
             });
         });
@@ -93,15 +76,15 @@ impl<'a> RouteSearch<'a> {
     }
 
     /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
-    fn start(&mut self, start: &RouteEnd) -> Option<f64> {
+    fn start(&mut self, start: &Eye) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
-        look(&mesh.polygons, &start.eye, |polygon, view| {
-            if polygon == goal.eye.polygon && view.holds(&goal.eye.spot) {
-                straight = Some(mesh.lattice().apart_m(start.place(), goal.place()));
+        look(&mesh.polygons, start, |polygon, view| {
+            if polygon == goal.polygon && view.holds(&goal.place.spot) {
+                straight = Some(mesh.lattice.apart_m(&start.place, &goal.place));
             }
             let edges = mesh.polygons.edges(polygon);
-            mesh.corners.in_view(edges, view, start.place(), |link| self.open(link.to, link.metres, NONE));
+            mesh.corners.in_view(edges, view, &start.place, |link| self.open(link.to, link.metres, NONE));
         });
         straight
     }
@@ -110,7 +93,7 @@ impl<'a> RouteSearch<'a> {
         let known = &mut self.reached[corner as usize];
         if metres < known.metres {
             *known = Reached { metres, from };
-            let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
+            let at_least = metres + self.mesh.corners.metres_to(corner, &self.goal.place);
             self.waiting.push(Reverse(QueueEntry { metres: at_least, number: corner }));
         }
     }
@@ -122,7 +105,7 @@ impl<'a> RouteSearch<'a> {
                 break;
             }
             let metres = self.reached[corner as usize].metres;
-            if at_least > metres + self.mesh.corners.metres_to(corner, self.goal.place()) {
+            if at_least > metres + self.mesh.corners.metres_to(corner, &self.goal.place) {
                 continue;
             }
             let whole = metres + self.last_m[corner as usize];

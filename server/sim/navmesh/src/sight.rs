@@ -1,7 +1,7 @@
 //! Straight visibility from a spot: the view is clipped at every portal (triangular expansion, Bungiu and
 //! others 2014), so it follows the floor and never mixes storeys.
 
-use crate::plane::{Spot, nearest_on_segment, turn};
+use crate::plane::{LatticePoint, Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
 
 /// A spot this close to a portal is on both sides, cells (5 nm).
@@ -15,7 +15,7 @@ const NARROWEST: f64 = 1e-9;
 /// A place to look from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Eye {
-    pub(crate) spot: Spot,
+    pub(crate) place: LatticePoint,
     pub(crate) polygon: u32,
 }
 
@@ -49,7 +49,7 @@ struct Beam {
 /// Calls `see` for every polygon visible from `eye`, once per path of portals.
 pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &VisiblePart)) {
     let around = polygons_around(polygons, eye);
-    let spot = &eye.spot;
+    let spot = &eye.place.spot;
     let mut beams = Vec::new();
     for &polygon in &around {
         see(polygon, &VisiblePart::Whole);
@@ -87,14 +87,15 @@ fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
 }
 
 /// The polygon of `eye`, first, and those that it touches as well, standing on a portal or a corner.
-pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
+fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
     let mut around = vec![eye.polygon];
     let mut next = 0;
     while let Some(&polygon) = around.get(next) {
         next += 1;
         for edge in polygons.edges(polygon) {
             let Some(neighbour) = polygons.neighbour(edge) else { continue };
-            let gap = nearest_on_segment(&eye.spot, polygons.from(edge), polygons.to(edge)) - eye.spot;
+            let spot = &eye.place.spot;
+            let gap = nearest_on_segment(spot, polygons.from(edge), polygons.to(edge)) - spot;
             if gap.norm_squared() <= ON_EDGE_CELLS * ON_EDGE_CELLS && !around.contains(&neighbour) {
                 around.push(neighbour);
             }
@@ -109,7 +110,8 @@ mod tests {
     use crate::fixtures::letter_l;
 
     fn sees(eye: (f64, f64, u32), target: (f64, f64, u32)) -> bool {
-        let eye = Eye { spot: Spot::new(eye.0, eye.1), polygon: eye.2 };
+        let place = LatticePoint { spot: Spot::new(eye.0, eye.1), height_m: 0.0 };
+        let eye = Eye { place, polygon: eye.2 };
         let mut seen = false;
         look(&letter_l(), &eye, |polygon, view| {
             seen |= polygon == target.2 && view.holds(&Spot::new(target.0, target.1));

@@ -1,5 +1,5 @@
-use crate::plane::{Lattice, Spot, share_of_segment, turn};
-use crate::polygons::{PolygonCorner, RawPolygon};
+use crate::plane::{Lattice, LatticePoint, Spot, nearest_height_m, turn};
+use crate::polygons::RawPolygon;
 use crate::voxels::Floors;
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
@@ -106,7 +106,7 @@ const RIM: f64 = 1e-6;
 /// Triangles that give the polygons their heights: the detail mesh of Recast.
 pub(crate) struct Detail {
     first: Vec<u32>,
-    triangles: Vec<[PolygonCorner; 3]>,
+    triangles: Vec<[LatticePoint; 3]>,
 }
 
 impl Detail {
@@ -128,16 +128,7 @@ impl Detail {
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f64 {
         let triangles = self.of(polygon);
         triangles.iter().find_map(|triangle| height_inside(triangle, spot)).unwrap_or_else(|| {
-            let sides = triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-            let mut best = (f64::INFINITY, 0.0);
-            for (a, b) in sides {
-                let share = share_of_segment(spot, &a.spot, &b.spot);
-                let distance = (a.spot + (b.spot - a.spot) * share - spot).norm_squared();
-                if distance < best.0 {
-                    best = (distance, a.height_m + (b.height_m - a.height_m) * share);
-                }
-            }
-            best.1
+            nearest_height_m(spot, triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
         })
     }
 
@@ -147,14 +138,14 @@ impl Detail {
         heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)))
     }
 
-    fn of(&self, polygon: u32) -> &[[PolygonCorner; 3]] {
+    fn of(&self, polygon: u32) -> &[[LatticePoint; 3]] {
         let range = |index: usize| self.first[index] as usize;
         &self.triangles[range(polygon as usize)..range(polygon as usize + 1)]
     }
 }
 
 /// Height at `spot` in the plane of a covering triangle.
-fn height_inside([a, b, c]: &[PolygonCorner; 3], spot: &Spot) -> Option<f64> {
+fn height_inside([a, b, c]: &[LatticePoint; 3], spot: &Spot) -> Option<f64> {
     let area = turn(&a.spot, &b.spot, &c.spot);
     if area == 0.0 {
         return None;
@@ -181,7 +172,7 @@ mod tests {
 
     #[test]
     fn heights_follow_the_triangle_and_hold_on_outside() {
-        let corner = |x, z, height_m| PolygonCorner { spot: Spot::new(x, z), height_m };
+        let corner = |x, z, height_m| LatticePoint { spot: Spot::new(x, z), height_m };
         let ramp = [corner(0.0, 0.0, 1.0), corner(10.0, 0.0, 2.0), corner(0.0, 10.0, 1.0)];
         let detail = Detail::new(&[RawPolygon { detail: vec![ramp], ..Default::default() }]);
         assert_eq!(detail.height_m(0, &Spot::new(5.0, 2.0)), 1.5);

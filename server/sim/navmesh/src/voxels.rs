@@ -1,7 +1,7 @@
 //! Conversion of triangles to walkable polygons with `rerecast`.
 
-use crate::plane::Lattice;
-use crate::polygons::{PolygonCorner, RawPolygon};
+use crate::plane::{Lattice, LatticePoint};
+use crate::polygons::{MIN_POLYGON_M2, RawPolygon};
 use crate::raster::rasterise;
 use crate::regions::divide;
 use crate::settings::{Cells, Finish, NavMeshError, NavMeshSettings};
@@ -17,8 +17,6 @@ use std::fmt::Display;
 const MAX_CORNERS: u16 = 6;
 /// Invalid outlines are retried closer to the raster.
 const CLOSER_EDGE_ERRORS_CELLS: [f32; 2] = [0.5, 0.0];
-/// Polygons below this area are none to Habitat, square metres.
-const MIN_POLYGON_M2: f64 = 1e-5;
 
 /// Free cells around the scene. Fractional cells move walls at round numbers off the cell borders, where
 /// rounding would select the cell; a scene that fails on one lattice is retried on the next.
@@ -68,8 +66,9 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
         tries.insert(0, (Finish::Habitat, 0.0));
         tries[1].1 = 0.0;
     }
-    let attempt =
-        |&(regions, margin_m): &(Finish, f32)| on_lattice(scene, settings, &bounds, regions, margin_m);
+    let attempt = |&(regions, margin_m): &(Finish, f32)| {
+        guarded(|| on_lattice(scene, settings, &bounds.grown(margin_m), regions))
+    };
     let first = attempt(&tries[0]);
     let built = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)));
     let voxels = built.map_err(|failure| failure.of(scene))?;
@@ -80,22 +79,6 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
     Ok(voxels)
 }
 
-/// A pipeline run: floors divided by `regions`, with a margin around the scene.
-fn on_lattice(
-    scene: &Scene,
-    settings: &NavMeshSettings,
-    bounds: &Aabb,
-    regions: Finish,
-    margin_m: f32,
-) -> Result<Voxels, Failure> {
-    let around = bounds.grown(margin_m);
-    let Built { field, mesh, detail } = guarded(|| pipeline(scene, settings, &around, regions))?;
-    let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
-    let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
-    let floors = detail.is_none().then(|| floors(&field));
-    Ok(Voxels { lattice, polygons, floors })
-}
-
 /// Catches panics: the pipeline indexes by file geometry, and a fault must not stop the server.
 fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
@@ -104,7 +87,7 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
 
 fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError> {
     let mesh = &scene.mesh;
-    let malformed = |what: String| NavMeshError::Malformed { scene: scene.name.clone(), what };
+    let malformed = |defect: String| NavMeshError::Malformed { scene: scene.name.clone(), defect };
     if let Some(index) = mesh.positions.iter().position(|p| !p.coords.iter().all(|value| value.is_finite())) {
         return Err(malformed(format!("corner {index} is not finite")));
     }
@@ -121,19 +104,18 @@ fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError
     let fits = width.max(depth) < MAX_SIDE_CELLS
         && width * depth < MAX_COLUMNS
         && size.y / settings.level_m < MAX_LEVELS;
-    let (width_m, height_m, depth_m) = (size.x, size.y, size.z);
+    let size_m = size.into();
+    let limit = || size_limit(settings);
     fits.then_some(bounds).ok_or_else(|| NavMeshError::TooLarge {
         scene: scene.name.clone(),
-        width_m,
-        height_m,
-        depth_m,
-        limit: size_limit(settings),
+        size_m,
+        limit: limit(),
     })
 }
 
 fn size_limit(settings: &NavMeshSettings) -> String {
-    let (side_m, area_m2) =
-        (MAX_SIDE_CELLS * settings.cell_m, MAX_COLUMNS * settings.cell_m * settings.cell_m);
+    let side_m = MAX_SIDE_CELLS * settings.cell_m;
+    let area_m2 = MAX_COLUMNS * settings.cell_m * settings.cell_m;
     let high_m = MAX_LEVELS * settings.level_m;
     format!("{area_m2:.0} square metres, {side_m:.0} m a side and {high_m:.0} m high")
 }
@@ -153,19 +135,13 @@ impl Failure {
     }
 }
 
-struct Built {
-    field: CompactHeightfield,
-    mesh: PolygonNavmesh,
-    /// Present if heights come from the lattice.
-    detail: Option<DetailNavmesh>,
-}
-
-fn pipeline(
+/// A pipeline run: floors divided by `regions`, with a margin around the scene.
+fn on_lattice(
     scene: &Scene,
     settings: &NavMeshSettings,
     around: &Aabb,
     regions: Finish,
-) -> Result<Built, Failure> {
+) -> Result<Voxels, Failure> {
     let cells = Cells::new(settings);
     let mut field = open_floor(scene, settings, &cells, around)?;
     match regions {
@@ -181,15 +157,17 @@ fn pipeline(
         }
     }
     let mesh = cut(&field, settings, &cells)?;
-    let (spacing_m, error_m) =
-        (settings.detail_cells * settings.cell_m, settings.detail_error_levels * settings.level_m);
-    let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { spacing_m };
+    let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { settings.detail_cells * settings.cell_m };
+    let error_m = settings.detail_error_levels * settings.level_m;
     let detail = match settings.finish {
         Finish::Habitat => Some(DetailNavmesh::new(&mesh, &field, spacing_m, error_m)),
         Finish::Scene => None,
     };
     let detail = detail.transpose().map_err(Failure::at("sampling heights"))?;
-    Ok(Built { field, mesh, detail })
+    let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
+    let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
+    let floors = detail.is_none().then(|| floors(&field));
+    Ok(Voxels { lattice, polygons, floors })
 }
 
 /// Floor cells permitted for the body centre.
@@ -246,7 +224,7 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     }
     let corner = |index: u16| {
         let [x, level, z] = mesh.vertices[usize::from(index)].to_array();
-        PolygonCorner {
+        LatticePoint {
             spot: Point2::new(f64::from(x), f64::from(z)),
             height_m: f64::from(lattice.height_m(level)),
         }
@@ -267,16 +245,16 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
 fn detail_triangles(
     detail: &DetailNavmesh,
     polygon: usize,
-    corners: &[PolygonCorner],
+    corners: &[LatticePoint],
     lattice: &Lattice,
-) -> Vec<[PolygonCorner; 3]> {
+) -> Vec<[LatticePoint; 3]> {
     let part = &detail.meshes[polygon];
     let place = |local: u8| match corners.get(usize::from(local)) {
         Some(corner) => *corner,
         None => {
             let sample = detail.vertices[part.base_vertex_index as usize + usize::from(local)];
             let point = Point3::new(sample.x, sample.y, sample.z);
-            PolygonCorner { spot: lattice.spot(&point), height_m: f64::from(point.y) }
+            LatticePoint { spot: lattice.spot(&point), height_m: f64::from(point.y) }
         }
     };
     let first = part.base_triangle_index as usize;

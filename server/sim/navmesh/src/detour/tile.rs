@@ -2,8 +2,8 @@
 
 use super::{DetourError, Reader};
 use crate::mesh::Parts;
-use crate::plane::{Lattice, Spot, turn};
-use crate::polygons::{PolygonCorner, RawPolygon};
+use crate::plane::{Lattice, LatticePoint, Spot, turn};
+use crate::polygons::{MIN_POLYGON_M2, RawPolygon};
 use avln_geom::Point3;
 
 const TILE_MAGIC: &[u8; 4] = b"VAND";
@@ -15,8 +15,6 @@ const CORNERS: usize = 6;
 const WALKABLE: u16 = 1;
 /// Marks an edge that leads to another tile.
 const OUTSIDE: u16 = 0x8000;
-/// Polygons below this area are none to Habitat, square metres.
-const MIN_POLYGON_M2: f64 = 1e-5;
 /// Largest inward turn of a straight corner due to rounding, cells squared.
 const SLACK: f64 = 0.5;
 const MAX_SIDE_CELLS: f64 = 60_000.0;
@@ -24,13 +22,17 @@ const MAX_CELLS: f64 = 3.0e7;
 /// Snap distance to a lattice corner, cells: f32 rounding.
 const ROUNDING_CELLS: f64 = 2e-3;
 
-struct Header {
+struct Counts {
     polygons: usize,
     corners: usize,
     links: usize,
     details: usize,
     detail_corners: usize,
     detail_triangles: usize,
+}
+
+struct Header {
+    counts: Counts,
     height_m: f32,
     climb_m: f32,
     lattice: Lattice,
@@ -53,15 +55,15 @@ struct Part {
 pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
     let header = header(&mut reader)?;
     let corners_at = reader.at();
-    let places = corners(&mut reader, "a corner", header.corners)?;
+    let places = corners(&mut reader, "a corner", header.counts.corners)?;
     check_extent(&reader, corners_at, &places, &header.lattice)?;
     let stored: Vec<_> =
-        (0..header.polygons).map(|_| polygon(&mut reader, places.len())).collect::<Result<_, _>>()?;
-    reader.take("the links", header.links * LINK_BYTES)?;
-    let parts: Vec<_> = (0..header.details).map(|_| part(&mut reader)).collect::<Result<_, _>>()?;
-    let samples = corners(&mut reader, "a detail corner", header.detail_corners)?;
+        (0..header.counts.polygons).map(|_| polygon(&mut reader, places.len())).collect::<Result<_, _>>()?;
+    reader.take("the links", header.counts.links * LINK_BYTES)?;
+    let parts: Vec<_> = (0..header.counts.details).map(|_| part(&mut reader)).collect::<Result<_, _>>()?;
+    let samples = corners(&mut reader, "a detail corner", header.counts.detail_corners)?;
     let triangles_at = reader.at();
-    let triangles = reader.take("the detail triangles", header.detail_triangles * 4)?;
+    let triangles = reader.take("the detail triangles", header.counts.detail_triangles * 4)?;
     let tile = Tile { header, places, parts, samples, triangles, triangles_at };
     let mut raw = Vec::with_capacity(stored.len());
     for (index, polygon) in stored.iter().enumerate().filter(|(_, polygon)| polygon.walkable) {
@@ -76,16 +78,18 @@ pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
 }
 
 fn header(reader: &mut Reader<'_>) -> Result<Header, DetourError> {
-    reader.magic("the tile", TILE_MAGIC, ": not a Detour tile")?;
+    reader.magic("the tile", TILE_MAGIC, "this is no Detour tile")?;
     reader.within("the version of the tile", TILE_VERSION..=TILE_VERSION)?;
     reader.take("the place of the tile", 16)?;
     let mut count = |what| reader.within(what, 0..=MAX_COUNT).map(|count| count as usize);
-    let polygons = count("the number of polygons")?;
-    let corners = count("the number of corners")?;
-    let links = count("the number of links")?;
-    let details = count("the number of detail meshes")?;
-    let detail_corners = count("the number of detail corners")?;
-    let detail_triangles = count("the number of detail triangles")?;
+    let counts = Counts {
+        polygons: count("the number of polygons")?,
+        corners: count("the number of corners")?,
+        links: count("the number of links")?,
+        details: count("the number of detail meshes")?,
+        detail_corners: count("the number of detail corners")?,
+        detail_triangles: count("the number of detail triangles")?,
+    };
     count("the number of tree nodes")?;
     count("the number of off-mesh connections")?;
     count("the first off-mesh connection")?;
@@ -102,17 +106,7 @@ fn header(reader: &mut Reader<'_>) -> Result<Header, DetourError> {
     })?;
     let cell_m = 1.0 / cells_per_m;
     let lattice = Lattice { origin: Point3::new(x, y, z), cell_m, level_m: cell_m };
-    Ok(Header {
-        polygons,
-        corners,
-        links,
-        details,
-        detail_corners,
-        detail_triangles,
-        height_m,
-        climb_m,
-        lattice,
-    })
+    Ok(Header { counts, height_m, climb_m, lattice })
 }
 
 fn corners(reader: &mut Reader<'_>, what: &'static str, count: usize) -> Result<Vec<[f32; 3]>, DetourError> {
@@ -229,24 +223,21 @@ impl Tile<'_> {
         Ok(RawPolygon { corners, region: 0, detail })
     }
 
-    fn corner(&self, [x, y, z]: [f32; 3]) -> PolygonCorner {
-        PolygonCorner { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
+    fn corner(&self, [x, y, z]: [f32; 3]) -> LatticePoint {
+        LatticePoint { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
     }
 
     /// A corner of a polygon, put back on the lattice that f32 moved it off.
-    fn on_lattice(&self, place: [f32; 3]) -> PolygonCorner {
+    fn on_lattice(&self, place: [f32; 3]) -> LatticePoint {
         let corner = self.corner(place);
         let snap =
             |value: f64| if (value - value.round()).abs() < ROUNDING_CELLS { value.round() } else { value };
-        PolygonCorner {
-            spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)),
-            ..corner
-        }
+        LatticePoint { spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)), ..corner }
     }
 }
 
 /// Returns true if the outline turns to a single side, except for rounding, and once.
-fn is_convex(corners: &[PolygonCorner]) -> bool {
+fn is_convex(corners: &[LatticePoint]) -> bool {
     let spot = |index: usize| &corners[index % corners.len()].spot;
     let turns: Vec<_> = (0..corners.len()).map(|i| turn(spot(i), spot(i + 1), spot(i + 2))).collect();
     let area: f64 = (2..corners.len()).map(|i| turn(spot(0), spot(i - 1), spot(i))).sum();
