@@ -3,31 +3,31 @@ use crate::polygons::{NONE, Polygons};
 use crate::sight::{Eye, VisiblePart, look};
 use std::ops::Range;
 
-/// Slack of the tangent test, cells squared.
+// Rounding makes exact tangents turn by up to this much, cells squared.
 const SLACK: f64 = 1e-7;
 
-/// The corners around which shortest paths bend, and their mutual straight connections.
+/// The bends on shortest paths, and their straight connections.
 ///
-/// A shortest path on the mesh bends only at convex wall corners (Lozano-Pérez and Wesley 1979).
+/// A shortest path bends only at convex wall corners (Lozano-Pérez and Wesley 1979).
 pub(crate) struct Corners {
     lattice: Lattice,
     corners: Vec<WallCorner>,
-    /// Corner at the start of every edge; `NONE` at other corners.
+    /// Corner by edge start; `NONE` for other corners.
     at_edge: Vec<u32>,
     first_link: Vec<u32>,
     links: Vec<Link>,
 }
 
-/// A corner of the walls as seen from the floor.
+/// A wall corner as seen from the floor.
 #[derive(Clone, Copy)]
 pub(crate) struct WallCorner {
     pub(crate) eye: Eye,
-    /// Start of the arriving wall and end of the leaving wall; the floor is on their left.
+    /// Wall ends before and after the corner; the floor is on the left.
     before: Spot,
     after: Spot,
 }
 
-/// A straight way to a corner.
+/// A straight path to a corner.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Link {
     pub(crate) to: u32,
@@ -36,8 +36,7 @@ pub(crate) struct Link {
 }
 
 impl WallCorner {
-    /// Returns true if a path from `spot` can bend here: the wall is on a single side of the line through
-    /// both.
+    /// Returns true if a path from `spot` can bend here: both walls on one side.
     fn is_tangent(&self, spot: &Spot) -> bool {
         let before = turn(spot, &self.eye.place.spot, &self.before);
         let after = turn(spot, &self.eye.place.spot, &self.after);
@@ -46,7 +45,6 @@ impl WallCorner {
 }
 
 impl Corners {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.corners.as_slice())
             + size_of_val(self.at_edge.as_slice())
@@ -54,7 +52,7 @@ impl Corners {
             + size_of_val(self.links.as_slice())
     }
 
-    /// Finds the corners; `height_m` returns the ground height at the start of an edge.
+    /// Finds the corners; `height_m` maps an edge to the ground height at its start.
     pub(crate) fn new(polygons: &Polygons, lattice: Lattice, height_m: impl Fn(u32) -> f64) -> Self {
         let (corners, at_edge) = find(polygons, height_m);
         let mut found = Self { lattice, corners, at_edge, first_link: vec![0], links: Vec::new() };
@@ -84,7 +82,7 @@ impl Corners {
         self.lattice.apart_m(&self.get(corner).eye.place, place)
     }
 
-    /// Calls `found` for corners among the `edges` of a polygon that are in `view` and useful from `place`.
+    /// Calls `found` for visible, useful corners among the `edges` of a polygon.
     pub(crate) fn in_view(
         &self,
         edges: Range<u32>,
@@ -120,7 +118,7 @@ impl Corners {
     }
 }
 
-/// Follows every wall end to the adjacent wall and returns the ends with a right turn.
+/// Returns the wall ends with a right turn into the next wall.
 fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<WallCorner>, Vec<u32>) {
     let edges = 0..polygons.edges(polygons.len() - 1).end;
     let mut at_edge = vec![NONE; edges.len()];
@@ -131,6 +129,7 @@ fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<WallCorner>,
         let spot = *polygons.to(wall);
         let (before, after) = (*polygons.from(wall), *polygons.to(leaving));
         let side = turn(&before, &spot, &after);
+        // A path bends around the end of a wall without thickness too.
         let is_dead_end = side == 0.0 && (after - spot).dot(&(spot - before)) < 0.0;
         if side < 0.0 || is_dead_end {
             fan.iter().for_each(|&edge| at_edge[edge as usize] = corners.len() as u32);
@@ -142,7 +141,7 @@ fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<WallCorner>,
     (corners, at_edge)
 }
 
-/// The edges that leave the end of `wall`, from polygon to polygon, up to the next wall.
+/// Returns the edges that leave the end of `wall`, up to the next wall.
 fn fan(polygons: &Polygons, wall: u32) -> Vec<u32> {
     let mut fan = vec![polygons.next(wall)];
     while let Some(twin) = polygons.twin(fan[fan.len() - 1]) {
@@ -167,7 +166,7 @@ mod tests {
         assert_eq!(corners.metres_to(0, &place), 5.0);
         assert_eq!(corners.get(0).eye.place.spot, Spot::new(10.0, 10.0));
         assert!(corners.links(0).is_empty());
-        // From (2, 18) a way may go on behind the corner; from (5, 5) it would run into the wall.
+        // From (2, 18) a path may continue behind the corner; from (5, 5) it would run into the wall.
         assert!(corners.get(0).is_tangent(&Spot::new(2.0, 18.0)));
         assert!(!corners.get(0).is_tangent(&Spot::new(5.0, 5.0)));
     }

@@ -1,22 +1,22 @@
-//! The path that Detour finds: the best chain of polygons by the middles of their portals (`dtNavMeshQuery::findPath`),
-//! and the string pulled tight through it (`findStraightPath`).
+//! Detour's path: the best polygon chain by portal middles (`dtNavMeshQuery::findPath`), and the string
+//! pulled tight through it (`findStraightPath`).
 
 use crate::plane::{Lattice, LatticePoint, share_of_segment, turn};
 use crate::polygons::{NONE, Polygons};
-use crate::route::QueueEntry;
+use crate::route::{QueueEntry, steps_to};
 use crate::sight::Eye;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Detour's factor on the remaining straight distance, so that the estimate is a lower bound.
+// Detour scales the straight distance so that the estimate stays a lower bound.
 const HEURISTIC: f64 = 0.999;
-/// A first portal this close to the start is passed, metres.
+// Detour skips a first portal this close to the start, metres.
 const AT_PORTAL_M: f64 = 0.001;
-/// Positions within this distance are equal, metres.
+// Detour merges positions within this distance, metres.
 const SAME_M: f64 = 1.0 / 16384.0;
 
-/// Length of Detour's path, metres: from `from` to `to` on the mesh, drawn between `start` and `end`, which
-/// may be above or below. `None` without a path.
+/// Returns the length in metres of Detour's path between mesh points, drawn between `start` and `end` above
+/// or below them. `None` without a path.
 pub(crate) fn corridor_m(
     polygons: &Polygons,
     lattice: &Lattice,
@@ -28,13 +28,13 @@ pub(crate) fn corridor_m(
     Some(points.windows(2).map(|leg| lattice.apart_m(&leg[0], &leg[1])).sum())
 }
 
-/// Search state of a polygon: entry point and best path.
+/// Search state by polygon: entry point and best path.
 #[derive(Clone, Copy)]
 struct Node {
     place: LatticePoint,
     cost_m: f64,
     total_m: f64,
-    /// The portal that it is entered by, as the polygon before it names it.
+    /// Entry portal, as an edge of the previous polygon.
     portal: u32,
 }
 
@@ -52,7 +52,7 @@ impl<'a> CorridorSearch<'a> {
         Self { polygons, lattice, goal, nodes, waiting: BinaryHeap::new() }
     }
 
-    /// The portals from the polygon of `from` to the goal's.
+    /// Returns the portals between the two polygons.
     fn run(mut self, from: Eye) -> Option<Vec<u32>> {
         let total_m = HEURISTIC * self.lattice.apart_m(&from.place, &self.goal.place);
         self.nodes[from.polygon as usize] =
@@ -74,7 +74,8 @@ impl<'a> CorridorSearch<'a> {
     fn expand(&mut self, polygon: u32, node: &Node) {
         let edges = self.polygons.edges(polygon);
         let before = (node.portal != NONE).then(|| self.polygons.owner(node.portal));
-        // The last edge comes last: outlines have the opposite direction in Detour.
+        // Outlines have the opposite direction in Detour, which starts with the last edge. Among equal costs
+        // the first edge wins, so the order decides the path.
         for edge in (edges.start..edges.end - 1).rev().chain([edges.end - 1]) {
             let Some(neighbour) = self.polygons.neighbour(edge).filter(|&next| Some(next) != before) else {
                 continue;
@@ -103,22 +104,18 @@ impl<'a> CorridorSearch<'a> {
 
     fn portals(&self, last: u32) -> Vec<u32> {
         let entered = |polygon: u32| self.nodes[polygon as usize].map_or(NONE, |node| node.portal);
-        let before = |&portal: &u32| Some(entered(self.polygons.owner(portal))).filter(|&next| next != NONE);
-        let first = Some(entered(last)).filter(|&portal| portal != NONE);
-        let mut portals: Vec<_> = std::iter::successors(first, before).collect();
-        portals.reverse();
-        portals
+        steps_to(entered(last), |portal| entered(self.polygons.owner(portal)))
     }
 }
 
-/// A side of the funnel: tip and portal.
+/// A funnel side: tip and portal.
 #[derive(Clone, Copy)]
 struct Side {
     tip: LatticePoint,
     portal: usize,
 }
 
-/// The string through a chain of portals (Mononen 2010, simple stupid funnel).
+/// The string through a portal chain (Mononen 2010, simple stupid funnel).
 struct Pull<'a> {
     polygons: &'a Polygons,
     lattice: &'a Lattice,
@@ -153,7 +150,7 @@ impl Pull<'_> {
         points
     }
 
-    /// Right and left end of a portal; the end of the path follows the last portal.
+    /// Right and left end; the path's end follows the last portal.
     fn portal(&self, at: usize) -> (LatticePoint, LatticePoint) {
         match self.portals.get(at) {
             Some(&edge) => (self.polygons.corner(edge), self.polygons.corner(self.polygons.next(edge))),
@@ -167,8 +164,8 @@ impl Pull<'_> {
         (nearest - start.spot).norm() * f64::from(self.lattice.cell_m) < AT_PORTAL_M
     }
 
-    /// Moves `side` to `next` if that narrows the funnel; returns the tip of `other` if `next` is beyond it.
-    /// `sign` is 1 for the right side and -1 for the left.
+    /// Moves `side` to `next` if that narrows the funnel; returns `other` if `next` is beyond it. `sign` is 1
+    /// for the right side, -1 for the left.
     fn narrow(
         &self,
         apex: &LatticePoint,

@@ -8,9 +8,8 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 impl NavMesh {
-    /// Distances to the nearest of `seeds`, with a weight in metres added per seed.
-    ///
-    /// Seeds with a non-finite weight are ignored.
+    /// Returns distances to the nearest of weighted `seeds`; the weight, metres, is added. Non-finite weights
+    /// are ignored.
     pub fn field(&self, seeds: &[(NavPoint, f64)]) -> DistanceField {
         let mut seeds: Vec<_> = seeds
             .iter()
@@ -30,7 +29,7 @@ impl NavMesh {
         DistanceField { seeds, corners }
     }
 
-    /// Visibility of `point`, for many fields.
+    /// Returns the visibility of `point`, reusable with many fields.
     pub fn outlook(&self, point: &NavPoint) -> Outlook {
         let eye = self.eye(point);
         let (mut views, mut links) = (Vec::new(), Vec::new());
@@ -41,8 +40,8 @@ impl NavMesh {
         Outlook { eye, views, links }
     }
 
-    /// Distances from `from` (outer) to `to` (inner), metres; `None` across islands. Much cheaper than single
-    /// queries: visibility is computed once per point.
+    /// Returns distances from `from` (outer) to `to` (inner), metres; `None` across islands. Cheaper than
+    /// single queries.
     pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
         let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
         let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
@@ -56,11 +55,11 @@ impl NavMesh {
     }
 }
 
-/// Distances over a [`NavMesh`] to the nearest of weighted seeds.
+/// Distances over a [`NavMesh`]: the minimum over seeds of weight plus geodesic distance.
 ///
-/// The distance of a point is the minimum over the seeds of weight plus geodesic distance.
+/// With a different mesh, methods panic or return wrong results.
 pub struct DistanceField {
-    /// Seeds, ordered by polygon.
+    /// Ordered by polygon.
     seeds: Vec<Seed>,
     /// By mesh corner.
     corners: Vec<Way>,
@@ -72,7 +71,7 @@ struct Seed {
     weight_m: f64,
 }
 
-/// The next stop on the way to the best seed.
+/// The next stop on a path.
 #[derive(Clone, Copy, PartialEq)]
 enum Next {
     Nowhere,
@@ -80,7 +79,7 @@ enum Next {
     Seed(u32),
 }
 
-/// A path to the best seed: cost in metres and next stop.
+/// A path to the best seed.
 #[derive(Clone, Copy)]
 struct Way {
     metres: f64,
@@ -102,20 +101,12 @@ impl Way {
 }
 
 impl DistanceField {
-    /// Distance from `point` to the best seed, metres, including its weight; `None` without a seed on the
-    /// island.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns the distance to the best seed plus its weight, metres; `None` without a seed on the island.
     pub fn distance_m(&self, mesh: &NavMesh, point: &NavPoint) -> Option<f64> {
         self.way(mesh, point).metres()
     }
 
-    /// Like [`DistanceField::distance_m`] for the point of `outlook`: several times faster for a point in
-    /// many fields.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns [`DistanceField::distance_m`] for the point of `outlook`, several times faster.
     pub fn distance_from_m(&self, mesh: &NavMesh, outlook: &Outlook) -> Option<f64> {
         let mut way = Way::NONE;
         for (polygon, view) in &outlook.views {
@@ -127,12 +118,7 @@ impl DistanceField {
         way.metres()
     }
 
-    /// The shortest path from `point` to the best seed: `point`, the bends, the seed.
-    ///
-    /// `None` without a seed on the island of `point`.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns the shortest path: `point`, bends, best seed; `None` without a seed on the island.
     pub fn path(&self, mesh: &NavMesh, point: &NavPoint) -> Option<Vec<Point3<f32>>> {
         let mut next = self.way(mesh, point).next;
         let mut path = vec![point.position()];
@@ -163,7 +149,7 @@ impl DistanceField {
         way
     }
 
-    /// Improves `way` by the seeds on `polygon` that are in `view`.
+    /// Improves `way` by visible seeds on `polygon`.
     fn to_seeds(
         &self,
         mesh: &NavMesh,
@@ -183,7 +169,7 @@ impl DistanceField {
     }
 }
 
-/// Relaxes the costs of all corners over their links (Dijkstra 1959).
+/// Spreads the seeded ways over all links (Dijkstra 1959).
 fn spread(corners: &Corners, ways: &mut [Way]) {
     let seeded = ways.iter().zip(0..).filter(|(way, _)| way.metres.is_finite());
     let mut waiting: BinaryHeap<_> =
@@ -202,15 +188,14 @@ fn spread(corners: &Corners, ways: &mut [Way]) {
     }
 }
 
-/// Visibility of a point on its mesh, reusable for many fields
-/// ([`DistanceField::distance_from_m`](crate::DistanceField::distance_from_m)).
+/// A point's visibility, for [`DistanceField::distance_from_m`].
 pub struct Outlook {
     eye: Eye,
     views: Vec<(u32, VisiblePart)>,
     links: Vec<Link>,
 }
 
-/// Points of a mesh for repeated distance queries, identified by index.
+/// Indexed mesh points for repeated distance queries.
 pub struct Places {
     /// Ordered by polygon, then by index.
     places: Vec<IndexedPlace>,
@@ -221,15 +206,15 @@ struct IndexedPlace {
     index: u32,
 }
 
-/// Exits of a mesh point: the first corners of shortest paths, and the points in straight reach.
+/// First corners on shortest paths from a point, and the points in straight reach.
 ///
-/// With the [`CornerWays`] of the mesh, distances between points with known exits are sums: the straight
-/// distance, or the minimum over exit, path between corners, and exit.
+/// With [`CornerWays`], a distance between points with known exits is a sum: the straight distance, or the
+/// minimum over exit, corner path and exit.
 #[derive(Clone, Debug, Default)]
 pub struct Exits {
-    /// Corners in view that a shortest way can bend around, ascending by corner, each once.
+    /// Useful visible corners, ascending, without duplicates.
     pub corners: Vec<Exit>,
-    /// Points in straight reach with distances in metres, ascending by index.
+    /// Index and distance in metres of visible points, ascending.
     pub places: Vec<(u32, f64)>,
 }
 
@@ -242,14 +227,14 @@ pub struct Exit {
     pub distance_m: f64,
 }
 
-/// Shortest paths from all corners of a mesh to a corner.
+/// Shortest paths from all corners to one. Methods panic for an unknown corner.
 pub struct CornerWays {
     home: u32,
     corners: Vec<Way>,
 }
 
 impl Places {
-    /// Stores `points` of `mesh` for visibility queries.
+    /// Indexes `points` of `mesh`.
     pub fn new(mesh: &NavMesh, points: &[NavPoint]) -> Self {
         let indexed = points.iter().zip(0..);
         let mut places: Vec<_> =
@@ -265,12 +250,12 @@ impl Places {
 }
 
 impl NavMesh {
-    /// Corner count.
+    /// Returns the corner count.
     pub fn corner_count(&self) -> usize {
         self.corners.len()
     }
 
-    /// Exits of `point`: corners, and the visible `places`.
+    /// Returns the exits of `point`, and the visible `places`.
     pub fn exits(&self, point: &NavPoint, places: &Places) -> Exits {
         let outlook = self.outlook(point);
         let mut exits = Exits::default();
@@ -291,10 +276,7 @@ impl NavMesh {
         exits
     }
 
-    /// Shortest paths from all corners to `corner`.
-    ///
-    /// # Panics
-    /// If `corner` is out of range.
+    /// Returns the shortest paths from all corners to `corner`.
     pub fn corner_ways(&self, corner: u32) -> CornerWays {
         let mut corners = vec![Way::NONE; self.corners.len()];
         corners[corner as usize].metres = 0.0;
@@ -304,18 +286,12 @@ impl NavMesh {
 }
 
 impl CornerWays {
-    /// Path length from `corner`, metres; infinite without a path.
-    ///
-    /// # Panics
-    /// If `corner` is out of range.
+    /// Returns the path length from `corner`, metres; infinite without a path.
     pub fn distance_m(&self, corner: u32) -> f64 {
         self.corners[corner as usize].metres
     }
 
-    /// Bends of the path from `corner`: `corner` first, the target corner last; empty without a path.
-    ///
-    /// # Panics
-    /// If `corner` is out of range, or `mesh` is a different, smaller mesh.
+    /// Returns the bends from `corner` to the target corner, both included; empty without a path.
     pub fn path(&self, mesh: &NavMesh, corner: u32) -> Vec<Point3<f32>> {
         if self.corners[corner as usize].metres.is_infinite() {
             return Vec::new();

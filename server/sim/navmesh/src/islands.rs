@@ -2,7 +2,7 @@ use crate::plane::{Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;
 
-/// Connected parts of the mesh, the main island first.
+/// Connected mesh parts, the main island first.
 pub(crate) struct Islands {
     /// Island by polygon.
     pub(crate) of_polygon: Vec<u32>,
@@ -11,25 +11,24 @@ pub(crate) struct Islands {
 
 pub(crate) struct Island {
     pub(crate) area_m2: f64,
-    /// Triangles of the island with the area, in cells squared, of all up to and including them.
+    /// Triangles, with the cumulative area up to and including each, cells squared.
     triangles: Vec<(f64, Triangle)>,
 }
 
 #[derive(Clone, Copy)]
 struct Triangle {
     polygon: u32,
-    /// Second corner of the triangle in the polygon; the first is corner 0, the third the next.
+    /// Second corner in the polygon; the first is corner 0, the third the next.
     corner: u32,
 }
 
 impl Islands {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         let triangles = self.parts.iter().map(|part| size_of_val(part.triangles.as_slice()));
         size_of_val(self.of_polygon.as_slice()) + triangles.sum::<usize>()
     }
 
-    /// Numbers the parts by decreasing area; parts with a majority of `is_roof` area (by polygon) come last.
+    /// Numbers the parts by decreasing area. Parts with mainly `is_roof` polygons come last.
     pub(crate) fn new(polygons: &Polygons, cell_m: f32, is_roof: impl Fn(u32) -> bool) -> Self {
         let square_cell_m2 = f64::from(cell_m) * f64::from(cell_m);
         let (mut of_polygon, members) = components(polygons);
@@ -44,7 +43,7 @@ impl Islands {
         Self { of_polygon, parts }
     }
 
-    /// Samples a spot of `island` and its polygon, uniform by area in the plane.
+    /// Samples a spot and its polygon, uniform by area.
     pub(crate) fn sample(&self, polygons: &Polygons, rng: &mut Rng, island: u32) -> (Spot, u32) {
         let triangles = &self.parts[island as usize].triangles;
         let total = triangles.last().map_or(0.0, |entry| entry.0);
@@ -52,7 +51,7 @@ impl Islands {
         let index = triangles.partition_point(|entry| entry.0 <= draw).min(triangles.len() - 1);
         let Triangle { polygon, corner } = triangles[index].1;
         let corners = polygons.corners(polygon);
-        let [a, b, c] = [0, corner, corner + 1].map(|i| corners[i as usize]);
+        let [a, b, c] = [0, corner, corner + 1].map(|i| corners[i as usize].spot);
         let (mut u, mut v) = (rng.unit(), rng.unit());
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
@@ -61,7 +60,7 @@ impl Islands {
     }
 }
 
-/// Part index per polygon, and the sorted members of every part.
+/// Part index by polygon, and sorted members by part.
 fn components(polygons: &Polygons) -> (Vec<u32>, Vec<Vec<u32>>) {
     let mut of_polygon = vec![NONE; polygons.len() as usize];
     let mut parts = Vec::new();
@@ -102,7 +101,7 @@ fn triangles(polygons: &Polygons, members: &[u32]) -> Vec<(f64, Triangle)> {
     for &polygon in members {
         let corners = polygons.corners(polygon);
         for corner in 1..corners.len().saturating_sub(1) {
-            total += 0.5 * turn(&corners[0], &corners[corner], &corners[corner + 1]);
+            total += 0.5 * turn(&corners[0].spot, &corners[corner].spot, &corners[corner + 1].spot);
             triangles.push((total, Triangle { polygon, corner: corner as u32 }));
         }
     }

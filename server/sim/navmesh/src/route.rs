@@ -1,4 +1,4 @@
-//! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
+//! Shortest paths between two points: best-first search over corners (Hart, Nilsson and Raphael 1968).
 
 use crate::mesh::{NavMesh, NavPoint};
 use crate::polygons::NONE;
@@ -8,18 +8,18 @@ use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
 impl NavMesh {
-    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
-    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
-    /// directions.
+    /// Returns the shortest path length, metres; `None` across islands. The path is exact in the ground
+    /// plane; legs are measured in space. Bit-identical in both directions.
     pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
         if self.island_of(a) != self.island_of(b) {
             return None;
         }
+        // Sums depend on the order of their terms, so both directions are searched from the same end.
         let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
         route(self, a, b).map(|route| route.metres)
     }
 
-    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
+    /// Returns the shortest path: `a`, bends, `b`; `None` across islands.
     pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
         if self.island_of(a) != self.island_of(b) {
             return None;
@@ -30,21 +30,20 @@ impl NavMesh {
     }
 }
 
-/// A way between two points.
+/// A path between two points.
 struct Route {
     metres: f64,
-    /// Bends in order, as corner indices.
+    /// Corner indices.
     bends: Vec<u32>,
 }
 
-/// The best known way to a corner.
+/// The best known path to a corner.
 #[derive(Clone, Copy)]
 struct Reached {
     metres: f64,
     from: u32,
 }
 
-/// The shortest route from `a` to `b`; `None` if unreachable.
 fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
     let (a, b) = (mesh.eye(a), mesh.eye(b));
     let mut search = RouteSearch::new(mesh, &b);
@@ -57,7 +56,7 @@ fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
 struct RouteSearch<'a> {
     mesh: &'a NavMesh,
     goal: &'a Eye,
-    /// Per corner: straight distance to the goal, infinite if not in view.
+    /// Straight distance to the goal by corner; infinite if hidden.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
     waiting: BinaryHeap<Reverse<QueueEntry>>,
@@ -75,7 +74,7 @@ impl<'a> RouteSearch<'a> {
         Self { mesh, goal, last_m, reached, waiting: BinaryHeap::new() }
     }
 
-    /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
+    /// Opens the corners visible from `start`; returns the distance if the goal is visible.
     fn start(&mut self, start: &Eye) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
@@ -116,18 +115,22 @@ impl<'a> RouteSearch<'a> {
                 self.open(link.to, metres + link.metres, corner);
             }
         }
-        (best.1 != NONE).then(|| Route { metres: best.0, bends: self.bends(best.1) })
-    }
-
-    fn bends(&self, last: u32) -> Vec<u32> {
-        let before = |&corner: &u32| Some(self.reached[corner as usize].from).filter(|&from| from != NONE);
-        let mut bends: Vec<_> = std::iter::successors(Some(last), before).collect();
-        bends.reverse();
-        bends
+        (best.1 != NONE).then(|| {
+            let bends = steps_to(best.1, |corner| self.reached[corner as usize].from);
+            Route { metres: best.0, bends }
+        })
     }
 }
 
-/// A queue entry of a search (corner or polygon), ordered by cost, then by index.
+/// Returns the steps to `last`, first step first; `before` returns the previous step or [`NONE`].
+pub(crate) fn steps_to(last: u32, before: impl Fn(u32) -> u32) -> Vec<u32> {
+    let known = |step: u32| Some(step).filter(|&step| step != NONE);
+    let mut steps: Vec<_> = std::iter::successors(known(last), |&step| known(before(step))).collect();
+    steps.reverse();
+    steps
+}
+
+/// A search queue entry, ordered by cost, then by index.
 #[derive(PartialEq)]
 pub(crate) struct QueueEntry {
     pub(crate) metres: f64,

@@ -1,4 +1,4 @@
-//! Conversion of triangles to walkable polygons with `rerecast`.
+//! Conversion from triangles to walkable polygons with `rerecast`.
 
 use crate::plane::{Lattice, LatticePoint};
 use crate::polygons::{MIN_POLYGON_M2, RawPolygon};
@@ -15,41 +15,40 @@ use rerecast::{
 use std::fmt::Display;
 
 const MAX_CORNERS: u16 = 6;
-/// Invalid outlines are retried closer to the raster.
+// Self-intersecting outlines are retried closer to the raster.
 const CLOSER_EDGE_ERRORS_CELLS: [f32; 2] = [0.5, 0.0];
 
-/// Free cells around the scene. Fractional cells move walls at round numbers off the cell borders, where
-/// rounding would select the cell; a scene that fails on one lattice is retried on the next.
+// Free cells around the scene. Fractions move walls at round numbers off the cell borders, where rounding
+// would select the cell; a scene that fails on one lattice is retried on the next.
 const MARGINS_CELLS: [f32; 3] = [3.4373, 3.5721, 3.2917];
 const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
 
-/// The walkable part of a scene before joining.
+/// A scene's walkable part before joining.
 pub(crate) struct Voxels {
     pub(crate) lattice: Lattice,
     pub(crate) polygons: Vec<RawPolygon>,
-    /// Present if heights come from the scene.
+    /// Present with scene heights.
     pub(crate) floors: Option<Floors>,
 }
 
-/// Floors per lattice column. A region never has two floors in a column.
+/// Floors by lattice column. A region has at most one floor per column.
 pub(crate) struct Floors {
     pub(crate) width: usize,
     pub(crate) depth: usize,
-    /// Start index of every column in `floors`, with a sentinel. Columns are ordered x within z.
+    /// Start index by column (x within z), with a sentinel.
     starts: Vec<u32>,
-    /// Region and level, lowest first within a column.
+    /// Region and level, lowest first.
     floors: Vec<(u16, u16)>,
 }
 
 impl Floors {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.starts.as_slice()) + size_of_val(self.floors.as_slice())
     }
 
-    /// Level of the floor that `region` has in the column (`x`, `z`).
+    /// Returns the level of `region` in a column.
     pub(crate) fn level(&self, x: usize, z: usize, region: u16) -> Option<u16> {
         let column = z * self.width + x;
         let range = self.starts[column] as usize..self.starts[column + 1] as usize;
@@ -57,7 +56,7 @@ impl Floors {
     }
 }
 
-/// Rasterises the scene, erodes the walkable part by the body and cuts it into convex polygons.
+/// Rasterises the scene, erodes the floor by the body and cuts it into convex polygons.
 pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxels, NavMeshError> {
     let bounds = check(scene, settings)?;
     let mut tries: Vec<_> =
@@ -79,7 +78,7 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
     Ok(voxels)
 }
 
-/// Catches panics: the pipeline indexes by file geometry, and a fault must not stop the server.
+// The pipeline indexes by file geometry, and a fault must not stop the server.
 fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
         .unwrap_or_else(|_| Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() }))
@@ -104,20 +103,16 @@ fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError
     let fits = width.max(depth) < MAX_SIDE_CELLS
         && width * depth < MAX_COLUMNS
         && size.y / settings.level_m < MAX_LEVELS;
-    let size_m = size.into();
-    let limit = || size_limit(settings);
-    fits.then_some(bounds).ok_or_else(|| NavMeshError::TooLarge {
-        scene: scene.name.clone(),
-        size_m,
-        limit: limit(),
-    })
-}
-
-fn size_limit(settings: &NavMeshSettings) -> String {
-    let side_m = MAX_SIDE_CELLS * settings.cell_m;
-    let area_m2 = MAX_COLUMNS * settings.cell_m * settings.cell_m;
-    let high_m = MAX_LEVELS * settings.level_m;
-    format!("{area_m2:.0} square metres, {side_m:.0} m a side and {high_m:.0} m high")
+    if fits {
+        return Ok(bounds);
+    }
+    let limit = format!(
+        "{:.0} square metres, {:.0} m a side and {:.0} m high",
+        MAX_COLUMNS * settings.cell_m * settings.cell_m,
+        MAX_SIDE_CELLS * settings.cell_m,
+        MAX_LEVELS * settings.level_m
+    );
+    Err(NavMeshError::TooLarge { scene: scene.name.clone(), size_m: size.into(), limit })
 }
 
 struct Failure {
@@ -135,7 +130,7 @@ impl Failure {
     }
 }
 
-/// A pipeline run: floors divided by `regions`, with a margin around the scene.
+/// Runs the pipeline inside `around`, with floors divided by `regions`.
 fn on_lattice(
     scene: &Scene,
     settings: &NavMeshSettings,
@@ -170,7 +165,7 @@ fn on_lattice(
     Ok(Voxels { lattice, polygons, floors })
 }
 
-/// Floor cells permitted for the body centre.
+/// Returns the permitted cells for the body centre.
 fn open_floor(
     scene: &Scene,
     settings: &NavMeshSettings,
@@ -196,7 +191,7 @@ fn open_floor(
     Ok(field)
 }
 
-/// Cuts outlines into polygons; self-intersecting outlines are retried closer to the raster.
+/// Cuts outlines into polygons.
 fn cut(
     field: &CompactHeightfield,
     settings: &NavMeshSettings,
@@ -210,9 +205,9 @@ fn cut(
     CLOSER_EDGE_ERRORS_CELLS.into_iter().fold(loosest, |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 
-/// Upward component of the unit normal; NaN for degenerate triangles. Bevels of exactly 45 degrees are common
-/// and the last bit decides, so the operations follow Recast one by one.
+/// Returns the unit normal's upward component; NaN for degenerate triangles.
 fn upward([a, b, c]: &[Point3<f32>; 3]) -> f32 {
+    // Bevels of exactly 45 degrees are common and the last bit decides, so the operations follow Recast.
     let normal = (b - a).cross(&(c - a));
     let length = (normal.x * normal.x + normal.y * normal.y + normal.z * normal.z).sqrt();
     normal.y * (1.0 / length)
@@ -241,7 +236,7 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     raw.filter(is_polygon).collect()
 }
 
-/// Detail triangles as in Detour: polygon corners at their heights, samples one level above the lattice.
+/// Detour's detail triangles: polygon corners at their heights, samples one level above the lattice.
 fn detail_triangles(
     detail: &DetailNavmesh,
     polygon: usize,

@@ -1,35 +1,33 @@
-//! Steps with sliding at walls, as in `dtNavMeshQuery::moveAlongSurface`: the reachable point around the step
-//! nearest to its target.
+//! Steps with sliding, as in `dtNavMeshQuery::moveAlongSurface`: the nearest reachable point to the target.
 
 use crate::plane::{Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
 use std::collections::VecDeque;
 
-/// Ends this close to the target are equal to it, cells (5 micrometres).
+// Rounding moves ends by less than this, cells (5 micrometres).
 const SAME_CELLS: f64 = 1e-4;
-/// Directions with a smaller cross product are parallel, cells squared.
+// Directions with a smaller cross product are parallel, cells squared.
 const PARALLEL: f64 = 1e-9;
 
-/// A step that is asked for.
+/// A requested step.
 pub(crate) struct Step {
     pub(crate) start: Spot,
-    /// The polygon of `start`.
     pub(crate) polygon: u32,
     pub(crate) target: Spot,
     /// Portal search radius around the step centre, cells.
     pub(crate) reach_cells: f64,
-    /// True to slide at walls; otherwise the step ends at the first wall.
+    /// False ends the step at the first wall.
     pub(crate) slides: bool,
 }
 
-/// End of a step, and a flag for walls.
+/// The end of a step.
 pub(crate) struct Walked {
     pub(crate) end: Spot,
     pub(crate) polygon: u32,
     pub(crate) blocked: bool,
 }
 
-/// Takes a step; `None` when no place was found to end at.
+/// Takes a step; `None` without a reachable end.
 pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
     let middle = step.start + (step.target - step.start) * 0.5;
     let mut seen = vec![step.polygon];
@@ -62,12 +60,12 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
     best
 }
 
-/// Possible end of the step at a wall.
+/// Returns a candidate end at a wall.
 fn stop(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
     if step.slides { Some(nearest_on_segment(&step.target, from, to)) } else { crossing(step, from, to) }
 }
 
-/// Intersection of the straight step with a segment.
+/// Returns the step's intersection with a segment.
 fn crossing(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
     let (along, way) = (to - from, step.target - step.start);
     let cross = along.perp(&way);
