@@ -164,19 +164,19 @@ fn a_data_folder_is_not_made_for_its_models() {
 fn sounds_come_back_as_they_were_kept_or_not_at_all() {
     let folder = folder();
     let sounds = CacheFolder::at(folder.path());
-    assert!(sounds.find_sound("kitchen").is_none());
+    assert!(sounds.load_sound("kitchen").is_none());
     for bytes in [&b"a source"[..], &[], &[7; 10_000]] {
-        sounds.keep_sound("kitchen", bytes);
-        assert_eq!(sounds.find_sound("kitchen").as_deref(), Some(bytes));
+        sounds.store_sound("kitchen", bytes);
+        assert_eq!(sounds.load_sound("kitchen").as_deref(), Some(bytes));
     }
     let path = sounds.sound_path("kitchen");
     let whole = fs::read(&path).expect("a file");
     for damaged in [&whole[..9_000], &whole[..20], &[]] {
         fs::write(&path, damaged).expect("a file");
-        assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+        assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
     }
     let mut flipped = whole.clone();
     flipped[5_000] ^= 1;
     fs::write(&path, flipped).expect("a file");
-    assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+    assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
 }

@@ -2,7 +2,8 @@
 
 use crate::{
     error::RequestError,
-    format::{self, rfc3339, url_encode},
+    format::{rfc3339, url_encode},
+    request::RequestContext,
 };
 use avln_episode::Order;
 use avln_scoring::{Key, Prominence};
@@ -96,7 +97,9 @@ impl LeaderboardParams {
             "order" if value == "both" => self.orders = Some(Orders::Both),
             "order" => self.orders = parse(name, value)?.map(Orders::One),
             "sort" => self.sort = parse(name, value)?,
-            "pick" => self.pick = parse_pick(value)?,
+            "pick" => {
+                self.pick = choice(name, value, [("best", RunChoice::Best), ("latest", RunChoice::Latest)])?
+            }
             "q" => value.trim().clone_into(&mut self.search),
             "team" => value.clone_into(&mut self.team),
             "as_of" => self.as_of_unix_ms = parse_day(value)?,
@@ -105,7 +108,8 @@ impl LeaderboardParams {
                 let sensor = SENSOR_PARAMS.iter().position(|sensor| *sensor == other);
                 let sensor =
                     sensor.ok_or_else(|| RequestError::Invalid(format!("unknown parameter '{other}'")))?;
-                self.sensors[sensor] = parse_sensor_filter(value)?;
+                let filters = [("with", SensorFilter::With), ("without", SensorFilter::Without)];
+                self.sensors[sensor] = choice(name, value, filters)?;
             }
         }
         Ok(())
@@ -128,12 +132,7 @@ impl LeaderboardParams {
         self.orders.unwrap_or(usual)
     }
 
-    pub(crate) fn query<'a>(
-        &self,
-        phase: &'a PhaseView,
-        order: Order,
-        now_unix_ms: i64,
-    ) -> LeaderboardQuery<'a> {
+    fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> LeaderboardQuery<'a> {
         LeaderboardQuery {
             phase: &phase.id,
             order,
@@ -147,6 +146,39 @@ impl LeaderboardParams {
                 senses: self.sensors.map(|filter| filter.map(|filter| filter == SensorFilter::With)),
             },
         }
+    }
+
+    pub(crate) async fn read(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+        order: Order,
+    ) -> Result<LeaderboardView, RequestError> {
+        let query = self.query(phase, order, context.now_unix_ms);
+        let view = context.reader.leaderboard(&context.viewer, &query).await?;
+        view.ok_or_else(|| RequestError::unknown("phase", phase.id.clone()))
+    }
+
+    /// Reads the leaderboards for all orders.
+    pub(crate) async fn read_all(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+    ) -> Result<Vec<LeaderboardView>, RequestError> {
+        let mut views = Vec::new();
+        for &order in &phase.orders {
+            views.push(self.read(context, phase, order).await?);
+        }
+        Ok(views)
+    }
+
+    /// Rejects a selection of columns, for responses with all columns.
+    pub(crate) fn reject_columns(&self) -> Result<(), RequestError> {
+        if self.columns.is_empty() {
+            return Ok(());
+        }
+        let message = "the API returns all columns; remove the parameter 'column'";
+        Err(RequestError::Invalid(message.to_owned()))
     }
 
     pub(crate) fn is_filtered(&self) -> bool {
@@ -172,7 +204,7 @@ impl LeaderboardParams {
             add("sort", key.as_str());
         }
         if let Some(pick) = self.pick.filter(|pick| *pick != phase.ranking.entry) {
-            add("pick", format::pick(&pick));
+            add("pick", pick.as_str());
         }
         for (name, value) in [("q", &self.search), ("team", &self.team)] {
             if !value.is_empty() {
@@ -211,24 +243,15 @@ fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-fn parse_pick(value: &str) -> Result<Option<RunChoice>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "best" => Ok(Some(RunChoice::Best)),
-        "latest" => Ok(Some(RunChoice::Latest)),
-        other => Err(RequestError::Invalid(format!("pick must be best or latest, not '{other}'"))),
+/// Finds a value by its word; `None` if it is empty.
+fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<Option<T>, RequestError> {
+    if value.is_empty() {
+        return Ok(None);
     }
-}
-
-fn parse_sensor_filter(value: &str) -> Result<Option<SensorFilter>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "with" => Ok(Some(SensorFilter::With)),
-        "without" => Ok(Some(SensorFilter::Without)),
-        other => {
-            Err(RequestError::Invalid(format!("rgb, depth and audio must be with or without, not '{other}'")))
-        }
-    }
+    let [first, second] = choices.map(|(word, _)| word);
+    let wrong = || RequestError::Invalid(format!("{name} must be {first} or {second}, not '{value}'"));
+    let found = choices.into_iter().find(|(word, _)| *word == value);
+    found.map(|(_, choice)| Some(choice)).ok_or_else(wrong)
 }
 
 /// Parses a day such as `2026-07-01` and returns its last millisecond.
@@ -236,18 +259,15 @@ fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
     if value.is_empty() {
         return Ok(None);
     }
-    let parts: Vec<&str> = value.split('-').collect();
-    let end = match parts[..] {
-        [year, month, day] => year
-            .parse()
-            .ok()
-            .zip(month.parse().ok())
-            .zip(day.parse().ok())
-            .and_then(|((year, month), day)| calendar::unix_ms(year, month, day, LAST_SECOND)),
-        _ => None,
+    let end = || {
+        let mut parts = value.split('-');
+        let mut next = || parts.next()?.parse::<u16>().ok();
+        let (year, month, day) = (next()?, next()?, next()?);
+        parts.next().is_none().then_some(())?;
+        calendar::unix_ms(year, u8::try_from(month).ok()?, u8::try_from(day).ok()?, LAST_SECOND)
     };
     let wrong = || RequestError::Invalid(format!("as_of must be a day such as 2026-07-01, not '{value}'"));
-    end.map(|end| Some(end + 999)).ok_or_else(wrong)
+    end().map(|end| Some(end + 999)).ok_or_else(wrong)
 }
 
 pub(crate) fn day(unix_ms: i64) -> String {

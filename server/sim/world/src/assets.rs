@@ -1,5 +1,5 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, SoundPlace, SoundShelf, Source};
+use avln_acoustics::{Acoustics, Settings, BuildingCache, SoundCache, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
@@ -21,9 +21,9 @@ pub struct SceneAssets {
 }
 
 /// A persistent cache of render models and sound sources.
-pub trait Cache: ModelCache + SoundShelf {}
+pub trait Cache: ModelCache + SoundCache {}
 
-impl<T: ModelCache + SoundShelf> Cache for T {}
+impl<T: ModelCache + SoundCache> Cache for T {}
 
 /// A scene's name in a cache.
 #[derive(Clone)]
@@ -151,8 +151,8 @@ impl SceneAssets {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let place = self.cached.clone();
             let place =
-                place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).kept_at(place)
+                place.map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).with_cache(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }

@@ -223,7 +223,7 @@ impl World {
 
     /// Largest memory of the body in bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
-        self.ears.as_ref().map_or(0, Ears::most_bytes)
+        self.ears.as_ref().map_or(0, Ears::max_bytes)
     }
 
     /// Shared data of the building.
@@ -253,7 +253,7 @@ fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, Start
 
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
     let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
-        source: assets.source(&position).heard_by(&options.head),
+        source: assets.source(&position).with_head(&options.head),
         clip,
         offset_samples,
     };
