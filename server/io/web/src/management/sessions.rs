@@ -2,7 +2,7 @@
 
 use super::{ManagementState, TeamCredential};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     request::{CONTEXT, Menu, PageContext, now_unix_ms},
 };
 use avln_store::{Holder, Reader, TokenHash, Viewer};
@@ -48,7 +48,7 @@ impl SignedIn {
         blake3::Hash::from_hex(key).is_ok_and(|key| key == form_key(&self.id))
     }
 
-    pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
+    pub(crate) fn team(&self) -> Result<TeamCredential> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
         if self.holder.read_only {
             let message =
@@ -138,14 +138,14 @@ pub(crate) fn is_management_page(address: &str) -> bool {
 }
 
 /// Returns the `Set-Cookie` value that starts the session `id`.
-pub(crate) fn session_cookie(id: &str, is_secure: bool) -> Result<HeaderValue, RequestError> {
+pub(crate) fn session_cookie(id: &str, is_secure: bool) -> Result<HeaderValue> {
     let secure = if is_secure { "; Secure" } else { "" };
     let text = format!("{}={id}; Path=/; HttpOnly; SameSite=Strict{secure}", cookie_name(is_secure));
     HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
 }
 
 /// Returns the `Set-Cookie` value that deletes the cookie.
-pub(crate) fn expired_cookie(is_secure: bool) -> Result<HeaderValue, RequestError> {
+pub(crate) fn expired_cookie(is_secure: bool) -> Result<HeaderValue> {
     let mut text = session_cookie("", is_secure)?.as_bytes().to_vec();
     text.extend_from_slice(b"; Max-Age=0");
     HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
