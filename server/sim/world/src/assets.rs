@@ -1,14 +1,14 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, BuildingCache, SoundCache, Source};
+use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
-/// Immutable data shared by all episodes in a building.
+/// A building's immutable data, shared by all episodes.
 pub struct SceneAssets {
-    /// The building, without textures: the renderer has them.
+    /// Building without textures; the renderer has them.
     pub scene: Arc<Scene>,
     /// Walkable floor.
     pub navmesh: NavMesh,
@@ -20,59 +20,59 @@ pub struct SceneAssets {
     surfaces: Surfaces,
 }
 
-/// A persistent cache of render models and sound sources.
+/// A persistent cache for render models and sound sources.
 pub trait Cache: ModelCache + SoundCache {}
 
 impl<T: ModelCache + SoundCache> Cache for T {}
 
-/// A scene's name in a cache.
+/// An entry in a cache.
 #[derive(Clone)]
 pub struct Cached {
-    /// The cache.
+    /// Cache.
     pub cache: Arc<dyn Cache>,
-    /// A name that only scenes with the same content have.
+    /// Entry name, unique by scene content.
     pub name: String,
 }
 
-/// The first hit of a ray.
+/// A ray's first hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Struck {
     /// Distance, metres.
     pub distance_m: f32,
-    /// Of which instance the surface is; [`InstanceId::NONE`] for the building itself.
+    /// Instance; [`InstanceId::NONE`] for the building itself.
     pub instance: InstanceId,
 }
 
-/// Why a building cannot be lived in.
+/// An unusable building.
 #[derive(Debug, thiserror::Error)]
 pub enum PrepareError {
     /// No walkable floor.
     #[error("cannot prepare scene `{scene}`: {source}")]
     NavMesh {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
-        /// Error of the navmesh.
+        /// Reason.
         source: NavMeshError,
     },
-    /// A mesh list has the wrong length.
+    /// A mesh list with a wrong length.
     #[error(
         "cannot prepare scene `{scene}`: its mesh has {found} entries in `{list}` where {expected} belong; \
          import the file again"
     )]
     Malformed {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
-        /// The list.
+        /// List name.
         list: &'static str,
         /// Actual length.
         found: usize,
-        /// The length it should have.
+        /// Required length.
         expected: usize,
     },
 }
 
 impl SceneAssets {
-    /// Prepares `scene` for a body: navmesh, rendering, acoustics.
+    /// Prepares navmesh, rendering and acoustics.
     ///
     /// # Errors
     /// If the mesh is invalid or not walkable.
@@ -80,7 +80,7 @@ impl SceneAssets {
         Self::prepare_cached(scene, body, None)
     }
 
-    /// Like [`SceneAssets::prepare`], with a cache for expensive results.
+    /// Prepares a scene, with a cache for expensive results.
     ///
     /// # Errors
     /// If the mesh is invalid or not walkable.
@@ -90,7 +90,7 @@ impl SceneAssets {
         cached: Option<Cached>,
     ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
-        // The navmesh validates corners and indices, which all other parts rely on.
+        // The navmesh validates corners and indices; all other parts rely on this.
         let navmesh = NavMesh::build(&scene, body)
             .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
         let textures = std::mem::take(&mut scene.textures);
@@ -104,9 +104,9 @@ impl SceneAssets {
         Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
 
-    /// Memory in bytes as far as it can be counted: mesh, rays, navmesh, surface points, acoustics, and
-    /// render data including mapped files. It grows with the first image and with every new sound source.
-    /// Names, regions and images in progress are not counted.
+    /// Returns the countable memory, bytes: mesh, rays, navmesh, surface points, acoustics, and render data
+    /// including mapped files. It grows with the first image and with new sound sources. Names, regions and
+    /// images in progress are not counted.
     pub fn resident_bytes(&self) -> usize {
         mesh_bytes(&self.scene.mesh)
             + self.rays.byte_count()
@@ -116,19 +116,19 @@ impl SceneAssets {
             + self.renderer.resident_bytes()
     }
 
-    /// Renders a camera image.
+    /// Renders an image.
     pub fn render(&self, camera: &Camera) -> CameraImage {
         self.renderer.render(camera)
     }
 
-    /// Returns the first surface in the unit direction `direction` from `origin` within `reach_m`.
+    /// Returns the first surface within `reach_m` in a unit direction.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Struck> {
         let hit = self.rays.cast(origin, direction, reach_m)?;
         let instance = self.scene.mesh.instance_of[hit.triangle as usize];
         Some(Struck { distance_m: hit.distance, instance })
     }
 
-    /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, at most
+    /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, within
     /// `half_vfov_rad` above or below the horizon. False for instances without surface.
     pub fn sees(&self, eye: &Point3<f32>, instance: InstanceId, half_vfov_rad: f32) -> bool {
         let is_of_instance = |triangle: u32| self.scene.mesh.instance_of[triangle as usize] == instance;
@@ -140,19 +140,20 @@ impl SceneAssets {
         self.renderer.model();
     }
 
-    /// Computes or loads the acoustics of a source at `position` (world frame, metres).
+    /// Computes or loads a source's acoustics (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
         self.source(position);
     }
 
-    /// The shared sound source at `position`.
+    /// Returns the shared sound source.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let place = self.cached.clone();
-            let place =
-                place.map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).with_cache(place)
+            let place = place
+                .map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
+                .with_cache(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }

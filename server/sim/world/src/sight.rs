@@ -2,18 +2,17 @@ use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
 use avln_scene::{InstanceId, Scene};
 use std::collections::BTreeMap;
 
-/// Points sampled on each instance.
+/// Sampled points per instance.
 const POINTS: usize = 64;
-/// Tolerance for hits on the surface of a sampled point, metres.
+// A ray may end this much before or behind its target point and still hit it, metres.
 const TOLERANCE_M: f32 = 0.01;
 
-/// Points on the surfaces of every instance, spread evenly over their area.
+/// Surface points by instance, evenly spread over the area.
 pub(crate) struct Surfaces {
     points: BTreeMap<InstanceId, Vec<Point3<f32>>>,
 }
 
 impl Surfaces {
-    /// Bytes of all points.
     pub(crate) fn byte_count(&self) -> usize {
         self.points.values().map(|points| size_of_val(points.as_slice())).sum()
     }
@@ -29,7 +28,7 @@ impl Surfaces {
         Self { points: points.collect() }
     }
 
-    /// Returns true if a ray from `eye` to some point of `instance` first hits a triangle with `is_own`.
+    /// Returns true if a ray from `eye` to a point of `instance` first hits a triangle with `is_own`.
     pub(crate) fn any_visible(
         &self,
         rays: &RayMesh,
@@ -52,7 +51,7 @@ impl Surfaces {
     }
 }
 
-/// [`POINTS`] points on `triangles`, one per equal share of area; none without area.
+/// Returns [`POINTS`] points, one per equal area share; none without area.
 fn spread(triangles: &[[Point3<f32>; 3]], seed: u64) -> Vec<Point3<f32>> {
     let mut rng = Rng::new(seed);
     let area = |[a, b, c]: &[Point3<f32>; 3]| f64::from((b - a).cross(&(c - a)).norm());
@@ -68,7 +67,7 @@ fn spread(triangles: &[[Point3<f32>; 3]], seed: u64) -> Vec<Point3<f32>> {
     points
 }
 
-/// A random point of a triangle, uniform over its area.
+/// Returns a random point, uniform over the area.
 fn inside([a, b, c]: &[Point3<f32>; 3], rng: &mut Rng) -> Point3<f32> {
     let (u, v) = (rng.range(0.0, 1.0), rng.range(0.0, 1.0));
     let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
@@ -85,7 +84,7 @@ mod tests {
         let triangle = |size: f32, x: f32| {
             [Point3::new(x, 0.0, 0.0), Point3::new(x + size, 0.0, 0.0), Point3::new(x, size, 0.0)]
         };
-        // Areas 9 to 1 in the ratio of their squares.
+        // Areas in a ratio of 9 to 1.
         let points = spread(&[triangle(3.0, 0.0), triangle(1.0, 10.0)], 1);
         assert_eq!(points.len(), POINTS);
         let on_small = points.iter().filter(|point| point.x >= 10.0).count();

@@ -5,59 +5,59 @@ use avln_navmesh::NavPoint;
 use avln_render::{Camera, CameraImage, Noise};
 use std::sync::Arc;
 
-/// Largest distance of a start from the navmesh, metres.
+/// Largest distance between start and navmesh, metres.
 const MAX_SNAP_M: f32 = 0.3;
-/// Collision threshold: share of the requested forward distance.
+// Rounding shortens free steps by less than this share.
 const FULL_STEP: f32 = 0.99;
 
-/// The body's measures and senses.
+/// Body measures and senses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldOptions {
-    /// Length of a step forward, metres.
+    /// Forward step, metres.
     pub forward_m: f32,
-    /// Angle of a turn, degrees.
+    /// Turn, degrees.
     pub turn_deg: u32,
     /// Camera above the base, metres.
     pub camera_height_m: f32,
     /// Ears above the base, metres.
     pub ear_height_m: f32,
-    /// Reach of depth, metres.
+    /// Depth range, metres.
     pub depth_max_m: f32,
-    /// Samples that each ear hears in a step, at 16 kHz.
+    /// Samples per ear and step, at 16 kHz.
     pub samples_per_step: usize,
-    /// The picture taken each step; `None` for none.
+    /// Camera view per step, if any.
     pub view: Option<CameraView>,
     /// True to render audio.
     pub audio: bool,
     /// Head model.
     pub head: Head,
-    /// Noise of the pictures that the body perceives; none in those taken by [`SceneAssets::render`].
+    /// Image noise for the body; [`SceneAssets::render`] adds none.
     pub noise: Noise,
 }
 
-/// Size and angle of a picture.
+/// Image size and angle of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraView {
-    /// Pixels in a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Angle between left and right border, radians, in (0, pi).
+    /// Horizontal angle of view, radians, in (0, pi).
     pub hfov_rad: f32,
 }
 
-/// Something that can sound.
+/// A sound source.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoundSource {
     /// Position, world frame.
     pub position: Point3<f32>,
     /// Repeated clip.
     pub clip: Clip,
-    /// Clip position at the start of the episode, samples.
+    /// Clip position at the episode start, samples.
     pub offset_samples: usize,
 }
 
-/// A motion of the body in a step.
+/// A body motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Stand still.
@@ -70,34 +70,34 @@ pub enum Motion {
     Right,
 }
 
-/// Result of a motion.
+/// The result of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moved {
     /// True if an obstacle stopped or deflected a forward step.
     pub collided: bool,
-    /// Horizontal distance moved, metres.
+    /// Horizontal distance, metres.
     pub displacement_m: f32,
 }
 
-/// Sensor readings of a step.
+/// Sensor readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Senses {
     /// Camera image, if requested.
     pub frame: Option<CameraImage>,
-    /// `2 × samples_per_step` samples, the left ear first, if audio was asked for.
+    /// `2 × samples_per_step` samples, left ear first, if requested.
     pub audio: Option<Vec<f32>>,
 }
 
-/// Why a body cannot start.
+/// An impossible start.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StartError {
-    /// The start is too far from the floor.
+    /// The start is too high above or far from the floor.
     #[error(
         "cannot start in scene `{scene}` at ({x}, {y}, {z}): the floor is more than {limit_m} m away; \
          choose a start on the navmesh"
     )]
     OffNavMesh {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
         /// World position, metres.
         x: f32,
@@ -105,7 +105,7 @@ pub enum StartError {
         y: f32,
         /// World position, metres.
         z: f32,
-        /// The farthest that it may be.
+        /// Largest permitted distance, metres.
         limit_m: f32,
     },
 }
@@ -115,7 +115,7 @@ pub struct World {
     assets: Arc<SceneAssets>,
     options: WorldOptions,
     start_heading_rad: f32,
-    /// Degrees turned to the left since the start, 0 to 359.
+    /// Degrees turned left since the start, 0 to 359.
     turned_deg: u32,
     standing: NavPoint,
     /// Motion count.
@@ -124,7 +124,7 @@ pub struct World {
 }
 
 impl World {
-    /// Places a body on the floor at `start`, with the possible sound sources.
+    /// Places a body on the floor at `start`, with possible sound sources.
     ///
     /// # Errors
     /// If the start is off the navmesh.
@@ -167,25 +167,25 @@ impl World {
         Moved { collided, displacement_m }
     }
 
-    /// Pose of the body, world frame.
+    /// Returns the body's pose, world frame.
     pub fn pose(&self) -> Pose {
         let turned_rad = (self.turned_deg as f32).to_radians();
         Pose::new(self.standing.position(), self.start_heading_rad + turned_rad)
     }
 
-    /// The camera's pinhole, world frame.
+    /// Returns the camera's pinhole, world frame.
     pub fn eye(&self) -> Point3<f32> {
         self.standing.position() + Vector3::y() * self.options.camera_height_m
     }
 
-    /// Returns the present sensor readings. Call once per step: every call advances the sound by a step. Only
-    /// the source `sounding` emits; earlier sources ring out.
+    /// Returns the sensor readings; call it once per step, because it advances the sound. Only the source
+    /// `sounding` emits; earlier sources ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
         let frame = self.options.view.map(|view| self.look(&view));
         Senses { frame, audio: self.hear(sounding) }
     }
 
-    /// Audio part of [`World::sense`], instead of it: for steps without a used image.
+    /// Returns the audio part instead of [`World::sense`], for steps without a used image.
     pub fn hear(&mut self, sounding: Option<usize>) -> Option<Vec<f32>> {
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
@@ -210,8 +210,8 @@ impl World {
         }
     }
 
-    /// Hash of the state: equal hashes after every motion mean equal trajectories. FNV-1a over the bits of
-    /// pose, turns and motion count.
+    /// Returns a state hash: equal hashes after every motion mean equal trajectories. FNV-1a over pose, turns
+    /// and motion count.
     pub fn state_hash(&self) -> u64 {
         let pose = self.pose();
         let bits = [pose.position.x, pose.position.y, pose.position.z, pose.heading_rad].map(f32::to_bits);
@@ -221,17 +221,17 @@ impl World {
         })
     }
 
-    /// Largest memory of the body in bytes, without the building: the ringing sound.
+    /// Returns the body's largest memory, bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
         self.ears.as_ref().map_or(0, Ears::max_bytes)
     }
 
-    /// Shared data of the building.
+    /// Returns the building's shared data.
     pub fn assets(&self) -> &Arc<SceneAssets> {
         &self.assets
     }
 
-    /// The point of the navmesh under the body.
+    /// Returns the navmesh point under the body.
     pub fn standing(&self) -> NavPoint {
         self.standing
     }
