@@ -25,7 +25,7 @@ pub(crate) fn lit(scene: &Scene, rays: &RayMesh) -> Option<Mesh> {
 
 /// Longer edges are halved, metres.
 const LONGEST_M: f32 = 0.5;
-// Longer edges belong to no room; halving them would exhaust memory, metres.
+// Longer edges belong to no room, and halving them would multiply the triangles, metres.
 const ENDLESS_M: f32 = 64.0;
 
 /// Subdivides edges longer than 0.5 m.

@@ -93,10 +93,9 @@ impl Renderer {
     /// Returns the render data size, bytes: the model including mapped files; before the first image, the
     /// textures passed to [`Renderer::with_cache`].
     pub fn resident_bytes(&self) -> usize {
-        self.model.get().map_or_else(|| self.waiting_bytes(), Model::byte_count)
-    }
-
-    fn waiting_bytes(&self) -> usize {
+        if let Some(model) = self.model.get() {
+            return model.byte_count();
+        }
         let source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
         let textures = source.as_ref().and_then(|source| source.textures.as_deref());
         textures.map_or(0, |textures| textures.iter().map(|texture| texture.pixels.len()).sum())
@@ -109,29 +108,23 @@ impl Renderer {
     }
 
     /// Renders with vector instructions of at most this width; the image is equal for all.
-    pub fn render_with(&self, camera: &Camera, width: Width) -> CameraImage {
-        let mut frame = CameraImage::empty(camera);
-        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = idle().pop().unwrap_or_default();
-        let (view, lens) = (self.model().view(), camera.lens());
-        scratch.screen.clear(camera.width as usize, camera.height as usize);
-        run_at(width, Raster { view, lens, scratch: &mut scratch });
-        let depth_max_m = camera.depth_max_m;
-        run_at(width, Shader { view, depth_max_m, scratch: &scratch, frame: &mut frame });
-        idle().push(scratch);
-        frame
-    }
-}
-
-impl CameraImage {
-    fn empty(camera: &Camera) -> Self {
-        let pixels = camera.width as usize * camera.height as usize;
-        Self {
-            width: camera.width,
-            height: camera.height,
+    pub fn render_with(&self, camera: &Camera, vectors: Width) -> CameraImage {
+        let Camera { width, height, depth_max_m, .. } = *camera;
+        let pixels = width as usize * height as usize;
+        let mut frame = CameraImage {
+            width,
+            height,
             rgb: vec![0; 3 * pixels],
             depth: vec![0.0; pixels],
             instances: vec![InstanceId::NONE; pixels],
-        }
+        };
+        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scratch = idle().pop().unwrap_or_default();
+        let (view, lens) = (self.model().view(), camera.lens());
+        scratch.screen.clear(width as usize, height as usize);
+        run_at(vectors, Raster { view, lens, scratch: &mut scratch });
+        run_at(vectors, Shader { view, depth_max_m, scratch: &scratch, frame: &mut frame });
+        idle().push(scratch);
+        frame
     }
 }

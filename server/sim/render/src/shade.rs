@@ -26,7 +26,6 @@ struct Run {
     record: [u32; RUN],
     /// Planar depth, metres; 0 for background.
     depth_m: [f32; RUN],
-    /// Texture coordinates.
     u: [f32; RUN],
     v: [f32; RUN],
     /// Texture level, both words; see [`ModelView::levels`].

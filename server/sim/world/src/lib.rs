@@ -8,7 +8,6 @@
 //! *Never*: depends on goals, budgets or scores; reads a clock; starts threads.
 
 mod assets;
-mod sight;
 pub mod stats;
 mod world;
 

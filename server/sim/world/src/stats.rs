@@ -26,14 +26,12 @@ pub struct WalkStats {
     pub rooms_reached: f64,
 }
 
-// As wide as a person: doors must be passable.
-const WIDE_BODY: Body = Body { radius_m: 0.25, height_m: 1.5, climb_m: 0.2, slope_deg: 45.0 };
-
 /// Start positions, and goals per start.
 const PAIRS: [usize; 2] = [200, 100];
-
 /// Height difference between floors, metres.
 const SAME_FLOOR_M: f32 = 0.5;
+// Closer pairs only measure wall thickness, metres.
+const APART_M: f64 = 2.0;
 
 /// Measures `scene`; `seed` draws the sampled positions.
 ///
@@ -41,7 +39,8 @@ const SAME_FLOOR_M: f32 = 0.5;
 /// If the scene is not walkable.
 pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     let navmesh = NavMesh::build(scene, &Body::default())?;
-    let wide = NavMesh::build(scene, &WIDE_BODY)?;
+    // As wide as a person: doors must be passable.
+    let wide = NavMesh::build(scene, &Body { radius_m: 0.25, ..Body::default() })?;
     let rng = Rng::new(seed);
     let navigable_m2 = navmesh.island_area_m2(navmesh.largest_island());
     let [complexity_of_all, complexity] = complexity(&navmesh, &mut rng.fork("pairs"));
@@ -71,9 +70,6 @@ fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
     let islands = (0..navmesh.island_count()).filter(on_floor);
     navmesh.island_area_m2(largest) / islands.map(|island| navmesh.island_area_m2(island)).sum::<f64>()
 }
-
-// Closer pairs only measure wall thickness, metres.
-const APART_M: f64 = 2.0;
 
 /// Returns the largest distance ratio over all pairs, and over distant pairs.
 fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
@@ -201,14 +197,13 @@ pub fn closed_share(scene: &Scene) -> f64 {
         let radius = (1.0 - y * y).sqrt();
         Vector3::new(radius * cos, y, radius * sin)
     };
-    let (mut met, mut all) = (0_usize, 0_usize);
+    let mut met = 0;
     for region in &scene.regions {
         let mut eye = region.bounds.center();
         eye.y = region.bounds.min.y + 1.3;
         met += (0..RAYS).filter(|&index| mesh.cast(&eye, &direction(index), 100.0).is_some()).count();
-        all += RAYS;
     }
-    met as f64 / all.max(1) as f64
+    met as f64 / (RAYS * scene.regions.len()).max(1) as f64
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-use crate::SceneAssets;
+use crate::assets::SceneAssets;
 use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 /// Largest distance between start and navmesh, metres.
 const MAX_SNAP_M: f32 = 0.3;
-// Rounding shortens free steps by less than this share.
+// Rounding can shorten a free step; below this share of the requested distance it is a collision.
 const FULL_STEP: f32 = 0.99;
 
 /// Body measures and senses.
@@ -71,7 +71,7 @@ pub enum Motion {
 }
 
 /// The result of a motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moved {
     /// True if an obstacle stopped or deflected a forward step.
     pub collided: bool,
@@ -91,20 +91,17 @@ pub struct Senses {
 /// An impossible start.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StartError {
-    /// The start is too high above or far from the floor.
+    /// The start is off the floor.
     #[error(
-        "cannot start in scene `{scene}` at ({x}, {y}, {z}): the floor is more than {limit_m} m away; \
-         choose a start on the navmesh"
+        "cannot start in scene `{scene}` at ({}, {}, {}): the floor is more than {limit_m} m away; \
+         choose a start on the navmesh",
+        .position.x, .position.y, .position.z
     )]
     OffNavMesh {
         /// Scene name.
         scene: String,
         /// World position, metres.
-        x: f32,
-        /// World position, metres.
-        y: f32,
-        /// World position, metres.
-        z: f32,
+        position: Point3<f32>,
         /// Largest permitted distance, metres.
         limit_m: f32,
     },
@@ -134,7 +131,10 @@ impl World {
         options: WorldOptions,
         sources: Vec<SoundSource>,
     ) -> Result<World, StartError> {
-        let standing = stand(&assets, &start.position)?;
+        let standing = assets.navmesh.snap(&start.position, MAX_SNAP_M).ok_or_else(|| {
+            let scene = assets.scene.name.clone();
+            StartError::OffNavMesh { scene, position: start.position, limit_m: MAX_SNAP_M }
+        })?;
         let ears = options.audio.then(|| ears(&assets, &options, sources));
         let start_heading_rad = start.heading_rad;
         Ok(Self { assets, options, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
@@ -145,16 +145,12 @@ impl World {
         self.steps += 1;
         let turn_deg = self.options.turn_deg % 360;
         match motion {
-            Motion::Stay => Moved::NOT,
-            Motion::Forward => self.step_forward(),
-            Motion::Left => self.turn(turn_deg),
-            Motion::Right => self.turn(360 - turn_deg),
+            Motion::Stay => {}
+            Motion::Forward => return self.step_forward(),
+            Motion::Left => self.turned_deg = (self.turned_deg + turn_deg) % 360,
+            Motion::Right => self.turned_deg = (self.turned_deg + 360 - turn_deg) % 360,
         }
-    }
-
-    fn turn(&mut self, left_deg: u32) -> Moved {
-        self.turned_deg = (self.turned_deg + left_deg) % 360;
-        Moved::NOT
+        Moved::default()
     }
 
     fn step_forward(&mut self) -> Moved {
@@ -181,7 +177,7 @@ impl World {
     /// Returns the sensor readings; call it once per step, because it advances the sound. Only the source
     /// `sounding` emits; earlier sources ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
-        let frame = self.options.view.map(|view| self.look(&view));
+        let frame = self.options.view.map(|view| self.look(view));
         Senses { frame, audio: self.hear(sounding) }
     }
 
@@ -193,21 +189,14 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
-    fn look(&self, view: &CameraView) -> CameraImage {
-        let mut frame = self.assets.render(&self.camera(view));
-        self.options.noise.apply(&mut frame, self.steps, self.options.depth_max_m);
-        frame
-    }
-
-    fn camera(&self, view: &CameraView) -> Camera {
-        Camera {
-            eye: self.eye(),
-            world_from_camera: self.pose().rotation(),
-            width: view.width,
-            height: view.height,
-            hfov_rad: view.hfov_rad,
-            depth_max_m: self.options.depth_max_m,
-        }
+    fn look(&self, view: CameraView) -> CameraImage {
+        let CameraView { width, height, hfov_rad } = view;
+        let world_from_camera = self.pose().rotation();
+        let depth_max_m = self.options.depth_max_m;
+        let camera = Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m };
+        let mut image = self.assets.render(&camera);
+        self.options.noise.apply(&mut image, self.steps, depth_max_m);
+        image
     }
 
     /// Returns a state hash: equal hashes after every motion mean equal trajectories. FNV-1a over pose, turns
@@ -235,20 +224,6 @@ impl World {
     pub fn standing(&self) -> NavPoint {
         self.standing
     }
-}
-
-impl Moved {
-    const NOT: Self = Self { collided: false, displacement_m: 0.0 };
-}
-
-fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, StartError> {
-    assets.navmesh.snap(position, MAX_SNAP_M).ok_or_else(|| StartError::OffNavMesh {
-        scene: assets.scene.name.clone(),
-        x: position.x,
-        y: position.y,
-        z: position.z,
-        limit_m: MAX_SNAP_M,
-    })
 }
 
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {

@@ -17,7 +17,7 @@ const FAINT: f32 = 0.03;
 const RAYS: [usize; 2] = [8, 4];
 /// Largest area of a small triangle, square metres.
 const SMALL_M2: f32 = 0.004;
-// Neighbouring triangles alternate between ray sets: their errors differ, and the vertex means are smoother.
+// Neighbouring triangles alternate between ray sets, so that their errors differ.
 const SETS: usize = 4;
 /// Indirect light in the narrowest corner.
 pub(super) const LEAST: f32 = 0.15;

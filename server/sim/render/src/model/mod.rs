@@ -65,10 +65,6 @@ pub(crate) type Level = [u32; 2];
 pub(crate) type Cluster = [u32; 4];
 
 impl Model {
-    fn new(bytes: Box<dyn AsRef<[u8]> + Send + Sync>, sections: [Range<usize>; SECTIONS]) -> Self {
-        Self { bytes, sections }
-    }
-
     pub(crate) fn view(&self) -> ModelView<'_> {
         let bytes = (*self.bytes).as_ref();
         let section = |index: usize| &bytes[self.sections[index].clone()];
@@ -143,7 +139,7 @@ impl Model {
     /// If the bytes have a different format, are truncated or modified.
     pub fn read(bytes: impl AsRef<[u8]> + Send + Sync + 'static) -> Result<Self, ModelError> {
         let sections = sections(bytes.as_ref())?;
-        Ok(Self::new(Box::new(bytes), sections))
+        Ok(Self { bytes: Box::new(bytes), sections })
     }
 
     /// Writes the bytes.
@@ -173,8 +169,8 @@ fn assemble(contents: &[&[u32]; SECTIONS]) -> Model {
     });
     words.extend(hasher.finalize().as_bytes().as_chunks::<WORD>().0.iter().copied().map(u32::from_ne_bytes));
     contents.iter().for_each(|section| words.extend_from_slice(section));
-    let lengths = contents.map(|section| section.len());
-    Model::new(Box::new(Words(words)), ranges(lengths))
+    let sections = ranges(contents.map(|section| section.len()));
+    Model { bytes: Box::new(Words(words)), sections }
 }
 
 fn ranges(lengths: [usize; SECTIONS]) -> [Range<usize>; SECTIONS] {

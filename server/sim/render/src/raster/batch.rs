@@ -173,7 +173,6 @@ impl Raster<'_> {
 }
 
 impl Batch {
-    /// Loads the corners of up to eight triangles.
     #[inline(always)]
     fn gather(&mut self, from: &Projected, triangles: &[[u32; 2]]) {
         let words: [u32; LANES] = from_fn(|lane| triangles.get(lane).map_or(0, |[corners, _]| *corners));
@@ -195,7 +194,6 @@ impl Batch {
         batch
     }
 
-    /// Computes edges and extents.
     #[inline(always)]
     fn prepare(&mut self, size: [usize; 2]) {
         let [a, b, c] = self.corners;

@@ -23,6 +23,8 @@ use std::array::from_fn;
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f32 = 1e-3;
+// Rounding changes a nearness by less than this factor.
+const ROUNDING: f32 = 1.0 + 1e-5;
 
 /// Reusable memory.
 #[derive(Default)]
@@ -48,16 +50,6 @@ impl Work for Raster<'_> {
 
     #[inline(always)]
     fn run(mut self) {
-        self.draw();
-    }
-}
-
-/// Bound on the relative rounding of a nearness.
-const ROUNDING: f32 = 1.0 + 1e-5;
-
-impl Raster<'_> {
-    #[inline(always)]
-    fn draw(&mut self) {
         self.scratch.records.clear();
         self.scratch.open.clear();
         if !self.view.nodes.is_empty() {
@@ -78,7 +70,9 @@ impl Raster<'_> {
             }
         }
     }
+}
 
+impl Raster<'_> {
     fn bounds(&self, node: u32) -> [Point3<f32>; 2] {
         let words = &self.view.nodes[node as usize];
         let corner = |first: usize| Point3::from([0, 1, 2].map(|axis| f32::from_bits(words[first + axis])));
