@@ -64,7 +64,7 @@ impl Work for Shader<'_> {
     }
 }
 
-/// Inputs that a run needs for its colours.
+/// Required colour inputs of a run.
 struct ColourInputs {
     is_textured: bool,
     is_tinted: bool,

@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 
 /// Sampled points per instance.
 const POINTS: usize = 64;
-// A ray may end this much before or behind its target point and still hit it, metres.
+// A hit this close to the sampled point counts as the point, metres.
 const TOLERANCE_M: f32 = 0.01;
 
 /// A building's immutable data, shared by all episodes.
@@ -61,7 +61,7 @@ pub enum PrepareError {
         source: NavMeshError,
     },
     /// A mesh list with a wrong length.
-    #[error("cannot prepare scene `{scene}`: its mesh has {defect}; import the file again")]
+    #[error("cannot prepare scene `{scene}`: its mesh has {defect}; re-import the file")]
     Malformed {
         /// Scene name.
         scene: String,

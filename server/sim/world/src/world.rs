@@ -62,7 +62,7 @@ pub struct SoundSource {
 pub enum Motion {
     /// Stand still.
     Stay,
-    /// A step forward, sliding along obstacles.
+    /// A step forward, sliding at obstacles.
     Forward,
     /// Turn to the left on the spot.
     Left,

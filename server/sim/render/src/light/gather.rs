@@ -122,7 +122,7 @@ impl Gatherer<'_> {
         }
     }
 
-    /// Returns true if the lamp is visible, ignoring its own body.
+    /// Returns true if the lamp is visible, ignoring the lamp's body.
     fn sees(&self, origin: &Point3<f32>, lamp: &Lamp) -> bool {
         let offset = lamp.position - origin;
         let distance_m = offset.norm();
@@ -137,7 +137,7 @@ fn indirect(open: f32, normal: &Vector3<f32>) -> f32 {
 }
 
 /// Unoccluded share of a lamp's strength: inverse square, with the cosines at the surface and at a flat lamp.
-/// `None` if either faces away.
+/// `None` if either has its back to the other.
 fn falling(lamp: &Lamp, origin: &Point3<f32>, normal: &Vector3<f32>) -> Option<f32> {
     let offset = lamp.position - origin;
     let distance2 = offset.norm_squared();

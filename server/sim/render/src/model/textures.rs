@@ -32,7 +32,7 @@ impl Textures {
         Self { levels: vec![[0, 1 | 1 << 16]], texels: vec![u32::MAX; BLOCK * BLOCK] }
     }
 
-    /// Adds a texture and its mipmaps. Returns the first level with the level count in the low [`LEVEL_BITS`]
+    /// Adds a texture with mipmaps. Returns the first level with the level count in the low [`LEVEL_BITS`]
     /// bits; [`NO_TEXTURE`] for an empty image, more than 16,384 texels per side, a wrong byte count, or 2^32
     /// texels in total.
     pub(super) fn add(&mut self, texture: &Texture) -> u32 {
@@ -62,7 +62,7 @@ impl Level {
         fits.then(|| Self { width, height, texels: texels.to_vec() })
     }
 
-    /// Appends the texels block by block; blocks across the border repeat its texels.
+    /// Appends the texels block by block; blocks across the border repeat border texels.
     fn store(&self, texels: &mut Vec<u32>) {
         for (top, left) in (0..self.height)
             .step_by(BLOCK)

@@ -50,7 +50,7 @@ pub(super) struct Plane {
     pub(super) constant: f32,
 }
 
-/// A linear function with its value at an anchor.
+/// A linear function, anchored at a position.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Anchored {
     pub(super) x: f32,
@@ -60,7 +60,7 @@ pub(super) struct Anchored {
     pub(super) value: f32,
 }
 
-/// An edge: inside if its plane is above `limit`.
+/// An edge: inside if the plane is above `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
     pub(super) plane: Plane,

@@ -49,7 +49,7 @@ impl TriangleSetup {
 }
 
 impl Screen {
-    /// Draws a triangle with its shading record; returns true if any pixel changed.
+    /// Draws a triangle; returns true if any pixel changed.
     #[inline(always)]
     pub(super) fn fill(&mut self, setup: &TriangleSetup, record: u32) -> bool {
         let [left, top] = setup.pixels.first.map(|at| at as usize);

@@ -26,7 +26,6 @@ pub(crate) const NEAR_M: f32 = 1e-3;
 // Rounding changes a nearness by less than this factor.
 const ROUNDING: f32 = 1.0 + 1e-5;
 
-/// Reusable memory.
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) screen: Screen,

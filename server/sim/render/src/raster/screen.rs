@@ -31,7 +31,7 @@ pub(crate) struct PixelRect {
 }
 
 impl Screen {
-    /// Empties the buffer and sets its size.
+    /// Empties and resizes the buffer.
     pub(crate) fn clear(&mut self, width: usize, height: usize) {
         let rows = height.next_multiple_of(SIDE);
         (self.width, self.height) = (width, height);
