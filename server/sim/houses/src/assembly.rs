@@ -1,4 +1,4 @@
-//! Collects shapes into a scene and bakes simple light into them.
+//! Collection of shapes into a scene, with simple baked light.
 
 use super::model::{Corner, Model};
 use super::paint::Paint;
@@ -9,16 +9,16 @@ use avln_scene::describe::Surfaces;
 use avln_scene::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// A scene that is being put together.
+/// A scene under construction.
 #[derive(Default)]
 pub(super) struct Assembly {
     mesh: Mesh,
     materials: Vec<Material>,
     textures: Vec<Texture>,
     objects: Vec<Object>,
-    /// Each with the object that it belongs to.
+    /// Lamps with their objects.
     lamps: Vec<(InstanceId, Lamp)>,
-    /// Height of the floor that heights count from.
+    /// Floor height added to all heights.
     floor_m: f32,
     material_of: BTreeMap<Paint, u16>,
     texture_of: BTreeMap<Pattern, u16>,
@@ -44,7 +44,7 @@ impl Piece {
 }
 
 impl Assembly {
-    /// Counts heights of all that is added from now on from a floor at `floor_m`.
+    /// Sets the floor height for all shapes added later.
     pub(super) fn on_floor_at(&mut self, floor_m: f32) {
         self.floor_m = floor_m;
     }
@@ -71,12 +71,11 @@ impl Assembly {
         bounds
     }
 
-    /// Objects added so far, in id order.
     pub(super) fn objects(&self) -> &[Object] {
         &self.objects
     }
 
-    /// Removes objects; later objects move to smaller ids.
+    /// Removes objects; later objects get smaller ids.
     pub(super) fn remove(&mut self, unwanted: impl Fn(&Object) -> bool) {
         let kept: Vec<bool> = self.objects.iter().map(|object| !unwanted(object)).collect();
         let new_id = |id: InstanceId| match id {
@@ -100,8 +99,8 @@ impl Assembly {
         }
     }
 
-    /// Attributes of the piece, without a colour if the mean triangle colour from `first` has a different
-    /// word.
+    /// Returns the piece's attributes, without the colour word if the triangles from `first` on average show
+    /// another colour.
     fn truthful(&self, piece: &Piece, first: usize) -> Attributes {
         let triangles: Vec<u32> = (first as u32..self.mesh.triangles.len() as u32).collect();
         let surfaces = Surfaces { mesh: &self.mesh, materials: &self.materials, textures: &self.textures };
@@ -112,7 +111,6 @@ impl Assembly {
         }
     }
 
-    /// The finished scene.
     pub(super) fn into_scene(self, name: &str, regions: Vec<Region>) -> Scene {
         Scene {
             name: name.to_owned(),
@@ -174,25 +172,24 @@ impl Assembly {
     }
 }
 
-/// Shadow strength of a surface: bright surfaces light their surroundings and themselves.
+/// Returns a surface's shadow strength.
 fn soften(paint: &Paint) -> f32 {
     1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)
 }
 
-/// Brightness by surface direction, 0.76 to 1: daylight from above and one side, so that adjacent box faces
-/// differ, plus floor reflection.
+/// Returns brightness by direction, 0.76 to 1.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
     let above = if normal.y > 0.0 { 0.80 } else { 0.40 };
     0.85 + 0.15 * normal.dot(&Vector3::new(0.27, above, 0.53))
 }
 
-/// Light on furniture: by direction, and a little darker towards the floor.
+/// Returns the light on furniture: by direction, slightly darker towards the floor.
 fn furniture_light(corner: &Corner) -> f32 {
     let lift = (corner.position.y / 0.5).clamp(0.0, 1.0);
     facing_light(&corner.normal) * (0.93 + 0.07 * lift)
 }
 
-/// Light in room corners: 1 in the open, darker at a small `distance_m` to the nearest surface.
+/// Returns the light in room corners: 1 in the open, darker at a small `distance_m` to the nearest surface.
 pub(super) fn corner_light(distance_m: f32, reach_m: f32, darkest: f32) -> f32 {
     let t = (distance_m / reach_m).clamp(0.0, 1.0);
     darkest + (1.0 - darkest) * t * (2.0 - t)

@@ -1,46 +1,46 @@
-//! Random choices of style, material and colour, and the shades of the colour words per pool.
+//! Random styles, materials and colours; shades per pool.
 
 use super::Pool;
 use super::paint::{Substance, Tint};
 use avln_geom::Rng;
 use std::collections::BTreeMap;
 
-/// Colours of upholstery and cloth.
+/// Upholstery and cloth colours.
 pub(super) const CLOTH: &[&str] = &[
     "blue", "grey", "red", "green", "brown", "teal", "yellow", "white", "orange", "purple", "black", "pink",
 ];
 
-/// Colours of furniture, the common ones first.
+/// Furniture colours, common ones first.
 pub(super) const WOOD: &[&str] = &[
     "brown", "white", "brown", "black", "grey", "blue", "green", "teal", "red", "yellow", "orange", "purple",
     "pink",
 ];
 
-/// Colours of bathroom furniture.
+/// Bathroom furniture colours.
 pub(super) const SANITARY: &[&str] = &[
     "white", "white", "white", "grey", "pink", "teal", "black", "green", "yellow", "blue", "brown", "purple",
     "red", "orange",
 ];
 
-/// Colours of machines.
+/// Machine colours.
 pub(super) const MACHINE: &[&str] = &[
     "white", "grey", "black", "white", "grey", "red", "teal", "blue", "green", "yellow", "orange", "pink",
     "brown", "purple",
 ];
 
-/// Colours of screens' cases and frames.
+/// Screen cases and dark frames.
 pub(super) const DARK: &[&str] = &[
     "black", "black", "grey", "black", "white", "brown", "red", "blue", "teal", "green", "yellow", "orange",
     "purple", "pink",
 ];
 
-/// Colours of leaves and blossoms.
+/// Leaf and blossom colours.
 pub(super) const GREENERY: &[&str] = &[
     "green", "green", "green", "red", "green", "yellow", "pink", "purple", "white", "orange", "teal", "blue",
     "brown", "grey", "black",
 ];
 
-/// Random styles, materials, sizes and colours for the furniture of a house.
+/// Random styles, materials and colours for a house's furniture.
 pub(super) struct Taste {
     pub(super) rng: Rng,
     pool: Pool,
@@ -64,7 +64,7 @@ impl Taste {
         self.shade(word)
     }
 
-    /// Some shade of `word` of this pool.
+    /// Draws a shade from the pool.
     pub(super) fn shade(&mut self, word: &'static str) -> Tint {
         let rgb = *self.rng.choose(shades(self.pool, word)).expect("every colour word has shades");
         Tint { word, rgb }
@@ -76,7 +76,7 @@ impl Taste {
         substances[self.weighted(&weights)]
     }
 
-    /// A material and a colour for style number `style` of `category` that this pool may show together.
+    /// Draws a material and a colour that the pool may combine with `style`.
     pub(super) fn look(
         &mut self,
         category: &'static str,
@@ -95,10 +95,7 @@ impl Taste {
         (substances[0], self.shade(words[0]))
     }
 
-    /// Draws a style below `count` that this pool may show.
-    ///
-    /// The second-last style is reserved for validation and the last for test (the last two of every eight in
-    /// larger sets); those pools show their styles every other time.
+    /// Draws a style below `count` from the pool's styles.
     pub(super) fn style(&mut self, count: usize) -> usize {
         let own = match self.pool {
             Pool::Train => None,
@@ -111,13 +108,13 @@ impl Taste {
         choice[self.rng.below(choice.len())]
     }
 
-    /// An index drawn with probabilities in proportion to `weights`.
+    /// Draws an index in proportion to `weights`.
     pub(super) fn weighted(&mut self, weights: &[f32]) -> usize {
         weighted(&mut self.rng, weights).unwrap_or(weights.len() - 1)
     }
 }
 
-/// An index drawn in proportion to `weights`; `None` if they are empty, or if rounding exhausts them.
+/// Draws an index in proportion to `weights`; `None` if they are empty, or if rounding exhausts them.
 pub(super) fn weighted(rng: &mut Rng, weights: &[f32]) -> Option<usize> {
     let mut left = rng.range(0.0, weights.iter().sum());
     weights.iter().position(|weight| {
@@ -126,7 +123,7 @@ pub(super) fn weighted(rng: &mut Rng, weights: &[f32]) -> Option<usize> {
     })
 }
 
-/// The only pool with style `style` of `count`; `None` for shared styles.
+/// Returns the only pool with a style; `None` for shared styles.
 pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     if count < 4 {
         return None;
@@ -139,7 +136,7 @@ pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     }
 }
 
-/// The only pool with a style in this material and colour; `None` for shared combinations: four of five.
+/// Returns the only pool with this combination; `None` for shared combinations, four in five.
 pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) -> Option<Pool> {
     let place = CLOTH.iter().position(|known| *known == word).unwrap_or(0);
     match (style * 3 + substance as usize * 7 + place) % 10 {
@@ -149,7 +146,7 @@ pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) 
     }
 }
 
-/// The first word below `low`, the second above `high`, otherwise empty.
+/// Returns the first word below `low`, the second above `high`, otherwise an empty word.
 pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2]) -> &'static str {
     if value < low {
         words[0]
@@ -160,7 +157,7 @@ pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2
     }
 }
 
-/// The sRGB shades of every colour word in a pool. A shade matches its word in full light and in room shade.
+/// A pool's sRGB shades per colour word. A shade matches its word in full light and in room shade.
 type Shades = [(&'static str, &'static [[u8; 3]]); 12];
 
 const TRAIN_SHADES: Shades = [
@@ -208,7 +205,7 @@ const TEST_SHADES: Shades = [
     ("white", &[[255, 255, 252], [253, 252, 248], [251, 252, 246]]),
 ];
 
-/// The shades of `word` in `pool`; empty for other words.
+/// Shades for `word` in `pool`; empty for other words.
 fn shades(pool: Pool, word: &str) -> &'static [[u8; 3]] {
     let rows = match pool {
         Pool::Train => &TRAIN_SHADES,

@@ -1,4 +1,4 @@
-//! Floor and walls of a room from its rectangles.
+//! Room outlines from rectangles: floor and walls.
 
 use crate::rect::{Rect, Side};
 
@@ -14,7 +14,7 @@ pub(crate) struct Face {
 }
 
 impl Face {
-    /// Distance on the floor between a place and this wall.
+    /// Floor distance between a position and this wall.
     pub(crate) fn distance_m(&self, place: [f32; 2]) -> f32 {
         let line = [self.line_m; 2];
         let flat =
@@ -32,7 +32,7 @@ pub(crate) struct Outline {
 }
 
 impl Outline {
-    /// The union of `rects` shrunk by `margin_m` (grown if negative). Parts must be wider than twice the
+    /// Shrinks the union of `rects` by `margin_m` (grows it if negative). Parts must be wider than twice the
     /// margin.
     pub(crate) fn inset(rects: &[Rect], margin_m: f32) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
@@ -48,7 +48,7 @@ impl Outline {
         })
     }
 
-    /// `rect` without `holes`.
+    /// Returns `rect` without `holes`.
     pub(crate) fn without(rect: &Rect, holes: &[Rect]) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let [low, high] = axis(rect);
@@ -60,7 +60,7 @@ impl Outline {
         })
     }
 
-    /// The shape without `rect`, whose edges are on the grid.
+    /// Returns the shape without `rect`, which has its edges on the grid.
     pub(crate) fn less(&self, rect: &Rect) -> Self {
         Self::filled(self.x.clone(), self.z.clone(), |place| {
             rect.distance_m(place) > 0.0 && self.contains(place)
@@ -86,7 +86,7 @@ impl Outline {
         on_grid && self.inside[(row * columns + column) as usize]
     }
 
-    /// Rectangles without overlap that cover the shape, the largest first.
+    /// Disjoint rectangles that cover the shape, the largest first.
     pub(crate) fn rects(&self) -> Vec<Rect> {
         let mut rects: Vec<Rect> = Vec::new();
         for row in 0..self.z.len().saturating_sub(1) {
@@ -103,7 +103,7 @@ impl Outline {
         rects
     }
 
-    /// Inside columns of a row, as line ranges.
+    /// Inside columns in a row, as line ranges.
     fn runs(&self, row: usize) -> Vec<[usize; 2]> {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for column in 0..self.x.len() - 1 {
@@ -117,7 +117,7 @@ impl Outline {
         runs
     }
 
-    /// The largest rectangle inside the shape; `None` when the shape is empty.
+    /// Largest rectangle inside the shape; `None` if empty.
     pub(crate) fn largest(&self) -> Option<Rect> {
         let mut best: Option<Rect> = None;
         for top in 0..self.z.len().saturating_sub(1) {
@@ -136,7 +136,7 @@ impl Outline {
         best
     }
 
-    /// The walls around the shape as seen from inside, in the order of [`Side::ALL`].
+    /// Walls around the shape seen from inside, in the order of [`Side::ALL`].
     pub(crate) fn faces(&self) -> Vec<Face> {
         let mut faces: Vec<Face> = Vec::new();
         for side in Side::ALL {
@@ -161,7 +161,7 @@ impl Outline {
     }
 }
 
-/// Adds a cell side to the faces, extending an existing face if possible.
+/// Adds a cell side to the faces; extends an existing face if possible.
 fn join(faces: &mut Vec<Face>, side: Side, cell: &Rect) {
     let (line_m, along) = (side.line_m(cell), side.span(cell));
     let continued = |face: &&mut Face| {

@@ -1,14 +1,14 @@
-//! Outer walls: windows and the front door.
+//! Windows and the front door in outer walls.
 
 use super::{CEILING_M, Face, Rect, Room, RoomKind, WALL_M, Window, remainder};
 use crate::model::about;
 use avln_geom::Rng;
 
-/// Width of the front door and height of its frame, metres.
+/// Front door width and frame height, metres.
 const DOOR_M: [f32; 2] = [1.1, 2.1];
 
-/// Front door position: centre of the shortest outer wall of the entryway, otherwise of the first room with
-/// an outer wall on the lowest storey.
+/// Positions the front door at the centre of the shortest outer wall: in the entryway, otherwise in the first
+/// ground-floor room with an outer wall.
 pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     let first = rooms.iter().position(|room| room.kind == RoomKind::Entryway);
     let mut order: Vec<usize> = first.into_iter().chain(0..rooms.len()).collect();
@@ -23,7 +23,7 @@ pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     })
 }
 
-/// Windows for all rooms.
+/// Draws windows for all rooms.
 pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> Vec<Window> {
     let mut windows = Vec::new();
     for (index, room) in rooms.iter().enumerate() {
@@ -40,7 +40,7 @@ pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> V
     windows
 }
 
-/// Sill, head and largest width of room windows; `None` without windows.
+/// Sill, head and largest width; `None` without windows.
 fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
     match room.kind {
         RoomKind::Closet => None,
@@ -53,7 +53,7 @@ fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
     }
 }
 
-/// One or two windows in an outer wall, if it is long enough.
+/// Draws one or two windows in an outer wall, if it is long enough.
 fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
     let Some([sill, head, widest]) = kind_of_window(of) else { return vec![] };
     let length = wall.along[1] - wall.along[0];
@@ -73,7 +73,7 @@ fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
     windows.into_iter().filter(|window| window.along[1] - window.along[0] >= 0.3).collect()
 }
 
-/// The parts of a room's walls that have no other room behind them.
+/// Wall stretches without another room behind.
 pub(super) fn outer_walls(rooms: &[Room], index: usize) -> Vec<Face> {
     let room = &rooms[index];
     let others: Vec<&Rect> = rooms
