@@ -10,12 +10,12 @@ const DOOR: Make = Make::new("door", "", 4, panelled_door).made_of(
     ],
 );
 
-/// A closed door.
+/// Draws a closed door.
 pub(crate) fn door(taste: &mut Taste) -> Piece {
     DOOR.any(taste)
 }
 
-/// A window; lower edge at y = 0, back at z = 0.
+/// Draws a window; lower edge at y = 0, back at z = 0.
 pub(crate) fn window(width: f32, height: f32) -> Piece {
     let frame = Paint::plain("wood", [240, 238, 232]);
     let pane = Paint::plain("glass", [176, 208, 232]).with(Pattern::Sheen);
@@ -35,7 +35,7 @@ pub(crate) fn window(width: f32, height: f32) -> Piece {
     Piece::new("window", m, Attributes { material, size, shape, ..Attributes::default() })
 }
 
-/// The light that comes in through a window: lamps side by side just inside.
+/// Daylight through a window: lamps side by side just inside.
 fn daylight([width, height]: [f32; 2]) -> Vec<Lamp> {
     const WIDEST_M: f32 = 0.8;
     const STRENGTH_PER_M2: f32 = 2.2;
@@ -79,7 +79,7 @@ fn panelled_door(k: &mut Draft) -> Words {
     ["", k.by_style("panelled|glazed|panelled|arched")]
 }
 
-/// Half of a pair of curtains of a given width and height.
+/// One curtain of a pair.
 pub(crate) const CURTAIN: Make = Make::new("curtain", "", 8, curtain)
     .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], taste::CLOTH);
 
@@ -92,7 +92,7 @@ pub(crate) const BLIND: Make = Make::new("blinds", "", 8, blind).made_of(
     ],
 );
 
-/// A wavy sheet between two heights; `width_at` returns the width at a relative height.
+/// Adds a wavy sheet between two heights; `width_at` returns the width at a relative height.
 fn folds(k: &mut Draft, count: usize, [low, high]: Span, width_at: impl Fn(f32) -> f32) {
     const ROWS: usize = 2;
     let point = |i: usize, row: usize| {

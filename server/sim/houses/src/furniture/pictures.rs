@@ -3,10 +3,10 @@
 use super::super::texture::{Art, Medium, Motif};
 use super::*;
 
-/// A framed picture of the wished width and height.
+/// A framed picture with the requested width and height.
 pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[Paper], taste::CLOTH);
 
-/// A mirror of a given size; colour and material are those of the frame.
+/// A mirror; colour and material are the frame's.
 pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
     &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
     &[
@@ -15,7 +15,7 @@ pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
     ],
 );
 
-/// A frame of `bar` width around an outline, between the wall and `front`.
+/// Adds a frame with width `bar` around an outline, between the wall and `front`.
 fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint) {
     let count = outline.len();
     let middle = outline.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
@@ -101,11 +101,9 @@ fn mirror(k: &mut Draft) -> Words {
     [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
 }
 
-/// A board to write or pin on.
+/// A notice board.
 pub(crate) const BOARD: Make = Make::new("board_panel", "board", 8, board)
     .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], taste::CLOTH);
-
-/// A clock for a wall.
 pub(crate) const CLOCK: Make =
     Make::new("clock", "", 8, clock).made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], taste::CLOTH);
 
