@@ -40,7 +40,7 @@ pub(super) struct Make {
     /// Materials, likelier first.
     pub(super) substances: &'static [Substance],
     /// Colour words, likelier first.
-    pub(super) colors: &'static [&'static str],
+    pub(super) colors: &'static str,
     /// Draws the draft's style; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
 }
@@ -156,10 +156,10 @@ impl Make {
         styles: usize,
         draw: fn(&mut Draft) -> Words,
     ) -> Self {
-        Self { category, noun, styles, substances: &[], colors: &[], draw }
+        Self { category, noun, styles, substances: &[], colors: "", draw }
     }
 
-    const fn made_of(self, substances: &'static [Substance], colors: &'static [&'static str]) -> Self {
+    const fn made_of(self, substances: &'static [Substance], colors: &'static str) -> Self {
         Self { substances, colors, ..self }
     }
 
@@ -296,7 +296,7 @@ mod tests {
         for make in MAKES {
             let (shapes, colors, materials) = kinds.entry(make.category).or_default();
             *shapes += make.styles;
-            colors.extend(make.colors);
+            colors.extend(make.colors.split(' '));
             match make.category {
                 "picture" => (0..80).for_each(|seed| {
                     let said = piece(make, 0, seed).attributes.material;

@@ -154,6 +154,13 @@ pub(super) struct Opening {
     pub(super) height_m: f32,
 }
 
+impl Opening {
+    /// Floor rectangle over a range on the wall axis and a range across.
+    pub(super) fn rect(&self, along: [f32; 2], across: [f32; 2]) -> Rect {
+        if self.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+    }
+}
+
 /// A window or front door in an outer wall.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
@@ -220,14 +227,18 @@ impl Plan {
         part: &Rect,
         side: Side,
     ) -> impl Iterator<Item = &Opening> {
-        let (line, span) = (side.line_m(part) - side.inward() * WALL_M / 2.0, side.span(part));
-        let on_side = move |opening: &&Opening| {
+        self.openings_in(index, Face { side, line_m: side.line_m(part), along: side.span(part) })
+    }
+
+    /// Openings in a room's wall.
+    pub(super) fn openings_in(&self, index: usize, face: Face) -> impl Iterator<Item = &Opening> {
+        let line = face.line_m - face.side.inward() * WALL_M / 2.0;
+        self.openings.iter().filter(move |opening| {
             opening.rooms.contains(&index)
-                && opening.along_x == side.runs_along_x()
+                && opening.along_x == face.side.runs_along_x()
                 && (opening.line_m - line).abs() < 1e-3
-                && common(opening.along, span) > 0.0
-        };
-        self.openings.iter().filter(on_side)
+                && common(opening.along, face.along) > 0.0
+        })
     }
 
     /// Windows completely in the wall on a side of a room part.

@@ -79,13 +79,13 @@ fn through(opening: &Opening, radius_m: f32) -> Rect {
     let beyond = WALL_M / 2.0 + radius_m + CELL_M;
     let across = [opening.line_m - beyond, opening.line_m + beyond];
     let along = [opening.along[0] + radius_m, opening.along[1] - radius_m];
-    if opening.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+    opening.rect(along, across)
 }
 
 /// Floor in front of an opening, on both sides.
 pub(super) fn doorstep(opening: &Opening, depth_m: f32) -> Rect {
     let across = [opening.line_m - depth_m, opening.line_m + depth_m];
-    if opening.along_x { Rect::new(opening.along, across) } else { Rect::new(across, opening.along) }
+    opening.rect(opening.along, across)
 }
 
 /// Obstacle footprints in a room.

@@ -7,7 +7,7 @@ use super::furniture::openings;
 use super::model::{Corner, Model, about};
 use super::paint::Paint;
 use super::plan::{CEILING_M, Face, Opening, Outline, Plan, RoomKind, STOREY_M, WALL_M, Window};
-use super::rect::{Rect, Side, common};
+use super::rect::{Rect, Side};
 use super::texture::Pattern;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
@@ -129,7 +129,7 @@ pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finis
     let faces = plan.rooms[index].faces();
     let mut model = Model::new();
     for face in &faces {
-        let holes: Vec<Hole> = doors_in(plan, index, face).map(Hole::of).collect();
+        let holes: Vec<Hole> = plan.openings_in(index, *face).map(Hole::of).collect();
         wall(&mut model, face, [0.0, wall_top_m(plan, index)], &holes, |y| finish.wall_at(face.side, y));
     }
     for rect in ceiling_of(plan, index) {
@@ -272,17 +272,6 @@ fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl
             }
         }
     }
-}
-
-/// Openings in a room's wall.
-fn doors_in<'a>(plan: &'a Plan, index: usize, face: &'a Face) -> impl Iterator<Item = &'a Opening> {
-    let line = face.line_m - face.side.inward() * WALL_M / 2.0;
-    plan.openings.iter().filter(move |opening| {
-        opening.rooms.contains(&index)
-            && opening.along_x == face.side.runs_along_x()
-            && (opening.line_m - line).abs() < 1e-3
-            && common(opening.along, face.along) > 0.0
-    })
 }
 
 /// Adds a storey's outer faces.

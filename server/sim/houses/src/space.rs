@@ -92,9 +92,8 @@ impl Space {
 
     /// Like [`Space::fits`], but free floor in front of furniture (not doors) may be used.
     pub(super) fn fits_in_front(&self, claim: &Claim, doors: usize) -> bool {
-        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
         self.room.holds(&claim.rect)
-            && clear(&claim.rect)
+            && self.is_clear(&claim.rect)
             && !self.free[..doors].iter().any(|zone| zone.overlaps(&claim.rect))
             && self.still_connected(claim)
     }
@@ -112,11 +111,14 @@ impl Space {
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
     }
 
+    fn is_clear(&self, rect: &Rect) -> bool {
+        !self.solids.iter().any(|solid| solid.overlaps(rect))
+    }
+
     fn stands(&self, claim: &Claim) -> bool {
-        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
-        let front_ok = |front: &Rect| self.room.holds(front) && clear(front);
+        let front_ok = |front: &Rect| self.room.holds(front) && self.is_clear(front);
         self.room.holds(&claim.rect)
-            && clear(&claim.rect)
+            && self.is_clear(&claim.rect)
             && !self.free.iter().any(|zone| zone.overlaps(&claim.rect))
             && claim.front.iter().all(front_ok)
             && self.near_patches(claim).iter().all(|(side, patch)| self.wall_is_free(*side, patch))

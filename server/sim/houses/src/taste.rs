@@ -6,39 +6,26 @@ use avln_geom::Rng;
 use std::collections::BTreeMap;
 
 /// Upholstery and cloth colours.
-pub(super) const CLOTH: &[&str] = &[
-    "blue", "grey", "red", "green", "brown", "teal", "yellow", "white", "orange", "purple", "black", "pink",
-];
+pub(super) const CLOTH: &str = "blue grey red green brown teal yellow white orange purple black pink";
 
 /// Furniture colours, common ones first.
-pub(super) const WOOD: &[&str] = &[
-    "brown", "white", "brown", "black", "grey", "blue", "green", "teal", "red", "yellow", "orange", "purple",
-    "pink",
-];
+pub(super) const WOOD: &str = "brown white brown black grey blue green teal red yellow orange purple pink";
 
 /// Bathroom furniture colours.
-pub(super) const SANITARY: &[&str] = &[
-    "white", "white", "white", "grey", "pink", "teal", "black", "green", "yellow", "blue", "brown", "purple",
-    "red", "orange",
-];
+pub(super) const SANITARY: &str =
+    "white white white grey pink teal black green yellow blue brown purple red orange";
 
 /// Machine colours.
-pub(super) const MACHINE: &[&str] = &[
-    "white", "grey", "black", "white", "grey", "red", "teal", "blue", "green", "yellow", "orange", "pink",
-    "brown", "purple",
-];
+pub(super) const MACHINE: &str =
+    "white grey black white grey red teal blue green yellow orange pink brown purple";
 
 /// Screen cases and dark frames.
-pub(super) const DARK: &[&str] = &[
-    "black", "black", "grey", "black", "white", "brown", "red", "blue", "teal", "green", "yellow", "orange",
-    "purple", "pink",
-];
+pub(super) const DARK: &str =
+    "black black grey black white brown red blue teal green yellow orange purple pink";
 
 /// Leaf and blossom colours.
-pub(super) const GREENERY: &[&str] = &[
-    "green", "green", "green", "red", "green", "yellow", "pink", "purple", "white", "orange", "teal", "blue",
-    "brown", "grey", "black",
-];
+pub(super) const GREENERY: &str =
+    "green green green red green yellow pink purple white orange teal blue brown grey black";
 
 /// Random styles, materials and colours for a house's furniture.
 pub(super) struct Taste {
@@ -53,7 +40,8 @@ impl Taste {
     }
 
     /// Draws a word, with preference for earlier words and words not yet used for `category`.
-    pub(super) fn tint(&mut self, category: &'static str, words: &[&'static str]) -> Tint {
+    pub(super) fn tint(&mut self, category: &'static str, words: &'static str) -> Tint {
+        let words: Vec<&str> = words.split(' ').collect();
         let weight = |(place, word): (usize, &&'static str)| {
             let used = self.used.get(&(category, *word)).copied().unwrap_or(0);
             1.0 / ((1.5 + place as f32) * (1.0 + used as f32))
@@ -82,7 +70,7 @@ impl Taste {
         category: &'static str,
         style: usize,
         substances: &[Substance],
-        words: &[&'static str],
+        words: &'static str,
     ) -> (Substance, Tint) {
         for _ in 0..12 {
             let substance = self.substance(substances);
@@ -92,7 +80,8 @@ impl Taste {
                 return (substance, tint);
             }
         }
-        (substances[0], self.shade(words[0]))
+        let likeliest = words.split(' ').next().unwrap_or_default();
+        (substances[0], self.shade(likeliest))
     }
 
     /// Draws a style below `count` from the pool's styles.
@@ -138,7 +127,7 @@ pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
 
 /// Returns the only pool with this combination; `None` for shared combinations, four in five.
 pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) -> Option<Pool> {
-    let place = CLOTH.iter().position(|known| *known == word).unwrap_or(0);
+    let place = CLOTH.split(' ').position(|known| known == word).unwrap_or(0);
     match (style * 3 + substance as usize * 7 + place) % 10 {
         4 => Some(Pool::Validation),
         9 => Some(Pool::Test),

@@ -4,10 +4,7 @@ use super::*;
 
 pub(crate) const FIREPLACE: Make = Make::new("fireplace", "", 8, fireplace).made_of(
     &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
-    &[
-        "red", "white", "grey", "brown", "black", "green", "teal", "yellow", "blue", "orange", "pink",
-        "purple",
-    ],
+    "red white grey brown black green teal yellow blue orange pink purple",
 );
 pub(crate) const RADIATOR: Make = Make::new("radiator", "", 8, radiator)
     .made_of(&[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble], taste::SANITARY);

@@ -4,10 +4,7 @@ use super::*;
 
 const DOOR: Make = Make::new("door", "", 4, panelled_door).made_of(
     &[Wood, Wood, Metal, Plastic, Glass],
-    &[
-        "brown", "red", "green", "blue", "black", "white", "grey", "teal", "yellow", "orange", "purple",
-        "pink",
-    ],
+    "brown red green blue black white grey teal yellow orange purple pink",
 );
 
 /// Draws a closed door.
@@ -86,10 +83,7 @@ pub(crate) const CURTAIN: Make = Make::new("curtain", "", 8, curtain)
 /// A blind over the upper part of a window.
 pub(crate) const BLIND: Make = Make::new("blinds", "", 8, blind).made_of(
     &[Fabric, Wood, Bamboo, Metal, Plastic, Paper, Striped],
-    &[
-        "white", "brown", "grey", "blue", "green", "teal", "yellow", "red", "black", "orange", "pink",
-        "purple",
-    ],
+    "white brown grey blue green teal yellow red black orange pink purple",
 );
 
 /// Adds a wavy sheet between two heights; `width_at` returns the width at a relative height.

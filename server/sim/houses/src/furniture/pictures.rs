@@ -9,10 +9,7 @@ pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[
 /// A mirror; colour and material are the frame's.
 pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
     &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
-    &[
-        "brown", "black", "white", "grey", "yellow", "red", "blue", "green", "teal", "orange", "pink",
-        "purple",
-    ],
+    "brown black white grey yellow red blue green teal orange pink purple",
 );
 
 /// Adds a frame with width `bar` around an outline, between the wall and `front`.

@@ -13,10 +13,7 @@ pub(crate) const BATHTUB: Make = Make::new("bathtub", "", 8, bathtub)
 /// A tray, a back wall, a pipe with a head.
 pub(crate) const SHOWER: Make = Make::new("shower", "", 8, shower).made_of(
     &[Tile, Tile, Marble, Glass, Plastic, Concrete, Terrazzo, Wood],
-    &[
-        "blue", "white", "grey", "teal", "green", "brown", "black", "pink", "yellow", "purple", "orange",
-        "red",
-    ],
+    "blue white grey teal green brown black pink yellow purple orange red",
 );
 
 fn toilet(k: &mut Draft) -> Words {

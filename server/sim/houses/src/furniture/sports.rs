@@ -2,9 +2,7 @@
 
 use super::*;
 
-const KIT: &[&str] = &[
-    "black", "grey", "red", "blue", "yellow", "green", "purple", "orange", "white", "teal", "pink", "brown",
-];
+const KIT: &str = "black grey red blue yellow green purple orange white teal pink brown";
 
 const BODIES: &[Substance] = &[Metal, Plastic, Rubber, Leather, Wood, Fabric];
 

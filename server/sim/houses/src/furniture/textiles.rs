@@ -202,10 +202,7 @@ fn folded(k: &mut Draft) -> Words {
 
 pub(crate) const RUG: Make = Make::new("rug", "", 8, rug).made_of(
     &[Wool, Fabric, Knit, Striped, Checked, Dotted, Denim, Wicker],
-    &[
-        "red", "blue", "grey", "brown", "green", "teal", "purple", "orange", "pink", "yellow", "black",
-        "white",
-    ],
+    "red blue grey brown green teal purple orange pink yellow black white",
 );
 
 fn rug(k: &mut Draft) -> Words {

@@ -105,16 +105,8 @@ impl Outline {
 
     /// Inside columns in a row, as line ranges.
     fn runs(&self, row: usize) -> Vec<[usize; 2]> {
-        let mut runs: Vec<[usize; 2]> = Vec::new();
-        for column in 0..self.x.len() - 1 {
-            if self.holds(column as isize, row as isize) {
-                match runs.last_mut().filter(|run| run[1] == column) {
-                    Some(run) => run[1] = column + 1,
-                    None => runs.push([column, column + 1]),
-                }
-            }
-        }
-        runs
+        let inside = |column: usize| self.holds(column as isize, row as isize);
+        runs_of(&(0..self.x.len() - 1).map(inside).collect::<Vec<bool>>())
     }
 
     /// Largest rectangle inside the shape; `None` if empty.
