@@ -33,10 +33,6 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    pub(super) fn new(category: &'static str, model: Model, attributes: Attributes) -> Self {
-        Self { category, model, attributes }
-    }
-
     /// Edge lengths in x, y, z.
     pub(super) fn size(&self) -> Vector3<f32> {
         self.model.bounds().size()
@@ -78,6 +74,7 @@ impl Assembly {
     /// Removes objects; later objects get smaller ids.
     pub(super) fn remove(&mut self, unwanted: impl Fn(&Object) -> bool) {
         let kept: Vec<bool> = self.objects.iter().map(|object| !unwanted(object)).collect();
+        // Ids are positions in the object list plus one, so they stay contiguous. Unused corners may remain.
         let new_id = |id: InstanceId| match id {
             InstanceId::NONE => Some(id),
             InstanceId(number) if kept[number as usize - 1] => {
@@ -102,6 +99,7 @@ impl Assembly {
     /// Returns the piece's attributes, without the colour word if the triangles from `first` on average show
     /// another colour.
     fn truthful(&self, piece: &Piece, first: usize) -> Attributes {
+        // Goal cues use these words: no colour word is better than one that a picture contradicts.
         let triangles: Vec<u32> = (first as u32..self.mesh.triangles.len() as u32).collect();
         let surfaces = Surfaces { mesh: &self.mesh, materials: &self.materials, textures: &self.textures };
         let said = piece.attributes.clone();
@@ -174,11 +172,13 @@ impl Assembly {
 
 /// Returns a surface's shadow strength.
 fn soften(paint: &Paint) -> f32 {
+    // Bright surfaces light their surroundings and themselves.
     1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)
 }
 
 /// Returns brightness by direction, 0.76 to 1.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
+    // Daylight from above and one side distinguishes adjacent box faces; the floor reflects some of it.
     let above = if normal.y > 0.0 { 0.80 } else { 0.40 };
     0.85 + 0.15 * normal.dot(&Vector3::new(0.27, above, 0.53))
 }

@@ -122,6 +122,7 @@ fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, us
             space.keep_free(side, about((seam[0] + seam[1]) / 2.0, width_m), passage_m);
         }
     }
+    // Chairs may later use the zones in front of furniture, but never these.
     let doors = space.zones();
     (space, doors)
 }
@@ -249,6 +250,7 @@ impl Decorator<'_> {
         for side in Side::ALL {
             let span = side.span(&self.space.room);
             let play = span[1] - span[0] - length_m - 2.0 * GAP_M;
+            // Random costs vary the choice between equally good walls.
             let whim = self.rng.range(0.0, 0.4);
             for step in 0..=(play / STEP_M).max(-1.0) as i32 {
                 let start = span[0] + GAP_M + (play - step as f32 * STEP_M);
@@ -325,6 +327,7 @@ impl Decorator<'_> {
         };
         let claims: Vec<Claim> = places.into_iter().map(claim).collect();
         let clear = self.space.first_fit(claims.iter().copied());
+        // Every test is a flood fill, so only a sample of the positions is tried.
         let close =
             || claims.iter().step_by(3).take(120).find(|claim| self.space.fits_closely(claim, self.doors));
         clear.or_else(|| close().copied()).map(|claim| claim.rect.center())
@@ -377,6 +380,7 @@ impl Decorator<'_> {
             let place = [point.x, point.z];
             (0.0..=CEILING_M).contains(&point.y) && floor.iter().any(|rect| rect.distance_m(place) == 0.0)
         };
+        // Pieces have this gap to walls, so a face towards a wall looks at a point outside the floor.
         let before = |face: &Facet| face.moved(GAP_M + 0.003);
         model.seen().without(|face| face.is_underside(LOWEST_EYE_M) || !before(face).iter().any(inside))
     }

@@ -1,5 +1,5 @@
 //! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
-//! and returns matching words.
+//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.p`.
 
 pub(super) mod beds;
 pub(super) mod cabinets;
@@ -75,6 +75,7 @@ impl Draft {
 
     /// Returns the requested width, or draws one.
     pub(super) fn width(&mut self, low: f32, high: f32) -> f32 {
+        // Always draws, so that a request does not shift later draws.
         let drawn = self.len(low, high);
         if self.wish[0] > 0.0 { self.wish[0] } else { drawn }
     }
@@ -108,6 +109,7 @@ impl Draft {
 
     /// Metal paint for taps, pipes and handles.
     pub(super) fn metal(&self) -> Paint {
+        // Bright metal on a dark piece would change the mean colour and its word.
         if self.dark() { Paint::CHROME.times(0.4) } else { Paint::CHROME }
     }
 
@@ -197,7 +199,7 @@ impl Make {
             size: said(size),
             shape: said(shape),
         };
-        Piece::new(self.category, draft.m, attributes)
+        Piece { category: self.category, model: draft.m, attributes }
     }
 }
 

@@ -106,6 +106,7 @@ const DRAWS: u32 = 8;
 fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let mut draw = 0;
     loop {
+        // Draw 0 uses the generator itself: a house that needs no second draw does not depend on retries.
         let rng = if draw == 0 { rng.clone() } else { rng.fork(&format!("draw {draw}")) };
         let (plan, mut assembly) = build(&rng, rooms, storeys, pool);
         let sound = repair(&plan, &mut assembly);
@@ -125,6 +126,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     let wells: Vec<usize> =
         (0..plan.rooms.len()).filter(|&index| plan.rooms[index].kind == RoomKind::Stairs).collect();
     if let [lower, upper, ..] = wells[..] {
+        // Both storeys show the same stairwell walls.
         finishes[upper] = finishes[lower].above();
     }
     let mut assembly = Assembly::default();
@@ -134,6 +136,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
         assembly.on_floor_at(floor_m(plan.rooms[index].storey));
         shell::add_room(&mut assembly, &plan, index, finish);
         let room_rng = rng.fork(&format!("room {index}"));
+        // Furniture comes before the floor, which is darker below it.
         let covered = furnish::furnish(&mut assembly, &mut taste, &room_rng, &plan, index);
         shell::add_floor(&mut assembly, &plan, index, finish, &covered);
         shell::add_far_windows(&mut assembly, &plan, index);
@@ -178,6 +181,7 @@ fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
         assembly.remove(|object| {
             let room = &plan.rooms[usize::from(object.region.unwrap_or(0))];
             let place = Rect::of(&object.bounds);
+            // Windows and the front door are part of the walls, not in the way.
             let fixed = matches!(object.category.as_str(), "window" | "door");
             !fixed && steps.iter().any(|(storey, step)| *storey == room.storey && step.overlaps(&place))
         });
@@ -190,6 +194,7 @@ fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
 const SIZES: [(RangeInclusive<u8>, f32); 3] = [(6..=9, 0.3), (10..=15, 0.4), (16..=24, 0.3)];
 
 /// Probability of a second storey in houses with enough rooms.
+// Leads to about 30 % of all houses, because about a third are too small.
 const TWO_STOREYS: f64 = 0.43;
 
 /// Draws room and storey counts within the options.

@@ -128,9 +128,7 @@ impl Model {
             lamps: self.lamps.iter().map(lamp).collect(),
         }
     }
-}
 
-impl Model {
     /// Returns the model tilted back by 70 degrees onto its front edge.
     pub(super) fn leaning(&self) -> Model {
         let (sin, cos) = angle::sin_cos(1.22);
@@ -169,6 +167,7 @@ const BEFORE_M: f32 = 0.002;
 impl Model {
     /// Returns the model without faces inside its own boxes.
     pub(crate) fn seen(&self) -> Model {
+        // Invisible faces cost rendering time, and scans of real furniture have none.
         let boxes: Vec<Aabb> = self.solids.iter().map(|solid| solid.grown(1e-4)).collect();
         self.without(|face| {
             let before = face.moved(BEFORE_M);

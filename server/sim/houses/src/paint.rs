@@ -62,6 +62,7 @@ impl Paint {
 }
 
 /// Mean brightness of every substance's pattern, 0 to 1.
+// Computed once: `keeps` needs a mean for every drawn colour.
 static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
     let patterns = SUBSTANCES.iter().filter_map(|(.., pattern)| *pattern);
     patterns.map(|pattern| (pattern, pattern.mean())).collect()
@@ -144,6 +145,7 @@ impl Substance {
     /// Returns true if the pattern preserves the colour word in mean room light.
     pub(super) fn keeps(self, tint: Tint) -> bool {
         let paint = self.paint(tint);
+        // Two light levels, because the baked light differs over a piece.
         let light = 0.85 + 0.07 * paint.brightness();
         let seen = light * self.pattern().map_or(1.0, |pattern| MEANS[&pattern]);
         let lit = |light: f32| name_of(tint.rgb.map(|value| (f32::from(value) * light) as u8));

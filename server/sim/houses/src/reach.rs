@@ -6,6 +6,7 @@ use super::{floor_m, shell};
 use avln_scene::Object;
 
 /// Height range of obstacles above the floor, metres.
+// The body climbs 0.2 m and is 1.5 m high.
 const BODY_M: [f32; 2] = [0.2, 1.5];
 
 /// Connected parts of a body's standing area.
@@ -46,6 +47,7 @@ impl Reach {
     }
 
     fn largest(&self) -> Option<usize> {
+        // The first of equally large parts, for a stable result.
         (0..self.sizes.len()).max_by_key(|&piece| (self.sizes[piece], usize::MAX - piece))
     }
 
@@ -128,6 +130,7 @@ fn pieces(lattice: &Lattice, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<u
             piece_of[cell] = Some(piece);
             size += 1;
             open.extend(lattice.neighbours(cell));
+            // The lattice has no heights: all stairwell cells together connect the storeys.
             if is_joined[cell] {
                 open.extend(joined.iter().flat_map(|group| group.iter()));
             }

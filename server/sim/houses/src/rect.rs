@@ -75,16 +75,12 @@ fn sorted([a, b]: [f32; 2]) -> [f32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// A room side, named by compass.
+/// A room side, named by compass: north is at the smallest z and faces +z, west is at the smallest x.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
-    /// Smallest z, faces +z.
     North,
-    /// Smallest x, faces +x.
     West,
-    /// Largest z, faces -z.
     South,
-    /// Largest x, faces -x.
     East,
 }
 

@@ -259,6 +259,7 @@ impl Hole {
 
 /// Adds a wall with holes; `paint` returns the paint by height.
 fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl Fn(f32) -> Paint) {
+    // Light is stored in vertices: extra lines near corners limit the dark margin to them.
     let edges = holes.iter().flat_map(|hole| hole.along).chain([face.along[0] + 0.3, face.along[1] - 0.3]);
     let columns = grid_lines(face.along, &edges.collect::<Vec<_>>(), 1.2);
     let levels = holes.iter().flat_map(|hole| hole.y).chain([SKIRTING_M, 0.4, CEILING_M - 0.3]);
@@ -292,6 +293,7 @@ pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize
     let near = |window: &Window| parts.iter().any(|part| window.is_on(part));
     for window in plan.windows.iter().filter(|window| window.room == index && !near(window)) {
         let [width, height] = [window.along, window.y].map(|span| span[1] - span[0]);
+        // Windows on furnished parts are added by the furnishing, which reserves their wall.
         let piece = openings::window(width, height);
         let quarter = window.side.quarter();
         let bounds = piece.model.moved(quarter, Vector3::zeros()).bounds();

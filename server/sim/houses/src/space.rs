@@ -7,6 +7,7 @@ use super::rect::{Lattice, Rect, Side, common};
 pub(super) const DOOR_CLEAR_M: f32 = 0.9;
 
 /// Half the aisle width, metres.
+// A body of 0.25 m, plus 0.075 m lost on the navmesh lattice.
 const AISLE_RADIUS_M: f32 = 0.33;
 
 /// Lower objects block a walking body, metres.
@@ -107,6 +108,7 @@ impl Space {
 
     /// Returns the first claim that fits.
     pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
+        // The connection test is a flood fill, so it comes last and its number is limited.
         const TRIES: usize = 40;
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
     }
@@ -129,6 +131,7 @@ impl Space {
         for (side, patch) in self.near_patches(claim) {
             self.take_wall(side, patch);
         }
+        // A body walks below higher pieces.
         if claim.y[0] < BODY_HEIGHT_M {
             self.solids.push(claim.rect);
         }
@@ -172,6 +175,7 @@ const WHOLE_FLOOR: f32 = 0.92;
 /// everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
     let lattice = Lattice::over(room, 0, 1);
+    // A room narrower than the body keeps a centre line, so that it can be furnished at all.
     let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
     let is_free = |cell: usize| {
         let place = lattice.center(cell);

@@ -90,6 +90,8 @@ impl Taste {
             Pool::Train => None,
             pool => Some(pool),
         };
+        // The second-last style is reserved for validation, the last for test (the last two in every eight of
+        // larger sets). Half of the draws in these two pools show reserved styles.
         let wanted = own.filter(|_| self.rng.chance(0.5));
         let fitting: Vec<usize> = (0..count).filter(|&style| owner(style, count) == wanted).collect();
         let common = || (0..count).filter(|&style| owner(style, count).is_none()).collect();
@@ -128,6 +130,7 @@ pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
 /// Returns the only pool with this combination; `None` for shared combinations, four in five.
 pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) -> Option<Pool> {
     let place = CLOTH.split(' ').position(|known| known == word).unwrap_or(0);
+    // Multipliers without a common factor with ten spread the reserved combinations evenly.
     match (style * 3 + substance as usize * 7 + place) % 10 {
         4 => Some(Pool::Validation),
         9 => Some(Pool::Test),

@@ -31,6 +31,7 @@ impl Decorator<'_> {
     /// Adds a piece unless it intersects another on the same top.
     fn add_if_free(&mut self, piece: &Piece, side: Side, origin: Vector3<f32>) -> bool {
         let bounds = piece.model.moved(side.quarter(), origin).bounds();
+        // The tolerance allows touching pieces.
         let meets = self.laid.iter().any(|other| other.grown(-0.002).intersects(&bounds));
         if !meets {
             self.laid.push(bounds);

@@ -91,6 +91,7 @@ impl Decorator<'_> {
     pub(super) fn fix(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) -> Spot {
         let size = piece.size();
         let rect = side.band(&self.space.room, about(middle, size.x), [0.002, size.z + 0.002]);
+        // Pieces on a wall do not darken the floor.
         let covered = self.covered.len();
         let spot = self.set(piece, side, &rect, base_m);
         self.covered.truncate(covered);

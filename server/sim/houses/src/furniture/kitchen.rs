@@ -69,6 +69,7 @@ fn counter(k: &mut Draft) -> Words {
 pub(super) const HOLE_M: [f32; 2] = [0.26, 0.19];
 
 fn holed_top(m: &mut Model, w: f32, y: Span, z: Span, top: Paint) {
+    // Four slabs around the hole; the sink is a separate object.
     let (left, right) = (-HOLE_M[0], HOLE_M[0]);
     m.slab([-w / 2.0, left], y, z, top);
     m.slab([right, w / 2.0], y, z, top);

@@ -33,6 +33,7 @@ const LAMPLIGHT: [f32; 3] = [1.0, 0.975, 0.93];
 
 /// Adds light around the axis at (x, z).
 fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
+    // The lamp radius covers the shade: shades are translucent (docs/decisions/0008).
     let half = 0.5 * (high - low);
     k.m.lamps.push(Lamp {
         position: point(x, low + half, z),

@@ -29,7 +29,8 @@ pub(crate) fn window(width: f32, height: f32) -> Piece {
     m.lamps = daylight([width, height]);
     let size = size_word(width, 0.8, 1.4, ["small", "wide"]).to_owned();
     let (material, shape) = ("glass".to_owned(), "rectangular".to_owned());
-    Piece::new("window", m, Attributes { material, size, shape, ..Attributes::default() })
+    let attributes = Attributes { material, size, shape, ..Attributes::default() };
+    Piece { category: "window", model: m, attributes }
 }
 
 /// Daylight through a window: lamps side by side just inside.
@@ -37,6 +38,7 @@ fn daylight([width, height]: [f32; 2]) -> Vec<Lamp> {
     const WIDEST_M: f32 = 0.8;
     const STRENGTH_PER_M2: f32 = 2.2;
     const SKYLIGHT: [f32; 3] = [0.96, 0.98, 1.0];
+    // A row of small lamps approximates a wide pane (docs/decisions/0008).
     let count = (width / WIDEST_M).ceil().max(1.0);
     let piece = width / count;
     let lamp = |index: usize| Lamp {

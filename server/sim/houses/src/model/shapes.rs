@@ -201,6 +201,7 @@ impl Model {
     pub(crate) fn soft(&mut self, x: Span, y: Span, z: Span, bevel: f32, paint: Paint) {
         self.solid(x, y, z);
         let spans = [x, y, z];
+        // Opposite bevels of a thin box must not meet.
         let bevel = spans.iter().map(|[low, high]| (high - low) / 2.1).fold(bevel, f32::min);
         for axis in 0..3 {
             for sign in [-1.0, 1.0] {

@@ -64,6 +64,7 @@ fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
     if storeys == 2 {
         by_storey = programme::by_storey(rng, by_storey[0].clone());
     }
+    // Without hallways, which come on top: `faults` accepts 60 to 250 square metres per storey.
     by_storey.iter_mut().for_each(|units| programme::fit(units, STOREY_M2[1]));
     let rooms_m2 = by_storey[0].iter().map(RoomUnit::total_m2).sum::<f32>().max(STOREY_M2[0]);
     let frame = HouseFrame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
@@ -153,6 +154,7 @@ fn placed(rng: &mut Rng, rooms: Vec<Room>) -> Vec<Room> {
     let middle = around(&cells).center();
     let moved = |range: [f32; 2], middle: f32, mirror: bool| {
         let sign = if mirror { -1.0 } else { 1.0 };
+        // Rounding makes common edges exactly equal, which the door search relies on.
         range.map(|value| sign * ((value - middle) * 100.0).round() / 100.0)
     };
     let cell = |cell: &Rect| {

@@ -77,6 +77,7 @@ fn length_m(wall: &SharedWall) -> f32 {
 /// Returns the common edge of two cells.
 fn touching(a: &Rect, b: &Rect) -> Option<SharedWall> {
     let line = |a: [f32; 2], b: [f32; 2]| {
+        // Edges are whole centimetres from the same arithmetic, so equality is exact.
         [(a[1], b[0]), (a[0], b[1])].into_iter().find(|(p, q)| p == q).map(|(line, _)| line)
     };
     let wall = |along_x: bool, line_m: f32, p: [f32; 2], q: [f32; 2]| {
@@ -130,6 +131,7 @@ fn spanning_tree(rooms: &[Room], walls: Vec<SharedWall>) -> (Vec<SharedWall>, Ve
     let mut group: Vec<usize> = rooms.iter().enumerate().map(group).collect();
     walls.into_iter().partition(|wall| {
         let [from, to] = wall.rooms.map(|room| group[room]);
+        // Relabelling is quick enough for at most 24 rooms.
         group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
         from != to
     })
@@ -192,6 +194,7 @@ fn is_public(kind: RoomKind) -> bool {
 const SPACING_M: f32 = 0.7;
 
 /// Straight distance range of compared positions, metres.
+// Closer pairs only measure the wall thickness.
 const APART_M: [f32; 2] = [2.0, 3.2];
 
 /// Returns the largest ratio of geodesic to straight distance on a storey.
@@ -263,6 +266,7 @@ impl Ways {
                 own.iter().for_each(|&b| metres[a][b] = distance_m(doors[a], doors[b]));
             }
         }
+        // Floyd-Warshall: a house has at most about 30 openings.
         for via in 0..doors.len() {
             for from in 0..doors.len() {
                 for to in 0..doors.len() {

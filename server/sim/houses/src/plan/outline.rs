@@ -41,6 +41,7 @@ impl Outline {
         };
         let holds = |place: [f32; 2]| rects.iter().any(|rect| rect.distance_m(place) < 1e-4);
         Self::filled(lines(|rect| rect.x), lines(|rect| rect.z), |[x, z]| match margin_m > 0.0 {
+            // Inside the shrunk union if all four corners of the margin square are inside the union.
             true => [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
                 .iter()
                 .all(|(i, k)| holds([x + i * margin_m, z + k * margin_m])),
@@ -119,6 +120,7 @@ impl Outline {
                 open.iter_mut().enumerate().for_each(|(column, free)| *free &= holds(column));
                 for [from, to] in runs_of(&open) {
                     let rect = Rect::new([self.x[from], self.x[to]], [self.z[top], self.z[row + 1]]);
+                    // Among nearly equal rectangles the first is taken, whatever the rounding.
                     if best.is_none_or(|best| rect.area_m2() > best.area_m2() + 1e-4) {
                         best = Some(rect);
                     }

@@ -150,6 +150,7 @@ pub(super) fn by_storey(rng: &mut Rng, units: Vec<RoomUnit>) -> [Vec<RoomUnit>; 
         let height = match unit.kind {
             Garage | Kitchen | LivingRoom | DiningRoom => 0.0,
             Laundry | Utility => 0.3,
+            // The first bathroom is upstairs near the bedrooms, the second below.
             Bathroom if bathrooms == 2 => 0.2,
             GameRoom | Gym => 0.45,
             Library | Office => 0.6,
@@ -161,6 +162,7 @@ pub(super) fn by_storey(rng: &mut Rng, units: Vec<RoomUnit>) -> [Vec<RoomUnit>; 
     let mut storeys = [vec![], vec![]];
     let mut below_m2 = 0.0;
     for (_, unit) in ranked {
+        // Slightly more than half is below: the upper storey may have fewer wings.
         let below = below_m2 + unit.total_m2() / 2.0 < 0.52 * total;
         below_m2 += if below { unit.total_m2() } else { 0.0 };
         storeys[usize::from(!below)].push(unit);
@@ -179,6 +181,8 @@ const NARROW_M: f32 = 1.72;
 
 /// Assigns units to blocks by simulated annealing.
 pub(super) fn deal(rng: &mut Rng, blocks: &[Block], units: &[RoomUnit]) -> Deal {
+    // Area, proportions, neighbours and doors are weighed together (docs/decisions/0006). Powers and
+    // exponentials come from libm, for equal bits on every platform.
     const MOVES: i32 = 2500;
     let mut deal: Deal = vec![vec![]; blocks.len()];
     for unit in 0..units.len() {
@@ -228,6 +232,7 @@ fn block_cost(block: &Block, members: &[usize], units: &[RoomUnit]) -> f32 {
     }
     let [length, depth] = measures(block);
     let total: f32 = members.iter().map(|&unit| units[unit].total_m2()).sum();
+    // The logarithm penalises half and double the wanted area equally.
     let stretch = libm::logf(block.rect.area_m2() / total);
     let mut cost = 8.0 * stretch * stretch;
     let mut start = block.hall.span(&block.rect)[0];
@@ -266,21 +271,17 @@ fn closing_cost(members: &[usize], units: &[RoomUnit]) -> f32 {
 
 /// Affinity between neighbours, 0 or 1.
 pub(super) fn friendship(a: RoomKind, b: RoomKind) -> f32 {
-    const FRIENDS: [[RoomKind; 2]; 12] = [
-        [Kitchen, DiningRoom],
-        [Kitchen, LivingRoom],
-        [DiningRoom, LivingRoom],
-        [Bedroom, Bathroom],
-        [Bedroom, Office],
-        [Gym, Bathroom],
-        [Garage, Utility],
-        [Garage, Laundry],
-        [Kitchen, Laundry],
-        [LivingRoom, Library],
-        [LivingRoom, GameRoom],
-        [Office, Library],
+    const FRIENDS: [(RoomKind, &[RoomKind]); 7] = [
+        (Kitchen, &[DiningRoom, LivingRoom, Laundry]),
+        (DiningRoom, &[LivingRoom]),
+        (Bedroom, &[Bathroom, Office]),
+        (Gym, &[Bathroom]),
+        (Garage, &[Utility, Laundry]),
+        (LivingRoom, &[Library, GameRoom]),
+        (Office, &[Library]),
     ];
-    f32::from(u8::from(FRIENDS.iter().any(|pair| *pair == [a, b] || *pair == [b, a])))
+    let related = |a: RoomKind, b: RoomKind| FRIENDS.iter().any(|(kind, of)| *kind == a && of.contains(&b));
+    f32::from(u8::from(related(a, b) || related(b, a)))
 }
 
 /// Length on the hallway and depth from it.
@@ -308,6 +309,7 @@ pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[Room
     for (place, &member) in members.iter().enumerate() {
         share += units[member].total_m2() / total;
         let last = place + 1 == members.len();
+        // The last room absorbs the rounding, so no gap remains.
         let end = if last { span[1] } else { ((span[0] + length * share) * 100.0).round() / 100.0 };
         let slot = block.hall.strip(&block.rect, [start, end], depth);
         pieces.extend(split(rng, slot, block.hall, &units[member]));

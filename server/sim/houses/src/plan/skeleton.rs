@@ -114,6 +114,7 @@ impl HouseFrame {
         for wing in &mut self.wings {
             let own = [&mut wing.start, &mut wing.hall, &mut wing.length, &mut wing.end];
             own.into_iter().chain(&mut wing.sides).for_each(round);
+            // Nearly flush walls become flush, so that they form a single face.
             let flush = wing.span()[1] - self.length;
             wing.start -= if flush.abs() < 0.05 { flush } else { 0.0 };
             let flush = wing.span()[0];
@@ -228,6 +229,7 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
         let fits = |from: &f32| {
             let span = [*from, *from + wing.width()];
             let hall = [span[0] + wing.sides[0], span[0] + wing.sides[0] + wing.hall];
+            // No stretch beside the wing may be too short for a room.
             let whole = |gap: f32| !(1e-3..LEAST_M).contains(&gap);
             whole(hall[0])
                 && whole(length - hall[1])

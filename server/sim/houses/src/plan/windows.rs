@@ -46,8 +46,10 @@ fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
         RoomKind::Closet => None,
         // The flights are in the way.
         RoomKind::Stairs if room.storey == 0 => None,
+        // Small and high: sinks and machines fit below.
         RoomKind::Bathroom | RoomKind::Laundry | RoomKind::Utility => Some([1.45, 2.1, 0.7]),
         RoomKind::Garage => Some([1.5, 2.1, 0.9]),
+        // Above the counters (0.9 m).
         RoomKind::Kitchen => Some([1.12, 2.1, 1.3]),
         _ => Some([0.92, 2.15, 1.8]),
     }

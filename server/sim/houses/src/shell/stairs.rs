@@ -14,6 +14,7 @@ use crate::rect::{Rect, Side};
 const STEPS: usize = 9;
 
 /// Step height, metres.
+// 17.3 cm: below the 20 cm climb of a body.
 const RISE_M: f32 = STOREY_M / (2 * STEPS) as f32;
 
 /// Step depth, metres.
@@ -90,6 +91,7 @@ impl Well {
 /// Stairwell floor common to both storeys; `None` if the stairs have no door.
 pub(crate) fn landing(plan: &Plan, index: usize) -> Option<Rect> {
     let well = Well::of(plan, index)?;
+    // Only the landing has a floor on both storeys; the flights are open up to the upper ceiling.
     Some(well.rect([0.0, LANDING_M], [0.0, well.width_m()]))
 }
 

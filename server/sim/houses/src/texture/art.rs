@@ -54,6 +54,7 @@ impl Art {
     /// Draws the picture; more than half of the ground stays visible.
     pub(super) fn draw(self) -> Texture {
         let mut rng = Rng::new(u64::from(self.seed));
+        // The ground stays the largest area: it is the picture's colour word.
         let mut canvas = vec![self.ground; (SIZE * SIZE) as usize];
         let count = match self.motif {
             Motif::Mountains | Motif::Portrait => 1,
