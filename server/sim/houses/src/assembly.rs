@@ -24,7 +24,7 @@ pub(super) struct Assembly {
     texture_of: BTreeMap<Pattern, u16>,
 }
 
-/// A piece of furniture in its own frame, with its attributes.
+/// A piece of furniture in its own frame.
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
     pub(super) category: &'static str,
@@ -50,7 +50,7 @@ impl Assembly {
         self.add(model, InstanceId::NONE, light);
     }
 
-    /// Adds a placed object with heights above the floor; returns its box in the same frame.
+    /// Adds a placed object with heights above the floor; returns the box in the same frame.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
         let id = InstanceId(self.objects.len() as u32 + 1);
         let first = self.mesh.triangles.len();

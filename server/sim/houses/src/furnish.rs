@@ -333,7 +333,7 @@ impl Decorator<'_> {
         clear.or_else(|| close().copied()).map(|claim| claim.rect.center())
     }
 
-    /// Places a piece on top of another, `offset` in its frame.
+    /// Places a piece on top of another; `offset` is in the other's frame.
     fn lay(&mut self, piece: &Piece, other: &Spot, offset: [f32; 3]) {
         let [x, z] = turned(other.side.quarter(), [offset[0], offset[2]]);
         let origin = other.origin + Vector3::new(x, offset[1], z);
@@ -353,7 +353,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds a piece with its smallest footprint corner at `rect` and its base at `base_m`.
+    /// Adds a piece with the smallest footprint corner at `rect`, base at `base_m`.
     fn set(&mut self, piece: &Piece, side: Side, rect: &Rect, base_m: f32) -> Spot {
         let bounds = piece.model.moved(side.quarter(), Vector3::zeros()).bounds();
         let lift = base_m - bounds.min.y;

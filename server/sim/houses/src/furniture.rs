@@ -109,7 +109,7 @@ impl Draft {
 
     /// Metal paint for taps, pipes and handles.
     pub(super) fn metal(&self) -> Paint {
-        // Bright metal on a dark piece would change the mean colour and its word.
+        // Bright metal on a dark piece would change the mean colour, and so the colour word.
         if self.dark() { Paint::CHROME.times(0.4) } else { Paint::CHROME }
     }
 
@@ -148,7 +148,7 @@ fn trim(rng: &mut Rng, main: Paint) -> Paint {
         bright if bright > 0.75 => &[Paint::OAK, Paint::STEEL, Paint::BRASS],
         _ => &[Paint::OAK, Paint::WALNUT, Paint::STEEL, Paint::DARK_METAL, Paint::BRASS],
     };
-    *rng.choose(paints).expect("there are some")
+    *rng.choose(paints).expect("the list is not empty")
 }
 
 impl Make {
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn every_category_comes_in_many_shapes_colours_and_materials() {
+    fn categories_have_many_shapes_colours_and_materials() {
         let mut kinds: BTreeMap<&str, (usize, BTreeSet<&str>, BTreeSet<&str>)> = BTreeMap::new();
         for make in MAKES {
             let (shapes, colors, materials) = kinds.entry(make.category).or_default();
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn styles_of_a_make_differ() {
+    fn styles_of_a_furniture_kind_differ() {
         let mut alike = Vec::new();
         for make in MAKES {
             let shapes: BTreeSet<String> = (0..make.styles)
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_colour_of_nearly_all_pieces_goes_by_the_word_that_is_said() {
+    fn mean_colours_nearly_always_match_their_word() {
         let mut missed: BTreeMap<&str, u32> = BTreeMap::new();
         let (mut all, mut wrong) = (0, 0);
         for make in MAKES.iter().filter(|make| make.category != "mirror") {
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_out_for_one_pool_is_shown_by_no_other() {
+    fn reserved_combinations_stay_in_their_pool() {
         for pool in Pool::ALL {
             let mut taste = Taste::new(Rng::new(3), pool);
             for _ in 0..40 {

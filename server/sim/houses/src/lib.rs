@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn furnished_houses_let_a_wide_body_through_every_door_into_every_room() {
+    fn wide_body_passes_every_door_and_room() {
         for seed in 0..120 {
             let options = HouseOptions { pool: Pool::ALL[seed as usize % 3], ..HouseOptions::default() };
             let rng = Rng::new(seed).fork("house");
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn pools_are_found_by_their_names() {
+    fn pools_are_found_by_name() {
         for pool in Pool::ALL {
             assert_eq!(Pool::from_name(pool.name()), Some(pool));
             assert_eq!(serde_json::to_value(pool).unwrap(), pool.name());

@@ -43,7 +43,7 @@ impl Model {
     /// # Panics
     /// If the model is empty.
     pub(super) fn bounds(&self) -> Aabb {
-        Aabb::around(self.corners.iter().map(|corner| &corner.position)).expect("a model has corners")
+        Aabb::around(self.corners.iter().map(|corner| &corner.position)).expect("the model has corners")
     }
 
     /// Adds a box with sharp edges.
@@ -59,7 +59,7 @@ impl Model {
         self.solids.push(Aabb::new(corner(0), corner(1)));
     }
 
-    /// Adds the box and its mirror image in -x.
+    /// Adds the box and a mirror image in -x.
     pub(super) fn pair(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.block(x, y, z, paint);
         self.block([-x[1], -x[0]], y, z, paint);
@@ -129,7 +129,7 @@ impl Model {
         }
     }
 
-    /// Returns the model tilted back by 70 degrees onto its front edge.
+    /// Returns the model tilted back by 70 degrees onto the front edge.
     pub(super) fn leaning(&self) -> Model {
         let (sin, cos) = angle::sin_cos(1.22);
         let lean = |v: Vector3<f32>| Vector3::new(v.x, v.y * cos - v.z * sin, v.y * sin + v.z * cos);
@@ -165,7 +165,7 @@ pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) 
 const BEFORE_M: f32 = 0.002;
 
 impl Model {
-    /// Returns the model without faces inside its own boxes.
+    /// Returns the model without faces inside solid boxes.
     pub(crate) fn seen(&self) -> Model {
         // Invisible faces cost rendering time, and scans of real furniture have none.
         let boxes: Vec<Aabb> = self.solids.iter().map(|solid| solid.grown(1e-4)).collect();
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_turn_takes_the_front_to_plus_x() {
+    fn quarter_turn_moves_front_to_plus_x() {
         let mut model = Model::new();
         model.block([-1.0, 1.0], [0.0, 1.0], [0.0, 3.0], PAINT);
         let bounds = model.moved(1, Vector3::new(10.0, 0.0, 0.0)).bounds();
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_touches_inside_of_a_larger_face_is_left_out_and_all_else_stays() {
+    fn only_faces_inside_boxes_are_removed() {
         let mut model = Model::new();
         model.block([-1.0, 1.0], [1.0, 1.1], [-1.0, 1.0], Paint::CHROME);
         model.block([0.0, 0.1], [0.0, 1.0], [0.0, 0.1], Paint::CHROME);

@@ -62,7 +62,7 @@ impl Paint {
 }
 
 /// Mean brightness of every substance's pattern, 0 to 1.
-// Computed once: `keeps` needs a mean for every drawn colour.
+// Computed once: every drawn colour needs a mean.
 static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
     let patterns = SUBSTANCES.iter().filter_map(|(.., pattern)| *pattern);
     patterns.map(|pattern| (pattern, pattern.mean())).collect()

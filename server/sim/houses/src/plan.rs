@@ -81,7 +81,7 @@ impl RoomKind {
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) kind: RoomKind,
-    /// Storey, 0 is the lowest. Heights inside a room are relative to its floor.
+    /// Storey, 0 is the lowest. Heights inside a room start at the floor.
     pub(super) storey: usize,
     /// Disjoint rectangles up to the wall centres.
     pub(super) cells: Vec<Rect>,
@@ -90,9 +90,9 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// Largest floor rectangle; parts of its edge may be open ([`Plan::gaps`]).
+    /// Largest floor rectangle; parts of the edge may be open ([`Plan::gaps`]).
     pub(super) fn interior(&self) -> Rect {
-        self.outline().largest().expect("a room is wider than its walls are thick")
+        self.outline().largest().expect("rooms are wider than their walls")
     }
 
     /// Disjoint floor rectangles large enough for furniture, [`Room::interior`] first.
@@ -287,7 +287,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plans_of_these_seeds_stay_what_they_are() {
+    fn plans_of_fixed_seeds_do_not_change() {
         let measured: Vec<_> = (0..12)
             .map(|seed| {
                 let plan = Plan::draw(&Rng::new(seed), 6 + 2 * seed as usize % 19, 1 + seed as usize % 2);

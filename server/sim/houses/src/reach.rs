@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_houses_can_be_walked_everywhere_even_over_stairs() {
+    fn empty_houses_are_walkable_everywhere() {
         for seed in 0..2000 {
             let plan = Plan::draw(&Rng::new(seed), 6 + seed as usize % 19, 1 + seed as usize / 19 % 2);
             let reach = Reach::of(&plan, &[], 0.25);
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crate_in_its_only_door_seals_a_room() {
+    fn crate_in_the_only_door_seals_a_room() {
         let plan = Plan::draw(&Rng::new(5), 9, 1);
         let doors = |room: usize| plan.openings.iter().filter(move |door| door.rooms.contains(&room));
         let room = (0..9).find(|&room| doors(room).count() == 1).expect("a room with one door");

@@ -111,7 +111,7 @@ impl Side {
         }
     }
 
-    /// Wall range on its axis.
+    /// Wall range on the wall axis.
     pub(super) fn span(self, room: &Rect) -> [f32; 2] {
         if self.runs_along_x() { room.x } else { room.z }
     }

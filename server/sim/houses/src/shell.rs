@@ -71,7 +71,7 @@ fn wall_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
         [210, 208, 204],
         [236, 234, 228],
     ];
-    let rgb = *rng.choose(&PASTELS).expect("there are pastels");
+    let rgb = *rng.choose(&PASTELS).expect("the list is not empty");
     match kind {
         RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
         _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
@@ -87,14 +87,14 @@ fn accent_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
         [200, 176, 120],
         [122, 134, 140],
     ];
-    let rgb = *rng.choose(&DEEP).expect("there are colours");
+    let rgb = *rng.choose(&DEEP).expect("the list is not empty");
     match kind {
         RoomKind::LivingRoom | RoomKind::Gym if rng.chance(0.4) => {
             Paint::plain("brick", [176, 116, 96]).with(Pattern::Brick)
         }
         RoomKind::Bedroom | RoomKind::LivingRoom | RoomKind::DiningRoom if rng.chance(0.6) => {
             let papers = [Pattern::Stripes, Pattern::Damask, Pattern::Floral, Pattern::Trellis];
-            Paint::plain("plaster", rgb).with(*rng.choose(&papers).expect("there are papers"))
+            Paint::plain("plaster", rgb).with(*rng.choose(&papers).expect("the list is not empty"))
         }
         RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
         _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
@@ -309,7 +309,7 @@ pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize
     }
 }
 
-/// Origin of a model with its back at the wall.
+/// Model origin with the back at the wall.
 fn wall_origin(side: Side, [x, y, z]: [f32; 3], bounds: &Aabb, line_m: f32) -> Vector3<f32> {
     const GAP_M: f32 = 0.002;
     match side {

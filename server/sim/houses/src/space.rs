@@ -42,7 +42,7 @@ impl Patch {
     }
 }
 
-/// A position for a piece, its height range, and the free floor in front.
+/// A position for a piece: footprint, height range, free floor in front.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claim {
     pub(super) rect: Rect,
@@ -55,7 +55,7 @@ impl Space {
         Self { room, solids: vec![], free: vec![], goals: vec![], patches: Default::default() }
     }
 
-    /// Keeps the floor in front of a door free.
+    /// Reserves the floor in front of a door.
     pub(super) fn add_door(&mut self, side: Side, along: [f32; 2], height_m: f32) {
         self.keep_free(side, along, DOOR_CLEAR_M);
         self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
@@ -66,7 +66,7 @@ impl Space {
         self.free.len()
     }
 
-    /// Keeps the floor at an entry side free.
+    /// Reserves the floor at an entry side.
     pub(super) fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
         let zone = side.strip(&self.room, along, depth_m.min(self.depth_m(side)));
         self.free.push(zone);
@@ -108,7 +108,7 @@ impl Space {
 
     /// Returns the first claim that fits.
     pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
-        // The connection test is a flood fill, so it comes last and its number is limited.
+        // The connection test is a flood fill, so it comes last and is limited in number.
         const TRIES: usize = 40;
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
     }
@@ -175,7 +175,7 @@ const WHOLE_FLOOR: f32 = 0.92;
 /// everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
     let lattice = Lattice::over(room, 0, 1);
-    // A room narrower than the body keeps a centre line, so that it can be furnished at all.
+    // A room narrower than the body still has a centre line, so that it can be furnished at all.
     let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
     let is_free = |cell: usize| {
         let place = lattice.center(cell);
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_before_a_window_must_be_low() {
+    fn only_low_furniture_fits_below_windows() {
         let mut space = room();
         space.take_wall(Side::West, Patch { along: [1.0, 2.0], y: [0.9, 2.1] });
         let low = Claim { y: [0.0, 0.8], ..claim([0.0, 0.4], [1.2, 1.8]) };

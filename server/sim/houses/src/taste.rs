@@ -149,7 +149,7 @@ pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2
     }
 }
 
-/// A pool's sRGB shades per colour word. A shade matches its word in full light and in room shade.
+/// A pool's sRGB shades per colour word. A shade matches the word in full light and in room shade.
 type Shades = [(&'static str, &'static [[u8; 3]]); 12];
 
 const TRAIN_SHADES: Shades = [
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn styles_that_are_held_out_are_shown_by_their_own_pool_only() {
+    fn reserved_styles_stay_in_their_pool() {
         for (count, common, validation, test) in
             [(8, 6, vec![6], vec![7]), (5, 3, vec![3], vec![4]), (16, 12, vec![6, 14], vec![7, 15])]
         {
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn every_shade_keeps_its_name_in_bright_and_in_dim_light() {
+    fn shades_match_their_word_in_any_light() {
         for pool in Pool::ALL {
             for (word, _) in PALETTE {
                 assert!(shades(pool, word).len() >= 3, "{word}");
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn no_pool_has_a_shade_of_another() {
+    fn pools_have_disjoint_shades() {
         let pools = [TRAIN_SHADES, VALIDATION_SHADES, TEST_SHADES];
         let all: Vec<_> = pools.iter().flatten().flat_map(|(_, shades)| shades.iter()).collect();
         assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), all.len());

@@ -51,7 +51,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Places a bed with its long side at a wall; the spot's back is the head.
+    /// Places a bed with the long side at a wall; the spot's back is the head.
     fn stand_along_wall(&mut self, bed: &Piece) -> Option<Spot> {
         const TURN: u8 = 1;
         let turned = Piece { model: bed.model.moved(TURN, Vector3::zeros()), ..bed.clone() };

@@ -214,7 +214,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Returns a free position for a piece and its back side, preferably wide in the longer room direction.
+    /// Returns a free position and back side for a piece, preferably wide in the longer room direction.
     pub(super) fn place_for(&self, [width, depth]: [f32; 2]) -> Option<(Side, [f32; 2])> {
         let room = self.space.room.size();
         let mut turns = [(Side::North, [width, depth]), (Side::West, [depth, width])];
@@ -225,7 +225,7 @@ impl Decorator<'_> {
     }
 }
 
-/// Moves a position by an offset in the frame of a piece with its back to `side`.
+/// Moves a position by an offset in the frame of a piece with the back to `side`.
 pub(super) fn shifted(side: Side, center: [f32; 2], offset: [f32; 2]) -> [f32; 2] {
     let [x, z] = turned(side.quarter(), offset);
     [center[0] + x, center[1] + z]

@@ -5,7 +5,7 @@ use super::*;
 /// Placement of a single piece.
 #[derive(Clone, Copy)]
 enum Way {
-    /// With its back to a wall and free floor in front, metres.
+    /// Back to a wall, free floor in front, metres.
     Stand(Wish, f32),
     /// On a wall, with the centre at this height, metres.
     Hang(f32),
@@ -18,7 +18,7 @@ enum Way {
 use Way::*;
 use Wish::*;
 
-/// A furniture kind, its weight, and its placement.
+/// A furniture kind, weight and placement.
 type Extra = (&'static Make, f32, Way);
 
 const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);

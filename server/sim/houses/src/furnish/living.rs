@@ -169,7 +169,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds a picture with an approximate size and its centre at `eye_m`.
+    /// Adds a picture with an approximate size, centre at `eye_m`.
     pub(super) fn picture_sized(
         &mut self,
         [width, height]: [f32; 2],

@@ -98,7 +98,7 @@ impl Decorator<'_> {
         piece
     }
 
-    /// Adds a flat piece on a bed or bench, `place` metres from the centre in its frame.
+    /// Adds a flat piece on a bed or bench, `place` metres from the centre in the other's frame.
     pub(super) fn lay_flat(&mut self, make: &Make, spot: &Spot, place: [f32; 2], height_m: f32) {
         let piece = make.any(self.taste);
         let [x, z] = turned(spot.side.quarter(), place);

@@ -59,7 +59,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Hangs a shallow piece on a wall with its lower edge at `base_m`.
+    /// Hangs a shallow piece, lower edge at `base_m`.
     pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
         const MARGIN_M: f32 = 0.07;
         let size = piece.size();

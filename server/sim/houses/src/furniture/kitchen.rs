@@ -24,7 +24,7 @@ fn worktop(k: &mut Draft) -> Paint {
         Paint::OAK,
         Paint::plain("metal", [120, 123, 127]).with(Pattern::Brushed),
     ];
-    let top = *k.rng.choose(&TOPS).expect("there are tops");
+    let top = *k.rng.choose(&TOPS).expect("the list is not empty");
     if k.p.brightness() < 0.5 { top.times(0.6) } else { top }
 }
 

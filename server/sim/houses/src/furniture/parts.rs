@@ -123,7 +123,7 @@ pub(super) fn carcass(k: &mut Draft, body: &Carcass) {
 /// Draws a handle paint.
 pub(super) fn handle(k: &mut Draft) -> Paint {
     let paints = [Paint::STEEL, Paint::DARK_METAL, Paint::BRASS];
-    let some = *k.rng.choose(&paints).expect("not empty");
+    let some = *k.rng.choose(&paints).expect("the list is not empty");
     if k.dark() { some.times(0.7) } else { some }
 }
 

@@ -38,13 +38,14 @@ fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint
 
 fn picture(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.4, 1.0), k.height(0.4, 0.8));
-    let medium = *k.rng.choose(&Medium::ALL).expect("some");
+    let medium = *k.rng.choose(&Medium::ALL).expect("the list is not empty");
     let motif = Motif::ALL[(k.style + k.rng.below(2) * 4) % 8];
     k.material = medium.word();
     let art = Art { ground: k.tint.rgb, motif, medium, seed: k.rng.next_u64() as u32 };
     let canvas = Paint::plain(medium.surface(), [255; 3]).with(Pattern::Art(art));
     let thin = [Paint::WALNUT, Paint::DARK_METAL];
-    let paint = if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("some") } else { k.trim };
+    let paint =
+        if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("the list is not empty") } else { k.trim };
     let round = matches!(k.style, 6 | 7);
     let outline = match k.style {
         6 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 16),

@@ -40,7 +40,7 @@ fn plant(k: &mut Draft, scale: f32) -> &'static str {
 /// Adds a pot in a neutral colour, so that the leaves determine the colour word.
 fn planter(k: &mut Draft, pot: f32, scale: f32) {
     const TONES: [[u8; 3]; 5] = [[150, 148, 144], [140, 84, 58], [96, 98, 100], [60, 62, 66], [122, 104, 82]];
-    let tone = *k.rng.choose(&TONES).expect("some");
+    let tone = *k.rng.choose(&TONES).expect("the list is not empty");
     let paint = k.substance.paint(Tint { word: "", rgb: tone });
     let paint = if k.dark() { paint.times(0.5) } else { paint.times(0.85) };
     let r = pot * 0.44 * (1.25 - 0.25 * scale.min(1.0));

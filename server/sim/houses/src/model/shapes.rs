@@ -40,7 +40,7 @@ impl Model {
         }
     }
 
-    /// Adds a box without its back face.
+    /// Adds a box without the back face.
     pub(crate) fn lid(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
@@ -51,7 +51,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
     }
 
-    /// Adds a box without its underside.
+    /// Adds a box without the underside.
     pub(crate) fn slab(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         self.rim(x, y, z, paint);
@@ -68,7 +68,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
     }
 
-    /// Adds an outline in x and y seen from +z, with a picture stretched over its bounds.
+    /// Adds an outline in x and y seen from +z, with a picture stretched over the bounds.
     pub(crate) fn pictured(&mut self, outline: &[[f32; 2]], z: f32, paint: Paint) {
         let range = |axis: usize| {
             outline.iter().fold([f32::MAX, f32::MIN], |[low, high], p| [low.min(p[axis]), high.max(p[axis])])

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_do_not_overlap_and_are_as_many_as_were_asked_for() {
+    fn room_count_is_exact_without_overlaps() {
         for (seed, rooms) in houses() {
             assert_eq!(rooms.len(), 5 + seed as usize % 20);
             for (index, room) in rooms.iter().enumerate() {
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_are_well_shaped_and_storeys_are_neither_huts_nor_halls() {
+    fn rooms_have_good_shapes_and_sizes() {
         let mut faulty = 0;
         for (seed, rooms) in houses() {
             faulty += usize::from(faults(&rooms) > 0.0);
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn stairs_lie_above_each_other() {
+    fn stairs_are_aligned_between_storeys() {
         for (seed, rooms) in houses() {
             let stairs: Vec<&Room> = rooms.iter().filter(|room| room.kind == RoomKind::Stairs).collect();
             if rooms.iter().any(|room| room.storey == 1) {

@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_join_all_rooms_with_some_loops() {
+    fn doors_connect_all_rooms_with_some_loops() {
         let (mut trees, mut arches, mut extra) = (0, 0, 0);
         for (seed, plan) in plans() {
             let walls = plan.openings.iter().map(|opening| SharedWall {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_lie_in_the_walls_of_both_rooms() {
+    fn doors_are_in_walls_of_both_rooms() {
         for (seed, plan) in plans() {
             for opening in &plan.openings {
                 let width_m = opening.along[1] - opening.along[0];
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn annexes_are_entered_through_their_hosts_alone() {
+    fn annexes_are_entered_only_through_hosts() {
         for (seed, plan) in plans() {
             for (index, room) in plan.rooms.iter().enumerate().filter(|(_, room)| room.host.is_some()) {
                 let doors: Vec<_> = plan.openings.iter().filter(|door| door.rooms.contains(&index)).collect();
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_door_at_the_end_of_a_wall_makes_a_detour() {
+    fn door_at_wall_end_causes_a_detour() {
         assert_eq!(longest_detour(&row(&[])), 1.0);
         // About 3.4 m to the door and back, 2 m in a straight line.
         let one = longest_detour(&row(&[3.0]));

@@ -61,7 +61,7 @@ impl Outline {
         })
     }
 
-    /// Returns the shape without `rect`, which has its edges on the grid.
+    /// Returns the shape without `rect`; the edges must be on the grid.
     pub(crate) fn less(&self, rect: &Rect) -> Self {
         Self::filled(self.x.clone(), self.z.clone(), |place| {
             rect.distance_m(place) > 0.0 && self.contains(place)
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn an_l_has_six_walls_and_its_inner_corner_moves_outwards() {
+    fn l_shape_has_six_walls() {
         let room = Outline::inset(&ell(), 0.25);
         let mut faces = room.faces();
         faces.sort_by(|a, b| a.line_m.total_cmp(&b.line_m));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_cut_out_leaves_an_l() {
+    fn rectangle_without_a_corner_is_an_l() {
         let rest = Outline::without(&Rect::new([0.0, 4.0], [0.0, 5.0]), &[Rect::new([1.0, 4.0], [2.0, 5.0])]);
         assert_eq!(rest.rects(), ell());
         assert_eq!(rest.faces().len(), 6);

@@ -386,7 +386,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programmes_have_the_basic_rooms_and_keep_the_limits() {
+    fn programmes_have_basic_rooms_within_limits() {
         for seed in 0..200 {
             let count = 4 + seed as usize % 19;
             let kinds = programme(&mut Rng::new(seed), count);

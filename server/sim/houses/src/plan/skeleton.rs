@@ -12,7 +12,7 @@ const STAIRS_M: [f32; 2] = [2.24, 4.37];
 /// Smallest room frontage, metres.
 const LEAST_M: f32 = 2.6;
 
-/// A rectangle to be divided into rooms on its hallway.
+/// A rectangle to be divided into rooms on a hallway.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block {
     pub(super) rect: Rect,
@@ -229,7 +229,7 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
         let fits = |from: &f32| {
             let span = [*from, *from + wing.width()];
             let hall = [span[0] + wing.sides[0], span[0] + wing.sides[0] + wing.hall];
-            // No stretch beside the wing may be too short for a room.
+            // No stretch next to the wing may be too short for a room.
             let whole = |gap: f32| !(1e-3..LEAST_M).contains(&gap);
             whole(hall[0])
                 && whole(length - hall[1])

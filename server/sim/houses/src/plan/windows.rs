@@ -103,7 +103,7 @@ mod tests {
     use crate::{plan::Plan, rect::Side};
 
     #[test]
-    fn windows_lie_in_outer_walls_of_their_rooms_and_apart() {
+    fn windows_are_apart_in_outer_walls() {
         for seed in 0..60 {
             let plan = Plan::draw(&Rng::new(seed), 5 + seed as usize % 12, 1);
             let door = plan.entrance.expect("a front door");
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_with_a_room_behind_half_of_it_is_outer_for_the_rest() {
+    fn wall_is_outer_where_no_room_is_behind() {
         let room = |x: [f32; 2], z: [f32; 2]| Room {
             kind: RoomKind::Office,
             storey: 0,

@@ -23,7 +23,7 @@ const TREAD_M: f32 = 0.25;
 /// Landing depth at the doors, metres.
 const LANDING_M: f32 = 1.1;
 
-/// Width of the wall between the flights, and its height above steps and upper floor, metres.
+/// Wall between the flights: width, and height above steps and upper floor, metres.
 const SPINE_M: [f32; 2] = [0.1, 0.95];
 
 /// A stairwell's floor and entry side.
@@ -95,7 +95,7 @@ pub(crate) fn landing(plan: &Plan, index: usize) -> Option<Rect> {
     Some(well.rect([0.0, LANDING_M], [0.0, well.width_m()]))
 }
 
-/// Adds the stairs that start in room `lower`, with heights from its floor.
+/// Adds the stairs that start in room `lower`.
 pub(crate) fn add_stairs(assembly: &mut Assembly, plan: &Plan, lower: usize, finish: &Finish) {
     let Some(well) = Well::of(plan, lower) else { return };
     let mut model = Model::new();

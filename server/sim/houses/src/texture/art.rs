@@ -77,7 +77,7 @@ impl Art {
         Texture { width: SIZE, height: SIZE, pixels: pixels.collect() }
     }
 
-    /// Draws a part of the motif and returns its inside test.
+    /// Draws a part of the motif as an inside test.
     fn shape(self, rng: &mut Rng) -> Box<dyn Fn(Place) -> bool> {
         let center = [rng.range(-0.65, 0.65), rng.range(-0.65, 0.65)];
         let size = rng.range(0.16, 0.28);
@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ground_covers_more_than_half_whatever_is_shown() {
+    fn ground_covers_more_than_half_of_pictures() {
         for seed in 0..160_u32 {
             let motif = Motif::ALL[seed as usize % 8];
             let art = Art { ground: [246, 226, 52], motif, medium: Medium::Print, seed };
