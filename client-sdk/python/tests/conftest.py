@@ -23,13 +23,13 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
-class Door:
+class Endpoint:
     """A running server and a team's token."""
 
     def __init__(self, server: Server, token: str) -> None:
         self.server, self.url, self.token = server, server.url, token
 
-    def connect(self) -> avln.Arena:
+    def connect(self) -> avln.Client:
         return avln.connect(self.url, self.token)
 
 
@@ -55,14 +55,14 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Furnished:
 
 
 @pytest.fixture(scope="session")
-def door(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
+def endpoint(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Endpoint]:
     server = furnished.copy(tmp_path_factory.mktemp("hosted") / "data")
     server.start()
-    yield Door(server, furnished.token)
+    yield Endpoint(server, furnished.token)
     server.kill()
 
 
 @pytest.fixture
-def arena(door: Door) -> Iterator[avln.Arena]:
-    with door.connect() as arena:
-        yield arena
+def client(endpoint: Endpoint) -> Iterator[avln.Client]:
+    with endpoint.connect() as client:
+        yield client

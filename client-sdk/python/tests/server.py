@@ -28,8 +28,8 @@ def program() -> Path | None:
 def free_port() -> int:
     """A free port below the ephemeral range, so that no connection takes it before the server does."""
     for port in random.sample(range(10_000, 32_000), 100):
-        with contextlib.suppress(OSError), socket.socket() as door:
-            door.bind(("127.0.0.1", port))
+        with contextlib.suppress(OSError), socket.socket() as probe:
+            probe.bind(("127.0.0.1", port))
             return port
     raise AssertionError("none of 100 ports is free")
 

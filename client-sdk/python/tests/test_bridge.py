@@ -19,12 +19,12 @@ pytest.importorskip("msgpack", reason="pip install 'avln[bridge]'")
 
 from authors_client import AuthorsClient  # noqa: E402
 
-from avln.bridge import Desk, pack, unpack  # noqa: E402
+from avln.bridge import RequestHandler, pack, unpack  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from conftest import Door
+    from conftest import Endpoint
 
 STOP, FORWARD, LEFT, RIGHT, SUBMIT = range(5)
 
@@ -32,8 +32,8 @@ STOP, FORWARD, LEFT, RIGHT, SUBMIT = range(5)
 class Bridge:
     """The program `avln-bridge` and a client of it."""
 
-    def __init__(self, door: Door, phase: str) -> None:
-        told = ["--server", door.url, "--token", door.token, "--phase", phase, "--size", "64"]
+    def __init__(self, endpoint: Endpoint, phase: str) -> None:
+        told = ["--server", endpoint.url, "--token", endpoint.token, "--phase", phase, "--size", "64"]
         command = [sys.executable, "-c", "import sys; from avln.bridge import main; sys.exit(main())"]
         bind = ["zmq", "--bind", "tcp://127.0.0.1:*"]
         self.process = subprocess.Popen([*command, *bind, *told], stdout=subprocess.PIPE, text=True, env=os.environ)
@@ -53,13 +53,13 @@ class Bridge:
 
 
 @pytest.fixture
-def bridge(door: Door, request: pytest.FixtureRequest) -> Iterator[Bridge]:
-    bridge = Bridge(door, getattr(request, "param", PHASE))
+def bridge(endpoint: Endpoint, request: pytest.FixtureRequest) -> Iterator[Bridge]:
+    bridge = Bridge(endpoint, getattr(request, "param", PHASE))
     yield bridge
     bridge.close()
 
 
-def test_whole_episodes_are_played(bridge: Bridge, arena: avln.Arena) -> None:
+def test_whole_episodes_are_played(bridge: Bridge, client: avln.Client) -> None:
     client = bridge.client
     assert client.ask("ping") == {"op": "pong", "episodes_total": 3}
     lasts = client.play([LEFT, FORWARD, SUBMIT, RIGHT, STOP])
@@ -68,7 +68,7 @@ def test_whole_episodes_are_played(bridge: Bridge, arena: avln.Arena) -> None:
     assert lasts[0]["episode_metrics"]["num_goals"] == len(lasts[0]["episode"]["goal_inputs"])
     assert client.ask("close")["op"] == "closed"
     assert bridge.process.wait(timeout=30) == 0
-    status = arena.run(bridge.run)
+    status = client.run(bridge.run)
     assert (status.state, status.ends) == ("completed", [(avln.EndReason.STOPPED, 3)])
 
 
@@ -152,6 +152,6 @@ def test_a_lost_server_is_an_error_answer() -> None:
         def next_episode(self) -> None:
             raise avln.LostError("begin an episode", "gone")
 
-    told = Desk(Lost()).answer({"op": " RESET "})  # type: ignore[arg-type]
+    told = RequestHandler(Lost()).answer({"op": " RESET "})  # type: ignore[arg-type]
     assert told["op"] == "error"
     assert "begin an episode" in told["message"]

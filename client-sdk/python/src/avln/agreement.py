@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avln import codec
+from avln.connect_options import MAX_MESSAGE_BYTES
 from avln.errors import ProtocolError
-from avln.link import MAX_MESSAGE_BYTES
 from avln.observation import Feedback, Observation, Pose
 from avln.summary import Progress
 from avln.task import TaskSpec

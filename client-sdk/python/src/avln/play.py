@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avln.action import Action
+from avln.connection import Closed, Connection, Event
 from avln.errors import (
     EpisodeOverError,
     Error,
@@ -14,7 +15,6 @@ from avln.errors import (
     UnknownActionError,
     from_fault,
 )
-from avln.line import Closed, Event, Line
 from avln.mission import Mission
 from avln.observation import Observation
 from avln.summary import EpisodeEnd, Notice, Progress, RunSummary
@@ -57,7 +57,7 @@ class Episode:
         if not start.HasField("observation"):
             raise ProtocolError("an episode began without an observation")
         self._play = play
-        self._line = play.line
+        self._connection = play.connection
         self._agreement = play.agreement
         self._awaits = False
         self.id: str = start.episode
@@ -120,7 +120,7 @@ class Episode:
             raise EpisodeOverError
         number = _checked(action).to_wire()
         step = self.observation.step + 1
-        self._line.send(play_pb2.Act(slot=self._play.slot, episode=self.id, step=step, action=number))
+        self._connection.send(play_pb2.Act(slot=self._play.slot, episode=self.id, step=step, action=number))
         self._awaits = True
 
     def receive(self) -> Observation:
@@ -132,7 +132,7 @@ class Episode:
         """
         step = self.observation.step + 1
         while self._awaits:
-            event = self._line.next(self._play.slot)
+            event = self._connection.next(self._play.slot)
             if isinstance(event, play_pb2.Observation) and event.episode == self.id:
                 self._take(event, step)
             else:
@@ -147,7 +147,7 @@ class Episode:
         """
         if self.is_over:
             return
-        self._line.send(play_pb2.Abandon(slot=self._play.slot, episode=self.id, step=self.observation.step))
+        self._connection.send(play_pb2.Abandon(slot=self._play.slot, episode=self.id, step=self.observation.step))
         self._await_end(_ABANDON)
 
     def _take(self, seen: play_pb2.Observation, step: int) -> None:
@@ -165,7 +165,7 @@ class Episode:
 
     def _await_end(self, attempted: str) -> None:
         while not self.is_over:
-            self._settle(attempted, self._line.next(self._play.slot))
+            self._settle(attempted, self._connection.next(self._play.slot))
 
     def _settle(self, attempted: str, event: Event) -> None:
         """Handles whatever may come while an answer is awaited; frames of the episode before change nothing."""
@@ -197,8 +197,8 @@ class Play:
     Goodbye at the end of its block; an exception leaves the run open, so that it can be played on by its token.
     """
 
-    def __init__(self, line: Line, agreement: Agreement, slot: int) -> None:
-        self.line: Line = line
+    def __init__(self, connection: Connection, agreement: Agreement, slot: int) -> None:
+        self.connection: Connection = connection
         """The connection below, which the slots of a run share."""
         self.agreement: Agreement = agreement
         """What client and server agreed on."""
@@ -222,16 +222,16 @@ class Play:
     @property
     def token(self) -> str:
         """The run's token: given to `begin` instead of the account's, it plays the run on after this program."""
-        return self.line.token
+        return self.connection.token
 
     @property
     def progress(self) -> Progress:
         """How far the run is, as last heard of on any slot."""
-        return self.line.progress
+        return self.connection.progress
 
     def take_notices(self) -> list[Notice]:
         """Takes the server's notices that arrived since the last call; at most 64 are kept."""
-        return self.line.take_notices()
+        return self.connection.take_notices()
 
     def __iter__(self) -> Iterator[Episode]:
         while (episode := self.next_episode()) is not None:
@@ -258,7 +258,7 @@ class Play:
             return
         if self.episode is not None:
             self.episode.abandon()
-        self.line.send(play_pb2.Ready(slot=self.slot))
+        self.connection.send(play_pb2.Ready(slot=self.slot))
 
     def receive_episode(self) -> Episode | None:
         """Waits for the episode that was asked for; None when the run has none left, which is told when no slot plays.
@@ -267,7 +267,7 @@ class Play:
             Error: when the server refuses, breaks the protocol or the connection is lost.
         """
         while self.summary is None:
-            event = self.line.next(self.slot)
+            event = self.connection.next(self.slot)
             if isinstance(event, play_pb2.EpisodeStart):
                 self.episode = Episode(self, event)
                 return self.episode
@@ -289,10 +289,10 @@ class Play:
             Error: when the connection is lost or the server does not answer within a minute.
         """
         try:
-            self.line.send(play_pb2.Goodbye())
+            self.connection.send(play_pb2.Goodbye())
             until = time.monotonic() + _FAREWELL_S
             while self.summary is None:
-                event = self.line.next(self.slot, timeout_s=max(until - time.monotonic(), 0.001))
+                event = self.connection.next(self.slot, timeout_s=max(until - time.monotonic(), 0.001))
                 self._settle_farewell(event)
             return self.summary
         finally:
@@ -306,7 +306,7 @@ class Play:
 
     def close(self) -> None:
         """Leaves without a Goodbye, on all slots: the run stays open, and its token plays it on."""
-        self.line.close()
+        self.connection.close()
 
     def __enter__(self) -> Play:
         return self

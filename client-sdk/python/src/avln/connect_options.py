@@ -27,7 +27,7 @@ _BEGIN = b"-----BEGIN CERTIFICATE-----"
 
 
 @dataclass(frozen=True)
-class Link:
+class ConnectOptions:
     """Connection options."""
 
     ca: str | Path | None = None
@@ -82,7 +82,7 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
     return Address(text, f"{host}:{port or default}", is_secure, is_this_machine(host))
 
 
-def open_channel(address: Address, link: Link) -> grpc.Channel:
+def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Channel:
     """Creates a channel, which connects with its first call.
 
     Raises:
@@ -90,7 +90,7 @@ def open_channel(address: Address, link: Link) -> grpc.Channel:
     """
     options = _options(address)
     if address.is_secure:
-        credentials = grpc.ssl_channel_credentials(root_certificates=_authorities(address, link))
+        credentials = grpc.ssl_channel_credentials(root_certificates=_authorities(address, connect_options))
         channel = grpc.secure_channel(address.target, credentials, options=options)
     else:
         channel = grpc.insecure_channel(address.target, options=options)
@@ -132,16 +132,16 @@ def _options(address: Address) -> list[tuple[str, Any]]:
     ]
 
 
-def _authorities(address: Address, link: Link) -> bytes | None:
+def _authorities(address: Address, connect_options: ConnectOptions) -> bytes | None:
     """Certificates of authorities; None for those of gRPC, if the system has none."""
-    if link.ca is None:
+    if connect_options.ca is None:
         system = ssl.get_default_verify_paths().cafile
         return Path(system).read_bytes() if system and Path(system).is_file() else None
     try:
-        pem = Path(link.ca).read_bytes()
+        pem = Path(connect_options.ca).read_bytes()
     except OSError as error:
-        problem = f"cannot read the authorities in {link.ca}: {error.strerror}"
+        problem = f"cannot read the authorities in {connect_options.ca}: {error.strerror}"
         raise TlsError(address.text, f"{problem}; give a PEM file with --ca or AVLN_CA") from None
     if _BEGIN not in pem:
-        raise TlsError(address.text, f"{link.ca} holds no certificate; give a PEM file with --ca or AVLN_CA")
+        raise TlsError(address.text, f"{connect_options.ca} holds no certificate; give a PEM file with --ca or AVLN_CA")
     return pem

@@ -12,9 +12,9 @@ import grpc
 from avln.action import Order
 from avln.agreement import Agreement
 from avln.backoff import Backoff
+from avln.connect_options import CONNECT_TIMEOUT_S, ConnectOptions, open_channel, parse_address, unreachable
+from avln.connection import CALL_TIMEOUT_S, Connection, Dialler
 from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
-from avln.line import CALL_TIMEOUT_S, Dialler, Line
-from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
 from avln.packing import Packing
 from avln.play import Play
 from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo, phase_to_practise
@@ -44,7 +44,7 @@ _ANSWERS: dict[str, Any] = {
 }
 
 
-class Arena:
+class Client:
     """A connection to a server, created by `connect`; a context manager that closes it."""
 
     def __init__(self, channel: grpc.Channel, token: str, packing: Packing, patience_s: float | None) -> None:
@@ -54,13 +54,13 @@ class Arena:
         self._patience_s = patience_s
 
     @classmethod
-    def connect(cls, server: str, token: str = "", link: Link | None = None) -> Arena:
+    def connect(cls, server: str, token: str = "", connect_options: ConnectOptions | None = None) -> Client:
         """Connects to a server and verifies the server and the account token.
 
         Args:
             server: address like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`.
             token: account token. Empty is sufficient for `server_info`, `phases` and a `Run.from_token`.
-            link: connection options.
+            connect_options: connection options.
 
         Raises:
             AddressError: if the address is invalid.
@@ -68,16 +68,16 @@ class Arena:
             NotArenaError: if the server is of a different kind.
             TokenError: if the server rejects the token.
         """
-        link = link or Link()
+        connect_options = connect_options or ConnectOptions()
         address = parse_address(server)
-        packing = link.packing or (Packing.RAW if address.is_local else Packing.LOSSLESS)
-        arena = cls(open_channel(address, link), token, packing, link.patience_s)
+        packing = connect_options.packing or (Packing.RAW if address.is_local else Packing.LOSSLESS)
+        client = cls(open_channel(address, connect_options), token, packing, connect_options.patience_s)
         try:
-            arena._introduce(server)
+            client._introduce(server)
         except BaseException:
-            arena.close()
+            client.close()
             raise
-        return arena
+        return client
 
     def _introduce(self, server: str) -> None:
         ask = self._call("InfoService/GetServerInfo")
@@ -251,10 +251,10 @@ class Arena:
         Raises:
             Error: as for `play`.
         """
-        line, agreement = self.line(run, slots, sensors)
-        return [Play(line, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
+        connection, agreement = self.connection(run, slots, sensors)
+        return [Play(connection, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
 
-    def line(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Line, Agreement]:
+    def connection(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Connection, Agreement]:
         """Opens the run's raw connection: frames of `avln.v1` in and out, with reconnecting and resuming done.
 
         Raises:
@@ -275,7 +275,7 @@ class Arena:
             stream.forget()
             raise
         granted = min(agreement.slots, hello.slots)
-        return Line(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
+        return Connection(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
 
     def _open_call(self) -> Callable[..., Any]:
         return self._channel.stream_stream(
@@ -330,7 +330,7 @@ class Arena:
         """Closes the connection, and with it the streams of its runs."""
         self._channel.close()
 
-    def __enter__(self) -> Arena:
+    def __enter__(self) -> Client:
         return self
 
     def __exit__(
@@ -349,9 +349,9 @@ def _serialize(message: Message) -> bytes:
 _play_response = play_pb2.PlayResponse.FromString
 
 
-def connect(server: str, token: str = "", link: Link | None = None) -> Arena:
-    """Connects to a server: `Arena.connect`."""
-    return Arena.connect(server, token, link)
+def connect(server: str, token: str = "", connect_options: ConnectOptions | None = None) -> Client:
+    """Connects to a server: `Client.connect`."""
+    return Client.connect(server, token, connect_options)
 
 
 def begin(
@@ -362,7 +362,7 @@ def begin(
     order: Order = Order.UNORDERED,
     *,
     sensors: Sensors | None = None,
-    link: Link | None = None,
+    connect_options: ConnectOptions | None = None,
 ) -> Play:
     """Connects, begins a run and opens its stream for one episode at a time.
 
@@ -370,12 +370,12 @@ def begin(
     agent never sees the account.
 
     Raises:
-        Error: as for `Arena.connect`, `Arena.start_run` and `Arena.play`.
+        Error: as for `Client.connect`, `Client.start_run` and `Client.play`.
     """
-    arena, run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
-    with undone_on_error(arena, run, is_own=not token.startswith(RUN_TOKEN)):
-        play = arena.play(run, sensors)
-    play.line.on_close = arena.close
+    client, run = begin_run(server, token, phase, method, order, sensors=sensors, connect_options=connect_options)
+    with undone_on_error(client, run, is_own=not token.startswith(RUN_TOKEN)):
+        play = client.play(run, sensors)
+    play.connection.on_close = client.close
     return play
 
 
@@ -387,36 +387,36 @@ def begin_run(
     order: Order = Order.UNORDERED,
     *,
     sensors: Sensors | None = None,
-    link: Link | None = None,
-) -> tuple[Arena, Run]:
+    connect_options: ConnectOptions | None = None,
+) -> tuple[Client, Run]:
     """Connects and begins a run that is to be played with `sensors`, or takes up that of a run's own token.
 
     Raises:
-        Error: as for `Arena.connect` and `Arena.start_run`.
+        Error: as for `Client.connect` and `Client.start_run`.
         SensorsError: when no run could be played with the sensors; none begins.
     """
     order = Order(order)
     is_of_run = token.startswith(RUN_TOKEN)
-    arena = Arena.connect(server, "" if is_of_run else token, link)
+    client = Client.connect(server, "" if is_of_run else token, connect_options)
     try:
-        arena.check_sensors(sensors)
-        return arena, Run.from_token(token) if is_of_run else arena.start_run(phase, method, order)
+        client.check_sensors(sensors)
+        return client, Run.from_token(token) if is_of_run else client.start_run(phase, method, order)
     except BaseException:
-        arena.close()
+        client.close()
         raise
 
 
 @contextmanager
-def undone_on_error(arena: Arena, run: Run, *, is_own: bool) -> Iterator[None]:
+def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]:
     """Where its block fails, closes the connection, and cancels the run if it was begun here: nobody would play it."""
     try:
         yield
     except BaseException:
         try:
             if is_own:
-                arena.cancel_run(run.id)
+                client.cancel_run(run.id)
         except Error:
             pass  # what failed first is told
         finally:
-            arena.close()
+            client.close()
         raise

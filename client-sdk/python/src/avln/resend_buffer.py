@@ -28,7 +28,7 @@ class _Slot:
     """Unanswered frame."""
 
 
-class Ledger:
+class ResendBuffer:
     """The slots of a run from the client's perspective."""
 
     def __init__(self, slots: int) -> None:

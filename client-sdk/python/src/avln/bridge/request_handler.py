@@ -20,7 +20,7 @@ _HIDDEN = "hidden"
 _METRICS = {"sr": "success", "spl": "spl", "soft_spl": "softspl", "sna": "na"}
 
 
-class Desk:
+class RequestHandler:
     """Answers requests, one after the other, by playing a run.
 
     | request | answer |
