@@ -240,7 +240,7 @@ impl Reader {
     }
 }
 
-/// End of an episode that the server could not restore; it is reissued.
+/// Episode end that the server could not restore; it is reissued.
 fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
     v1::EpisodeEnd {
         slot: fault.slot.unwrap_or_default(),

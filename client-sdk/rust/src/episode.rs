@@ -90,7 +90,7 @@ impl Episode<'_> {
         self.play.state.time
     }
 
-    /// Progress of the run.
+    /// Run progress.
     pub fn progress(&self) -> Progress {
         self.play.progress()
     }

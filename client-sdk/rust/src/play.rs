@@ -34,7 +34,7 @@ impl Play {
         &self.connection.agreement.task
     }
 
-    /// Id of the run.
+    /// Run id.
     pub fn run(&self) -> &str {
         &self.connection.agreement.run
     }

@@ -9,11 +9,11 @@ use tonic::Streaming;
 pub struct ServerInfo {
     /// Name that the organiser gave it.
     pub name: String,
-    /// Version of the server program.
+    /// Server program version.
     pub version: String,
     /// Highest minor number of `avln.v1` that it speaks.
     pub api_minor: u32,
-    /// Version of the benchmark: changes whenever a score could change.
+    /// Benchmark version: changes whenever a score could change.
     pub benchmark: String,
     /// True if the server is stopping and accepts no new runs.
     pub draining: bool,
@@ -36,7 +36,7 @@ pub struct Phase {
     pub orders: Vec<Order>,
     /// Episodes in a run.
     pub episodes: u32,
-    /// Most slots of a run.
+    /// Most slots per run.
     pub max_slots: u32,
     /// Feedback to a Submit.
     pub feedback: FeedbackRule,
@@ -50,7 +50,7 @@ pub struct Phase {
     pub closes_unix_s: i64,
     /// Commitment of the organiser before the phase; may be empty.
     pub commitment: String,
-    /// Name and version of the rule set.
+    /// Rule set name and version.
     pub rules: String,
 }
 
@@ -147,7 +147,7 @@ pub struct Run {
     pub id: String,
     /// Token for this run only.
     pub token: String,
-    /// Episodes of the run; 0 when only the token is known.
+    /// Episode count; 0 when only the token is known.
     pub episodes: u32,
     /// Most slots; 0 when only the token is known.
     pub max_slots: u32,
@@ -166,7 +166,7 @@ impl Run {
     }
 }
 
-/// State of a run.
+/// Run state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunState {
     /// Begun, never connected.
@@ -187,14 +187,14 @@ pub enum RunState {
     Other,
 }
 
-/// State of a run.
+/// Run state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
     /// Id.
     pub id: String,
     /// Phase.
     pub phase: String,
-    /// Name of the method.
+    /// Method name.
     pub method: String,
     /// State.
     pub state: RunState,
@@ -275,12 +275,12 @@ pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Re
     }
 }
 
-/// Owner of a token.
+/// Token owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Name of the token.
+    /// Token name.
     pub token_name: String,
     /// Expiry time, seconds since 1970 UTC; 0: never.
     pub expires_unix_s: i64,

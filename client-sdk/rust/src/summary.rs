@@ -2,10 +2,10 @@ use crate::EndReason;
 use avln_proto::v1;
 use std::fmt;
 
-/// Progress of a run in episodes.
+/// Run progress in episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Episodes of the run.
+    /// Episodes in the run.
     pub total: u32,
     /// Episodes that ended and are stored.
     pub done: u32,
@@ -26,7 +26,7 @@ pub struct Metric {
     pub interval: Option<(f64, f64)>,
 }
 
-/// End of an episode.
+/// Episode end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeEnd {
     /// Random handle of the episode, good for this run only.
@@ -39,14 +39,14 @@ pub struct EpisodeEnd {
     pub steps: u32,
     /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Progress of the run.
+    /// Run progress.
     pub progress: Progress,
 }
 
-/// End of a run.
+/// Run end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunSummary {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// Final progress.
     pub progress: Progress,

@@ -1,6 +1,6 @@
 """The Python client of LH-AVLN Arena: connection, episodes, Gymnasium.
 
-Start reading at `Client`, `Play` and `Episode`:
+Start with `Client`, `Play` and `Episode`:
 
     import avln
 
@@ -9,10 +9,10 @@ Start reading at `Client`, `Play` and `Episode`:
             for observation in episode:
                 episode.act(avln.Action.MOVE_FORWARD)
 
-`avln.gym` has the same as Gymnasium environments, `avln.habitat` plays agents that were written for Habitat, and
-`avln.bridge` serves agents that speak the protocol of the LH-AVLN authors' release.
+`avln.gym` contains Gymnasium environments, `avln.habitat` plays Habitat agents, and
+`avln.bridge` serves clients of the authors' protocol.
 
-*Never*: knows a target, a place or a score that the server hides.
+*Never*: contains a target, a place or a score hidden by the server.
 """
 
 from contextlib import suppress

@@ -285,10 +285,10 @@ class Client:
         )
 
     def check_sensors(self, sensors: Sensors | None) -> None:
-        """Whether a run can ask for these sensors at all, before it begins.
+        """Checks the range of sensor settings.
 
         Raises:
-            SensorsError: when they are outside of what any server offers.
+            SensorsError: if no server can offer them.
         """
         (sensors or Sensors()).to_wire(self._packing)
 
@@ -327,7 +327,7 @@ class Client:
         return (("authorization", f"Bearer {self._token}"),)
 
     def close(self) -> None:
-        """Closes the connection, and with it the streams of its runs."""
+        """Closes the connection and the streams of its runs."""
         self._channel.close()
 
     def __enter__(self) -> Client:
@@ -364,10 +364,10 @@ def begin(
     sensors: Sensors | None = None,
     connect_options: ConnectOptions | None = None,
 ) -> Play:
-    """Connects, begins a run and opens its stream for one episode at a time.
+    """Connects, begins a run and opens its stream for a single slot.
 
-    With a run's own token, takes up that run, whatever `phase`, `method` and `order` say, as in a sealed run where the
-    agent never sees the account.
+    A run token continues its run and ignores `phase`, `method` and `order`; sealed agents never
+    see an account token.
 
     Raises:
         Error: as for `Client.connect`, `Client.start_run` and `Client.play`.
@@ -389,11 +389,11 @@ def begin_run(
     sensors: Sensors | None = None,
     connect_options: ConnectOptions | None = None,
 ) -> tuple[Client, Run]:
-    """Connects and begins a run that is to be played with `sensors`, or takes up that of a run's own token.
+    """Connects and begins a run with `sensors`, or continues the run of a run token.
 
     Raises:
         Error: as for `Client.connect` and `Client.start_run`.
-        SensorsError: when no run could be played with the sensors; none begins.
+        SensorsError: if the sensor settings are out of range; no run begins.
     """
     order = Order(order)
     is_of_run = token.startswith(RUN_TOKEN)
@@ -408,7 +408,9 @@ def begin_run(
 
 @contextmanager
 def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]:
-    """Where its block fails, closes the connection, and cancels the run if it was begun here: nobody would play it."""
+    """Closes the connection if the block fails, and cancels the run if it is our own: it would stay
+    open without a player.
+    """
     try:
         yield
     except BaseException:

@@ -344,7 +344,7 @@ def _request(frame: Sent | play_pb2.Goodbye) -> play_pb2.PlayRequest:
 
 
 def _lost_by_the_server(fault: play_pb2.Fault) -> play_pb2.EpisodeEnd:
-    """End of an episode that the server could not restore; it is reissued."""
+    """Episode end that the server could not restore; it is reissued."""
     return play_pb2.EpisodeEnd(
         slot=fault.slot, episode=fault.episode, step=fault.step, reason=common_pb2.END_REASON_SERVER_FAULT
     )

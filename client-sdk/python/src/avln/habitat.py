@@ -49,19 +49,19 @@ class HabitatAgent(Protocol):
 
 @dataclass(frozen=True)
 class Senses:
-    """Observations as Habitat's and SoundSpaces' sensors give them.
+    """Observations in the form of Habitat's and SoundSpaces' sensors.
 
     | key | type and shape | content |
     | --- | --- | --- |
     | `rgb` | u8 [height, width, 3] | colours |
     | `depth` | f32 [height, width, 1] | 0 at `min_depth_m` to 1 at `max_depth_m`; metres without `normalize_depth` |
-    | `audiogoal` | f32 [2, samples] | sound of the step, filled up with zeros to `audio_samples` |
-    | `spectrogram` | f32 [65, 26, 2] | of `audiogoal`, as `avln.spectrogram` has it |
-    | `gps` | f32 [2] | metres ahead and to the right of the start, in its frame: (-z, x) |
+    | `audiogoal` | f32 [2, samples] | sound of the step, padded with zeros to `audio_samples` |
+    | `spectrogram` | f32 [65, 26, 2] | `avln.spectrogram` of `audiogoal` |
+    | `gps` | f32 [2] | metres forwards and to the right in the start frame: (-z, x) |
     | `compass` | f32 [1] | heading since the start, radians, -pi to pi, left positive |
-    | `pose` | f32 [4] | gps, compass and the number of the step, as SoundSpaces has it |
-    | `full_pose_sensor` | f32 [7] | x, y, z in metres and the rotation as x, y, z, w, in the frame of the pose |
-    | `goals` | list | of each goal: `modality` (`object`, `description`, `image`) with `category`, `text` or `image` |
+    | `pose` | f32 [4] | gps, compass and step number, as in SoundSpaces |
+    | `full_pose_sensor` | f32 [7] | x, y, z in metres and the quaternion x, y, z, w, in the pose frame |
+    | `goals` | list | per goal `modality` (`object`, `description`, `image`) with `category`, `text` or `image` |
     """
 
     task: TaskSpec

@@ -1,4 +1,4 @@
-"""Demonstrations that `avln lab rollout` recorded, for agents that learn by imitation.
+"""Demonstrations recorded by `avln lab rollout`, for imitation learning.
 
     from avln.rollouts import Rollouts
 
@@ -6,7 +6,7 @@
         for observation, action in rollout:
             learn(rollout.mission, observation, action)
 
-An episode's arrays are read when they are asked for. `docs/DATASET.md` of the repository tells what the files hold.
+Arrays are read on access. The repository's `docs/DATASET.md` describes the files.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Rollout:
 
     @property
     def id(self) -> str:
-        """Id of the episode in its split."""
+        """Episode id in its split."""
         return str(self._facts["episode"])
 
     @property

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a run."""
+    """Run progress."""
 
     total: int = 0
-    """Episodes of the run."""
+    """Episodes in the run."""
     done: int = 0
     """Episodes that ended and are stored."""
     in_flight: int = 0
@@ -33,7 +33,7 @@ class Progress:
 
     @classmethod
     def from_wire(cls, progress: common_pb2.RunProgress) -> Progress:
-        """The progress of a message."""
+        """Converts a message."""
         eta_s = progress.eta_s if progress.HasField("eta_s") else None
         return cls(progress.total, progress.done, progress.in_flight, eta_s)
 
@@ -56,7 +56,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class EpisodeEnd:
-    """End of an episode."""
+    """Episode end."""
 
     episode: str
     """Random handle of the episode, good for this run only."""
@@ -69,11 +69,11 @@ class EpisodeEnd:
     metrics: list[Metric] | None
     """Metrics; None if the phase hides them."""
     progress: Progress
-    """Progress of the run."""
+    """Run progress."""
 
     @classmethod
     def from_wire(cls, end: play_pb2.EpisodeEnd) -> EpisodeEnd:
-        """The end of a message."""
+        """Converts a message."""
         shown = metrics(end.metrics) if end.HasField("metrics") else None
         progress = Progress.from_wire(end.progress)
         return cls(end.episode, EndReason.from_wire(end.reason), end.terminated, end.step, shown, progress)
@@ -81,10 +81,10 @@ class EpisodeEnd:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """End of a run, printable."""
+    """Run end, printable."""
 
     run: str = ""
-    """Id of the run."""
+    """Run id."""
     progress: Progress = Progress()
     """Final progress."""
     complete: bool = False
@@ -102,7 +102,7 @@ class RunSummary:
 
     @classmethod
     def from_wire(cls, end: play_pb2.RunEnd) -> RunSummary:
-        """The summary of a message."""
+        """Converts a message."""
         shown = metrics(end.metrics) if end.HasField("metrics") else None
         return cls(end.run, Progress.from_wire(end.progress), end.complete, ends(end.ends), shown, end.url)
 

@@ -21,17 +21,18 @@ _METRICS = {"sr": "success", "spl": "spl", "soft_spl": "softspl", "sna": "na"}
 
 
 class RequestHandler:
-    """Answers requests, one after the other, by playing a run.
+    """Answers requests in sequence by playing a run.
 
     | request | answer |
     | --- | --- |
-    | `reset` or `start` | `episode_start`, or `run_end` when no episode is left |
+    | `reset` or `start` | `episode_start`, or `run_end` if no episode remains |
     | `action` with `action` 0 to 4 | `step` |
     | `ping` | `pong` |
     | `close` | `closed`: the run ends |
 
-    What cannot be answered gets `error` with a `message`, and the run goes on. Scenes and episodes have opaque names,
-    metrics are sent where the phase shows them, and verdicts where its rules give them.
+    Invalid requests are answered with `error` and a `message`; the run continues. Scene and
+    episode names are opaque, metrics are sent if the phase shows them, and verdicts if the rules
+    allow them.
     """
 
     def __init__(self, run: Play) -> None:
