@@ -1,0 +1,304 @@
+//! Pages of a real web server.
+
+/// The pages are for everybody: a real browser goes through them, light and dark, wide and narrow, and by keyboard alone.
+mod browser {
+    use avln_client::Order;
+    use avln_human::{HumanArgs, RunArgs, run_with};
+    use avln_tests::{
+        PHASE, TestServer, TestSetup, python,
+        repository::root,
+        scripted_run::{AUDIO_ONLY, play_script, play_script_with},
+        skipped::skipped,
+    };
+    use std::{env, path::PathBuf};
+    use tokio::{sync::oneshot, task::spawn_blocking};
+
+    const REMEDY: &str = "pip install playwright axe-playwright-python";
+    const CHROMIUM: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+
+    /// The browser of this system; nothing, with a line on what to do, where it has none.
+    fn chromium() -> Option<PathBuf> {
+        let path = env::var_os("PATH").unwrap_or_default();
+        let folders: Vec<_> = env::split_paths(&path).collect();
+        let mut programs =
+            CHROMIUM.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+        let found = programs.find(|program| program.is_file());
+        if found.is_none() {
+            skipped(&format!("pages in a browser, for none of {CHROMIUM:?} is here"), "install Chromium");
+        }
+        found
+    }
+
+    fn person(house: &TestServer) -> HumanArgs {
+        let run = RunArgs {
+            server: house.agents_url(),
+            ca: None,
+            token: house.token.clone(),
+            phase: PHASE.to_owned(),
+            order: Order::Unordered,
+        };
+        HumanArgs { run, size: 64, page: "127.0.0.1:0".parse().expect("an address") }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn every_page_is_for_everybody() {
+        let needed = ["playwright", "axe_playwright_python"];
+        let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
+        let Some(chromium) = chromium() else { return };
+        let house = TestServer::open(&TestSetup::default()).await;
+        for method in ["stroller", "wanderer"] {
+            play_script(&house.agents_url(), &house.token, method).await;
+        }
+        let heard =
+            play_script_with(&house.agents_url(), &house.token, "listener", AUDIO_ONLY, |_, _| ()).await;
+        let (found, page) = oneshot::channel();
+        let options = person(&house);
+        let run = tokio::spawn(async move {
+            let on_page = |address| found.send(address).expect("somebody asks");
+            run_with(options, on_page, &mut |_| {}).await
+        });
+        let page = page.await.expect("a page");
+        check.arg(root().join("tests/browser/check.py")).arg(chromium);
+        check.arg(format!("http://{}", house.doors.web)).arg(format!("http://{page}"));
+        check.arg(format!("http://{}/runs/{heard}/episodes/0", house.doors.web));
+        check.arg(&house.token).arg(house.organiser().await);
+        spawn_blocking(|| python::succeeds("pages in a browser", check)).await.expect("nothing is wrong");
+        run.abort();
+    }
+
+    /// Runs a module of Python in the folder of the checks.
+    fn run(module: &str, arguments: &[&str], needed: &[&str]) {
+        let what = format!("{module} of tests/browser");
+        let remedy = format!("{REMEDY} {module}");
+        let Some(mut command) = python::command(&what, needed, &remedy) else { return };
+        command.args(["-m", module]).args(arguments).arg(".").current_dir(root().join("tests/browser"));
+        python::succeeds(&what, command);
+    }
+
+    #[test]
+    fn the_style_of_the_checks_is_kept() {
+        let rules = ["--no-cache", "--config", "../../client-sdk/python/pyproject.toml"];
+        run("ruff", &[&["check"][..], &rules].concat(), &["ruff"]);
+        run("ruff", &[&["format", "--check"][..], &rules].concat(), &["ruff"]);
+    }
+
+    #[test]
+    fn the_types_of_the_checks_hold() {
+        let rules = ["--strict", "--cache-dir", "/dev/null", "--config-file="];
+        run("mypy", &rules, &["mypy", "playwright"]);
+    }
+}
+
+/// A frozen copy of the board can be trusted: whatever was done to it is found.
+mod frozen_copy {
+    use avln_tests::{TestSetup, furnish};
+    use std::{fs, path::Path, process::Command};
+
+    const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
+
+    /// Whether the program is content, and what it says.
+    fn avln(data: &Path, arguments: &[&str]) -> (bool, String) {
+        let output = Command::new(PROGRAM).arg("--data").arg(data).args(arguments).output().expect("it runs");
+        let told = [output.stdout, output.stderr].concat();
+        (output.status.success(), String::from_utf8_lossy(&told).into_owned())
+    }
+
+    /// Changes a copy, asks what is wrong, and changes it back.
+    fn found(copy: &Path, key: &str, file: &str, text: Option<&str>) -> String {
+        let path = copy.join(file);
+        let before = fs::read(&path).ok();
+        match text {
+            Some(text) => fs::write(&path, text).expect("a file"),
+            None => fs::remove_file(&path).expect("a file"),
+        }
+        let (content, told) =
+            avln(copy, &["challenge", "leaderboard", "check", &copy.display().to_string(), "--key", key]);
+        assert!(!content, "{told}");
+        match before {
+            Some(bytes) => fs::write(&path, bytes).expect("a file"),
+            None => fs::remove_file(&path).expect("a file"),
+        }
+        told
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn what_is_done_to_a_copy_is_found() {
+        let (data, elsewhere) =
+            (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        furnish(data.path(), &TestSetup { houses: 1, missions: 1, ..TestSetup::default() }).await;
+        let copy = elsewhere.path().join("frozen");
+        let place = copy.display().to_string();
+        let (content, told) = avln(data.path(), &["challenge", "leaderboard", "freeze", "--out", &place]);
+        assert!(content, "{told}");
+        let key = told.lines().find_map(|line| line.strip_prefix("signed by    ")).expect("a key").to_owned();
+
+        // The copy is checked where there is no data folder.
+        let check = |more: &[&str]| {
+            avln(elsewhere.path(), &[&["challenge", "leaderboard", "check", place.as_str()], more].concat())
+        };
+        let (content, told) = check(&["--key", &key]);
+        assert!(content && told.contains(", as expected"), "{told}");
+        let (content, told) = check(&[]);
+        assert!(content && told.contains(&key), "{told}");
+        let (content, told) = check(&["--key", "0123"]);
+        assert!(!content && told.contains("not by 0123"), "{told}");
+
+        let list = fs::read_to_string(copy.join("SHA256SUMS")).expect("a list");
+        assert!(found(&copy, &key, "index.html", Some("<p>We won.")).contains("index.html was changed"));
+        assert!(found(&copy, &key, "index.html", None).contains("cannot read"));
+        assert!(found(&copy, &key, "more.html", Some("We won.")).contains("more.html is not in SHA256SUMS"));
+        let forged = list.replacen(&list[..8], "01234567", 1);
+        assert!(found(&copy, &key, "SHA256SUMS", Some(&forged)).contains("does not fit SHA256SUMS"));
+        assert!(found(&copy, &key, "SHA256SUMS.sig", Some(&key)).contains("does not fit SHA256SUMS"));
+        let link = copy.join("link");
+        std::os::unix::fs::symlink("/", &link).expect("a link");
+        let (content, told) = check(&["--key", &key]);
+        assert!(!content && told.contains("link is not in SHA256SUMS"), "{told}");
+        fs::remove_file(link).expect("a link");
+        assert!(check(&["--key", &key]).0, "all is as it was");
+    }
+}
+
+/// Who follows a run over the people's door sees it advance, and why it does not.
+mod live_run {
+    use avln_client::{Action, Client, RunOptions};
+    use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::NO_SENSORS};
+    use serde_json::Value;
+    use std::time::Duration;
+    use tokio::time::sleep;
+
+    /// What the events of an answer tell, one after the other.
+    fn events(answer: &http::Answer) -> Vec<Value> {
+        let data = answer.body.lines().filter_map(|line| line.strip_prefix("data: "));
+        data.map(|data| serde_json::from_str(data).expect("JSON")).collect()
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_run_is_seen_to_advance_and_to_wait() {
+        let house = TestServer::open(&TestSetup::default()).await;
+        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
+        let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
+        let (web, path) = (house.doors.web, format!("/api/v1/runs/{}/events", run.id));
+        let before = events(&http::get_events(web, &path, Duration::from_millis(500)).await);
+        assert_eq!((before.len(), &before[0]["state"]), (1, &"created".into()));
+        assert_eq!(before[0]["words"]["waits"], "the run waits for its agent to connect");
+
+        let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
+        let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
+        let walk = async {
+            for _ in 0..20 {
+                episode.step(Action::TurnLeft).await.expect("a legal step");
+                sleep(Duration::from_millis(150)).await;
+            }
+        };
+        let (heard, ()) = tokio::join!(http::get_events(web, &path, Duration::from_millis(3500)), walk);
+        let told = events(&heard);
+        assert!(
+            heard.body.contains("retry: 2000") && (3..=5).contains(&told.len()),
+            "once a second: {}",
+            heard.body
+        );
+        let steps: Vec<u64> = told.iter().filter_map(|event| event["slots"][0]["step"].as_u64()).collect();
+        assert!(steps.len() >= 3 && steps.is_sorted_by(|a, b| a < b), "{steps:?}");
+        let last = &told[told.len() - 1];
+        assert_eq!(
+            (&last["connected"], &last["playing"], &last["state"]),
+            (&true.into(), &1.into(), &"running".into())
+        );
+        let rate = last["steps_per_s"].as_f64().expect("it is told");
+        assert!((2.0..8.0).contains(&rate), "{rate} steps a second");
+        let list = events(&http::get_events(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
+        assert_eq!(list[0]["runs"][0]["run"], run.id.as_str());
+        let page = http::get(web, "/runs").await.body;
+        assert!(page.contains("1 open run.") && page.contains("steps per second"), "{page}");
+
+        drop(episode);
+        drop(play);
+        drop(arena);
+        let lost = http::get_events(web, &path, Duration::from_millis(2500)).await;
+        assert!(lost.body.contains("waits for its agent to reconnect"), "{}", lost.body);
+    }
+}
+
+/// What a visitor of a replay hears is what its agent was sent, sample by sample; where replays are hidden there is nothing.
+mod replay_sound {
+    use avln_client::{Audio, Sensors};
+    use avln_store::Visibility;
+    use avln_tests::{
+        TestServer, TestSetup, http,
+        scripted_run::{AUDIO_ONLY, STEPS, play_script, play_script_with},
+    };
+    use std::collections::BTreeMap;
+
+    /// Bytes of a file before its samples.
+    const HEAD_BYTES: usize = 58;
+
+    /// Plays a run with ears; its id, and what each episode was sent to hear.
+    async fn play(house: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
+        let mut heard: BTreeMap<u32, Vec<Audio>> = BTreeMap::new();
+        let url = house.agents_url();
+        let run = play_script_with(&url, &house.token, "listener", sensors, |ordinal, observation| {
+            heard.entry(ordinal).or_default().extend(observation.audio.clone());
+        });
+        let run = run.await;
+        (run, heard)
+    }
+
+    /// Samples of both ears in turn, as a file has them.
+    fn interleaved(steps: &[Audio]) -> Vec<u8> {
+        let frames = steps.iter().flat_map(|audio| audio.left.iter().zip(&audio.right));
+        frames.flat_map(|(left, right)| [left.to_le_bytes(), right.to_le_bytes()].concat()).collect()
+    }
+
+    /// The body of an answer, byte by byte.
+    fn body(answer: &http::Answer) -> &[u8] {
+        let head = answer.bytes.windows(4).position(|end| end == b"\r\n\r\n").expect("a head");
+        &answer.bytes[head + 4..]
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_replay_sounds_as_its_agent_heard_it() {
+        let house = TestServer::open(&TestSetup::default()).await;
+        let (run, heard) = play(&house, AUDIO_ONLY).await;
+        assert_eq!(heard.len(), 2);
+        for (ordinal, steps) in &heard {
+            let last = steps.len() - 1;
+            assert!(
+                last as u32 <= STEPS
+                    && steps.iter().any(|audio| audio.left.iter().any(|sample| *sample != 0.0))
+            );
+            let all =
+                http::get(house.doors.web, &format!("/runs/{run}/episodes/{ordinal}/ears/0-{last}.wav"))
+                    .await;
+            assert_eq!(all.status, 200, "{}", all.body);
+            assert!(body(&all)[HEAD_BYTES..] == interleaved(steps)[..], "episode {ordinal}");
+            let some =
+                http::get(house.doors.web, &format!("/runs/{run}/episodes/{ordinal}/ears/7-9.wav")).await;
+            assert!(
+                body(&some)[HEAD_BYTES..] == interleaved(&steps[7..=9])[..],
+                "a part of episode {ordinal}"
+            );
+            let levels =
+                http::get(house.doors.web, &format!("/api/v1/runs/{run}/episodes/{ordinal}/levels.csv"))
+                    .await;
+            assert_eq!(levels.body.lines().count(), steps.len() + 1, "{}", levels.body);
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
+        let house = TestServer::open(&TestSetup::default()).await;
+        let deaf = play_script(&house.agents_url(), &house.token, "deaf").await;
+        let hidden =
+            TestServer::open(&TestSetup { visible_to: Visibility::Organiser, ..TestSetup::default() }).await;
+        let (run, _) = play(&hidden, AUDIO_ONLY).await;
+        for (house, run) in [(&house, &deaf), (&hidden, &run)] {
+            for path in ["runs/RUN/episodes/0/ears/0-1.wav", "api/v1/runs/RUN/episodes/0/levels.csv"] {
+                let answer = http::get(house.doors.web, &format!("/{}", path.replace("RUN", run))).await;
+                assert_eq!(answer.status, 404, "{path}");
+            }
+            let page = http::get(house.doors.web, &format!("/runs/{run}/episodes/0?ears=on")).await;
+            assert!(!page.body.contains("<audio"), "{}", page.body);
+        }
+    }
+}
