@@ -1,6 +1,6 @@
 //! Teams, organisers and operators.
 
-/// Signing in at the people's door of a real server: what a team does to what is its own, and what the organiser does to all.
+/// Sign-in on the web server: team pages and organiser pages.
 mod sign_in {
     use avln_client::{Action, Client, EndReason, Error, Order, Reason, RunOptions, Sensors};
     use avln_store::AuditLine;
@@ -175,7 +175,7 @@ mod sign_in {
     }
 }
 
-/// What the operator sees and does, and that nobody else can.
+/// The admin server, and its protection.
 mod admin_server {
     use avln_arena::{
         admin::{Drain, Notice, Status, ask},
@@ -338,7 +338,7 @@ mod admin_server {
     }
 }
 
-/// `avln lab doctor` finds what would stop a run, plays where that costs nothing, and leaves nothing open behind it.
+/// `avln lab doctor` finds obstacles to a run, plays uncounted episodes and ends its run.
 mod doctor {
     use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};
     use avln_store::{QuotaLimits, RunState, Viewer};

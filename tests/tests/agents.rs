@@ -1,6 +1,6 @@
 //! Agents against a real server.
 
-/// The Rust client's stream of episodes, and its calls while a server is away.
+/// The Rust client: episode stream, and calls during a server restart.
 mod rust_client {
     use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions};
     use avln_tests::scripted_run::NO_SENSORS;
@@ -17,7 +17,7 @@ mod rust_client {
         RunOptions::new(PHASE, "streamer").order(Order::Unordered)
     }
 
-    /// One step, and a Stop.
+    /// Plays one step and a Stop.
     async fn play(mut episode: Episode<'static>) -> Result<EndReason, Error> {
         episode.step(Action::TurnLeft).await?;
         episode.step(Action::Stop).await?;
@@ -33,7 +33,7 @@ mod rust_client {
         assert_eq!(episodes.task().rules, "lh-avln-v1");
         let mut ends = Vec::new();
         while let Some(episode) = episodes.try_next().await.expect("an answer") {
-            // It borrows nothing: another task can play it.
+            // The episode is owned, so another task can play it.
             ends.push(tokio::spawn(play(episode)).await.expect("no panic").expect("to its end"));
         }
         assert_eq!(ends, [EndReason::Stopped; 3]);
@@ -106,11 +106,11 @@ mod rust_client {
     }
 }
 
-/// The Python package does what it says: its tests pass over the program of this build, its types and its style hold.
+/// The Python package: tests against this program, types and style.
 mod python_client {
     use avln_tests::{python, repository::root};
 
-    /// Runs a module of Python in the package's folder, where `needed` is there.
+    /// Runs a Python module in the package folder if the modules `needed` are installed.
     fn run(module: &str, arguments: &[&str], needed: &[&str]) {
         let what = format!("{module} of client-sdk/python");
         let Some(mut command) = python::command(&what, needed, "pip install -e \"client-sdk/python[dev]\"")
@@ -128,7 +128,7 @@ mod python_client {
     #[test]
     fn its_tests_pass_over_this_server() {
         let needed = ["avln", "pytest", "gymnasium", "grpc_tools", "msgpack", "zmq"];
-        // A test that waits for ever ends the run, and tells where it waits.
+        // A hanging test ends the run and prints its stack.
         let ends = ["-o", "faulthandler_timeout=300", "-o", "faulthandler_exit_on_timeout=true"];
         run("pytest", &[&["-q", "-p", "no:cacheprovider"], &ends[..]].concat(), &needed);
     }
@@ -173,7 +173,7 @@ mod human {
         HumanArgs { run, size: 64, page: page.parse().expect("an address") }
     }
 
-    /// What the page would be told when the person wants something: the text, and the bytes after it.
+    /// Returns the JSON text and the binary tail of a page request.
     async fn request(page: SocketAddr, word: &str) -> (Value, usize) {
         let mut stream = TcpStream::connect(page).await.expect("the page is there");
         let text = format!(
@@ -189,7 +189,7 @@ mod human {
         (told, body.len() - 4 - length)
     }
 
-    /// Plays an episode that has begun: some steps, and as many claims as end it.
+    /// Plays an open episode: some steps, then Submits until its end.
     async fn play(page: SocketAddr, begun: &Value) -> Value {
         let goals = begun["goals"].as_array().expect("goals").len() as u64;
         assert_eq!((begun["step"].as_u64(), begun["remaining_submits"].as_u64()), (Some(0), Some(goals - 1)));
@@ -256,8 +256,8 @@ mod human {
     }
 }
 
-/// The oracle of the ladder knows everything, follows the shortest tour through the real protocol, and must succeed: this
-/// proves that every mission can be solved and that rules, references and regions agree with each other.
+/// The oracle follows the shortest tour over gRPC and must succeed. This proves that every mission can be
+/// solved and that rules, references and visibility regions agree.
 mod oracle {
     use avln_arena::data::DataFolder;
     use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
@@ -323,8 +323,7 @@ mod oracle {
     }
 }
 
-/// The ladder end to end: agents play through the door, a second call goes on where the first one stopped, and the page tells
-/// what was reached.
+/// The baseline suite end to end: play, resume, report page.
 mod baselines {
     use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize};
     use std::{fs, path::Path};
@@ -351,7 +350,7 @@ mod baselines {
         let all = lines(folder);
         assert!(all.len() == 8 && all[..4] == first[..], "{all:?}");
 
-        // A line that was cut off is played again, and the same seed does the same.
+        // A truncated line is played again; the same seed repeats the result.
         let cut = all[..7].join("\n") + "\n" + &all[7][..40];
         fs::write(folder.join("results.jsonl"), cut).expect("the file");
         assert_eq!(suite::run(folder, &plan(2)).await.expect("the last one"), 1);
@@ -387,7 +386,7 @@ mod perception {
     use avln_perception::VisionNetwork;
     use std::collections::BTreeSet;
 
-    /// Seeds of all houses that may be drawn for the splits of the program's recipes: those of `split`, or those of all others.
+    /// House seeds of the recipe splits selected by `wanted`.
     fn seeds(recipe: &Recipe, wanted: impl Fn(&str) -> bool) -> BTreeSet<u64> {
         let jobs = recipe.jobs().filter(|job| wanted(&recipe.splits[job.split].name));
         let draws = jobs.flat_map(|job| (0..Recipe::HOUSE_DRAWS).map(move |attempt| (job, attempt)));
@@ -416,13 +415,13 @@ mod perception {
     }
 }
 
-/// PAG-Nav comes from storey to storey by stairs that nobody showed it.
+/// PAG-Nav uses undiscovered stairs between storeys.
 mod storeys {
     use avln_tests::server::Server;
     use std::{fs, path::Path, process::Command};
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
-    /// One house with stairs.
+    /// A house with stairs.
     const RECIPE: &str = r#"{
     "name": "two", "rules": "lh-avln-v1", "seed": 1,
     "missions": { "goals": [2, 4], "min_start_m": 3.0, "min_separation_m": 2.0, "distractors": [0, 6] },
@@ -431,12 +430,12 @@ mod storeys {
         "scenes": { "houses": { "count": 1, "rooms": [14, 16], "storeys": [2, 2], "pool": "train" } }
     }]
 }"#;
-    /// It takes stairs as soon as it knows some.
+    /// Take stairs as soon as they are known.
     const WEIGHTS: &str = "storey_steps = 1\n";
-    /// Nothing but another storey is so high or low, metres.
+    /// Height difference that only another storey has, metres.
     const STOREY_M: f64 = 2.5;
 
-    /// Runs a command of the program in a folder; gives back what it printed.
+    /// Runs the program in a folder and returns its output.
     fn avln(folder: &Path, arguments: &[&str]) -> String {
         let mut command = Command::new(PROGRAM);
         command.env_remove("AVLN_TOKEN").current_dir(folder).args(["--data", "data"]).args(arguments);
@@ -445,7 +444,7 @@ mod storeys {
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// How high the body was at each step of a trace, metres above its start.
+    /// Body heights in a trace, metres above the start.
     fn heights_m(trace: &Path) -> Vec<f64> {
         let text = fs::read_to_string(trace).expect("a trace");
         let lines = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).expect("JSON"));

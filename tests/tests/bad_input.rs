@@ -1,4 +1,4 @@
-//! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
+//! Invalid agent input is answered with an error and changes neither the server nor a score.
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
 use avln_tests::scripted_run::NO_SENSORS;
@@ -116,7 +116,7 @@ async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     assert_eq!(status.ends, [(EndReason::Stopped, 1), (EndReason::Disconnected, 1)]);
 }
 
-/// Says `bytes` to a door and reads until it hangs up or `PATIENCE` is over.
+/// Sends `bytes` to a server and reads until it closes the connection or `PATIENCE` ends.
 async fn shout(door: SocketAddr, bytes: &[u8]) {
     let mut stream = TcpStream::connect(door).await.expect("the door is open");
     // The door may hang up in the middle.
@@ -127,7 +127,7 @@ async fn shout(door: SocketAddr, bytes: &[u8]) {
     assert!(ended.is_ok(), "the door {door} neither answers nor hangs up");
 }
 
-/// An HTTP/2 connection whose first frame claims to be `length` bytes long and is not.
+/// An HTTP/2 connection whose first frame is shorter than its announced `length`.
 fn oversized_frame(length: u32) -> Vec<u8> {
     let mut bytes = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec();
     bytes.extend_from_slice(&length.to_be_bytes()[1..]);

@@ -1,5 +1,5 @@
-//! The calibration phase: this build senses and reaches what is published, here and on a server, and another phase under
-//! its name is found out. What moves a score moves what is published: `AVLN_BLESS=1` writes it anew.
+//! The calibration phase: this build's observations and scores equal the published values, locally and on a
+//! server; a different phase with the same name is detected. `AVLN_BLESS=1` publishes new values.
 
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
@@ -20,7 +20,7 @@ fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), text)
 }
 
-/// Hosts the phases of a folder; gives back the doors and a team's token.
+/// Hosts the phases of a folder; returns the servers and a team token.
 async fn host(data: &DataFolder) -> (RunningServers, String) {
     let store = data.store().await.expect("a database");
     let token = admit(&store, "ada", None).await.expect("a team");

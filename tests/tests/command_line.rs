@@ -1,4 +1,4 @@
-//! The program as its users meet it: help, hints and exit codes.
+//! The command line: help, hints and exit codes.
 
 use avln_tests::{TEAM, TestSetup, furnish};
 use std::{
@@ -9,7 +9,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// What came of one call.
+/// Result of a call.
 #[derive(Debug)]
 struct Outcome {
     code: Option<i32>,
@@ -17,12 +17,12 @@ struct Outcome {
     err: String,
 }
 
-/// Calls the program with the data folder `data` and nothing from the environment of this process.
+/// Runs the program with the data folder `data` and an empty environment.
 fn avln(data: &Path, arguments: &[&str]) -> Outcome {
     avln_with(data, arguments, "AVLN_NOTHING", "")
 }
 
-/// The same with one more name in the environment.
+/// Runs the program with an additional environment variable.
 fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcome {
     let mut command = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     for name in ["AVLN_LOG", "AVLN_GRPC", "AVLN_WEB", "AVLN_SERVER", "AVLN_TOKEN", "AVLN_ALLOW_PLAIN_TEXT"] {
@@ -45,7 +45,7 @@ fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcom
     }
 }
 
-/// A call that must fail with `code` and with one line of error and at most one hint.
+/// Runs a call that must fail with `code`, one error line and at most one hint.
 fn refused(data: &Path, arguments: &[&str], code: i32) -> String {
     let outcome = avln(data, arguments);
     assert_eq!(outcome.code, Some(code), "{outcome:?}");
@@ -262,7 +262,7 @@ fn a_walk_is_rendered_and_rings_out() {
     let sources = ["--source", "3,1.2,2", "--source", "3,1.2,0.5", "--turn", "2"];
     let heard = avln(&data, &[&listen[..], &sources, &["--poses", poses]].concat());
     assert_eq!(heard.code, Some(0), "{heard:?}");
-    // Three steps and three for what rings, 4000 samples each, of two channels of four bytes.
+    // Three steps plus three for the reverberation, 4000 samples each, two channels of four bytes.
     let bytes = fs::read(&wav).expect("a sound file");
     assert_eq!(bytes.len() / 32_000, 6, "{} bytes", bytes.len());
     let last = bytes.len() - 16_000;
@@ -457,7 +457,7 @@ fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
     assert!(opened.out.contains("phase p is open: 1 episodes"), "{opened:?}");
 }
 
-/// Help texts of all commands as one page.
+/// A page with the help texts of all commands.
 fn manual(data: &Path) -> String {
     let mut page =
         "# Command line of `avln`\n\nThe help texts of all commands. `AVLN_BLESS=1 cargo test -p avln-tests \

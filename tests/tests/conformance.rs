@@ -1,4 +1,4 @@
-//! The server keeps its own protocol, as the conformance kit sees it, and the kit sees when one does not.
+//! The server passes the conformance kit, and the kit detects violations.
 
 use avln_tests::{PHASE, TestServer, TestSetup};
 use std::{
@@ -35,7 +35,7 @@ async fn this_server_keeps_every_rule() {
     assert_eq!(nobody.status.code(), Some(6), "{}", text(&nobody));
 }
 
-/// Whether the kit is content with a client that is the program itself, and what it says.
+/// Runs the kit's client test; returns success and output.
 fn checked(agent: &[&str]) -> (bool, String) {
     let mut kit = Command::new(PROGRAM);
     kit.args(["lab", "conformance", "--client", "127.0.0.1:0"]).stdout(Stdio::piped());

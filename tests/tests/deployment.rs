@@ -1,6 +1,6 @@
 //! Containers, Compose and systemd units.
 
-/// What containers run does what it should, here without an engine: the scripts and commands of the compose file, in order.
+/// Scripts and commands of the compose file, in order, without an engine.
 mod containers {
     use avln_tests::{
         repository::{root, text},
@@ -17,11 +17,11 @@ mod containers {
     use yaml_rust2::YamlLoader;
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
-    /// Where images keep scripts.
+    /// Script folder of the images.
     const SCRIPTS: &str = "/usr/local/lib/avln";
     const PATIENCE: Duration = Duration::from_secs(60);
 
-    /// A folder with what containers have in theirs.
+    /// A folder with the contents of a container.
     struct Container {
         folder: TempDir,
     }
@@ -38,7 +38,7 @@ mod containers {
             self.folder.path().join(name)
         }
 
-        /// A command with the program on its path and the data folder that images have.
+        /// A command with the image's path and data folder.
         fn command(&self, words: &[String]) -> Command {
             let local = |word: &String| word.replace(SCRIPTS, &root().join("docker").display().to_string());
             let words: Vec<String> = words.iter().map(local).collect();
@@ -74,7 +74,7 @@ mod containers {
             .collect()
     }
 
-    /// What the image of the agents begins each command with.
+    /// Entry point of the agent image.
     fn entry() -> String {
         let file = text("docker/agents.Dockerfile");
         let entry = file.lines().find_map(|line| line.strip_prefix("ENTRYPOINT [\"")).expect("an entry");
@@ -97,7 +97,7 @@ mod containers {
         assert!(container.succeeds(agent).contains("6 of 6 episodes, complete"));
     }
 
-    /// Backups that lie in `folder`.
+    /// Backups in `folder`.
     fn backups(folder: &Path) -> Vec<PathBuf> {
         let files = fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
         files.filter(|file| file.extension().is_some_and(|end| end == "tar")).collect()
@@ -111,7 +111,7 @@ mod containers {
         }
     }
 
-    /// Ends a script and what it started.
+    /// Ends a script and its children.
     fn end(mut script: Child) {
         let group = format!("-{}", script.id());
         assert!(Command::new("kill").args(["-KILL", "--", &group]).status().expect("kill").success());
@@ -135,7 +135,7 @@ mod containers {
             known.sort();
             known.dedup();
             wait("what is too old goes", || backups(&folder).len() <= 2);
-            // Names tell seconds.
+            // File names have a resolution of a second.
             std::thread::sleep(Duration::from_secs(1));
             end(script);
         }
@@ -150,7 +150,7 @@ mod containers {
     }
 }
 
-/// Containers may do what they must and nothing else, and an agent that is shut in reaches nothing but its server.
+/// Privileges of containers; a sealed agent reaches only its server.
 mod packages {
     use avln_tests::{
         repository::{root, text},
@@ -164,7 +164,7 @@ mod packages {
 
     const PROFILES: [&str; 3] = ["trial", "challenge", "sealed"];
 
-    /// A value with everything in its place that `<<` refers to; what a mapping says itself wins.
+    /// A mapping with resolved `<<` keys; own keys have priority.
     fn merged(value: &Yaml) -> Yaml {
         match value {
             Yaml::Hash(entries) => {
@@ -187,13 +187,13 @@ mod packages {
         merged(&documents[0])
     }
 
-    /// Names and values of a mapping; none where it is left out.
+    /// Entries of a mapping; empty if absent.
     fn entries(value: &Yaml) -> Vec<(String, Yaml)> {
         let entries = value.as_hash().into_iter().flatten();
         entries.map(|(name, value)| (name.as_str().expect("a name").to_owned(), value.clone())).collect()
     }
 
-    /// The words of a list; none where it is left out.
+    /// Items of a list; empty if absent.
     fn words(value: &Yaml) -> Vec<&str> {
         value.as_vec().into_iter().flatten().map(|word| word.as_str().expect("a word")).collect()
     }
@@ -370,7 +370,7 @@ mod packages {
         }
     }
 
-    /// Docker Compose as it is installed: as a plugin, or as a program of its own as distributions have it.
+    /// Docker Compose as a plugin or as a separate program.
     fn installed_compose() -> Option<Command> {
         let forms: [&[&str]; 2] = [&["docker", "compose"], &["docker-compose"]];
         forms.into_iter().find_map(|form| {
@@ -384,7 +384,7 @@ mod packages {
         })
     }
 
-    /// The services that Compose finds in the file. Its first generation knows no names of projects, and lists those of all profiles.
+    /// Services listed by Compose. Version 1 has no project names and lists the services of all profiles.
     fn services_of_profile(mut compose: Command, profile: &str) -> Output {
         let folder = root().join("docker");
         compose.args(["--profile", profile, "--project-name", "avln", "--project-directory"]).arg(folder);

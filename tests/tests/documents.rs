@@ -1,6 +1,6 @@
 //! Documents and the commands in them.
 
-/// The repository reads as it should: links lead somewhere, files and functions stay short, nothing is left half done.
+/// Links resolve, files and functions stay short, no unfinished work.
 mod text {
     use avln_tests::repository::{files, root, shown};
     use std::{fs, path::PathBuf};
@@ -48,8 +48,7 @@ mod text {
         assert_eq!(sources().iter().filter_map(long).collect::<Vec<_>>(), Vec::<String>::new());
     }
 
-    /// Functions as rustfmt writes them: from the line that names one to the brace at its indentation.
-    /// Gives the name's line and the number of lines.
+    /// Names and lengths of functions in text formatted by rustfmt.
     fn functions(text: &str) -> Vec<(&str, usize)> {
         let lines: Vec<&str> = text.lines().collect();
         let mut found = Vec::new();
@@ -113,7 +112,7 @@ mod text {
     }
 }
 
-/// What documents, images and unit files tell people to type is what the program understands.
+/// The program accepts every command line in documents, images and unit files.
 mod commands {
     use avln_cli::Cli;
     use avln_tests::repository::{files, root, shown, text, typed};
@@ -121,7 +120,7 @@ mod commands {
     use std::{fs, iter, mem};
     use yaml_rust2::{Yaml, YamlLoader};
 
-    /// The simple commands of a line of shell, as words; comments and what is redirected are left out.
+    /// Simple commands of a shell line, as words, without comments and redirections.
     fn commands(line: &str) -> Vec<Vec<String>> {
         let mut found = vec![Vec::new()];
         let (mut word, mut quote, mut is_word) = (String::new(), None, false);
@@ -151,7 +150,7 @@ mod commands {
         found
     }
 
-    /// What the program is called with in a command; `None` where another is called.
+    /// Arguments of a call of our program; `None` for other programs.
     fn arguments(words: &[String]) -> Option<Vec<String>> {
         let is_setting = |word: &&String| word.contains('=') && !word.starts_with('-');
         let words: Vec<_> = words.iter().skip_while(is_setting).map(String::as_str).collect();
@@ -168,7 +167,7 @@ mod commands {
         Some(words[program + 1..].iter().map(|&word| word.to_owned()).collect())
     }
 
-    /// Why the program does not understand what it is called with. A token may come from the environment.
+    /// Parser error for a call; tokens may come from the environment.
     fn refusal(arguments: &[String]) -> Option<String> {
         let with = |more: &[&str]| {
             let given =
@@ -183,7 +182,7 @@ mod commands {
         (!is_answer).then(|| error.to_string())
     }
 
-    /// All lines of the repository in which the program may be called, with where they stand.
+    /// Shell lines of the repository with their file and line number.
     fn written() -> Vec<(String, String)> {
         let mut found = Vec::new();
         let mut add = |place: String, lines: Vec<String>| {

@@ -1,5 +1,6 @@
-//! Every fault, on whichever side, ends an episode for exactly one reason, leaves its run in exactly one state, and costs its team
-//! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
+//! Every fault ends an episode for exactly one reason, leaves its run in exactly one state and either counts
+//! towards the quota or not. The faults are real: panics, hanging threads, dead connections, full disks,
+//! locked databases.
 
 use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
@@ -25,10 +26,10 @@ use tokio::time::{sleep, timeout};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
-/// What became of a run: the ends of its episodes in order, with those to come as `-`; its state; whether it counts.
+/// Outcome of a run: episode ends in order (`-` for open ones), run state, and whether it counts.
 type Verdict = (String, RunState, bool);
 
-/// A data folder with one phase of two episodes, as `change` wants it.
+/// A data folder with one phase of two episodes, modified by `change`.
 async fn furnished(change: impl FnOnce(&mut Phase)) -> (TempDir, String) {
     let folder = tempfile::tempdir().expect("a folder");
     let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
@@ -52,7 +53,7 @@ fn end_of(episode: &Episode<'_>) -> Option<EndReason> {
     episode.end().map(|end| end.reason)
 }
 
-/// Plays what is left of a run, a step and a Stop each.
+/// Plays the remaining episodes, a step and a Stop each.
 async fn play_on(mut play: Play) -> Result<(), Error> {
     while let Some(mut episode) = play.next_episode().await? {
         episode.step(Action::TurnLeft).await?;
@@ -63,7 +64,7 @@ async fn play_on(mut play: Play) -> Result<(), Error> {
     Ok(())
 }
 
-/// What became of a run, once that does not change any more.
+/// Final outcome of a run.
 async fn verdict(folder: &Path, run: &str) -> Verdict {
     let store = store(folder).await;
     let mut before = None;
@@ -89,7 +90,7 @@ fn expect(ends: &str, state: RunState, charged: bool) -> Verdict {
     (ends.to_owned(), state, charged)
 }
 
-/// Away for a second at most.
+/// Allows a disconnection of one second.
 fn brief(phase: &mut Phase) {
     (phase.time.disconnect_s, phase.time.disconnect_total_s) = (1, 600);
 }
@@ -253,7 +254,7 @@ async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
 }
 
-/// What a simulator does wrong, in some steps.
+/// A simulator fault at certain steps.
 type Mischief = Arc<dyn Fn(u32) + Send + Sync>;
 
 async fn disturbed(mischief: Mischief) -> TestServer {
@@ -324,7 +325,7 @@ async fn server_without_memory_for_an_episode_does_not_begin_it() {
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
 }
 
-/// A file system that never answers: the scene is a pipe into which nobody writes.
+/// A hanging file system: the scene is a pipe without a writer.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
 async fn server_a_preparation_that_hangs_costs_its_episode() {
@@ -344,7 +345,7 @@ async fn server_a_preparation_that_hangs_costs_its_episode() {
     assert!(!store.charge(&run.id).await.expect("a charge").charged, "and costs nothing");
 }
 
-/// A file below `folder` whose path contains `part`.
+/// A file below `folder` with `part` in its path.
 fn find(folder: &Path, part: &str) -> std::path::PathBuf {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {

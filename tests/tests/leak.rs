@@ -1,5 +1,5 @@
-//! Hidden data stays hidden: everything that a split hides is looked for in every byte that an agent or an anonymous
-//! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
+//! Hidden facts stay hidden: every byte received by an agent or an anonymous visitor of an organiser-only
+//! phase is searched for the split's hidden facts. The same search must succeed in a public phase.
 
 use avln_arena::{data::DataFolder, register};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
@@ -18,7 +18,7 @@ use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// What the split of a house hides from everybody.
+/// Facts of the split hidden from all users.
 fn hidden(house: &TestServer) -> Canaries {
     let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
     let mut canaries = Canaries::default();
@@ -52,7 +52,7 @@ fn hidden(house: &TestServer) -> Canaries {
     canaries
 }
 
-/// Categories of targets: those of which no mission tells, and all of them as pages would show them.
+/// Target categories: those absent from all missions, and all of them in the form of a page.
 fn categories(house: &TestServer) -> (Canaries, Canaries) {
     let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
     let (mut told, mut categories) = (String::new(), BTreeSet::new());
@@ -79,7 +79,7 @@ fn categories(house: &TestServer) -> (Canaries, Canaries) {
     (untold, shown)
 }
 
-/// Walks along the reference tour until the first target on it can be claimed.
+/// Follows the reference tour up to the first claimable target.
 async fn claim_first_target(house: &TestServer, episode: &mut Episode<'_>, order: Order) {
     let data = DataFolder::open(house.folder.path()).expect("the data folder");
     let split = data.split(PHASE).expect("its split");
@@ -124,7 +124,7 @@ struct Received {
     metrics: Vec<(String, f64)>,
 }
 
-/// Plays an episode with all senses: wrong claims, refused steps, and then gives it up.
+/// Plays an episode with all sensors, wrong Submits and rejected steps, then abandons it.
 async fn fumble(proxy: &RecordingProxy, arena: &Client, run: &Run) {
     let mut play = arena.play(run, Sensors::square(64)).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
@@ -156,7 +156,7 @@ async fn claim(house: &TestServer, arena: &Client, run: &Run, order: Order) -> V
     metrics.map(|metric| (metric.name, metric.value)).collect()
 }
 
-/// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
+/// Plays one step with unary calls, abandons episode and run, and calls health and reflection.
 async fn go_unary(proxy: &RecordingProxy, arena: &Client) -> String {
     let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
     let mut caller = RawClient::connect(&proxy.url(), &run.token).await;
@@ -174,7 +174,7 @@ async fn watch(arena: &Client, run: &str) {
     while states.next().await.expect("a state").is_some() {}
 }
 
-/// Asks for everything else that the agents' door answers.
+/// Calls all other methods of the gRPC server.
 async fn ask_around(house: &TestServer, proxy: &RecordingProxy, arena: &Client) {
     arena.server_info().await.expect("an answer");
     arena.phases().await.expect("an answer");
@@ -188,7 +188,7 @@ async fn ask_around(house: &TestServer, proxy: &RecordingProxy, arena: &Client) 
     arena.play(&own, NO_SENSORS).await.expect_err("no token of a run");
 }
 
-/// What is told to somebody who follows a run that is under way, and all of them.
+/// Event streams of an open run and of all runs.
 async fn follow(house: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
     const LONG_ENOUGH: Duration = Duration::from_millis(1500);
     let mut told = Vec::new();
@@ -283,12 +283,12 @@ fn paths(runs: &[String]) -> Vec<String> {
 
 const METRICS: [&str; 6] = ["sr", "isr", "osr", "spl", "soft_spl", "sna"];
 
-/// Whether there is nothing at a path but what a replay shows.
+/// True if all paths of a page belong to replays.
 fn is_of_replays(path: &str) -> bool {
     ["/eyes/", "/ears/", "/steps.csv", "/levels.csv"].iter().any(|part| path.contains(part))
 }
 
-/// Whether a number stands below a metric's name anywhere in `value`.
+/// True if `value` contains a number under a metric's name.
 fn shows_metric(value: &Value) -> bool {
     fn holds_number(value: &Value) -> bool {
         match value {

@@ -1,6 +1,6 @@
 //! Pages of a real web server.
 
-/// The pages are for everybody: a real browser goes through them, light and dark, wide and narrow, and by keyboard alone.
+/// Pages in a real browser: light and dark, wide and narrow, with a keyboard only.
 mod browser {
     use avln_client::Order;
     use avln_human::{HumanArgs, RunArgs, run_with};
@@ -16,7 +16,7 @@ mod browser {
     const REMEDY: &str = "pip install playwright axe-playwright-python";
     const CHROMIUM: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 
-    /// The browser of this system; nothing, with a line on what to do, where it has none.
+    /// The installed browser; `None` with an install hint if there is none.
     fn chromium() -> Option<PathBuf> {
         let path = env::var_os("PATH").unwrap_or_default();
         let folders: Vec<_> = env::split_paths(&path).collect();
@@ -96,14 +96,14 @@ mod frozen_copy {
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
-    /// Whether the program is content, and what it says.
+    /// Runs the program; returns success and output.
     fn avln(data: &Path, arguments: &[&str]) -> (bool, String) {
         let output = Command::new(PROGRAM).arg("--data").arg(data).args(arguments).output().expect("it runs");
         let told = [output.stdout, output.stderr].concat();
         (output.status.success(), String::from_utf8_lossy(&told).into_owned())
     }
 
-    /// Changes a copy, asks what is wrong, and changes it back.
+    /// Changes a copy, checks it, and restores it.
     fn found(copy: &Path, key: &str, file: &str, text: Option<&str>) -> String {
         let path = copy.join(file);
         let before = fs::read(&path).ok();
@@ -132,7 +132,7 @@ mod frozen_copy {
         assert!(content, "{told}");
         let key = told.lines().find_map(|line| line.strip_prefix("signed by    ")).expect("a key").to_owned();
 
-        // The copy is checked where there is no data folder.
+        // A copy is checked without a data folder.
         let check = |more: &[&str]| {
             avln(elsewhere.path(), &[&["challenge", "leaderboard", "check", place.as_str()], more].concat())
         };
@@ -159,7 +159,7 @@ mod frozen_copy {
     }
 }
 
-/// Who follows a run over the people's door sees it advance, and why it does not.
+/// Live events of an open run on the web server.
 mod live_run {
     use avln_client::{Action, Client, RunOptions};
     use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::NO_SENSORS};
@@ -167,7 +167,7 @@ mod live_run {
     use std::time::Duration;
     use tokio::time::sleep;
 
-    /// What the events of an answer tell, one after the other.
+    /// Events of an answer, in order.
     fn events(answer: &http::Answer) -> Vec<Value> {
         let data = answer.body.lines().filter_map(|line| line.strip_prefix("data: "));
         data.map(|data| serde_json::from_str(data).expect("JSON")).collect()
@@ -220,7 +220,7 @@ mod live_run {
     }
 }
 
-/// What a visitor of a replay hears is what its agent was sent, sample by sample; where replays are hidden there is nothing.
+/// A replay plays the agent's sound, sample by sample; hidden replays have no sound.
 mod replay_sound {
     use avln_client::{Audio, Sensors};
     use avln_store::Visibility;
@@ -230,10 +230,10 @@ mod replay_sound {
     };
     use std::collections::BTreeMap;
 
-    /// Bytes of a file before its samples.
+    /// Bytes before the samples.
     const HEAD_BYTES: usize = 58;
 
-    /// Plays a run with ears; its id, and what each episode was sent to hear.
+    /// Plays a run with sound; returns its id and the received samples per episode.
     async fn play(house: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
         let mut heard: BTreeMap<u32, Vec<Audio>> = BTreeMap::new();
         let url = house.agents_url();

@@ -1,5 +1,5 @@
-//! A run cannot be lost: neither connections that break at any step nor servers that die at any moment change a bit of
-//! what its episodes were worth, lose an episode or count one twice.
+//! No run is lost: connection losses at any step and server kills at any moment change no bit of a score,
+//! lose no episode and count none twice.
 
 use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions};
 use avln_tests::scripted_run::NO_SENSORS;
@@ -17,7 +17,7 @@ use tokio::task::JoinSet;
 /// Steps after which the wanderer stops.
 const STEPS: u32 = 800;
 
-/// Wanders by what it senses alone, so that it does the same however it was disturbed.
+/// Chooses actions from the observation only, so interruptions do not change them.
 fn wander(seen: &Observation) -> Action {
     let place = seen.pose.position.map(f32::to_bits);
     let mixed = place.into_iter().chain([seen.pose.heading_rad.to_bits(), seen.step]);
@@ -48,7 +48,7 @@ async fn wander_on(episode: &mut Episode<'_>, steps: &AtomicU32) -> Result<(), E
     Ok(())
 }
 
-/// Plays a whole run over `url` in several slots; gives back its id.
+/// Plays a run in several slots; returns its id.
 async fn play_run(url: String, token: String, slots: u32, steps: &'static AtomicU32) -> String {
     let arena = Client::connect(url, &token).await.expect("the door is open");
     let run =
@@ -70,7 +70,7 @@ async fn play_on(arena: &Client, run: &Run, slots: u32, steps: &'static AtomicU3
     assert!(summary.complete, "{summary:?}");
 }
 
-/// What each episode of a run was worth, as the API tells it, by ordinal.
+/// Episode results of a run from the API, by ordinal.
 async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
     let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
     let run: Value = serde_json::from_str(&body.body).expect("JSON");
@@ -103,7 +103,7 @@ async fn a_thousand_lost_connections_change_nothing() {
     assert_eq!(worth(house.doors.web, &stormy).await, worth(house.doors.web, &calm).await);
 }
 
-/// What `avln run verify` says of a run's log, and whether it is content.
+/// Runs `avln run verify` on a log; returns success and output.
 fn verify(folder: &Path, log: &Path) -> (bool, String) {
     let mut verify = Command::new(PROGRAM);
     let output =

@@ -1,7 +1,7 @@
 //! Verification and rescoring of run logs.
 
-/// The log of a run says what happened, and `avln run verify` believes nothing else: it is fetched as a team fetches it, checked
-/// with and without the organiser's data, and forged in every way that a chain of hashes alone does not show.
+/// `avln run verify` relies only on the run log. Teams download it; the check runs with and without the
+/// organiser's data, and detects every forgery with valid hashes.
 mod verification {
     use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
     use avln_client::{Client, RunOptions};
@@ -13,7 +13,7 @@ mod verification {
     };
     use tempfile::TempDir;
 
-    /// A server, a run that was played on it, and its log as the server gives it out.
+    /// A server, a finished run, and its downloaded log.
     struct Played {
         house: TestServer,
         files: TempDir,
@@ -39,7 +39,7 @@ mod verification {
             Self { house, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
         }
 
-        /// What `avln run verify` says with the organiser's data, and whether it is content.
+        /// Runs `avln run verify` with the organiser's data; returns success and output.
         fn verify(&self, log: &Path, more: &[&str]) -> (bool, String) {
             verify(self.house.folder.path(), log, more)
         }
@@ -78,7 +78,7 @@ mod verification {
         (output.status.success(), text)
     }
 
-    /// Without signatures, so that nothing but the replay tells.
+    /// Removes signatures, so that only the replay can detect a forgery.
     fn unsign(entries: &mut Vec<Entry>) {
         entries.retain(|entry| !matches!(entry, Entry::Signed { .. }));
     }
@@ -153,7 +153,8 @@ mod verification {
     }
 }
 
-/// Runs are scored again from what was recorded: by the same scorer to the same bits, by another beside the first.
+/// Rescoring from the log: the same scorer results in the same bits, another scorer's result is stored
+/// separately.
 mod rescoring {
     use avln_arena::{
         data::DataFolder,
@@ -163,7 +164,7 @@ mod rescoring {
     use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
     use std::{path::Path, process::Command};
 
-    /// What `avln run rescore` says, and its exit code.
+    /// Runs `avln run rescore`; returns the exit code and output.
     fn avln_rescore(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
         let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
         let output = avln
@@ -178,7 +179,7 @@ mod rescoring {
         (output.status.code(), text)
     }
 
-    /// Another scorer: nothing is ever found, and a wall counts twice.
+    /// A different scorer: no goal is found, a collision counts twice.
     const STRICT: Scorer = Scorer {
         version: "9.0.0",
         score: |truth, record, rules| {

@@ -1,4 +1,4 @@
-//! Sealed runs: the same score as by dialling in, and nothing to be reached but the server.
+//! Sealed runs: the same score as over the network, and no access except to the server.
 #![cfg(target_os = "linux")]
 
 use avln_client::{Client, Metric, RunStatus};
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
-/// Runs `agent` sealed; its own program may be read.
+/// Runs `agent` sealed, with read access to its own program.
 fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
     let programs = Path::new(PROGRAM).parent().expect("a folder");
     let mut command = Command::new(PROGRAM);
@@ -85,7 +85,7 @@ async fn a_sealed_run_scores_as_the_same_agent_that_dials_in() {
     assert!(!facts(outside.id).await.contains("\"sealed\""));
 }
 
-/// What a probe tries, and whatever of the cell forbids it: where none of that holds, the probe is left out.
+/// Probes and the mechanisms that block them; without any of these mechanisms, the probe is skipped.
 const PROBES: [(&str, &[&str]); 11] = [
     ("web", &["no network", "files and TCP by Landlock", "system calls by seccomp, Unix sockets only"]),
     ("elsewhere", &["no network", "system calls by seccomp, Unix sockets only"]),
@@ -100,7 +100,7 @@ const PROBES: [(&str, &[&str]); 11] = [
     ("secret", &["no new privileges"]),
 ];
 
-/// A script that says of each probe whether it got through.
+/// A script that prints each successful probe.
 fn script(web: u16, own_pid: u32, home: &Path, data: &Path) -> String {
     let (home, data) = (home.display(), data.display());
     let python = "/usr/bin/python3 -c";
@@ -143,7 +143,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
     }
     let _ = std::fs::remove_file("/avln-probe");
 
-    // Even where the agent is allowed to read it, the data folder is hidden.
+    // The data folder stays hidden even with read permission.
     let readable = folder.path().display().to_string();
     let output = tokio::task::spawn_blocking({
         let data = data.clone();

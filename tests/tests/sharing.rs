@@ -1,4 +1,4 @@
-//! What agents share is shared evenly, and nobody pays for the length of the wire.
+//! Fair sharing between agents; a long connection has no disadvantage.
 
 use avln_arena::servers::Limits;
 use avln_arena::setup::admit;
@@ -13,7 +13,7 @@ use std::{
 };
 use tokio::{sync::Mutex, task::JoinSet, time::sleep};
 
-/// Held by each test: what one does to the processor must not slow the other.
+/// Serialises the tests, because they measure processor time.
 static ALONE: Mutex<()> = Mutex::const_new(());
 
 /// Turns on the spot in every slot until `enough`.

@@ -1,7 +1,6 @@
 //! Backups and old runs.
 
-/// A backup of a server that is being played on makes the same server elsewhere: the same board, the same logs, and a run
-/// that goes on where it was.
+/// A backup of a busy server restores the same leaderboard, the same logs and the open run.
 mod backups {
     use avln_client::{Action, Client, Observation, Order, Play, RunOptions};
     use avln_tests::{
@@ -25,10 +24,10 @@ mod backups {
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
     /// Steps after which the wanderer stops.
     const STEPS: u32 = 120;
-    /// Slots of the run that goes on elsewhere.
+    /// Slots of the continued run.
     const SLOTS: u32 = 3;
 
-    /// Calls the program over the data folder `data`; gives back what it said.
+    /// Runs the program on the data folder `data`; returns success and output.
     fn avln(data: &Path, arguments: &[&str]) -> (bool, String) {
         let output =
             Command::new(PROGRAM).arg("--data").arg(data).args(arguments).output().expect("it starts");
@@ -43,7 +42,7 @@ mod backups {
         text
     }
 
-    /// Wanders by what it senses alone, so that it does the same however it was disturbed.
+    /// Chooses actions from the observation only, so interruptions do not change them.
     fn wander(seen: &Observation) -> Action {
         let place = seen.pose.position.map(f32::to_bits);
         let mixed = place.into_iter().chain([seen.pose.heading_rad.to_bits(), seen.step]);
@@ -57,7 +56,7 @@ mod backups {
         }
     }
 
-    /// Steps that were taken, and whether players wait before their next one.
+    /// Step counter and brake of the players.
     struct Pace {
         steps: AtomicU32,
         held: AtomicBool,
@@ -92,7 +91,7 @@ mod backups {
         play
     }
 
-    /// Plays a whole run in several slots; gives back its id.
+    /// Plays a run in several slots; returns its id.
     async fn play_run(url: String, token: String, method: &str, pace: &'static Pace) -> String {
         let arena = Client::connect(url, &token).await.expect("the door is open");
         let run =
@@ -109,7 +108,7 @@ mod backups {
         run.id
     }
 
-    /// What each episode of a run was worth, as the API tells it.
+    /// Episode results of a run from the API.
     async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
         let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
         let run: Value = serde_json::from_str(&body.body).expect("JSON");
@@ -140,7 +139,7 @@ mod backups {
         let calm = play_run(wire.url(), token.clone(), "calm", &CALM).await;
         let (before, verified) = (board(server.web).await, check(&old, &over));
 
-        // One run is held in the middle; another goes on at full speed while the backup is made.
+        // One run is paused; another continues during the backup.
         let held = tokio::spawn(play_run(wire.url(), token.clone(), "held", &HELD));
         while !HELD.held.load(Ordering::Acquire) {
             tokio::time::sleep(Duration::from_millis(10)).await;
@@ -177,14 +176,14 @@ mod backups {
         check(&new, &held);
     }
 
-    /// What `avln run verify` says of a run's log.
+    /// Output of `avln run verify` for a run.
     fn check(data: &Path, run: &str) -> String {
         let log = data.join("runs").join(format!("{run}.log"));
         done(data, &["run", "verify", &log.display().to_string()])
     }
 }
 
-/// Logs and records of old runs can go; what the runs were worth stays.
+/// Old logs and traces can be deleted; results remain.
 mod pruning {
     use avln_arena::backup::{self, PruneOptions, Pruned};
     use avln_arena::now_unix_ms;
@@ -212,7 +211,7 @@ mod pruning {
         assert!(log.exists(), "it is not a day old");
         assert_eq!(prune(&["--older-than", "yesterday"]).0, Some(2));
 
-        // As it is in two days.
+        // Two days later.
         let later = now_unix_ms() + 2 * 86_400_000;
         let prune = async |records, dry_run| {
             let options = PruneOptions { older_than_days: 1, records, dry_run };

@@ -43,7 +43,7 @@ impl Authority {
     }
 }
 
-/// What an agent sees on its first steps.
+/// Observations of the first steps.
 async fn look(house: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
     let arena = Client::connect_with(house.agents_url(), &house.token, link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
