@@ -20,50 +20,50 @@ mod sign_in {
         format!("avln_{}", secret.unwrap_or_else(|| panic!("no token in {}", page.body)))
     }
 
-    async fn audit(house: &TestServer) -> Vec<AuditLine> {
-        let store = store(house.folder.path()).await;
+    async fn audit(server: &TestServer) -> Vec<AuditLine> {
+        let store = store(server.folder.path()).await;
         let lines = store.audit().await.expect("the audit list");
         store.close().await;
         lines
     }
 
-    async fn start(house: &TestServer) -> Result<String, Error> {
-        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-        Ok(arena.start_run(RunOptions::new(PHASE, "walker").order(Order::Unordered)).await?.id)
+    async fn start(server: &TestServer) -> Result<String, Error> {
+        let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+        Ok(client.start_run(RunOptions::new(PHASE, "walker").order(Order::Unordered)).await?.id)
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let team = Visitor::sign_in(house.doors.web, &house.token).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let team = Visitor::sign_in(server.servers.web, &server.token).await;
         let page = team
             .act("/me", &[("action", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")])
             .await;
         let token = shown_token(&page);
-        let looking = Client::connect(house.agents_url(), &token).await.expect("the door is open");
+        let looking = Client::connect(server.agents_url(), &token).await.expect("a connection");
         let account = looking.whoami().await.expect("an account");
         assert_eq!((account.team.as_str(), account.token_name.as_str()), (TEAM, "laptop"));
         let refused =
             looking.start_run(RunOptions::new(PHASE, "walker")).await.expect_err("it is for looking");
         assert_eq!(refused.reason(), Some(Reason::TokenScope), "{refused}");
-        let looker = Visitor::sign_in(house.doors.web, &token).await;
+        let looker = Visitor::sign_in(server.servers.web, &token).await;
         assert_eq!(looker.get("/me").await.status, 200);
 
-        let run = start(&house).await.expect("a run");
+        let run = start(&server).await.expect("a run");
         let cancelled = team.act("/me", &[("action", "cancel"), ("run", &run)]).await;
         assert_eq!(cancelled.status, 303, "{}", cancelled.body);
         assert!(team.get("/me").await.body.contains(&format!("Run {run} is cancelled.")));
         let again = team.act("/me", &[("action", "cancel"), ("run", &run)]).await;
         assert_eq!((again.status, again.body.contains("is cancelled")), (409, true), "{}", again.body);
 
-        let tokens = store(house.folder.path()).await.tokens().await.expect("tokens");
+        let tokens = store(server.folder.path()).await.tokens().await.expect("tokens");
         let id = tokens.iter().find(|token| token.name == "laptop").expect("the token").id.clone();
         assert_eq!(team.act("/me", &[("action", "revoke"), ("id", &id)]).await.status, 303);
         looking.whoami().await.expect_err("it is void");
         assert_eq!(looker.get("/me").await.status, 303, "its session is over too");
         let deeds: Vec<_> =
-            audit(&house).await.into_iter().filter(|line| line.actor.starts_with("token ")).collect();
-        let told: Vec<_> = deeds.iter().map(|line| (line.subject.as_str(), line.what.as_str())).collect();
+            audit(&server).await.into_iter().filter(|line| line.actor.starts_with("token ")).collect();
+        let output: Vec<_> = deeds.iter().map(|line| (line.subject.as_str(), line.what.as_str())).collect();
         let (of_team, of_run, of_token) =
             (format!("team {TEAM}"), format!("run {run}"), format!("token {id}"));
         let expected = [
@@ -71,20 +71,20 @@ mod sign_in {
             (of_run.as_str(), "cancelled"),
             (of_token.as_str(), "revoked"),
         ];
-        assert_eq!(told, expected);
+        assert_eq!(output, expected);
         assert!(deeds.iter().all(|line| line.actor.ends_with(&format!(" of team {TEAM}"))), "{deeds:?}");
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it() {
-        let house = TestServer::open(&TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
-        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-        let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
+        let server = TestServer::open(&TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
+        let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+        let run = client.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
         let blind = Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
-        let mut episodes = arena.play(&run, blind).await.expect("a stream").episodes();
+        let mut episodes = client.play(&run, blind).await.expect("a stream").episodes();
         let mut episode = episodes.try_next().await.expect("an answer").expect("an episode");
         episode.step(Action::TurnLeft).await.expect("it is open");
-        let team = Visitor::sign_in(house.doors.web, &house.token).await;
+        let team = Visitor::sign_in(server.servers.web, &server.token).await;
         assert_eq!(team.act("/me", &[("action", "cancel"), ("run", &run.id)]).await.status, 303);
         let mut steps = 0;
         while steps < 500 && episode.end().is_none() && episode.step(Action::TurnLeft).await.is_ok() {
@@ -100,46 +100,49 @@ mod sign_in {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_team_touches_nothing_that_is_not_its_own() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let organiser = house.organiser().await;
-        let office = Visitor::sign_in(house.doors.web, &organiser).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let organiser = server.organiser().await;
+        let office = Visitor::sign_in(server.servers.web, &organiser).await;
         let page =
             office.act("/organise/teams", &[("action", "admit"), ("team", "blue"), ("reason", "")]).await;
-        let blue = Visitor::sign_in(house.doors.web, &shown_token(&page)).await;
-        let run = start(&house).await.expect("a run");
+        let blue = Visitor::sign_in(server.servers.web, &shown_token(&page)).await;
+        let run = start(&server).await.expect("a run");
         for (what, id) in [("cancel", run.as_str()), ("cancel", "run_of_nobody")] {
             let refused = blue.act("/me", &[("action", what), ("run", id)]).await;
             assert_eq!(refused.status, 409, "{}", refused.body);
             assert!(refused.body.contains("there is no run"), "{}", refused.body);
         }
-        let tokens = store(house.folder.path()).await.tokens().await.expect("tokens");
+        let tokens = store(server.folder.path()).await.tokens().await.expect("tokens");
         for token in tokens.iter().filter(|token| token.team.as_deref() != Some("blue")) {
             assert_eq!(blue.act("/me", &[("action", "revoke"), ("id", &token.id)]).await.status, 409);
         }
-        start(&house).await.expect("the other team goes on");
+        start(&server).await.expect("the other team goes on");
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn the_organiser_pauses_rules_and_grants() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let organiser = Visitor::sign_in(house.doors.web, &house.organiser().await).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let organiser = Visitor::sign_in(server.servers.web, &server.organiser().await).await;
         let phase = format!("/organise/phases/{PHASE}");
         let paused = organiser.act(&phase, &[("action", "pause"), ("reason", "the roof leaks")]).await;
         assert_eq!(paused.status, 303, "{}", paused.body);
-        let refused = start(&house).await.expect_err("a paused phase");
+        let refused = start(&server).await.expect_err("a paused phase");
         assert_eq!(refused.reason(), Some(Reason::PhasePaused), "{refused}");
         assert!(refused.to_string().contains("the roof leaks"), "{refused}");
         assert_eq!(organiser.act(&phase, &[("action", "resume"), ("reason", "it is dry")]).await.status, 303);
-        let run = play_script(&house.agents_url(), &house.token, "walker").await;
-        let rule = format!("/organise/runs/{run}");
-        assert_eq!(organiser.act(&rule, &[("action", "verify"), ("reason", "we ran it")]).await.status, 303);
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let change_phase = format!("/organise/runs/{run}");
+        assert_eq!(
+            organiser.act(&change_phase, &[("action", "verify"), ("reason", "we ran it")]).await.status,
+            303
+        );
         let board = format!("/leaderboard/{PHASE}?order=unordered");
-        assert!(http::get(house.doors.web, &board).await.body.contains(">verified</span>"));
+        assert!(http::get(server.servers.web, &board).await.body.contains(">verified</span>"));
         let out = [("action", "disqualify"), ("reason", "it knew the houses")];
-        assert_eq!(organiser.act(&rule, &out).await.status, 303);
-        assert!(!http::get(house.doors.web, &board).await.body.contains(&run));
+        assert_eq!(organiser.act(&change_phase, &out).await.status, 303);
+        assert!(!http::get(server.servers.web, &board).await.body.contains(&run));
         assert!(
-            http::get(house.doors.web, &format!("/runs/{run}")).await.body.contains("it knew the houses")
+            http::get(server.servers.web, &format!("/runs/{run}")).await.body.contains("it knew the houses")
         );
         let grant =
             [("action", "grant"), ("team", TEAM), ("phase", PHASE), ("runs", "2"), ("reason", "a full disk")];
@@ -154,8 +157,8 @@ mod sign_in {
         assert_eq!(organiser.act(&phase, &close).await.status, 303);
         assert_eq!(organiser.act(&phase, &reveal).await.status, 303);
         assert!(organiser.get(&phase).await.body.contains("; revealed"));
-        let lines = audit(&house).await;
-        let told = |what: &str, reason: &str| {
+        let lines = audit(&server).await;
+        let output = |what: &str, reason: &str| {
             lines.iter().any(|line| {
                 line.what == what && line.reason == reason && line.actor.ends_with(" of the organiser")
             })
@@ -170,7 +173,7 @@ mod sign_in {
             ("closed", "it is over"),
             ("revealed", ""),
         ] {
-            assert!(told(what, reason), "{what} because {reason}: {lines:?}");
+            assert!(output(what, reason), "{what} because {reason}: {lines:?}");
         }
     }
 }
@@ -196,9 +199,9 @@ mod admin_server {
     }
 
     impl Operator {
-        async fn of(house: &TestServer) -> Self {
-            let token = house.organiser().await;
-            Self { url: format!("http://{}", house.doors.admin.unwrap()), token }
+        async fn of(server: &TestServer) -> Self {
+            let token = server.organiser().await;
+            Self { url: format!("http://{}", server.servers.admin.unwrap()), token }
         }
 
         async fn ask(&self, path: &str, token: &str, body: Option<&impl Serialize>) -> (u16, String) {
@@ -220,11 +223,11 @@ mod admin_server {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn the_operator_sees_what_is_played_and_nobody_else_does() {
-        let house = TestServer::open_with_admin(&TestSetup::default()).await;
-        let operator = Operator::of(&house).await;
-        let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
-        let run = arena.start_run(RunOptions::new(PHASE, "secretive method")).await.unwrap();
-        let mut play = arena.play(&run, NO_SENSORS).await.unwrap();
+        let server = TestServer::open_with_admin(&TestSetup::default()).await;
+        let operator = Operator::of(&server).await;
+        let client = Client::connect(server.agents_url(), &server.token).await.unwrap();
+        let run = client.start_run(RunOptions::new(PHASE, "secretive method")).await.unwrap();
+        let mut play = client.play(&run, NO_SENSORS).await.unwrap();
         let mut episode = play.next_episode().await.unwrap().unwrap();
         for _ in 0..3 {
             episode.step(Action::TurnLeft).await.unwrap();
@@ -243,14 +246,14 @@ mod admin_server {
             assert!(metrics.contains(line), "{line} is missing in {metrics}");
         }
         for hidden in ["secretive", run.id.as_str(), avln_tests::TEAM] {
-            assert!(!metrics.contains(hidden), "{hidden} is told: {metrics}");
+            assert!(!metrics.contains(hidden), "{hidden} occurs in {metrics}");
         }
         episode.step(Action::Stop).await.unwrap();
         let metrics = operator.metrics().await;
         assert!(metrics.contains("avln_episodes_ended_total{end=\"stopped\"} 1\n"), "{metrics}");
         assert!(metrics.contains("avln_episodes{state=\"terminated\",end=\"stopped\"} 1\n"), "{metrics}");
 
-        for token in ["", "wrong", &house.token, &run.token] {
+        for token in ["", "wrong", &server.token, &run.token] {
             for path in ["/v1/status", "/v1/drain", "/v1/notice"] {
                 let body = (path != "/v1/status").then(|| Notice { text: "x".into() });
                 let (code, words) = operator.ask(path, token, body.as_ref()).await;
@@ -258,23 +261,23 @@ mod admin_server {
             }
         }
         for path in ["/metrics", "/v1/status", "/v1/drain", "/v1/notice", "/admin"] {
-            assert_eq!(http::get(house.doors.web, path).await.status, 404, "{path} on the people's door");
+            assert_eq!(http::get(server.servers.web, path).await.status, 404, "{path} on the web server");
         }
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
-        let house = TestServer::open_with_admin(&TestSetup::default()).await;
-        let operator = Operator::of(&house).await;
+        let server = TestServer::open_with_admin(&TestSetup::default()).await;
+        let operator = Operator::of(&server).await;
         let link = ConnectOptions { patience: Some(Duration::from_secs(2)), ..ConnectOptions::default() };
-        let arena = Client::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
-        let run = arena.start_run(RunOptions::new(PHASE, "patient")).await.unwrap();
-        let mut play = arena.play(&run, NO_SENSORS).await.unwrap();
+        let client = Client::connect_with(server.agents_url(), &server.token, &link).await.unwrap();
+        let run = client.start_run(RunOptions::new(PHASE, "patient")).await.unwrap();
+        let mut play = client.play(&run, NO_SENSORS).await.unwrap();
         let mut episode = play.next_episode().await.unwrap().unwrap();
 
         operator.status("/v1/notice", Some(&Notice { text: "closed on Sunday".into() })).await;
-        assert_eq!(arena.server_info().await.unwrap().notice, "closed on Sunday");
-        assert!(http::get(house.doors.web, "/").await.body.contains("closed on Sunday"));
+        assert_eq!(client.server_info().await.unwrap().notice, "closed on Sunday");
+        assert!(http::get(server.servers.web, "/").await.body.contains("closed on Sunday"));
         let (code, words) =
             operator.ask("/v1/drain", &operator.token, Some(&Drain { reason: " ".into(), minutes: 1 })).await;
         assert_eq!(code, 422, "{words}");
@@ -282,47 +285,47 @@ mod admin_server {
         let drain = Drain { reason: "new disks".into(), minutes: 10 };
         let status = operator.status("/v1/drain", Some(&drain)).await;
         assert_eq!(status.draining.as_deref(), Some("new disks"));
-        let info = arena.server_info().await.unwrap();
+        let info = client.server_info().await.unwrap();
         assert!(info.draining && info.notice == "new disks", "{info:?}");
-        let refused = arena.start_run(RunOptions::new(PHASE, "late")).await.unwrap_err();
+        let refused = client.start_run(RunOptions::new(PHASE, "late")).await.unwrap_err();
         assert_eq!(refused.reason(), Some(Reason::Draining), "{refused}");
         assert!(refused.to_string().contains("new disks"), "{refused}");
 
-        let closing = tokio::spawn(house.doors.wait());
+        let closing = tokio::spawn(server.servers.wait());
         episode.step(Action::TurnLeft).await.unwrap();
         episode.step(Action::Stop).await.unwrap();
         assert!(episode.is_over());
-        let told: Vec<_> = play.take_notices().into_iter().map(|notice| notice.message).collect();
-        assert!(told.iter().any(|message| message.contains("new disks")), "{told:?}");
+        let output: Vec<_> = play.take_notices().into_iter().map(|notice| notice.message).collect();
+        assert!(output.iter().any(|message| message.contains("new disks")), "{output:?}");
         let refused = play.next_episode().await.unwrap_err();
         let is_refusal = refused.reason() == Some(Reason::Draining) || matches!(refused, Error::Lost { .. });
         assert!(is_refusal, "{refused}");
-        drop((play, arena));
+        drop((play, client));
         timeout(Duration::from_secs(60), closing).await.expect("it stops").unwrap().unwrap();
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
-        let house = TestServer::open_with_admin(&TestSetup::default()).await;
-        let operator = Operator::of(&house).await;
-        let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
+        let server = TestServer::open_with_admin(&TestSetup::default()).await;
+        let operator = Operator::of(&server).await;
+        let store = DataFolder::open(server.folder.path()).unwrap().store().await.unwrap();
         let mut phase = store.phase(PHASE).await.unwrap();
         let closes = now_unix_ms() + 3_600_000;
         phase.schedule.closes_unix_ms = Some(closes);
         store.change_phases(&[phase], &[AuditNote::default()], 1).await.unwrap();
         let before = now_unix_ms();
         operator.status("/v1/drain", Some(&Drain { reason: "new disks".into(), minutes: 0 })).await;
-        timeout(Duration::from_secs(60), house.doors.wait()).await.expect("it stops").unwrap();
+        timeout(Duration::from_secs(60), server.servers.wait()).await.expect("it stops").unwrap();
         tokio::time::sleep(Duration::from_millis(1500)).await;
-        let next = avln_tests::start_servers(house.folder.path()).await;
+        let next = avln_tests::start_servers(server.folder.path()).await;
         let away = now_unix_ms() - before;
         let later = store.phase(PHASE).await.unwrap().schedule.closes_unix_ms.unwrap() - closes;
         assert!((1500..=away).contains(&later), "{later} ms later after {away} ms");
         let audit = store.audit().await.unwrap();
-        let told: Vec<_> = audit.iter().filter(|line| line.actor == "server").collect();
-        let words: Vec<_> = told.iter().map(|line| (line.subject.as_str(), line.what.as_str())).collect();
+        let output: Vec<_> = audit.iter().filter(|line| line.actor == "server").collect();
+        let words: Vec<_> = output.iter().map(|line| (line.subject.as_str(), line.what.as_str())).collect();
         assert_eq!(words, [("server", "drain"), ("phase trial", "closes")]);
-        assert!(told.iter().all(|line| line.reason == "new disks"), "{told:?}");
+        assert!(output.iter().all(|line| line.reason == "new disks"), "{output:?}");
         next.close().await.unwrap();
     }
 
@@ -331,7 +334,7 @@ mod admin_server {
         let free = "127.0.0.1:0".parse().unwrap();
         let addresses = avln_arena::servers::Addresses { grpc: free, web: free };
         let doors = avln_arena::servers::Servers::bind(&addresses).await.unwrap();
-        let Err(refused) = doors.with_admin("0.0.0.0:0".parse().unwrap()).await else {
+        let Err(refused) = servers.with_admin("0.0.0.0:0".parse().unwrap()).await else {
             panic!("it was opened")
         };
         assert!(refused.to_string().contains("ssh -L"), "{refused}");
@@ -364,8 +367,8 @@ mod doctor {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
-        let house = TestServer::open(&TestSetup { missions: 3, ..TestSetup::default() }).await;
-        let (code, report, said) = doctor(&house.agents_url(), &house.token, PHASE);
+        let server = TestServer::open(&TestSetup { missions: 3, ..TestSetup::default() }).await;
+        let (code, report, said) = doctor(&server.agents_url(), &server.token, PHASE);
         assert_eq!((code, said.as_str()), (Some(0), ""), "{report}");
         for name in [
             "server",
@@ -388,7 +391,7 @@ mod doctor {
         assert!(longest_s > per_s.map(|per_s| 3.0 * 1000.0 / per_s) && per_s > Some(1.0), "{measured}");
         assert!(measured["clock_ahead_s"].as_f64().is_some_and(|ahead| ahead.abs() < 1.0), "{measured}");
 
-        let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
+        let store = DataFolder::open(server.folder.path()).unwrap().store().await.unwrap();
         let runs = store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap();
         assert_eq!(
             runs.iter().map(|run| (run.method.as_str(), run.state)).collect::<Vec<_>>(),
@@ -398,16 +401,16 @@ mod doctor {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let (code, report, said) = doctor(&house.agents_url(), "wrong", PHASE);
+        let server = TestServer::open(&TestSetup::default()).await;
+        let (code, report, said) = doctor(&server.agents_url(), "wrong", PHASE);
         assert_eq!((code, verdict(&report, "token")), (Some(6), "failed"), "{report}");
         assert!(said.contains("a run would fail: token") && verdict(&report, "round trip") == "ok", "{said}");
-        let (code, report, _) = doctor(&house.agents_url(), &house.token, "finals");
+        let (code, report, _) = doctor(&server.agents_url(), &server.token, "finals");
         assert_eq!((code, verdict(&report, "phase")), (Some(6), "failed"), "{report}");
-        let (code, report, _) = doctor("http://127.0.0.1:1", &house.token, PHASE);
+        let (code, report, _) = doctor("http://127.0.0.1:1", &server.token, PHASE);
         assert_eq!((code, verdict(&report, "server")), (Some(6), "failed"), "{report}");
 
-        let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
+        let store = DataFolder::open(server.folder.path()).unwrap().store().await.unwrap();
         let before = store.phase(PHASE).await.unwrap();
         let mut after = before.clone();
         after.quotas = QuotaLimits { total: Some(1), ..QuotaLimits::default() };
@@ -415,16 +418,16 @@ mod doctor {
             .change_phases(&[after.clone()], &notes("test", Some(&before), &after, ""), now_unix_ms())
             .await
             .unwrap();
-        let (code, report, _) = doctor(&house.agents_url(), &house.token, PHASE);
+        let (code, report, _) = doctor(&server.agents_url(), &server.token, PHASE);
         assert_eq!(
             (code, verdict(&report, "quota"), verdict(&report, "practice")),
             (Some(0), "ok", "skipped"),
             "{report}"
         );
-        let (code, report, _) = doctor(&house.agents_url(), &house.token, "");
+        let (code, report, _) = doctor(&server.agents_url(), &server.token, "");
         assert_eq!((code, verdict(&report, "phase")), (Some(6), "failed"), "{report}");
-        let told = report.to_string();
-        assert!(told.contains(&format!("which are {PHASE}; name one with --phase")), "{told}");
+        let output = report.to_string();
+        assert!(output.contains(&format!("which are {PHASE}; name one with --phase")), "{output}");
         assert_eq!(store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap(), []);
     }
 }

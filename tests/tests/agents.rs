@@ -9,7 +9,7 @@ mod rust_client {
     use tokio::time::{sleep, timeout};
     use tokio_stream::StreamExt;
 
-    async fn house(missions: usize) -> TestServer {
+    async fn server(missions: usize) -> TestServer {
         TestServer::open(&TestSetup { houses: 1, missions, ..TestSetup::default() }).await
     }
 
@@ -26,10 +26,10 @@ mod rust_client {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn episodes_are_a_stream_that_ends_with_the_run() {
-        let house = house(3).await;
-        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-        let run = arena.start_run(options()).await.expect("a run");
-        let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
+        let server = server(3).await;
+        let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+        let run = client.start_run(options()).await.expect("a run");
+        let mut episodes = client.play(&run, NO_SENSORS).await.expect("a stream").episodes();
         assert_eq!(episodes.task().rules, "lh-avln-v1");
         let mut ends = Vec::new();
         while let Some(episode) = episodes.try_next().await.expect("an answer") {
@@ -44,10 +44,10 @@ mod rust_client {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_open() {
-        let house = house(2).await;
-        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-        let run = arena.start_run(options()).await.expect("a run");
-        let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
+        let server = server(2).await;
+        let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+        let run = client.start_run(options()).await.expect("a run");
+        let mut episodes = client.play(&run, NO_SENSORS).await.expect("a stream").episodes();
         let first = episodes.try_next().await.expect("an answer").expect("an episode");
         assert!(timeout(Duration::from_millis(200), episodes.next()).await.is_err(), "one at a time");
         drop(first);
@@ -61,16 +61,16 @@ mod rust_client {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
-        let house = house(2).await;
-        let wire = FaultProxy::open(house.doors.grpc).await;
-        let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
-        let run = arena.start_run(options()).await.expect("a run");
-        let mut episodes = arena.play(&run, NO_SENSORS).await.expect("a stream").episodes();
+        let server = server(2).await;
+        let proxy = FaultProxy::open(server.servers.grpc).await;
+        let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
+        let run = client.start_run(options()).await.expect("a run");
+        let mut episodes = client.play(&run, NO_SENSORS).await.expect("a stream").episodes();
         let mut first = episodes.try_next().await.expect("an answer").expect("an episode");
-        wire.cut();
+        proxy.cut();
         first.step(Action::TurnLeft).await.expect("the client comes back");
         drop(first);
-        let cancelled = arena.cancel_run(&run.id).await.expect("it is its own");
+        let cancelled = client.cancel_run(&run.id).await.expect("it is its own");
         assert_eq!(cancelled.progress.in_flight, 0);
         let mut items = Vec::new();
         while let Some(item) = episodes.next().await {
@@ -81,28 +81,28 @@ mod rust_client {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn calls_wait_for_a_server_that_is_away_for_a_while_and_begin_one_run() {
-        let house = house(1).await;
-        let wire = FaultProxy::open(house.doors.grpc).await;
-        let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
+        let server = server(1).await;
+        let proxy = FaultProxy::open(server.servers.grpc).await;
+        let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
         let nowhere = SocketAddr::from(([127, 0, 0, 1], 9));
         for call in 0..2 {
-            wire.redirect(nowhere);
-            wire.cut();
+            proxy.redirect(nowhere);
+            proxy.cut();
             let asking = {
-                let arena = arena.clone();
+                let client = client.clone();
                 tokio::spawn(async move {
                     match call {
-                        0 => arena.start_run(options()).await.map(|_| ()),
-                        _ => arena.quota().await.map(|_| ()),
+                        0 => client.start_run(options()).await.map(|_| ()),
+                        _ => client.quota().await.map(|_| ()),
                     }
                 })
             };
             sleep(Duration::from_millis(500)).await;
             assert!(!asking.is_finished(), "it waits");
-            wire.redirect(house.doors.grpc);
+            proxy.redirect(server.servers.grpc);
             asking.await.expect("no panic").expect("an answer in the end");
         }
-        assert_eq!(arena.runs().await.expect("a list").len(), 1);
+        assert_eq!(client.runs().await.expect("a list").len(), 1);
     }
 }
 
@@ -149,7 +149,7 @@ mod python_client {
     }
 }
 
-/// A person plays as agents do: through the page on the person's machine, by the same door, rules and budgets.
+/// The play page for people: the same gRPC server, rules and limits as for agents.
 mod human {
     use avln_client::Order;
     use avln_human::{HumanArgs, HumanError, RunArgs, run_with};
@@ -162,11 +162,11 @@ mod human {
         sync::oneshot,
     };
 
-    fn args(house: &TestServer, page: &str) -> HumanArgs {
+    fn args(server: &TestServer, page: &str) -> HumanArgs {
         let run = RunArgs {
-            server: format!("http://{}", house.doors.grpc),
+            server: format!("http://{}", server.servers.grpc),
             ca: None,
-            token: house.token.clone(),
+            token: server.token.clone(),
             phase: PHASE.to_owned(),
             order: Order::Unordered,
         };
@@ -185,8 +185,8 @@ mod human {
         let head = answer.windows(4).position(|window| window == b"\r\n\r\n").expect("a head") + 4;
         let body = &answer[head..];
         let length = u32::from_le_bytes(body[..4].try_into().expect("four bytes")) as usize;
-        let told = serde_json::from_slice(&body[4..4 + length]).expect("JSON");
-        (told, body.len() - 4 - length)
+        let output = serde_json::from_slice(&body[4..4 + length]).expect("JSON");
+        (output, body.len() - 4 - length)
     }
 
     /// Plays an open episode: some steps, then Submits until its end.
@@ -194,25 +194,25 @@ mod human {
         let goals = begun["goals"].as_array().expect("goals").len() as u64;
         assert_eq!((begun["step"].as_u64(), begun["remaining_submits"].as_u64()), (Some(0), Some(goals - 1)));
         for (step, word) in (1..).zip(["left", "forward", "right"]) {
-            let (told, bytes) = request(page, word).await;
-            assert_eq!((told["state"].as_str(), told["step"].as_u64()), (Some("playing"), Some(step)));
-            let samples = told["senses"]["audio"][1].as_u64().expect("sound") as usize;
+            let (output, bytes) = request(page, word).await;
+            assert_eq!((output["state"].as_str(), output["step"].as_u64()), (Some("playing"), Some(step)));
+            let samples = output["senses"]["audio"][1].as_u64().expect("sound") as usize;
             assert_eq!(bytes, 64 * 64 * (3 + 4) + 2 * 4 * samples, "colours, depth and both ears");
         }
-        let mut told = Value::Null;
+        let mut output = Value::Null;
         for _ in 0..goals {
-            told = request(page, "submit").await.0;
+            output = request(page, "submit").await.0;
         }
-        told
+        output
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_person_plays_a_run_that_stands_on_the_board() {
-        let house = TestServer::open(&TestSetup::default()).await;
+        let server = TestServer::open(&TestSetup::default()).await;
         let (found, page) = oneshot::channel();
-        let options = args(&house, "127.0.0.1:0");
+        let options = args(&server, "127.0.0.1:0");
         let run = tokio::spawn(async move {
-            let on_page = |address| found.send(address).expect("somebody asks");
+            let on_page = |address| found.send(address).expect("a receiver");
             run_with(options, on_page, &mut |_| {}).await
         });
         let page = page.await.expect("a page");
@@ -237,7 +237,7 @@ mod human {
         assert_eq!(request(page, "next").await.0["state"], "over");
         let summary = run.await.expect("no panic").expect("a summary");
         assert!(summary.complete, "{summary:?}");
-        let board = http::get(house.doors.web, &format!("/leaderboard/{PHASE}?order=unordered")).await;
+        let board = http::get(server.servers.web, &format!("/leaderboard/{PHASE}?order=unordered")).await;
         assert!(
             board.body.contains(">human</a>") && board.body.contains("colour, depth, sound"),
             "{}",
@@ -247,11 +247,11 @@ mod human {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn the_page_is_for_this_machine_alone() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let open = run_with(args(&house, "0.0.0.0:0"), |_| {}, &mut |_| {}).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let open = run_with(args(&server, "0.0.0.0:0"), |_| {}, &mut |_| {}).await;
         assert!(matches!(open, Err(HumanError::Open(_))), "{open:?}");
-        let taken = house.doors.web.to_string();
-        let taken = run_with(args(&house, &taken), |_| {}, &mut |_| {}).await;
+        let taken = server.servers.web.to_string();
+        let taken = run_with(args(&server, &taken), |_| {}, &mut |_| {}).await;
         assert!(matches!(taken, Err(HumanError::Page { .. })), "{taken:?}");
     }
 }
@@ -267,8 +267,9 @@ mod oracle {
     async fn play() -> Vec<ResultLine> {
         let folder = tempfile::tempdir().expect("a folder");
         let size = SuiteSize { houses: 3, missions: 4, practice: false };
-        let plan = SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
-        suite::run(folder.path(), &plan).await.expect("a ladder");
+        let setup =
+            SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
+        suite::run(folder.path(), &setup).await.expect("a baseline suite");
         let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
         results.lines().cloned().collect()
     }
@@ -290,7 +291,7 @@ mod oracle {
     #[tokio::test(flavor = "multi_thread")]
     async fn the_oracle_stands_on_boards_for_comparison() {
         let folder = tempfile::tempdir().expect("a folder");
-        avln_tests::furnish(
+        avln_tests::set_up(
             folder.path(),
             &avln_tests::TestSetup { houses: 1, missions: 2, ..Default::default() },
         )
@@ -301,9 +302,9 @@ mod oracle {
             .await
             .expect("two runs");
         assert_eq!(orders, ["ordered", "unordered"]);
-        let doors = avln_tests::start_servers(folder.path()).await;
+        let servers = avln_tests::start_servers(folder.path()).await;
         let board =
-            http::get(doors.web, &format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
+            http::get(servers.web, &format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
         let board: serde_json::Value = serde_json::from_str(&board).expect("JSON");
         let row = &board["rows"][0];
         assert_eq!(
@@ -311,7 +312,7 @@ mod oracle {
             (Some("oracle"), Some(1.0))
         );
         assert!(row["rank"].is_null() && row.get("rank").is_some(), "{row}");
-        doors.close().await.expect("both doors close");
+        servers.close().await.expect("a shutdown");
     }
 
     #[tokio::test]
@@ -340,20 +341,20 @@ mod baselines {
         assert!(suite::report(folder).is_err(), "nothing was played");
         let size = SuiteSize { houses: 1, missions: 2, practice: false };
         let agents = vec![AgentVariant::Random, AgentVariant::ShortestPath];
-        let plan =
+        let setup =
             |episodes| SuiteOptions { agents: agents.clone(), episodes, size, ..SuiteOptions::default() };
 
-        assert_eq!(suite::run(folder, &plan(1)).await.expect("one mission"), 4);
+        assert_eq!(suite::run(folder, &setup(1)).await.expect("one mission"), 4);
         let first = lines(folder);
-        assert_eq!(suite::run(folder, &plan(2)).await.expect("the other mission"), 4);
-        assert_eq!(suite::run(folder, &plan(2)).await.expect("nothing"), 0);
+        assert_eq!(suite::run(folder, &setup(2)).await.expect("the other mission"), 4);
+        assert_eq!(suite::run(folder, &setup(2)).await.expect("nothing"), 0);
         let all = lines(folder);
         assert!(all.len() == 8 && all[..4] == first[..], "{all:?}");
 
         // A truncated line is played again; the same seed repeats the result.
         let cut = all[..7].join("\n") + "\n" + &all[7][..40];
         fs::write(folder.join("results.jsonl"), cut).expect("the file");
-        assert_eq!(suite::run(folder, &plan(2)).await.expect("the last one"), 1);
+        assert_eq!(suite::run(folder, &setup(2)).await.expect("the last one"), 1);
         let results = Results::open(&folder.join("results.jsonl")).expect("results");
         let before: suite::ResultLine = serde_json::from_str(&all[7]).expect("a line");
         let after = results.lines().find(|line| line.key == before.key).expect("it was played");
@@ -392,7 +393,7 @@ mod perception {
         let draws = jobs.flat_map(|job| (0..Recipe::HOUSE_DRAWS).map(move |attempt| (job, attempt)));
         let seed = |(job, attempt)| match recipe.house(job, attempt) {
             Ok(SceneSource::Procedural { seed, .. }) => seed,
-            other => panic!("a house is drawn, not {other:?}"),
+            other => panic!("expected a house, got {other:?}"),
         };
         draws.map(seed).collect()
     }
@@ -459,8 +460,8 @@ mod storeys {
         fs::write(folder.join("weights.toml"), WEIGHTS).expect("weights");
         avln(folder, &["data", "dataset", "build", "recipe.json", "--out", "set"]);
         avln(folder, &["challenge", "phase", "open", "stairs", "--dataset", "set", "--split", "two"]);
-        let told = avln(folder, &["challenge", "team", "add", "ada"]);
-        let token = told.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
+        let output = avln(folder, &["challenge", "team", "add", "ada"]);
+        let token = output.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
         let server = Server::start(PROGRAM, &folder.join("data"));
         let url = format!("http://{}", server.grpc);
         let agent = ["agent", "pag-nav", "--server", &url, "--token", token, "--phase", "stairs"];

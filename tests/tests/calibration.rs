@@ -26,8 +26,8 @@ async fn host(data: &DataFolder) -> (RunningServers, String) {
     let token = admit(&store, "ada", None).await.expect("a team");
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     let free = "127.0.0.1:0".parse().expect("an address");
-    let doors = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
-    (doors.open(Arc::new(arena), store.reader()).expect("both doors"), token)
+    let servers = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    (doors.open(Arc::new(arena), store.reader()).expect("both servers"), token)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -52,8 +52,8 @@ async fn a_server_that_hosts_the_phase_is_calibrated() {
         let (code, text) = calibrate(place.path(), &["--open"]);
         assert!(code == Some(0) && text.contains("phase calibration is open"), "{text}");
     }
-    let (doors, token) = host(&DataFolder::open(place.path()).expect("the folder")).await;
-    let url = format!("http://{}", doors.grpc);
+    let (servers, token) = host(&DataFolder::open(place.path()).expect("the folder")).await;
+    let url = format!("http://{}", servers.grpc);
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
     assert!(code == Some(0) && text.contains("All 12 episodes are as published"), "{text}");
 }
@@ -69,8 +69,8 @@ async fn another_phase_of_that_name_is_found_out() {
     make_split(&data, &store, make, |_| ()).await.expect("a split");
     let open = NewPhase { max_slots: 4, max_side: 256, ..NewPhase::public(&name, &name) };
     open_phase(&data, &store, &open).await.expect("a phase");
-    let (doors, token) = host(&data).await;
-    let url = format!("http://{}", doors.grpc);
+    let (servers, token) = host(&data).await;
+    let url = format!("http://{}", servers.grpc);
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
     assert_eq!(code, Some(6), "{text}");
     assert!(text.contains("2 episodes, published are 12") && text.contains("not calibrated"), "{text}");

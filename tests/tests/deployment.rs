@@ -52,13 +52,13 @@ mod containers {
 
         fn succeeds(&self, mut command: Command) -> String {
             let output = command.output().expect("it starts");
-            let told = String::from_utf8_lossy(&output.stdout).into_owned();
+            let output = String::from_utf8_lossy(&output.stdout).into_owned();
             assert!(
                 output.status.success(),
-                "{command:?}: {told}{}",
+                "{command:?}: {output}{}",
                 String::from_utf8_lossy(&output.stderr)
             );
-            told
+            output
         }
     }
 
@@ -276,10 +276,7 @@ mod packages {
         assert_eq!(inside, ["sealed-server", "sealed-agent"]);
         let server = service("sealed-server");
         assert_eq!(words(&server["networks"]), ["cell"]);
-        assert!(
-            words(&server["command"]).contains(&"127.0.0.1:8080"),
-            "nothing but the agents' door is open"
-        );
+        assert!(words(&server["command"]).contains(&"127.0.0.1:8080"), "only the gRPC server is reachable");
     }
 
     #[test]

@@ -29,11 +29,11 @@ mod browser {
         found
     }
 
-    fn person(house: &TestServer) -> HumanArgs {
+    fn person(server: &TestServer) -> HumanArgs {
         let run = RunArgs {
-            server: house.agents_url(),
+            server: server.agents_url(),
             ca: None,
-            token: house.token.clone(),
+            token: server.token.clone(),
             phase: PHASE.to_owned(),
             order: Order::Unordered,
         };
@@ -45,23 +45,23 @@ mod browser {
         let needed = ["playwright", "axe_playwright_python"];
         let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
         let Some(chromium) = chromium() else { return };
-        let house = TestServer::open(&TestSetup::default()).await;
+        let server = TestServer::open(&TestSetup::default()).await;
         for method in ["stroller", "wanderer"] {
-            play_script(&house.agents_url(), &house.token, method).await;
+            play_script(&server.agents_url(), &server.token, method).await;
         }
         let heard =
-            play_script_with(&house.agents_url(), &house.token, "listener", AUDIO_ONLY, |_, _| ()).await;
+            play_script_with(&server.agents_url(), &server.token, "listener", AUDIO_ONLY, |_, _| ()).await;
         let (found, page) = oneshot::channel();
-        let options = person(&house);
+        let options = person(&server);
         let run = tokio::spawn(async move {
-            let on_page = |address| found.send(address).expect("somebody asks");
+            let on_page = |address| found.send(address).expect("a receiver");
             run_with(options, on_page, &mut |_| {}).await
         });
         let page = page.await.expect("a page");
         check.arg(root().join("tests/browser/check.py")).arg(chromium);
-        check.arg(format!("http://{}", house.doors.web)).arg(format!("http://{page}"));
-        check.arg(format!("http://{}/runs/{heard}/episodes/0", house.doors.web));
-        check.arg(&house.token).arg(house.organiser().await);
+        check.arg(format!("http://{}", server.servers.web)).arg(format!("http://{page}"));
+        check.arg(format!("http://{}/runs/{heard}/episodes/0", server.servers.web));
+        check.arg(&server.token).arg(server.organiser().await);
         spawn_blocking(|| python::succeeds("pages in a browser", check)).await.expect("nothing is wrong");
         run.abort();
     }
@@ -91,7 +91,7 @@ mod browser {
 
 /// A frozen copy of the board can be trusted: whatever was done to it is found.
 mod frozen_copy {
-    use avln_tests::{TestSetup, furnish};
+    use avln_tests::{TestSetup, set_up};
     use std::{fs, path::Path, process::Command};
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
@@ -99,8 +99,8 @@ mod frozen_copy {
     /// Runs the program; returns success and output.
     fn avln(data: &Path, arguments: &[&str]) -> (bool, String) {
         let output = Command::new(PROGRAM).arg("--data").arg(data).args(arguments).output().expect("it runs");
-        let told = [output.stdout, output.stderr].concat();
-        (output.status.success(), String::from_utf8_lossy(&told).into_owned())
+        let text = [output.stdout, output.stderr].concat();
+        (output.status.success(), String::from_utf8_lossy(&text).into_owned())
     }
 
     /// Changes a copy, checks it, and restores it.
@@ -111,37 +111,38 @@ mod frozen_copy {
             Some(text) => fs::write(&path, text).expect("a file"),
             None => fs::remove_file(&path).expect("a file"),
         }
-        let (content, told) =
+        let (content, output) =
             avln(copy, &["challenge", "leaderboard", "check", &copy.display().to_string(), "--key", key]);
-        assert!(!content, "{told}");
+        assert!(!content, "{output}");
         match before {
             Some(bytes) => fs::write(&path, bytes).expect("a file"),
             None => fs::remove_file(&path).expect("a file"),
         }
-        told
+        output
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn what_is_done_to_a_copy_is_found() {
         let (data, elsewhere) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        furnish(data.path(), &TestSetup { houses: 1, missions: 1, ..TestSetup::default() }).await;
+        set_up(data.path(), &TestSetup { houses: 1, missions: 1, ..TestSetup::default() }).await;
         let copy = elsewhere.path().join("frozen");
         let place = copy.display().to_string();
-        let (content, told) = avln(data.path(), &["challenge", "leaderboard", "freeze", "--out", &place]);
-        assert!(content, "{told}");
-        let key = told.lines().find_map(|line| line.strip_prefix("signed by    ")).expect("a key").to_owned();
+        let (content, output) = avln(data.path(), &["challenge", "leaderboard", "freeze", "--out", &place]);
+        assert!(content, "{output}");
+        let key =
+            output.lines().find_map(|line| line.strip_prefix("signed by    ")).expect("a key").to_owned();
 
         // A copy is checked without a data folder.
         let check = |more: &[&str]| {
             avln(elsewhere.path(), &[&["challenge", "leaderboard", "check", place.as_str()], more].concat())
         };
-        let (content, told) = check(&["--key", &key]);
-        assert!(content && told.contains(", as expected"), "{told}");
-        let (content, told) = check(&[]);
-        assert!(content && told.contains(&key), "{told}");
-        let (content, told) = check(&["--key", "0123"]);
-        assert!(!content && told.contains("not by 0123"), "{told}");
+        let (content, output) = check(&["--key", &key]);
+        assert!(content && output.contains(", as expected"), "{output}");
+        let (content, output) = check(&[]);
+        assert!(content && output.contains(&key), "{output}");
+        let (content, output) = check(&["--key", "0123"]);
+        assert!(!content && output.contains("not by 0123"), "{output}");
 
         let list = fs::read_to_string(copy.join("SHA256SUMS")).expect("a list");
         assert!(found(&copy, &key, "index.html", Some("<p>We won.")).contains("index.html was changed"));
@@ -152,8 +153,8 @@ mod frozen_copy {
         assert!(found(&copy, &key, "SHA256SUMS.sig", Some(&key)).contains("does not fit SHA256SUMS"));
         let link = copy.join("link");
         std::os::unix::fs::symlink("/", &link).expect("a link");
-        let (content, told) = check(&["--key", &key]);
-        assert!(!content && told.contains("link is not in SHA256SUMS"), "{told}");
+        let (content, output) = check(&["--key", &key]);
+        assert!(!content && output.contains("link is not in SHA256SUMS"), "{output}");
         fs::remove_file(link).expect("a link");
         assert!(check(&["--key", &key]).0, "all is as it was");
     }
@@ -175,15 +176,15 @@ mod live_run {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_run_is_seen_to_advance_and_to_wait() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-        let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
-        let (web, path) = (house.doors.web, format!("/api/v1/runs/{}/events", run.id));
+        let server = TestServer::open(&TestSetup::default()).await;
+        let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+        let run = client.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
+        let (web, path) = (server.servers.web, format!("/api/v1/runs/{}/events", run.id));
         let before = events(&http::get_events(web, &path, Duration::from_millis(500)).await);
         assert_eq!((before.len(), &before[0]["state"]), (1, &"created".into()));
         assert_eq!(before[0]["words"]["waits"], "the run waits for its agent to connect");
 
-        let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
+        let mut play = client.play(&run, NO_SENSORS).await.expect("a stream");
         let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
         let walk = async {
             for _ in 0..20 {
@@ -192,20 +193,20 @@ mod live_run {
             }
         };
         let (heard, ()) = tokio::join!(http::get_events(web, &path, Duration::from_millis(3500)), walk);
-        let told = events(&heard);
+        let output = events(&heard);
         assert!(
-            heard.body.contains("retry: 2000") && (3..=5).contains(&told.len()),
+            heard.body.contains("retry: 2000") && (3..=5).contains(&output.len()),
             "once a second: {}",
             heard.body
         );
-        let steps: Vec<u64> = told.iter().filter_map(|event| event["slots"][0]["step"].as_u64()).collect();
+        let steps: Vec<u64> = output.iter().filter_map(|event| event["slots"][0]["step"].as_u64()).collect();
         assert!(steps.len() >= 3 && steps.is_sorted_by(|a, b| a < b), "{steps:?}");
-        let last = &told[told.len() - 1];
+        let last = &output[output.len() - 1];
         assert_eq!(
             (&last["connected"], &last["playing"], &last["state"]),
             (&true.into(), &1.into(), &"running".into())
         );
-        let rate = last["steps_per_s"].as_f64().expect("it is told");
+        let rate = last["steps_per_s"].as_f64().expect("a rate");
         assert!((2.0..8.0).contains(&rate), "{rate} steps a second");
         let list = events(&http::get_events(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
         assert_eq!(list[0]["runs"][0]["run"], run.id.as_str());
@@ -214,7 +215,7 @@ mod live_run {
 
         drop(episode);
         drop(play);
-        drop(arena);
+        drop(client);
         let lost = http::get_events(web, &path, Duration::from_millis(2500)).await;
         assert!(lost.body.contains("waits for its agent to reconnect"), "{}", lost.body);
     }
@@ -234,10 +235,10 @@ mod replay_sound {
     const HEAD_BYTES: usize = 58;
 
     /// Plays a run with sound; returns its id and the received samples per episode.
-    async fn play(house: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
+    async fn play(server: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
         let mut heard: BTreeMap<u32, Vec<Audio>> = BTreeMap::new();
-        let url = house.agents_url();
-        let run = play_script_with(&url, &house.token, "listener", sensors, |ordinal, observation| {
+        let url = server.agents_url();
+        let run = play_script_with(&url, &server.token, "listener", sensors, |ordinal, observation| {
             heard.entry(ordinal).or_default().extend(observation.audio.clone());
         });
         let run = run.await;
@@ -258,8 +259,8 @@ mod replay_sound {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_replay_sounds_as_its_agent_heard_it() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let (run, heard) = play(&house, AUDIO_ONLY).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let (run, heard) = play(&server, AUDIO_ONLY).await;
         assert_eq!(heard.len(), 2);
         for (ordinal, steps) in &heard {
             let last = steps.len() - 1;
@@ -268,18 +269,18 @@ mod replay_sound {
                     && steps.iter().any(|audio| audio.left.iter().any(|sample| *sample != 0.0))
             );
             let all =
-                http::get(house.doors.web, &format!("/runs/{run}/episodes/{ordinal}/ears/0-{last}.wav"))
+                http::get(server.servers.web, &format!("/runs/{run}/episodes/{ordinal}/ears/0-{last}.wav"))
                     .await;
             assert_eq!(all.status, 200, "{}", all.body);
             assert!(body(&all)[HEAD_BYTES..] == interleaved(steps)[..], "episode {ordinal}");
             let some =
-                http::get(house.doors.web, &format!("/runs/{run}/episodes/{ordinal}/ears/7-9.wav")).await;
+                http::get(server.servers.web, &format!("/runs/{run}/episodes/{ordinal}/ears/7-9.wav")).await;
             assert!(
                 body(&some)[HEAD_BYTES..] == interleaved(&steps[7..=9])[..],
                 "a part of episode {ordinal}"
             );
             let levels =
-                http::get(house.doors.web, &format!("/api/v1/runs/{run}/episodes/{ordinal}/levels.csv"))
+                http::get(server.servers.web, &format!("/api/v1/runs/{run}/episodes/{ordinal}/levels.csv"))
                     .await;
             assert_eq!(levels.body.lines().count(), steps.len() + 1, "{}", levels.body);
         }
@@ -287,17 +288,17 @@ mod replay_sound {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let deaf = play_script(&house.agents_url(), &house.token, "deaf").await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let deaf = play_script(&server.agents_url(), &server.token, "deaf").await;
         let hidden =
             TestServer::open(&TestSetup { visible_to: Visibility::Organiser, ..TestSetup::default() }).await;
         let (run, _) = play(&hidden, AUDIO_ONLY).await;
-        for (house, run) in [(&house, &deaf), (&hidden, &run)] {
+        for (server, run) in [(&server, &deaf), (&hidden, &run)] {
             for path in ["runs/RUN/episodes/0/ears/0-1.wav", "api/v1/runs/RUN/episodes/0/levels.csv"] {
-                let answer = http::get(house.doors.web, &format!("/{}", path.replace("RUN", run))).await;
+                let answer = http::get(server.servers.web, &format!("/{}", path.replace("RUN", run))).await;
                 assert_eq!(answer.status, 404, "{path}");
             }
-            let page = http::get(house.doors.web, &format!("/runs/{run}/episodes/0?ears=on")).await;
+            let page = http::get(server.servers.web, &format!("/runs/{run}/episodes/0?ears=on")).await;
             assert!(!page.body.contains("<audio"), "{}", page.body);
         }
     }

@@ -15,7 +15,7 @@ mod verification {
 
     /// A server, a finished run, and its downloaded log.
     struct Played {
-        house: TestServer,
+        server: TestServer,
         files: TempDir,
         log: PathBuf,
         key: String,
@@ -23,25 +23,25 @@ mod verification {
 
     impl Played {
         async fn new() -> Self {
-            let house = TestServer::open(&TestSetup::default()).await;
-            let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-            let open = arena.start_run(RunOptions::new(PHASE, "idle")).await.expect("a run").id;
-            let early = http::get(house.doors.web, &format!("/api/v1/runs/{open}/log")).await;
+            let server = TestServer::open(&TestSetup::default()).await;
+            let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+            let open = client.start_run(RunOptions::new(PHASE, "idle")).await.expect("a run").id;
+            let early = http::get(server.servers.web, &format!("/api/v1/runs/{open}/log")).await;
             assert_eq!(early.status, 400, "the run is not over: {}", early.body);
-            let run = play_script(&house.agents_url(), &house.token, "walker").await;
-            let answer = http::get(house.doors.web, &format!("/api/v1/runs/{run}/log")).await;
+            let run = play_script(&server.agents_url(), &server.token, "walker").await;
+            let answer = http::get(server.servers.web, &format!("/api/v1/runs/{run}/log")).await;
             assert_eq!(answer.status, 200, "{}", answer.body);
-            let status = http::get(house.doors.web, "/api/v1/status").await;
+            let status = http::get(server.servers.web, "/api/v1/status").await;
             let status: serde_json::Value = serde_json::from_str(&status.body).expect("JSON");
             let files = TempDir::new().expect("a folder for temporary files");
             let log = files.path().join("fetched.log");
             fs::write(&log, answer.body).expect("a copy");
-            Self { house, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
+            Self { server, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
         }
 
         /// Runs `avln run verify` with the organiser's data; returns success and output.
         fn verify(&self, log: &Path, more: &[&str]) -> (bool, String) {
-            verify(self.house.folder.path(), log, more)
+            verify(self.server.folder.path(), log, more)
         }
 
         fn refused(&self, log: &Path, more: &[&str], words: &str) {
@@ -92,7 +92,7 @@ mod verification {
             assert!(text.contains(words), "'{words}' in: {text}");
         }
         let nowhere = played.files.path().join("nowhere");
-        for (data, more) in [(nowhere.as_path(), &[][..]), (played.house.folder.path(), &["--log-only"])] {
+        for (data, more) in [(nowhere.as_path(), &[][..]), (played.server.folder.path(), &["--log-only"])] {
             let (content, text) = verify(data, &played.log, more);
             assert!(content && text.contains("2 with 82 actions, not played again"), "{text}");
             assert!(
@@ -189,27 +189,30 @@ mod rescoring {
         },
     };
 
-    async fn store(house: &TestServer) -> Store {
-        DataFolder::open(house.folder.path()).expect("the folder").store().await.expect("its database")
+    async fn store(server: &TestServer) -> Store {
+        DataFolder::open(server.folder.path()).expect("the folder").store().await.expect("its database")
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let run = play_script(&house.agents_url(), &house.token, "walker").await;
-        let folder = house.folder.path();
+        let server = TestServer::open(&TestSetup::default()).await;
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let folder = server.folder.path();
         for arguments in [&[run.as_str()][..], &["--phase", PHASE]] {
             let (code, text) = avln_rescore(folder, arguments);
             assert_eq!(code, Some(0), "{text}");
             assert!(text.contains("nothing changed") && text.contains("1 run scored by benchmark"), "{text}");
         }
         let (code, json) = avln_rescore(folder, &[&run, "--json"]);
-        let told: serde_json::Value = serde_json::from_str(&json).expect("JSON");
-        assert_eq!((code, &told[0]["is_kept"], &told[0]["episodes"]), (Some(0), &false.into(), &2.into()));
+        let output: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        assert_eq!(
+            (code, &output[0]["is_kept"], &output[0]["episodes"]),
+            (Some(0), &false.into(), &2.into())
+        );
 
-        let page = async |path: &str| http::get(house.doors.web, path).await.body;
+        let page = async |path: &str| http::get(server.servers.web, path).await.body;
         let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await;
-        let store = store(&house).await;
+        let store = store(&server).await;
         let row = store.run(&run).await.expect("the run");
         let compared = rescore(&store, &row, &STRICT, 77).await.expect("records");
         assert!(compared.is_kept && !compared.contradicts());
@@ -230,21 +233,21 @@ mod rescoring {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_version_that_says_two_things_and_a_run_without_records_are_told() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let run = play_script(&house.agents_url(), &house.token, "walker").await;
-        let store = store(&house).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let store = store(&server).await;
         let row = store.run(&run).await.expect("the run");
         let forged = Scorer { version: Scorer::OURS.version, ..STRICT };
         let compared = rescore(&store, &row, &forged, 77).await.expect("records");
         assert!(compared.contradicts() && !compared.is_kept && !compared.changed.is_empty());
 
-        let (code, text) = avln_rescore(house.folder.path(), &["run_of_nobody"]);
+        let (code, text) = avln_rescore(server.folder.path(), &["run_of_nobody"]);
         assert!(code == Some(3) && text.contains("run_of_nobody"), "{text}");
-        let (code, text) = avln_rescore(house.folder.path(), &[]);
+        let (code, text) = avln_rescore(server.folder.path(), &[]);
         assert!(code == Some(2) && text.contains("--phase"), "{text}");
         let note = avln_store::AuditNote::default();
         store.prune_records(i64::MAX, note, 78).await.expect("records go");
-        let (code, text) = avln_rescore(house.folder.path(), &[&run]);
+        let (code, text) = avln_rescore(server.folder.path(), &[&run]);
         assert!(code == Some(3) && text.contains("the records of 2 episodes"), "{text}");
     }
 }

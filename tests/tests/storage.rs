@@ -6,9 +6,10 @@ mod backups {
     use avln_tests::{
         PHASE, TestSetup,
         fault_proxy::FaultProxy,
-        furnish, http,
+        http,
         scripted_run::{NO_SENSORS, play_script},
         server::Server,
+        set_up,
     };
     use serde_json::Value;
     use std::{
@@ -93,11 +94,11 @@ mod backups {
 
     /// Plays a run in several slots; returns its id.
     async fn play_run(url: String, token: String, method: &str, pace: &'static Pace) -> String {
-        let arena = Client::connect(url, &token).await.expect("the door is open");
+        let client = Client::connect(url, &token).await.expect("a connection");
         let run =
-            arena.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
+            client.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
         let mut players = JoinSet::new();
-        for play in arena.play_slots(&run, NO_SENSORS, SLOTS).await.expect("a stream") {
+        for play in client.play_slots(&run, NO_SENSORS, SLOTS).await.expect("a stream") {
             players.spawn(play_slot(play, pace));
         }
         let mut last = None;
@@ -132,15 +133,15 @@ mod backups {
         let place = tempfile::tempdir().expect("a folder");
         let (old, new, file) =
             (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));
-        let token = furnish(&old, &TestSetup { houses: 1, missions: 8, ..TestSetup::default() }).await;
+        let token = set_up(&old, &TestSetup { houses: 1, missions: 8, ..TestSetup::default() }).await;
         let server = Server::start(PROGRAM, &old);
-        let wire = FaultProxy::open(server.grpc).await;
-        let over = play_script(&wire.url(), &token, "over before").await;
-        let calm = play_run(wire.url(), token.clone(), "calm", &CALM).await;
+        let proxy = FaultProxy::open(server.grpc).await;
+        let over = play_script(&proxy.url(), &token, "over before").await;
+        let calm = play_run(proxy.url(), token.clone(), "calm", &CALM).await;
         let (before, verified) = (board(server.web).await, check(&old, &over));
 
         // One run is paused; another continues during the backup.
-        let held = tokio::spawn(play_run(wire.url(), token.clone(), "held", &HELD));
+        let held = tokio::spawn(play_run(proxy.url(), token.clone(), "held", &HELD));
         while !HELD.held.load(Ordering::Acquire) {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
@@ -168,8 +169,8 @@ mod backups {
         }
         let server = Server::start(PROGRAM, &new);
         assert_eq!(board(server.web).await, before);
-        wire.redirect(server.grpc);
-        wire.cut();
+        proxy.redirect(server.grpc);
+        proxy.cut();
         HELD.held.store(false, Ordering::Release);
         let held = held.await.expect("no panic");
         assert_eq!(worth(server.web, &held).await, worth(server.web, &calm).await, "it went on where it was");
@@ -192,15 +193,19 @@ mod pruning {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn old_logs_and_records_go_and_scores_stay() {
-        let house = TestServer::open(&TestSetup::default()).await;
-        let run = play_script(&house.agents_url(), &house.token, "walker").await;
-        let log = house.folder.path().join("runs").join(format!("{run}.log"));
-        let page = async |path: &str| http::get(house.doors.web, path).await;
+        let server = TestServer::open(&TestSetup::default()).await;
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let log = server.folder.path().join("runs").join(format!("{run}.log"));
+        let page = async |path: &str| http::get(server.servers.web, path).await;
         let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
         let prune = |more: &[&str]| {
             let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-            let output =
-                avln.arg("--data").arg(house.folder.path()).args(["data", "db", "prune"]).args(more).output();
+            let output = avln
+                .arg("--data")
+                .arg(server.folder.path())
+                .args(["data", "db", "prune"])
+                .args(more)
+                .output();
             let output = output.expect("the program runs");
             let text = String::from_utf8_lossy(&output.stdout).into_owned()
                 + &String::from_utf8_lossy(&output.stderr);
@@ -215,7 +220,7 @@ mod pruning {
         let later = now_unix_ms() + 2 * 86_400_000;
         let prune = async |records, dry_run| {
             let options = PruneOptions { older_than_days: 1, records, dry_run };
-            backup::prune(house.folder.path(), &options, later).await.expect("it can go")
+            backup::prune(server.folder.path(), &options, later).await.expect("it can go")
         };
         let trial = prune(true, true).await;
         assert_eq!((trial.runs, trial.logs, trial.records), (1, 1, 2));
