@@ -55,7 +55,7 @@ async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
     let modest = admit(&store, "modest", None).await.expect("another team");
     store.close().await;
     let one_core = |limits: Limits| Limits { max_simulations: 1, ..limits };
-    let house = TestServer::open_with(folder, token, |arena| arena, one_core).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, one_core).await;
 
     let enough = Arc::new(AtomicBool::new(false));
     let steps: [Arc<AtomicU32>; 2] = Default::default();
@@ -84,7 +84,7 @@ async fn fifty_milliseconds_away_costs_no_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let token = set_up(folder.path(), &TestSetup::default()).await;
     change_phase(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
     let proxy = FaultProxy::open_delayed(server.servers.grpc, Duration::from_millis(50)).await;
     let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
     let run = client.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
