@@ -1,4 +1,4 @@
-"""A way through board, run, replay and play for somebody who has nothing but a keyboard."""
+"""Leaderboard, run, replay and play page with a keyboard only."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FOCUS = """async () => {
   window.stops.push(e);
   return { again, fine: outside || (marked && seen), marked, what: e.outerHTML.slice(0, 120) };
 }"""
-"""Whether one sees anything of what has the keyboard (WCAG 2.4.11), and whether it had it before."""
+"""Visibility of the focused element (WCAG 2.4.11), and whether it had the focus before."""
 
 UNREACHED = """() => {
   const can = "a[href], button, input:not([type=hidden]), select, summary, [tabindex='0']";
@@ -38,7 +38,7 @@ UNREACHED = """() => {
 
 
 def stops(page: Page) -> list[str]:
-    """Goes through all stops of Tab: every one is seen, and none is left out."""
+    """Visits all Tab stops; every stop must be visible, and none may be missing."""
     page.evaluate("() => { window.stops = []; }")
     found = []
     for _ in range(MOST_STOPS):
@@ -53,7 +53,7 @@ def stops(page: Page) -> list[str]:
 
 
 def tab_to(page: Page, selector: str) -> None:
-    """Presses Tab until the focus is on what a selector names."""
+    """Presses Tab until the selected element has the focus."""
     for _ in range(MOST_STOPS):
         page.keyboard.press("Tab")
         if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
@@ -62,7 +62,7 @@ def tab_to(page: Page, selector: str) -> None:
 
 
 def follow(page: Page, selector: str) -> None:
-    """Goes to a link by Tab and opens it by Enter."""
+    """Opens a link with Tab and Enter."""
     tab_to(page, selector)
     with page.expect_navigation():
         page.keyboard.press("Enter")

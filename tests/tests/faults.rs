@@ -244,7 +244,7 @@ async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
         keepalive_timeout: Duration::from_millis(300),
         ..limits
     };
-    let house = TestServer::open_with(folder, token, |arena| arena, keen).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, keen).await;
     let proxy = FaultProxy::open(server.servers.grpc).await;
     let (run, mut play) = begin(&proxy.url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
@@ -315,7 +315,7 @@ async fn server_a_step_that_hangs_is_played_again_for_nothing() {
 async fn server_without_memory_for_an_episode_does_not_begin_it() {
     let (folder, token) = set_up_with(|_| ()).await;
     let poor = Budget { session_memory_mib: 1, ..Budget::default() };
-    let house = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
+    let server = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let Err(refused) = play.next_episode().await else { panic!("an episode without memory began") };
     assert_eq!(refused.reason(), Some(Reason::SimFault), "{refused}");
@@ -389,7 +389,7 @@ async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
     let logs = folder.path().join("runs");
     std::fs::create_dir_all(&logs).expect("a folder");
     let Some(disk) = Disk::mount(&logs, "256k") else { return };
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     disk.fill();
@@ -445,12 +445,12 @@ async fn clock_that_jumps_ends_no_run() {
     let (folder, token) = set_up_with(|phase| phase.time.run_s = 3600).await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let arena = avln_arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
     let (run, play) = begin(&server.agents_url(), &server.token).await;
     let now = avln_arena::now_unix_ms();
     let day_ms = 86_400_000;
     let look =
-        async |now_ms, age_s| client.overdue_at(now_ms, Duration::from_secs(age_s)).await.expect("a list");
+        async |now_ms, age_s| arena.overdue_at(now_ms, Duration::from_secs(age_s)).await.expect("a list");
     assert_eq!(look(now, 0).await, Vec::<String>::new());
     assert_eq!(look(now + day_ms, 1).await, Vec::<String>::new(), "a day forwards in a second");
     assert_eq!(look(now, 2).await, Vec::<String>::new(), "and back");
