@@ -27,7 +27,7 @@ async fn host(data: &DataFolder) -> (RunningServers, String) {
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let servers = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
-    (doors.open(Arc::new(arena), store.reader()).expect("both servers"), token)
+    (servers.open(Arc::new(arena), store.reader()).expect("both servers"), token)
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,7 +2,10 @@
 //! after a loss.
 
 use crate::{
-    Client, Error, Notice, backoff::Backoff, client::Greeting, resend_buffer::ResendBuffer,
+    Error, Notice,
+    calls::Backoff,
+    handshake::{Greeting, greet},
+    resend_buffer::ResendBuffer,
     welcome::Agreement,
 };
 use avln_proto::v1::{self, play_request, play_response::Frame};
@@ -16,7 +19,7 @@ use tokio::{
     task::JoinHandle,
     time::{Instant, sleep},
 };
-use tonic::{Status, Streaming};
+use tonic::{Status, Streaming, transport::Channel};
 
 /// Limit of stored notices.
 const MAX_NOTICES: usize = 64;
@@ -55,7 +58,9 @@ struct State {
 /// Data for resuming a run.
 #[derive(Debug)]
 pub(crate) struct Reconnector {
-    pub(crate) client: Client,
+    pub(crate) channel: Channel,
+    /// Reconnection time wanted by the agent.
+    pub(crate) patience: Option<Duration>,
     pub(crate) token: String,
     /// The Hello that opened the run's first stream.
     pub(crate) hello: v1::Hello,
@@ -79,7 +84,7 @@ impl Connection {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
         let buffer = ResendBuffer::new(agreement.slots);
         let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
-        let wanted = reconnector.client.patience;
+        let wanted = reconnector.patience;
         let patience = (!agreement.may_be_away.is_zero())
             .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
         let reader = Reader { state: state.clone(), slots, reconnector, patience };
@@ -159,7 +164,7 @@ impl Reader {
     async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
         let known = lock(&self.state).buffer.known();
         let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
-        match self.reconnector.client.greet(&self.reconnector.token, hello).await? {
+        match greet(&self.reconnector.channel, &self.reconnector.token, hello).await? {
             Greeting::RunEnd(ends, end) => {
                 for end in ends {
                     self.to(end.slot, Event::End(end)).await;
@@ -248,13 +253,5 @@ fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
         step: fault.step,
         reason: v1::EndReason::ServerFault.into(),
         ..v1::EpisodeEnd::default()
-    }
-}
-
-/// Turns the end of the stream into the error of the pending call.
-pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
-    match end {
-        Some(error) => error.while_attempting(attempted),
-        None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
     }
 }

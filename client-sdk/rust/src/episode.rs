@@ -1,6 +1,7 @@
 use crate::{
     Action, EpisodeEnd, Error, Mission, Observation, Play, Progress,
-    connection::{Connection, Event, closed},
+    connection::{Connection, Event},
+    error::closed,
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{

@@ -238,6 +238,14 @@ fn retry_hint(retry_after_s: Option<u32>) -> String {
     retry_after_s.map(|s| format!("; try again in {s} s")).unwrap_or_default()
 }
 
+/// Error of the call that was pending when the stream ended.
+pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
+    match end {
+        Some(error) => error.while_attempting(attempted),
+        None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

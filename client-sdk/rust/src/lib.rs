@@ -113,17 +113,15 @@
 
 mod action;
 mod agent;
-mod backoff;
 mod calls;
 mod client;
 mod connect_options;
 mod connection;
 mod episode;
-mod episodes;
 mod error;
+mod handshake;
 mod mission;
 mod observation;
-mod packing;
 mod play;
 mod resend_buffer;
 mod service;
@@ -135,14 +133,12 @@ pub use action::{Action, EndReason, Order, UnknownOrder};
 pub use agent::{Agent, evaluate, evaluate_slots, evaluate_with};
 pub use avln_proto::v1::Reason;
 pub use client::Client;
-pub use connect_options::ConnectOptions;
+pub use connect_options::{ConnectOptions, Packing};
 pub use episode::{Episode, TimeLeft};
-pub use episodes::Episodes;
 pub use error::Error;
 pub use mission::{GoalCue, Image, Mission, RgbImage};
 pub use observation::{Audio, DepthImage, Feedback, Observation, Pose};
-pub use packing::Packing;
-pub use play::Play;
+pub use play::{Episodes, Play};
 pub use service::{
     Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
     ServerInfo,
