@@ -52,7 +52,7 @@ mod containers {
 
         fn succeeds(&self, mut command: Command) -> String {
             let output = command.output().expect("it starts");
-            let output = String::from_utf8_lossy(&output.stdout).into_owned();
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
             assert!(
                 output.status.success(),
                 "{command:?}: {output}{}",
