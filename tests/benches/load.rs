@@ -1,4 +1,4 @@
-//! Load of eight processes with eight slots each: steps, fairness, errors and server memory.
+//! Load by eight processes with eight slots each: steps, fairness, errors and server memory.
 //!
 //! `cargo bench -p avln-tests --bench load -- 10` plays for ten minutes; the default is one. Memory on Linux only.
 
@@ -71,7 +71,7 @@ fn player(door: SocketAddr, token: &str, length: Duration) -> Child {
     play.stdout(Stdio::piped()).spawn().expect("a player starts")
 }
 
-/// Resident memory of the server over the time, MiB.
+/// Resident server memory over time, MiB.
 fn watch(server: &Server, length: Duration) -> Vec<u64> {
     let begun = Instant::now();
     let mut resident = Vec::new();
@@ -85,7 +85,7 @@ fn watch(server: &Server, length: Duration) -> Vec<u64> {
     resident
 }
 
-/// Steps and episodes of a player; `None` if it failed.
+/// A player's steps and episodes; `None` if it failed.
 fn outcome(player: Child) -> Option<[u64; 2]> {
     let output = player.wait_with_output().expect("a player ends");
     let text = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 
 const ALL: Sensors = Sensors { rgb: true, depth: true, audio: true, width: 128, height: 128, hfov_rad: 1.57 };
-/// Steps of each slot.
+/// Steps per slot.
 const STEPS: usize = 120;
 const WARM_UP: usize = 20;
-/// One-way delay of a 50 ms round trip.
+/// One-way delay for a 50 ms round trip.
 const FAR: Duration = Duration::from_millis(25);
 
 #[tokio::main]
@@ -31,7 +31,7 @@ async fn main() {
     }
 }
 
-/// Steps a second of all slots together.
+/// Total steps per second.
 async fn rate(client: &Client, sensors: Sensors, slots: u32) -> f64 {
     let options = RunOptions::new(PHASE, "slots").order(Order::Unordered);
     let run = client.start_run(options).await.expect("a run");

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 ORGANISERS = ["", "/teams", "/runs", "/audit", "/health"]
-"""Below the address of the organiser's pages."""
+"""Below the organiser's address."""
 
 
 def submit(page: Page, button: str) -> None:

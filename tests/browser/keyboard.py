@@ -28,7 +28,7 @@ FOCUS = """async () => {
   window.stops.push(e);
   return { again, fine: outside || (marked && seen), marked, what: e.outerHTML.slice(0, 120) };
 }"""
-"""Visibility of the focused element (WCAG 2.4.11), and whether it had the focus before."""
+"""The focused element's visibility (WCAG 2.4.11), and whether it had the focus before."""
 
 UNREACHED = """() => {
   const can = "a[href], button, input:not([type=hidden]), select, summary, [tabindex='0']";
@@ -76,7 +76,7 @@ def expect_step(page: Page, step: int, key: str) -> list[str]:
 
 
 def replay(page: Page) -> list[str]:
-    """Moves the clock of a replay."""
+    """Moves a replay's clock."""
     tab_to(page, "#replay #t")
     last = int(page.get_attribute("#replay", "data-last") or 0)
     found = []

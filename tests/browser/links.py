@@ -38,7 +38,7 @@ class Site:
     broken: list[str] = field(default_factory=list)
 
     def pages(self, of_a_kind: int) -> list[str]:
-        """Addresses of pages, some of each kind."""
+        """Page addresses, some per kind."""
         taken: Counter[str] = Counter()
         addresses = []
         for address, document in self.documents.items():
@@ -57,7 +57,7 @@ class Reader(HTMLParser):
         self.anchors: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Takes the attributes of an element."""
+        """Reads an element's attributes."""
         del tag
         for name, value in attrs:
             if value is not None and name in POINTERS:
@@ -67,7 +67,7 @@ class Reader(HTMLParser):
 
 
 def kind(address: str) -> str:
-    """Route and sort order of an address."""
+    """An address's route and sort order."""
     parts = urlsplit(address)
     route = NAMES.sub(lambda match: f"{match['route'] or match['docs']}/*", parts.path)
     return " ".join([route, *parse_qs(parts.query).get("order", [])])
@@ -90,7 +90,7 @@ def read(address: str) -> Document:
 
 
 def targets(address: str, document: Document) -> Iterator[tuple[str, str]]:
-    """Links of a page to the same origin, with anchors."""
+    """A page's links to the same origin, with anchors."""
     for link in document.links:
         target, anchor = urldefrag(urljoin(address, link))
         if urlsplit(target)[:2] == urlsplit(address)[:2]:

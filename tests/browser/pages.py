@@ -1,4 +1,4 @@
-"""Requirements of every page, in both themes, wide and narrow."""
+"""Requirements for every page, in both themes, wide and narrow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VIOLATIONS = f"""async () => {{
   return violations.map(({{ id, nodes }}) =>
     `${{id}}, ${{nodes.length}} times, first ${{nodes[0].html.slice(0, 160)}}: ${{nodes[0].failureSummary}}`);
 }}"""
-"""The rules of WCAG that axe finds broken on a page."""
+"""WCAG rules that axe finds broken."""
 WIDTHS_PX = (1280, 360)
 THEMES: dict[int, tuple[Literal["light", "dark"], ...]] = {1280: ("light", "dark"), 360: ("dark",)}
 """Themes per width; the style sheet has no rule for a combination of both."""

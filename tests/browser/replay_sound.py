@@ -1,4 +1,4 @@
-"""Sound of a replay: levels without a click, quiet playback on request, synchronous with the clock."""
+"""Replay sound: levels without a click, quiet playback on request, synchronous with the clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SOUND = """(audio) => ({ paused: audio.paused, volume: audio.volume, time: audio
 
 
 def sound(page: Page) -> dict[str, object]:
-    """State of the sound, and the clock."""
+    """Sound state and clock."""
     return cast("dict[str, object]", page.eval_on_selector(AUDIO, SOUND))
 
 

@@ -11,7 +11,7 @@ use tokio::{
     time::{Instant, sleep_until},
 };
 
-/// A listener in front of a server.
+/// A listening proxy.
 pub struct FaultProxy {
     /// Address for clients.
     pub address: SocketAddr,

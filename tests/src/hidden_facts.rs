@@ -1,13 +1,13 @@
-//! Hidden facts of a split, and the search for them in recorded bytes.
+//! A split's hidden facts, and their search in recorded bytes.
 
 use std::collections::{BTreeSet, HashMap};
 
 /// Pictures and sound are noise, in which shorter patterns occur by chance.
 const LONG_ENOUGH_FOR_NOISE: usize = 8;
-/// Largest distance between two coordinates of a place in a message.
+/// Largest distance between a place's two coordinates in a message.
 const NEAR_BYTES: usize = 16;
 
-/// A fact in one of its encodings.
+/// A fact in an encoding.
 #[derive(Debug)]
 struct HiddenFact {
     what: String,
@@ -90,7 +90,7 @@ impl HiddenFacts {
         }
     }
 
-    /// Number of facts.
+    /// Fact count.
     pub fn count(&self) -> usize {
         self.0.len()
     }

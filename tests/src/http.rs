@@ -72,7 +72,7 @@ impl Visitor {
         look(*address, &format!("{head}\r\nCookie: {cookie}\r\nContent-Length: {length}\r\n\r\n{body}")).await
     }
 
-    /// Sends the form of a page with its CSRF key.
+    /// Sends a page's form with its CSRF key.
     pub async fn act(&self, page: &str, fields: &[(&str, &str)]) -> Answer {
         let shown = self.get(page).await.body;
         let key = shown.split("name=\"key\" value=\"").nth(1).and_then(|rest| rest.split('"').next());

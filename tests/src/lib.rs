@@ -32,13 +32,13 @@ pub struct TestServer {
     pub folder: TempDir,
     /// gRPC server and web server.
     pub servers: RunningServers,
-    /// Account token of the team [`TEAM`].
+    /// Account token for the team [`TEAM`].
     pub token: String,
 }
 
-/// The team of every test server.
+/// Team on every test server.
 pub const TEAM: &str = "test team";
-/// The phase of every test server, and its split.
+/// Phase and split on every test server.
 pub const PHASE: &str = "trial";
 
 /// Contents of a test server's data folder.
@@ -48,9 +48,9 @@ pub struct TestSetup {
     pub houses: u32,
     /// Missions per house.
     pub missions: usize,
-    /// Visibility of scores, and of replays without `replays_to`.
+    /// Visibility for scores, and for replays without `replays_to`.
     pub visible_to: Visibility,
-    /// Visibility of replays, if different.
+    /// Visibility for replays, if different.
     pub replays_to: Option<Visibility>,
 }
 
@@ -74,7 +74,7 @@ impl TestServer {
         Self { folder, servers, token }
     }
 
-    /// Address of the gRPC server.
+    /// gRPC address.
     pub fn agents_url(&self) -> String {
         format!("{}://{}", self.servers.scheme(), self.servers.grpc)
     }
@@ -150,12 +150,12 @@ pub async fn set_up(folder: &Path, setup: &TestSetup) -> String {
     token
 }
 
-/// The database of a folder.
+/// A folder's database.
 pub async fn store(folder: &Path) -> Store {
     DataFolder::open(folder).expect("the folder").store().await.expect("its database")
 }
 
-/// Changes the phase of a prepared folder as the organiser.
+/// Changes the phase as the organiser.
 pub async fn change_phase(folder: &Path, change: impl FnOnce(&mut Phase)) {
     let store = store(folder).await;
     let mut phase = store.phase(PHASE).await.expect("the phase");
@@ -164,7 +164,7 @@ pub async fn change_phase(folder: &Path, change: impl FnOnce(&mut Phase)) {
     store.close().await;
 }
 
-/// Starts both servers of a prepared folder on free ports.
+/// Starts both servers on a prepared folder on free ports.
 pub async fn start_servers(folder: &Path) -> RunningServers {
     start_servers_with(folder, &Security::default()).await
 }

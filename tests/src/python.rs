@@ -1,4 +1,4 @@
-//! Python commands of tests.
+//! Python commands in tests.
 
 use crate::skipped::skipped;
 use std::{
@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-/// Environment variable with the path of the Python interpreter; the default is `python3`.
+/// Environment variable with the Python interpreter's path; by default `python3`.
 const INTERPRETER: &str = "AVLN_PYTHON";
 
 /// A Python command; `None` with the hint `remedy` if a module needed by `what` is missing.

@@ -10,12 +10,12 @@ use tonic::{
 };
 use tonic_prost::ProstCodec;
 
-/// Number of an action on the wire.
+/// Wire action number.
 pub const MOVE_FORWARD: i32 = 1;
-/// Number of an action on the wire.
+/// Wire action number.
 pub const SUBMIT: i32 = 4;
 
-/// Tags are those of `avln.v1`, `grpc.health.v1` and `grpc.reflection.v1`.
+/// Tags from `avln.v1`, `grpc.health.v1` and `grpc.reflection.v1`.
 #[derive(Clone, PartialEq, Message)]
 struct Text {
     #[prost(string, tag = "1")]

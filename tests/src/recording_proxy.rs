@@ -1,4 +1,4 @@
-//! A proxy that records answers of the server, and corrupts or cuts the client's messages.
+//! A proxy that records server answers, and corrupts or cuts the client's messages.
 
 use std::{
     net::SocketAddr,
@@ -16,7 +16,7 @@ use tokio::{
 /// A change to bytes on the way to the server; removed after it returned true.
 pub type Corruption = Box<dyn FnMut(&mut [u8]) -> bool + Send>;
 
-/// A listener in front of a server.
+/// A listening proxy.
 pub struct RecordingProxy {
     /// Address for clients.
     pub address: SocketAddr,
@@ -109,7 +109,7 @@ async fn carry_down(mut from: OwnedReadHalf, mut to: OwnedWriteHalf, shared: &Sh
 const STEP: usize = 1;
 const ACTION: usize = 3;
 
-/// Writes `value` over the byte at `offset` after the episode id of the next Act.
+/// Writes `value` over the byte at `offset` after the next Act's episode id.
 fn overwrite(offset: usize, value: u8) -> Corruption {
     const NAME_BYTES: usize = 3 + 32;
     Box::new(move |bytes| {
@@ -125,12 +125,12 @@ fn overwrite(offset: usize, value: u8) -> Corruption {
     })
 }
 
-/// Replaces the action of the next Act by an unknown one. Steps must be below 128.
+/// Replaces the next Act's action by an unknown one. Steps must be below 128.
 pub fn illegal_action() -> Corruption {
     overwrite(ACTION, 77)
 }
 
-/// Replaces the step of the next Act by `step`. Steps must be below 128.
+/// Replaces the next Act's step by `step`. Steps must be below 128.
 pub fn wrong_step(step: u8) -> Corruption {
     overwrite(STEP, step)
 }

@@ -1,4 +1,4 @@
-//! Files of this repository.
+//! Files in this repository.
 
 use std::{
     fs,
@@ -32,7 +32,7 @@ fn collect(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Text of a file, by repository path.
+/// File text, by repository path.
 pub fn text(path: impl AsRef<Path>) -> String {
     let path = root().join(path);
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))

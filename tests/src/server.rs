@@ -8,7 +8,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-/// The program of this build, hosting a folder.
+/// This build's program, hosting a folder.
 pub struct Server {
     process: Child,
     /// Output after the addresses; kept open, because a broken pipe ends the program.
@@ -25,7 +25,7 @@ impl Server {
         Self::start_with(program, folder, &[])
     }
 
-    /// Starts `program` with more options of `serve`.
+    /// Starts `program` with more `serve` options.
     pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
         let path = folder.join("server.log");
         let log = File::options().create(true).append(true).open(&path).expect("a log of the server");

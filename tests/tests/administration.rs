@@ -330,10 +330,10 @@ mod admin_server {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_operators_door_is_never_opened_to_other_machines() {
+    async fn the_admin_server_rejects_public_addresses() {
         let free = "127.0.0.1:0".parse().unwrap();
         let addresses = avln_arena::servers::Addresses { grpc: free, web: free };
-        let doors = avln_arena::servers::Servers::bind(&addresses).await.unwrap();
+        let servers = avln_arena::servers::Servers::bind(&addresses).await.unwrap();
         let Err(refused) = servers.with_admin("0.0.0.0:0".parse().unwrap()).await else {
             panic!("it was opened")
         };
@@ -349,7 +349,7 @@ mod doctor {
     use serde_json::Value;
     use std::process::Command;
 
-    /// Exit code, report and standard error of the doctor's look at `url`.
+    /// The doctor's exit code, report and standard error for `url`.
     fn doctor(url: &str, token: &str, phase: &str) -> (Option<i32>, Value, String) {
         let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
         let arguments = ["lab", "doctor", "--server", url, "--token", token, "--phase", phase, "--json"];

@@ -173,7 +173,7 @@ mod human {
         HumanArgs { run, size: 64, page: page.parse().expect("an address") }
     }
 
-    /// Returns the JSON text and the binary tail of a page request.
+    /// Returns a page request's JSON text and binary tail.
     async fn request(page: SocketAddr, word: &str) -> (Value, usize) {
         let mut stream = TcpStream::connect(page).await.expect("the page is there");
         let text = format!(
@@ -263,7 +263,7 @@ mod oracle {
     use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
     use avln_tests::{PHASE, http};
 
-    /// Plays missions of three houses with the oracle in both orders.
+    /// Plays missions in three houses with the oracle in both orders.
     async fn play() -> Vec<ResultLine> {
         let folder = tempfile::tempdir().expect("a folder");
         let size = SuiteSize { houses: 3, missions: 4, practice: false };
@@ -387,7 +387,7 @@ mod perception {
     use avln_perception::VisionNetwork;
     use std::collections::BTreeSet;
 
-    /// House seeds of the recipe splits selected by `wanted`.
+    /// House seeds in the recipe splits selected by `wanted`.
     fn seeds(recipe: &Recipe, wanted: impl Fn(&str) -> bool) -> BTreeSet<u64> {
         let jobs = recipe.jobs().filter(|job| wanted(&recipe.splits[job.split].name));
         let draws = jobs.flat_map(|job| (0..Recipe::HOUSE_DRAWS).map(move |attempt| (job, attempt)));

@@ -10,7 +10,7 @@ use avln_arena::{
 use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};
 
-/// Exit code and words of a calibration with the random agent.
+/// Exit code and output when the random agent calibrates.
 fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).args(["lab", "calibrate"]).args(more);
@@ -20,7 +20,7 @@ fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), text)
 }
 
-/// Hosts the phases of a folder; returns the servers and a team token.
+/// Hosts a folder; returns the servers and a team token.
 async fn host(data: &DataFolder) -> (RunningServers, String) {
     let store = data.store().await.expect("a database");
     let token = admit(&store, "ada", None).await.expect("a team");

@@ -9,7 +9,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Result of a call.
+/// Call result.
 #[derive(Debug)]
 struct Outcome {
     code: Option<i32>,
@@ -457,7 +457,7 @@ fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
     assert!(opened.out.contains("phase p is open: 1 episodes"), "{opened:?}");
 }
 
-/// A page with the help texts of all commands.
+/// All help texts on a page.
 fn manual(data: &Path) -> String {
     let mut page =
         "# Command line of `avln`\n\nThe help texts of all commands. `AVLN_BLESS=1 cargo test -p avln-tests \
@@ -477,7 +477,7 @@ fn manual(data: &Path) -> String {
     page
 }
 
-/// Names below the heading `Commands:` of a help text.
+/// Names below `Commands:` in a help text.
 fn children(help: &str) -> impl DoubleEndedIterator<Item = String> {
     let below = help.split_once("Commands:\n").map_or("", |(_, below)| below);
     let section = below.split("\n\n").next().unwrap_or_default();

@@ -17,11 +17,11 @@ mod containers {
     use yaml_rust2::YamlLoader;
 
     const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
-    /// Script folder of the images.
+    /// Script folder in images.
     const SCRIPTS: &str = "/usr/local/lib/avln";
     const PATIENCE: Duration = Duration::from_secs(60);
 
-    /// A folder with the contents of a container.
+    /// A container's folder.
     struct Container {
         folder: TempDir,
     }
@@ -55,14 +55,14 @@ mod containers {
             let text = String::from_utf8_lossy(&output.stdout).into_owned();
             assert!(
                 output.status.success(),
-                "{command:?}: {output}{}",
+                "{command:?}: {text}{}",
                 String::from_utf8_lossy(&output.stderr)
             );
-            output
+            text
         }
     }
 
-    /// The command of a service of the compose file.
+    /// A service's command in the compose file.
     fn command_of(service: &str) -> Vec<String> {
         let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
         let command = &documents[0]["services"][service]["command"];
@@ -74,7 +74,7 @@ mod containers {
             .collect()
     }
 
-    /// Entry point of the agent image.
+    /// The agent image's entry point.
     fn entry() -> String {
         let file = text("docker/agents.Dockerfile");
         let entry = file.lines().find_map(|line| line.strip_prefix("ENTRYPOINT [\"")).expect("an entry");
@@ -187,13 +187,13 @@ mod packages {
         merged(&documents[0])
     }
 
-    /// Entries of a mapping; empty if absent.
+    /// Mapping entries; empty if absent.
     fn entries(value: &Yaml) -> Vec<(String, Yaml)> {
         let entries = value.as_hash().into_iter().flatten();
         entries.map(|(name, value)| (name.as_str().expect("a name").to_owned(), value.clone())).collect()
     }
 
-    /// Items of a list; empty if absent.
+    /// List items; empty if absent.
     fn words(value: &Yaml) -> Vec<&str> {
         value.as_vec().into_iter().flatten().map(|word| word.as_str().expect("a word")).collect()
     }
@@ -381,7 +381,7 @@ mod packages {
         })
     }
 
-    /// Services listed by Compose. Version 1 has no project names and lists the services of all profiles.
+    /// Services listed by Compose. Version 1 has no project names and lists services in all profiles.
     fn services_of_profile(mut compose: Command, profile: &str) -> Output {
         let folder = root().join("docker");
         compose.args(["--profile", profile, "--project-name", "avln", "--project-directory"]).arg(folder);

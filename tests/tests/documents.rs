@@ -14,7 +14,7 @@ mod text {
         paths.into_iter().map(|path| (path.clone(), fs::read_to_string(&path).expect("a text"))).collect()
     }
 
-    /// Targets of the Markdown links in `text`, without code blocks.
+    /// Markdown link targets in `text`, without code blocks.
     fn links(text: &str) -> Vec<String> {
         let prose: String = text.split("```").step_by(2).collect();
         let target = |rest: &str| rest.split([')', ' ', '#']).next().unwrap_or_default().to_owned();
@@ -120,7 +120,7 @@ mod commands {
     use std::{fs, iter, mem};
     use yaml_rust2::{Yaml, YamlLoader};
 
-    /// Simple commands of a shell line, as words, without comments and redirections.
+    /// Simple commands in a shell line, as words, without comments and redirections.
     fn commands(line: &str) -> Vec<Vec<String>> {
         let mut found = vec![Vec::new()];
         let (mut word, mut quote, mut is_word) = (String::new(), None, false);
@@ -150,7 +150,7 @@ mod commands {
         found
     }
 
-    /// Arguments of a call of our program; `None` for other programs.
+    /// Arguments in a call to our program; `None` for other programs.
     fn arguments(words: &[String]) -> Option<Vec<String>> {
         let is_setting = |word: &&String| word.contains('=') && !word.starts_with('-');
         let words: Vec<_> = words.iter().skip_while(is_setting).map(String::as_str).collect();
@@ -182,7 +182,7 @@ mod commands {
         (!is_answer).then(|| error.to_string())
     }
 
-    /// Shell lines of the repository with their file and line number.
+    /// Shell lines in the repository, with file and line.
     fn written() -> Vec<(String, String)> {
         let mut found = Vec::new();
         let mut add = |place: String, lines: Vec<String>| {
@@ -218,7 +218,7 @@ mod commands {
         found
     }
 
-    /// The commands of the services.
+    /// Service commands.
     fn composed() -> Vec<String> {
         let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
         let services = documents[0]["services"].as_hash().expect("services").values();

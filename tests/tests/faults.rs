@@ -179,7 +179,7 @@ async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
     let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
     let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    // Frames of HTTP/2 that are none, from here on.
+    // Invalid HTTP/2 frames from here on.
     proxy.corrupt(Box::new(|bytes| {
         bytes.fill(0xff);
         false

@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Each crate and the crates of ours that it may import.
+/// Permitted imports per crate.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("geom", &[]),
     ("scene", &["geom"]),
@@ -118,7 +118,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Crates of ours that only the tests and benches of a crate may import: scenes to try it on.
+/// Imports permitted only in tests and benches.
 const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("formats", &["houses"]),
     ("navmesh", &["formats", "houses"]),

@@ -24,7 +24,7 @@ struct Journey {
     before: &'static str,
     /// Replacements of commands: shorter ones, or values left to the reader.
     instead: &'static [(&'static str, &'static str)],
-    /// Beginnings of lines that are not typed, and why.
+    /// Skipped line prefixes, with the reason.
     not_typed: &'static [(&'static str, &'static str)],
 }
 
@@ -40,7 +40,7 @@ const PARTICIPANT: Journey = Journey {
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
 avln data split make few --houses 1 --missions 2 && avln challenge phase open practice --split few",
     instead: &[
-        // First: the entries below produce `avln demo` with options of their own.
+        // First, because entries below add options to `avln demo`.
         ("avln demo", "avln demo --houses 1 --missions 2"),
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
@@ -175,7 +175,7 @@ const NOT_FOLLOWED: [(&str, &str); 4] = [
 /// Programs with which documents are followed.
 const TOOLS: [&str; 3] = ["bash", "timeout", "curl"];
 
-/// Beginnings of lines that take the Python package.
+/// Line prefixes that need the Python package.
 const PYTHON: [&str; 3] = ["avln-py", "avln-bridge", "python "];
 
 /// Free addresses below the ephemeral port range.

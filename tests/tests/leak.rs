@@ -118,9 +118,9 @@ struct Received {
     noisy: Vec<u8>,
     /// Without.
     plain: Vec<u8>,
-    /// Path and answer of every page.
+    /// All paths and answers.
     pages: Vec<(String, http::Answer)>,
-    /// Names and values of the metrics that the runs showed.
+    /// Metrics shown by the runs.
     metrics: Vec<(String, f64)>,
 }
 
@@ -141,7 +141,7 @@ async fn fumble(proxy: &RecordingProxy, client: &Client, run: &Run) {
     episode.abandon().await.expect("an answer");
 }
 
-/// Plays the rest of a run without senses: the first target of each episode is claimed, then a wrong place.
+/// Plays the remaining episodes without sensors: claims the first target, then a wrong place.
 async fn claim(server: &TestServer, client: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
     let mut play = client.play(run, NO_SENSORS).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
@@ -174,7 +174,7 @@ async fn watch(client: &Client, run: &str) {
     while states.next().await.expect("a state").is_some() {}
 }
 
-/// Calls all other methods of the gRPC server.
+/// Calls all other gRPC methods.
 async fn ask_around(server: &TestServer, proxy: &RecordingProxy, client: &Client) {
     client.server_info().await.expect("an answer");
     client.phases().await.expect("an answer");
@@ -188,7 +188,7 @@ async fn ask_around(server: &TestServer, proxy: &RecordingProxy, client: &Client
     client.play(&own, NO_SENSORS).await.expect_err("no token of a run");
 }
 
-/// Event streams of an open run and of all runs.
+/// Event streams for one run and for all runs.
 async fn follow(server: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
     const LONG_ENOUGH: Duration = Duration::from_millis(1500);
     let mut output = Vec::new();
@@ -307,7 +307,7 @@ fn shows_metric(value: &Value) -> bool {
     }
 }
 
-/// Paths of the API below which a metric is shown.
+/// API paths with metrics.
 fn paths_with_metrics(received: &Received) -> Vec<&str> {
     let described = |path: &str| path.ends_with("openapi.json");
     let shows = |(path, answer): &&(String, http::Answer)| {

@@ -1,4 +1,4 @@
-//! Pages of a real web server.
+//! Real web pages.
 
 /// Pages in a real browser: light and dark, wide and narrow, with a keyboard only.
 mod browser {
@@ -66,7 +66,7 @@ mod browser {
         run.abort();
     }
 
-    /// Runs a module of Python in the folder of the checks.
+    /// Runs a Python module in the check folder.
     fn run(module: &str, arguments: &[&str], needed: &[&str]) {
         let what = format!("{module} of tests/browser");
         let remedy = format!("{REMEDY} {module}");
@@ -89,7 +89,7 @@ mod browser {
     }
 }
 
-/// A frozen copy of the board can be trusted: whatever was done to it is found.
+/// Every change to a frozen copy is detected.
 mod frozen_copy {
     use avln_tests::{TestSetup, set_up};
     use std::{fs, path::Path, process::Command};
@@ -160,7 +160,7 @@ mod frozen_copy {
     }
 }
 
-/// Live events of an open run on the web server.
+/// Live events on the web server.
 mod live_run {
     use avln_client::{Action, Client, RunOptions};
     use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::NO_SENSORS};
@@ -168,7 +168,7 @@ mod live_run {
     use std::time::Duration;
     use tokio::time::sleep;
 
-    /// Events of an answer, in order.
+    /// An answer's events, in order.
     fn events(answer: &http::Answer) -> Vec<Value> {
         let data = answer.body.lines().filter_map(|line| line.strip_prefix("data: "));
         data.map(|data| serde_json::from_str(data).expect("JSON")).collect()
@@ -245,13 +245,13 @@ mod replay_sound {
         (run, heard)
     }
 
-    /// Samples of both ears in turn, as a file has them.
+    /// Interleaved samples, as in a file.
     fn interleaved(steps: &[Audio]) -> Vec<u8> {
         let frames = steps.iter().flat_map(|audio| audio.left.iter().zip(&audio.right));
         frames.flat_map(|(left, right)| [left.to_le_bytes(), right.to_le_bytes()].concat()).collect()
     }
 
-    /// The body of an answer, byte by byte.
+    /// An answer's body bytes.
     fn body(answer: &http::Answer) -> &[u8] {
         let head = answer.bytes.windows(4).position(|end| end == b"\r\n\r\n").expect("a head");
         &answer.bytes[head + 4..]

@@ -70,7 +70,7 @@ async fn play_on(client: &Client, run: &Run, slots: u32, steps: &'static AtomicU
     assert!(summary.complete, "{summary:?}");
 }
 
-/// Episode results of a run from the API, by ordinal.
+/// Episode results from the API, by ordinal.
 async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
     let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
     let run: Value = serde_json::from_str(&body.body).expect("JSON");

@@ -109,7 +109,7 @@ mod backups {
         run.id
     }
 
-    /// Episode results of a run from the API.
+    /// Episode results from the API.
     async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
         let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
         let run: Value = serde_json::from_str(&body.body).expect("JSON");

@@ -31,7 +31,7 @@ class NewGround:
         self.seen: set[tuple[int, int]] = set()
 
     def __call__(self, before: avln.Observation, _action: avln.Action, after: avln.Observation) -> float:
-        """The reward of a step."""
+        """Step reward."""
         if before.step == 0:
             self.seen = set()
         cell = round(after.pose.x_m / CELL_M), round(after.pose.z_m / CELL_M)

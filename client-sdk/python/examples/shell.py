@@ -1,4 +1,4 @@
-"""Command line of the examples."""
+"""The examples' command line."""
 
 from __future__ import annotations
 

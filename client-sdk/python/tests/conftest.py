@@ -41,7 +41,7 @@ class Furnished:
         self.token = Server(binary, folder).furnish()
 
     def copy(self, to: Path) -> Server:
-        """A server, not started, over a copy of the folder."""
+        """A stopped server on a copy of the folder."""
         shutil.copytree(self.folder, to)
         return Server(self.binary, to)
 

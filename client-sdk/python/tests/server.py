@@ -18,7 +18,7 @@ CHALLENGE = "challenge"
 
 
 def program() -> Path | None:
-    """The server program: AVLN_BIN, otherwise the build of this repository."""
+    """The server program: AVLN_BIN, otherwise this repository's build."""
     if "AVLN_BIN" in os.environ:
         return Path(os.environ["AVLN_BIN"])
     built = (REPOSITORY / "target" / profile / "avln" for profile in ("release", "debug"))
@@ -62,7 +62,7 @@ class Server:
         return found.group()
 
     def command(self, *arguments: str) -> str:
-        """Runs a command of the program and returns its output."""
+        """Runs a program command and returns the output."""
         command = [str(self.binary), "--data", str(self.folder), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
         assert done.returncode == 0, f"{command}: {done.stderr}"

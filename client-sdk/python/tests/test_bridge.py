@@ -30,7 +30,7 @@ STOP, FORWARD, LEFT, RIGHT, SUBMIT = range(5)
 
 
 class Bridge:
-    """The program `avln-bridge` and a client of it."""
+    """The program `avln-bridge` and a client."""
 
     def __init__(self, endpoint: Endpoint, phase: str) -> None:
         told = ["--server", endpoint.url, "--token", endpoint.token, "--phase", phase, "--size", "64"]

@@ -110,7 +110,7 @@ def test_actions_have_the_numbers_of_action_spaces_and_of_the_wire() -> None:
 
 
 class Reset(grpc.RpcError):
-    """How gRPC tells of a call that ended."""
+    """gRPC's error for an ended call."""
 
     def __init__(self, code: grpc.StatusCode, message: str, reason: str = "") -> None:
         self._code, self._message = code, message

@@ -1,4 +1,4 @@
-"""Who waits on a slot is told of the end, whatever brought it about."""
+"""Every waiting slot receives the end, for any cause."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def pipe(source: socket.socket, sink: socket.socket) -> None:
 
 @pytest.fixture
 def unix(endpoint: Endpoint, tmp_path: Path) -> Iterator[str]:
-    """Address of a Unix socket behind which the server's port is."""
+    """Unix socket forwarded to the server's port."""
     path = tmp_path / "arena.sock"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))

@@ -158,7 +158,7 @@ def test_numbers_of_training_differ_and_foreign_choices_are_refused() -> None:
 
 
 class FakeHabitatAgent:
-    """Has the shape of `habitat.Agent`, and looks at everything that it is given."""
+    """A `habitat.Agent` that inspects all observations."""
 
     def __init__(self, keys: list[str]) -> None:
         self.keys, self.resets = keys, 0

@@ -24,7 +24,7 @@ METHOD = "forward-and-turn"
 
 
 def facts(server: Server, run: str) -> list[dict[str, Any]]:
-    """What the server shows people of each episode: steps, metres, collisions, distances, scores."""
+    """Public episode results: steps, metres, collisions, distances, scores."""
     with urllib.request.urlopen(f"http://127.0.0.1:{server.web}/api/v1/runs/{run}") as answer:
         told = json.load(answer)
     return [episode["metrics"] for episode in sorted(told["episodes"], key=lambda episode: episode["episode"])]

@@ -11,7 +11,7 @@ use tonic::{
 
 /// Longest time for an answer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
-/// Default retry time of a call with a lost answer.
+/// Default retry time after a lost answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Makes an idempotent call, repeated while the connection is lost.

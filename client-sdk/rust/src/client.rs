@@ -14,7 +14,7 @@ use avln_proto::{
 use std::time::Duration;
 use tonic::{Request, Status, transport::Channel};
 
-/// Prefix of run tokens.
+/// Run token prefix.
 const RUN_TOKEN: &str = "avln_run_";
 
 /// Calls about runs.
@@ -38,7 +38,7 @@ impl Client {
     /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
     ///
     /// # Errors
-    /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
+    /// If the address is invalid, no server answers within ten seconds, it is a different server, or
     /// it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &ConnectOptions::default()).await
@@ -47,7 +47,7 @@ impl Client {
     /// Connects with options; see [`connect`](Self::connect).
     ///
     /// # Errors
-    /// As for [`connect`](Self::connect), or if the file of authorities is invalid.
+    /// As for [`connect`](Self::connect), or if the authority file is invalid.
     pub async fn connect_with(
         server: impl AsRef<str>,
         token: impl Into<String>,
@@ -121,7 +121,7 @@ impl Client {
         phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
     }
 
-    /// Returns the account of the token.
+    /// Returns the token's account.
     ///
     /// # Errors
     /// If the server rejects the token, or the connection is lost.
@@ -145,7 +145,7 @@ impl Client {
         Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
-    /// Returns the state of a run.
+    /// Returns a run's state.
     ///
     /// # Errors
     /// If the run is unknown, or the connection is lost.

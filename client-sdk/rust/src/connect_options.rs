@@ -26,7 +26,7 @@ const UNIX: &str = "unix:";
 pub struct ConnectOptions {
     /// PEM file with authorities for `https://` servers, instead of the system store.
     pub ca: Option<PathBuf>,
-    /// Encoding of images and sound; `None`: raw on this machine, lossless otherwise.
+    /// Image and sound encoding; `None`: raw on this machine, lossless otherwise.
     pub packing: Option<Packing>,
     /// Reconnection time after a loss; `None`: as permitted by the server, at least three minutes.
     pub patience: Option<Duration>,
@@ -126,7 +126,7 @@ fn unreachable(address: &str, detail: String) -> Error {
     }
 }
 
-/// Encoding of images and sound.
+/// Image and sound encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
     /// Raw: fastest on the same machine.

@@ -1,4 +1,4 @@
-//! The connection of a run: a task reads the stream, answers pings, passes frames to slots, and reconnects
+//! A run's connection: a task reads the stream, answers pings, passes frames to slots, and reconnects
 //! after a loss.
 
 use crate::{
@@ -21,14 +21,14 @@ use tokio::{
 };
 use tonic::{Status, Streaming, transport::Channel};
 
-/// Limit of stored notices.
+/// Most stored notices.
 const MAX_NOTICES: usize = 64;
 /// Queued frames per slot. A slot has a single observation in flight, so more indicates a server fault.
 const SLOT_QUEUE: usize = 8;
 /// Minimum reconnection time by default: a restarting server has to load scenes.
 const PATIENCE: Duration = Duration::from_secs(180);
 
-/// Event of a slot.
+/// Slot event.
 #[derive(Debug)]
 pub(crate) enum Event {
     Start(Box<v1::EpisodeStart>),
@@ -40,7 +40,7 @@ pub(crate) enum Event {
     Closed(Option<Error>),
 }
 
-/// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
+/// The connection shared by a run's slots. Dropping the last of them closes it without a Goodbye.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) agreement: Agreement,

@@ -18,10 +18,10 @@ use tokio::{
 };
 use tokio_stream::Stream;
 
-/// Longest wait of [`Play::finish`] for the summary.
+/// Longest wait for the summary in [`Play::finish`].
 const FAREWELL: Duration = Duration::from_secs(60);
 
-/// A slot of a run, which plays episodes in sequence.
+/// A run slot, which plays episodes in sequence.
 ///
 /// A lost connection is reopened and episodes continue, as long as the server permits. If dropped before
 /// [`finish`](Self::finish), an open episode ends as disconnected after that time.
@@ -40,7 +40,7 @@ impl Play {
         Self { state: SlotState::new(slot, events), connection, slot, progress, summary: None }
     }
 
-    /// The facts of the rules.
+    /// Task rules.
     pub fn task(&self) -> &TaskSpec {
         &self.connection.agreement.task
     }
@@ -55,7 +55,7 @@ impl Play {
         self.slot
     }
 
-    /// Latest progress of the run on this slot.
+    /// Latest run progress on this slot.
     pub fn progress(&self) -> Progress {
         self.progress
     }
@@ -188,7 +188,7 @@ pub struct Episodes {
 }
 
 impl Episodes {
-    /// The facts of the rules.
+    /// Task rules.
     pub fn task(&self) -> &TaskSpec {
         &self.task
     }

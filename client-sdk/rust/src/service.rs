@@ -11,7 +11,7 @@ pub struct ServerInfo {
     pub name: String,
     /// Server program version.
     pub version: String,
-    /// Highest minor number of `avln.v1` that it speaks.
+    /// Highest supported minor number in `avln.v1`.
     pub api_minor: u32,
     /// Benchmark version: changes whenever a score could change.
     pub benchmark: String,
@@ -48,13 +48,13 @@ pub struct Phase {
     pub opens_unix_s: i64,
     /// Closing time, seconds since 1970 UTC; 0: never.
     pub closes_unix_s: i64,
-    /// Commitment of the organiser before the phase; may be empty.
+    /// The organiser's commitment before the phase; may be empty.
     pub commitment: String,
     /// Rule set name and version.
     pub rules: String,
 }
 
-/// Acceptance of new runs in a phase.
+/// A phase's acceptance for new runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhaseState {
     /// It has not begun.
@@ -69,7 +69,7 @@ pub enum PhaseState {
     Other,
 }
 
-/// Properties of a new run.
+/// New run properties.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunOptions {
     phase: String,
@@ -86,13 +86,13 @@ impl RunOptions {
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
     }
 
-    /// Plays missions of this order.
+    /// Plays missions in this order.
     pub fn order(mut self, order: Order) -> Self {
         self.order = order;
         self
     }
 
-    /// Version of the method.
+    /// Method version.
     pub fn method_version(mut self, version: impl Into<String>) -> Self {
         self.method.version = version.into();
         self
@@ -104,7 +104,7 @@ impl RunOptions {
         self
     }
 
-    /// Address of the method's code, http(s).
+    /// The method's code address, http(s).
     pub fn code_url(mut self, url: impl Into<String>) -> Self {
         self.method.code_url = url.into();
         self
@@ -154,7 +154,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// A run of which only the token is at hand, as in a container that never sees the account.
+    /// A run known only by its token, as in a sealed container.
     pub fn from_token(token: impl Into<String>) -> Self {
         Self { id: String::new(), token: token.into(), episodes: 0, max_slots: 0 }
     }
@@ -214,7 +214,7 @@ pub struct RunStatus {
     pub url: String,
 }
 
-/// Window of a quota.
+/// Quota window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuotaWindow {
     /// Calendar day, UTC.
@@ -231,7 +231,7 @@ pub enum QuotaWindow {
     Other,
 }
 
-/// Remaining quota of a team.
+/// A team's remaining quota.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quota {
     /// Phase.
@@ -244,7 +244,7 @@ pub struct Quota {
     pub used: u32,
     /// Runs left; `None`: unlimited.
     pub remaining: Option<u32>,
-    /// Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never.
+    /// Time when `remaining` next increases, seconds since 1970 UTC; 0: never.
     pub next_increase_unix_s: i64,
     /// The runs that were counted and why, the oldest first.
     pub charges: Vec<(String, String)>,

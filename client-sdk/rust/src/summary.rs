@@ -20,7 +20,7 @@ pub struct Progress {
 pub struct Metric {
     /// Name, lower snake case: `sr`, `isr`, `osr`, `spl`, `soft_spl` …
     pub name: String,
-    /// Value, in the unit at the end of the name; otherwise without unit.
+    /// Value, in the unit at the name's end; otherwise without unit.
     pub value: f64,
     /// 95 % interval, if known.
     pub interval: Option<(f64, f64)>,
@@ -29,7 +29,7 @@ pub struct Metric {
 /// Episode end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeEnd {
-    /// Random handle of the episode, good for this run only.
+    /// Random episode handle, valid in this run only.
     pub episode: String,
     /// Why it ended.
     pub reason: EndReason,
@@ -56,7 +56,7 @@ pub struct RunSummary {
     pub ends: Vec<(EndReason, u32)>,
     /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Web page of the result; empty: none.
+    /// Result web page; empty: none.
     pub url: String,
 }
 

@@ -20,14 +20,14 @@ pub struct Sensors {
 }
 
 impl Default for Sensors {
-    /// All sensors at 256 × 256 pixels with 90 degrees of view.
+    /// All sensors at 256 × 256 pixels with a view of 90 degrees.
     fn default() -> Self {
         Self::square(256)
     }
 }
 
 impl Sensors {
-    /// All sensors at `side` × `side` pixels with 90 degrees of view.
+    /// All sensors at `side` × `side` pixels with a view of 90 degrees.
     pub fn square(side: u32) -> Self {
         Self { rgb: true, depth: true, audio: true, width: side, height: side, hfov_rad: FRAC_PI_2 }
     }
@@ -83,11 +83,11 @@ rule! {
     }
 }
 rule! {
-    /// Definition of the success distance and visibility.
+    /// Success distance definition and visibility.
     DistanceRule {
         /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
         CameraToBox,
-        /// Base to the nearest viewpoint, geodesic, with a visible pixel of the target.
+        /// Base to the nearest viewpoint, geodesic, with a visible target pixel.
         BaseToViewpoint,
     }
 }
@@ -147,12 +147,12 @@ rule! {
     RgbNoise {
         /// None.
         None,
-        /// A normal deviate of 51 grey levels in every channel, cut off at 0 and 255.
+        /// A normal deviate with 51 grey levels in every channel, cut off at 0 and 255.
         Gaussian,
     }
 }
 
-/// The facts of the rules, the same for every episode of a run.
+/// Task rules, the same for every episode of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskSpec {
     /// Rule set name and version, for example `lh-avln-v1`.
@@ -187,13 +187,13 @@ pub struct TaskSpec {
     pub sample_rate_hz: u32,
     /// Samples per ear and observation.
     pub audio_samples: u32,
-    /// Samples per ear and step of simulated time; the rest is 0.
+    /// Samples per ear and simulated step; the rest is 0.
     pub samples_per_step: u32,
     /// Pose frame.
     pub pose_frame: PoseFrame,
     /// Success radius, metres.
     pub success_radius_m: f32,
-    /// Definition of the success distance.
+    /// Success distance definition.
     pub success_distance: DistanceRule,
     /// Wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,

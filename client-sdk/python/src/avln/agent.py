@@ -71,13 +71,13 @@ def evaluate_slots(
 
 
 class _SlotThreads:
-    """The threads that play the slots of a run."""
+    """Threads playing a run's slots."""
 
     def __init__(self, on_end: OnEnd | None) -> None:
         self._on_end = on_end
         self._lock = threading.Lock()
         self.failed: BaseException | None = None
-        """Exception of the first failed thread."""
+        """First failed thread's exception."""
 
     def play(self, play: Play, agent: Agent) -> None:
         """Plays until no episode remains or a thread has failed."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from avln.task import Sensors
 
 WOULD_FAIL = 6
-"""Exit code of `doctor` when a run would fail."""
+"""`doctor`'s exit code if a run would fail."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -159,7 +159,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
-    """Sensors of the agent, if any; a given size has priority."""
+    """The agent's sensors, if any; a given size has priority."""
     wanted: Sensors | None = getattr(agent, "sensors", None)
     if wanted is None:
         return sensors(options)

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 RUN_TOKEN = "avln_run_"
-"""Prefix of run tokens."""
+"""Run token prefix."""
 _PATIENCE_S = 10.0
-"""Retry time of a call with a lost answer, unless the link has less patience."""
+"""Retry time after a lost answer, unless the link has less patience."""
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -65,7 +65,7 @@ class Client:
         Raises:
             AddressError: if the address is invalid.
             UnreachableError: if no server answers within ten seconds.
-            NotArenaError: if the server is of a different kind.
+            NotArenaError: if it is a different server.
             TokenError: if the server rejects the token.
         """
         connect_options = connect_options or ConnectOptions()
@@ -110,7 +110,7 @@ class Client:
         return [Phase.from_wire(phase) for phase in answer.phases]
 
     def practice_phase(self) -> str:
-        """Returns the id of the default phase.
+        """Returns the default phase's id.
 
         It is the only open phase with uncounted runs, or among several the phase `practice`.
 
@@ -121,7 +121,7 @@ class Client:
         return phase_to_practise(self.phases(), self.quota())
 
     def whoami(self) -> Account:
-        """Returns the account of the token.
+        """Returns the token's account.
 
         Raises:
             TokenError: if the server rejects the token.
@@ -171,7 +171,7 @@ class Client:
         return Run.from_wire(answer)
 
     def run(self, run: str) -> RunStatus:
-        """Returns the state of a run.
+        """Returns a run's state.
 
         Raises:
             RefusedError: if the run is unknown.
@@ -181,7 +181,7 @@ class Client:
         return RunStatus.from_wire(answer.run)
 
     def watch(self, run: str) -> Iterator[RunStatus]:
-        """Yields the state of a run after every change, until it ends.
+        """Yields a run's state after every change, until it ends.
 
         Raises:
             RefusedError: if the run is unknown.

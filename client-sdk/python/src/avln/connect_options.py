@@ -31,9 +31,9 @@ class ConnectOptions:
     """Connection options."""
 
     ca: str | Path | None = None
-    """PEM file of the authorities that an `https://` server's certificate may come from; None: those of the system."""
+    """PEM file with authorities for `https://` servers; None for the system's."""
     packing: Packing | None = None
-    """Encoding of images and sound; None: raw on this machine, lossless otherwise."""
+    """Image and sound encoding; None: raw on this machine, lossless otherwise."""
     patience_s: float | None = None
     """Reconnection time after a loss, seconds; None: as permitted by the server, at least three
     minutes.
@@ -86,7 +86,7 @@ def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Chan
     """Creates a channel, which connects with its first call.
 
     Raises:
-        TlsError: if the file of authorities is invalid.
+        TlsError: if the authority file is invalid.
     """
     options = _options(address)
     if address.is_secure:
@@ -133,7 +133,7 @@ def _options(address: Address) -> list[tuple[str, Any]]:
 
 
 def _authorities(address: Address, connect_options: ConnectOptions) -> bytes | None:
-    """Certificates of authorities; None for those of gRPC, if the system has none."""
+    """Authority certificates; None for gRPC's own, if the system has none."""
     if connect_options.ca is None:
         system = ssl.get_default_verify_paths().cafile
         return Path(system).read_bytes() if system and Path(system).is_file() else None

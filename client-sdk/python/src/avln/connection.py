@@ -1,4 +1,4 @@
-"""The connection of a run.
+"""A run's connection.
 
 A thread reads the stream, answers pings, passes frames to slots, and reconnects after a loss.
 """
@@ -35,29 +35,29 @@ class Closed:
     """No further frames."""
 
     error: Error | None
-    """End of the stream; None for success."""
+    """Stream end; None for success."""
 
     def because(self, attempted: str) -> Error:
-        """Returns the error of the pending call."""
+        """Returns the pending call's error."""
         if self.error is not None:
             return self.error
         return LostError(attempted, "the server ended the stream without a reason")
 
 
 Event = Union[Arrived, Closed]
-"""Event of a slot: a frame, or the end of all frames."""
+"""Slot event: a frame, or the stream end."""
 
 
 @dataclass
 class Stream:
-    """An open stream of a run."""
+    """A run's open stream."""
 
     call: Any
     """The gRPC call, which yields `play_pb2.PlayResponse`; None once it is forgotten."""
     requests: SimpleQueue[play_pb2.PlayRequest | None]
     """Frames to send; None ends the stream."""
     welcome: play_pb2.Welcome | None = None
-    """Answer of the server; None if the run has ended."""
+    """Server answer; None if the run has ended."""
     first: tuple[Arrived, ...] = ()
     """Frames received instead of a Welcome."""
 
@@ -87,7 +87,7 @@ class Dialler:
     token: str
     """The run's."""
     hello: play_pb2.Hello
-    """Hello of the first stream."""
+    """The first stream's Hello."""
     patience_s: float | None = None
     """Reconnection time; None: as permitted by the server, at least three minutes."""
 
@@ -132,7 +132,7 @@ def _await_welcome(stream: Stream) -> Stream:
 
 
 def _frames(call: Any) -> Iterator[Any]:
-    """The frames of a stream; those that this client does not know are skipped."""
+    """A stream's frames, without unknown ones."""
     for response in call:
         kind = response.WhichOneof("frame")
         if kind is not None:
@@ -140,7 +140,7 @@ def _frames(call: Any) -> Iterator[Any]:
 
 
 class Connection:
-    """The connection that the slots of a run share: frames in, frames out, whatever happens to the stream below."""
+    """The connection shared by a run's slots: frames in, frames out, whatever happens to the stream below."""
 
     def __init__(self, dialler: Dialler, stream: Stream, slots: int, may_be_away_s: float, progress: Progress) -> None:
         self._dialler = dialler
@@ -151,7 +151,7 @@ class Connection:
         self._notices: list[Notice] = []
         self._closing = threading.Event()
         self.progress: Progress = progress
-        """Latest progress of the run on any slot."""
+        """Latest run progress on any slot."""
         self.on_close: Callable[[], None] = lambda: None
         """Callback that closes the underlying channel."""
         self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
@@ -161,7 +161,7 @@ class Connection:
 
     @property
     def token(self) -> str:
-        """Token of the run."""
+        """Run token."""
         return self._dialler.token
 
     def send(self, frame: Sent | play_pb2.Goodbye) -> None:
@@ -178,7 +178,7 @@ class Connection:
             self._stream.requests.put(request)
 
     def next(self, slot: int, timeout_s: float | None = None) -> Event:
-        """Waits for the next event of a slot. After the end it is always `Closed`.
+        """Waits for a slot's next event. After the end it is always `Closed`.
 
         Raises:
             LostError: if there is no event for `timeout_s` seconds.
@@ -327,7 +327,7 @@ def _close_connections() -> None:
 
 
 def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
-    """Reconnection time of a lost stream; None disables reconnection."""
+    """Reconnection time after a loss; None disables reconnection."""
     if may_be_away_s == 0:
         return None
     return max(may_be_away_s, _PATIENCE_S) if wanted_s is None else wanted_s

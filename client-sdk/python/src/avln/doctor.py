@@ -50,7 +50,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Tries:
-    """Settings of the practice run."""
+    """Practice run settings."""
 
     episodes: int
     steps: int
@@ -59,7 +59,7 @@ class Tries:
 
 @dataclass
 class Played:
-    """Measurements of the practice run."""
+    """Practice run measurements."""
 
     max_steps: int
     begins_s: list[float] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The mission of an episode."""
+"""An episode's mission."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _ORDERS = {common_pb2.ORDER_ORDERED: Order.ORDERED, common_pb2.ORDER_UNORDERED: 
 
 
 class Modality(enum.IntEnum):
-    """Modality of a goal cue."""
+    """Cue modality."""
 
     CATEGORY = 1
-    """By the label of the target's category."""
+    """By the target's category label."""
     DESCRIPTION = 2
     """A sentence that matches only the target."""
     IMAGE = 3
-    """By a picture of the target."""
+    """By a target image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Goal:
     """A goal with its cue."""
 
     modality: Modality
-    """Modality of the cue."""
+    """Cue modality."""
     text: str = ""
     """The category's label or the sentence; empty for a picture."""
     image: NDArray[np.uint8] | None = None
@@ -61,10 +61,10 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """The mission of an episode."""
+    """An episode's mission."""
 
     order: Order = Order.UNORDERED
-    """Order of the goals."""
+    """Goal order."""
     goals: list[Goal] = field(default_factory=list)
     """The goals, 2 to 4."""
 

@@ -1,4 +1,4 @@
-"""Options that the programs of this package share."""
+"""Options shared by this package's programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from avln.task import Sensors
 from avln.version import VERSION
 
 PRACTICE = "[the one to practise in, where runs are not counted]"
-"""Default of `--phase` in help texts."""
+"""Default for `--phase` in help texts."""
 
 
 def parser(name: str, about: str) -> argparse.ArgumentParser:

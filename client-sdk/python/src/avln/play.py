@@ -1,4 +1,4 @@
-"""Slots of a run and the episodes that they play."""
+"""Run slots and their episodes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TimeLeft:
     step_s: float | None
     """Free thinking time, seconds; None: unlimited."""
     bank_s: float
-    """Remaining bank of the episode beyond `step_s`, seconds."""
+    """Remaining episode bank beyond `step_s`, seconds."""
 
 
 class Episode:
@@ -63,13 +63,13 @@ class Episode:
         self.id: str = start.episode
         """Random handle, good for this run only."""
         self.ordinal: int = start.ordinal
-        """Number of the episode in start order, from 1."""
+        """Episode number in start order, from 1."""
         self.mission: Mission = Mission.from_wire(start.mission)
         """The mission."""
         self.observation: Observation = Observation()
         """Latest observation: at the start, or after the last step."""
         self.end: EpisodeEnd | None = None
-        """Result of the episode; None before its end."""
+        """Episode result; None before its end."""
         self.fault: Error | None = None
         """Server failure that ended the episode with `EndReason.SERVER_FAULT`."""
         self.time_left: TimeLeft = TimeLeft(None, 0.0)
@@ -83,7 +83,7 @@ class Episode:
 
     @property
     def task(self) -> TaskSpec:
-        """The facts of the rules."""
+        """Task rules."""
         return self._agreement.task
 
     def __iter__(self) -> Iterator[Observation]:
@@ -169,8 +169,7 @@ class Episode:
             self._settle(attempted, self._connection.next(self._play.slot))
 
     def _settle(self, attempted: str, event: Event) -> None:
-        """Handles an event while an answer is pending; frames of the previous episode are ignored.
-        """
+        """Handles an event while an answer is pending; frames of the previous episode are ignored."""
         if isinstance(event, play_pb2.EpisodeEnd) and event.episode == self.id:
             self._awaits = False
             self.end = EpisodeEnd.from_wire(event)
@@ -195,7 +194,7 @@ class Episode:
 
 
 class Play:
-    """A slot of a run, which plays episodes in sequence. Iterating yields every episode of the run.
+    """A run slot, which plays episodes in sequence. Iterating yields every episode of the run.
 
     A lost connection is opened again, and its episodes continue, within the server's time limit.
     As a context manager it sends Goodbye at the end; an exception leaves the run open for its
@@ -212,11 +211,11 @@ class Play:
         self.episode: Episode | None = None
         """The episode that began last; None before the first."""
         self.summary: RunSummary | None = None
-        """Result of the run; None before its end."""
+        """Run result; None before its end."""
 
     @property
     def task(self) -> TaskSpec:
-        """The facts of the rules."""
+        """Task rules."""
         return self.agreement.task
 
     @property
@@ -231,7 +230,7 @@ class Play:
 
     @property
     def progress(self) -> Progress:
-        """Latest progress of the run, reported on any slot."""
+        """Latest run progress, reported on any slot."""
         return self.connection.progress
 
     def take_notices(self) -> list[Notice]:
@@ -307,8 +306,7 @@ class Play:
             self.close()
 
     def _settle_farewell(self, event: Event) -> None:
-        """Handles an event after Goodbye; faults of a slot belong to an episode ended by Goodbye.
-        """
+        """Handles an event after Goodbye; faults of a slot belong to an episode ended by Goodbye."""
         if isinstance(event, play_pb2.Fault) and (event.HasField("slot") or event.recoverable):
             return
         self._settle(_FINISH, event)

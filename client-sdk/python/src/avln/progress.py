@@ -12,8 +12,7 @@ if TYPE_CHECKING:
 
 
 class Bar:
-    """A tqdm bar if tqdm is installed and the output is a terminal, otherwise a line per episode.
-    """
+    """A tqdm bar if tqdm is installed and the output is a terminal, otherwise a line per episode."""
 
     def __init__(self, episodes: int) -> None:
         self._bar = _tqdm(episodes) if sys.stderr.isatty() else None

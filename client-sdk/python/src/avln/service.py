@@ -27,7 +27,7 @@ class ServerInfo:
     version: str
     """Server program version."""
     api_minor: int
-    """Highest minor number of `avln.v1` that it speaks."""
+    """Highest supported minor number in `avln.v1`."""
     benchmark: str
     """Benchmark version: changes whenever a score could change."""
     draining: bool
@@ -69,7 +69,7 @@ class Phase:
     max_slots: int
     """Most slots per run."""
     max_side: int
-    """Most pixels a side of RGB and depth."""
+    """Most pixels per image side."""
     feedback: str
     """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     state: str
@@ -119,7 +119,7 @@ class Run:
 
     @classmethod
     def from_token(cls, token: str) -> Run:
-        """A run of which only the token is at hand, as in a container that never sees the account."""
+        """A run known only by its token, as in a sealed container."""
         return cls("", token)
 
     @classmethod
@@ -184,7 +184,7 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class Quota:
-    """Remaining quota of a team."""
+    """A team's remaining quota."""
 
     phase: str
     """Phase."""
@@ -197,7 +197,7 @@ class Quota:
     remaining: int | None
     """Runs left; None: unlimited."""
     next_increase_unix_s: int
-    """Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never."""
+    """Time when `remaining` next increases, seconds since 1970 UTC; 0: never."""
     charges: list[tuple[str, str]]
     """The runs that were counted and why, the oldest first."""
 
@@ -241,7 +241,7 @@ class Account:
 
 
 def phase_to_practise(phases: list[Phase], quotas: list[Quota]) -> str:
-    """Returns the id of the default phase.
+    """Returns the default phase's id.
 
     Raises:
         PhaseError: if there is no or no unique default phase.

@@ -1,4 +1,4 @@
-"""Progress and results of episodes and runs."""
+"""Episode and run results."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Metric:
     name: str
     """Name, lower snake case: sr, isr, osr, spl, soft_spl …"""
     value: float
-    """Value, in the unit at the end of the name; otherwise without unit."""
+    """Value, in the unit at the name's end; otherwise without unit."""
     interval: tuple[float, float] | None = None
     """95 % interval, if known."""
 
@@ -59,7 +59,7 @@ class EpisodeEnd:
     """Episode end."""
 
     episode: str
-    """Random handle of the episode, good for this run only."""
+    """Random episode handle, valid in this run only."""
     reason: EndReason
     """Why it ended."""
     terminated: bool
@@ -94,7 +94,7 @@ class RunSummary:
     metrics: list[Metric] | None = None
     """Metrics; None if the phase hides them."""
     url: str = ""
-    """Web page of the result; may be empty."""
+    """Result web page; may be empty."""
 
     def metric(self, name: str) -> Metric | None:
         """The metric `name`, if public."""
@@ -125,7 +125,7 @@ class Notice:
 
 
 def metrics(shown: common_pb2.PublicMetrics) -> list[Metric]:
-    """The metrics of a message, in the order of the phase's columns."""
+    """Converts metrics, in column order."""
     return [Metric(m.name, m.value, _interval(m)) for m in shown.metrics]
 
 

@@ -1,4 +1,4 @@
-"""Sensors of an agent, and the rules of the task."""
+"""Sensors and task rules."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Sensors:
 
     @classmethod
     def square(cls, side: int) -> Sensors:
-        """All sensors at `side` x `side` pixels with 90 degrees of view."""
+        """All sensors at `side` x `side` pixels with a view of 90 degrees."""
         return cls(width=side, height=side)
 
     def kinds(self) -> list[common_pb2.SensorKind]:
@@ -109,13 +109,13 @@ class TaskSpec:
     audio_samples: int = 4000
     """Samples per ear and observation."""
     samples_per_step: int = 4000
-    """Samples per ear and step of simulated time; the rest is 0."""
+    """Samples per ear and simulated step; the rest is 0."""
     pose_frame: str = "start"
     """Pose frame: `start`, with a zero first pose, or `world`, the scene frame."""
     success_radius_m: float = 2.0
     """Success radius, metres."""
     success_distance: str = "camera_to_box"
-    """Definition of the success distance: `camera_to_box` or `base_to_viewpoint`."""
+    """Success distance definition: `camera_to_box` or `base_to_viewpoint`."""
     wrong_submit: str = "keeps_goal"
     """Wrong Submit's effect in an ordered mission: `keeps_goal` or `skips_goal`."""
     feedback: str = "none"

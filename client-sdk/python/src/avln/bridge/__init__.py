@@ -1,4 +1,4 @@
-"""A door for clients that speak the protocol of the LH-AVLN authors' release; `pip install 'avln[bridge]'`.
+"""A server for clients with the LH-AVLN authors' protocol; `pip install 'avln[bridge]'`.
 
 avln-bridge zmq --bind tcp://127.0.0.1:5555 --server URL --token TOKEN --phase PHASE
 """

@@ -1,4 +1,4 @@
-"""Interpretation of the authors' requests."""
+"""Answers to the authors' requests."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class RequestHandler:
         }
 
     def _told(self, episode: Episode) -> dict[str, Any]:
-        """Fields of an episode in the authors' format; scene names are opaque."""
+        """Episode fields in the authors' format; scene names are opaque."""
         pose = self._senses.observations(episode.observation, self._start, episode.mission)["full_pose_sensor"]
         return {
             "episode_id": episode.id,

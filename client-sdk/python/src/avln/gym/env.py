@@ -34,7 +34,7 @@ def no_reward(_before: Observation, _action: Action, _after: Observation) -> flo
 
 
 class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
-    """A slot of a run.
+    """A run slot.
 
     Actions are the values of `avln.Action`, 0 to 4; observations follow `ObservationSpace`.
     `terminated` means that the task ended the episode (Stop, final Submit), `truncated` any
@@ -72,7 +72,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
             method: name on the leaderboard.
             order: `avln.Order`, or its word.
             sensors: sensors and their settings; by default all at 256 x 256 pixels.
-            keys: entries of observations; by default all.
+            keys: observation entries; by default all.
             goal_side: side of goal images, pixels.
             reward: reward function; by default 0.
             connect_options: connection options.

@@ -1,4 +1,4 @@
-"""Several slots of a run as a Gymnasium vector environment."""
+"""Several run slots as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class _Slot:
 
 
 class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
-    """The slots of a run: all take a step, and the server works in parallel.
+    """A run's slots: all take a step, and the server works in parallel.
 
     Episodes follow each other by `AutoresetMode.NEXT_STEP`: the step after an end ignores its
     action and returns the first observation of the next episode. A slot without a remaining
