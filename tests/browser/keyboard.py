@@ -23,7 +23,7 @@ FOCUS = """async () => {
     (y) => [r.left + x * r.width, r.top + y * r.height])));
   const seen = spots.some(([x, y]) => e.contains(document.elementFromPoint(x, y)));
   const outside = e === document.body;
-  // What plays sound has several stops of its own.
+  // A sound player has several stops.
   const again = !outside && window.stops.includes(e) && !(e.matches("audio") && window.stops.at(-1) === e);
   window.stops.push(e);
   return { again, fine: outside || (marked && seen), marked, what: e.outerHTML.slice(0, 120) };

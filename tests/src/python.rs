@@ -25,7 +25,7 @@ pub fn command(what: &str, modules: &[&str], remedy: &str) -> Option<Command> {
     Some(command)
 }
 
-/// Runs a command; panics with its output if it fails.
+/// Runs a command; panics with the output if it fails.
 pub fn succeeds(what: &str, mut command: Command) {
     let output = command.output().expect("Python starts");
     let text = String::from_utf8_lossy(&output.stdout);

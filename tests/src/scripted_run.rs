@@ -12,7 +12,7 @@ pub const STEPS: u32 = 41;
 /// Pose and sound.
 pub const AUDIO_ONLY: Sensors = Sensors { audio: true, ..NO_SENSORS };
 
-/// Plays a run's episodes in sequence; returns its id.
+/// Plays a run's episodes in sequence; returns the id.
 pub async fn play_script(url: &str, token: &str, method: &str) -> String {
     play_script_with(url, token, method, NO_SENSORS, |_, _| ()).await
 }

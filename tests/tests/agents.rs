@@ -436,7 +436,7 @@ mod storeys {
     /// Height difference that only another storey has, metres.
     const STOREY_M: f64 = 2.5;
 
-    /// Runs the program in a folder and returns its output.
+    /// Runs the program in a folder and returns the output.
     fn avln(folder: &Path, arguments: &[&str]) -> String {
         let mut command = Command::new(PROGRAM);
         command.env_remove("AVLN_TOKEN").current_dir(folder).args(["--data", "data"]).args(arguments);

@@ -234,7 +234,7 @@ mod replay_sound {
     /// Bytes before the samples.
     const HEAD_BYTES: usize = 58;
 
-    /// Plays a run with sound; returns its id and the received samples per episode.
+    /// Plays a run with sound; returns the id and the received samples per episode.
     async fn play(server: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
         let mut heard: BTreeMap<u32, Vec<Audio>> = BTreeMap::new();
         let url = server.agents_url();

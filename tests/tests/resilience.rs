@@ -48,7 +48,7 @@ async fn wander_on(episode: &mut Episode<'_>, steps: &AtomicU32) -> Result<(), E
     Ok(())
 }
 
-/// Plays a run in several slots; returns its id.
+/// Plays a run in several slots; returns the id.
 async fn play_run(url: String, token: String, slots: u32, steps: &'static AtomicU32) -> String {
     let client = Client::connect(url, &token).await.expect("a connection");
     let run =

@@ -92,7 +92,7 @@ mod backups {
         play
     }
 
-    /// Plays a run in several slots; returns its id.
+    /// Plays a run in several slots; returns the id.
     async fn play_run(url: String, token: String, method: &str, pace: &'static Pace) -> String {
         let client = Client::connect(url, &token).await.expect("a connection");
         let run =

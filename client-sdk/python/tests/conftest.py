@@ -34,7 +34,7 @@ class Endpoint:
 
 
 class Furnished:
-    """A data folder without a running server, and its team token."""
+    """A data folder without a running server, and a team token."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder

@@ -37,7 +37,7 @@ class Mute:
 
 
 class Program:
-    """Runs commands against a server; gives back exit code and output."""
+    """Runs commands against a server; returns exit code and output."""
 
     def __init__(self, endpoint: Endpoint, captured: pytest.CaptureFixture[str]) -> None:
         self.captured = captured

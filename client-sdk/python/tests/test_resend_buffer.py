@@ -1,4 +1,4 @@
-"""What is sent again when a connection is lost."""
+"""Frames repeated after a lost connection."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def mortal(furnished: Furnished, tmp_path: Path) -> Iterator[Server]:
 
 
 def poses(play: avln.Play, agent: ForwardAndTurn, killer: Killer | None) -> list[avln.Pose]:
-    """Plays all episodes; gives back every pose that was seen."""
+    """Plays all episodes; returns every pose that was seen."""
     seen = []
     for episode in play:
         agent.begin(play.task, episode.mission)

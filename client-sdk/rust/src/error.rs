@@ -3,7 +3,7 @@ use std::{error::Error as StdError, fmt::Write};
 use tonic::{Code, Status};
 use v1::Reason;
 
-/// Errors between an agent and its server. Every message contains the attempted operation and the next step.
+/// Errors between agent and server. Every message contains the attempted operation and the next step.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The server's address makes no sense.

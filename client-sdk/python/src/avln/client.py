@@ -293,7 +293,7 @@ class Client:
         (sensors or Sensors()).to_wire(self._packing)
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        """Makes an idempotent call, repeated while its answer is lost."""
+        """Makes an idempotent call, repeated while the answer is lost."""
         patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
         until = time.monotonic() + patience_s
         backoff = Backoff()
@@ -408,9 +408,7 @@ def begin_run(
 
 @contextmanager
 def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]:
-    """Closes the connection if the block fails, and cancels the run if it is our own: it would stay
-    open without a player.
-    """
+    """Closes the connection if the block fails, and cancels our own run, which has no player."""
     try:
         yield
     except BaseException:

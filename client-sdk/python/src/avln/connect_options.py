@@ -83,7 +83,7 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
 
 
 def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Channel:
-    """Creates a channel, which connects with its first call.
+    """Creates a channel, which connects with the first call.
 
     Raises:
         TlsError: if the authority file is invalid.

@@ -29,7 +29,7 @@ _SOON_S = 7 * _DAY_S
 
 @dataclass(frozen=True)
 class Check:
-    """A check and its result."""
+    """A check and the result."""
 
     name: str
     """Subject."""

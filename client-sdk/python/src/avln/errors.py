@@ -1,4 +1,4 @@
-"""Errors between an agent and its server. Every message contains the attempted operation and the next step."""
+"""Errors between agent and server. Every message contains the attempted operation and the next step."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Modality(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal with its cue."""
+    """A goal and the cue."""
 
     modality: Modality
     """Cue modality."""
@@ -47,7 +47,7 @@ class Goal:
         """Converts a goal message.
 
         Raises:
-            ProtocolError: if its cue is unknown to this client.
+            ProtocolError: if the cue is unknown to this client.
         """
         cue = goal.WhichOneof("cue")
         if cue == "category":
@@ -73,7 +73,7 @@ class Mission:
         """Converts a mission message.
 
         Raises:
-            ProtocolError: if its order or a goal cue is unknown to this client.
+            ProtocolError: if the order or a goal cue is unknown to this client.
         """
         if mission.order not in _ORDERS:
             raise ProtocolError(f"order {mission.order} does not exist")

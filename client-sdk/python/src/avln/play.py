@@ -110,8 +110,7 @@ class Episode:
         return self.receive()
 
     def send(self, action: Action) -> None:
-        """Sends an action without waiting for the result, which `receive` returns. Slots can play
-        in parallel this way.
+        """Sends an action without waiting; `receive` returns the result. So slots can play in parallel.
 
         Raises:
             EpisodeOverError: after the end.
@@ -181,9 +180,7 @@ class Episode:
             raise ProtocolError(f"{event.DESCRIPTOR.name} came while an episode was open")
 
     def _weigh(self, attempted: str, fault: play_pb2.Fault) -> None:
-        """Stores a fault that ends the episode, because EpisodeEnd follows; faults of other
-        episodes are stale.
-        """
+        """Stores a fault that ends this episode, because EpisodeEnd follows; others are stale."""
         if fault.episode not in ("", self.id):
             return
         error = from_fault(attempted, fault)
@@ -242,8 +239,7 @@ class Play:
             yield episode
 
     def next_episode(self) -> Episode | None:
-        """Begins the next episode; returns None if no episode remains. Abandons an open episode
-        first.
+        """Begins the next episode; None if no episode remains. Abandons an open episode first.
 
         The time limit of its first action starts now: load models before.
 
@@ -266,8 +262,7 @@ class Play:
         self.connection.send(play_pb2.Ready(slot=self.slot))
 
     def receive_episode(self) -> Episode | None:
-        """Waits for the requested episode; returns None if no episode remains, after all slots have
-        finished.
+        """Waits for the requested episode; None after the last episode and the end of all slots.
 
         Raises:
             Error: if the server rejects the request, violates the protocol, or the connection is lost.
@@ -289,8 +284,7 @@ class Play:
             raise event.because(attempted)
 
     def finish(self) -> RunSummary:
-        """Sends Goodbye and closes the connection: the run ends on all slots, open episodes end as
-        abandoned.
+        """Ends the run on all slots with Goodbye and closes the connection; abandons open episodes.
 
         Raises:
             Error: if the connection is lost or the server does not answer within a minute.

@@ -26,7 +26,7 @@ pub const SAMPLES: u32 = 8;
 type Scene = Pin<Box<dyn Future<Output = ()> + Send>>;
 type Script = Arc<dyn Fn(Stage) -> Scene + Send + Sync>;
 
-/// Starts a server with `script` as its Play stream; returns its address.
+/// Starts a server with `script` as its Play stream; returns the address.
 pub async fn serve<F, S>(script: F) -> String
 where
     F: Fn(Stage) -> S + Send + Sync + 'static,

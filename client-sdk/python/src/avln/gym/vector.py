@@ -45,7 +45,7 @@ class _Slot:
         return self.episode is not None and not self.episode.is_over
 
     def begin(self) -> Arrays:
-        """Receives the requested episode; returns its info."""
+        """Receives the requested episode; returns the info."""
         self.asked = False
         episode = self.play.receive_episode()
         if episode is None:
