@@ -232,7 +232,7 @@ mod replay_sound {
     use std::collections::BTreeMap;
 
     /// Bytes before the samples.
-    const HEAD_BYTES: usize = 58;
+    const HEAD_BYTES: usize = 68;
 
     /// Plays a run with sound; returns the id and the received samples per episode.
     async fn play(server: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {

@@ -56,9 +56,9 @@ class Server:
         self.command(
             "challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50"
         )
-        told = self.command("challenge", "team", "add", "Python")
-        found = re.search(r"avln_\S+", told)
-        assert found, told
+        answer = self.command("challenge", "team", "add", "Python")
+        found = re.search(r"avln_\S+", answer)
+        assert found, answer
         return found.group()
 
     def command(self, *arguments: str) -> str:

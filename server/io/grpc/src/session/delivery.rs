@@ -5,9 +5,8 @@ use super::{
     slot::{Slot, SlotContent},
 };
 use crate::{
-    episode::{Episode, HostedEpisode},
-    host::Host,
-    refusal::{Failure, FaultSubject, ServerFault, call_host},
+    host::{Episode, Host, HostedEpisode},
+    refusal::{Failure, FaultSubject, call_host},
     sim_pool::truncate,
     wire,
 };
@@ -20,11 +19,11 @@ impl<H: Host> Slot<H> {
     pub(super) async fn failed_to_start(
         &mut self,
         mut hosted: HostedEpisode<H::Episode>,
-        fault: ServerFault,
+        fault: Failure,
     ) -> Result<SlotReply, Failure> {
         truncate(&mut hosted, EndReason::ServerFault);
         self.conclude(hosted).await;
-        Err(fault.into())
+        Err(fault)
     }
 
     /// Ends an episode after a failed step. Other episodes are not affected.
@@ -33,7 +32,7 @@ impl<H: Host> Slot<H> {
         mut hosted: HostedEpisode<H::Episode>,
         last: LastStep,
         act: &v1::Act,
-        fault: ServerFault,
+        fault: Failure,
     ) -> SlotReply {
         self.report_fault(&hosted.handle, act.step, fault).await;
         truncate(&mut hosted, EndReason::ServerFault);
@@ -48,7 +47,7 @@ impl<H: Host> Slot<H> {
         ticket: u64,
         last: LastStep,
         act: &v1::Act,
-        fault: ServerFault,
+        fault: Failure,
     ) -> SlotReply {
         self.report_fault(handle, act.step, fault).await;
         self.mark_lost(handle, ticket).await;
@@ -57,20 +56,22 @@ impl<H: Host> Slot<H> {
         SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end: Some(end) }))
     }
 
-    async fn report_fault(&mut self, episode: &str, step: u32, fault: ServerFault) {
+    async fn report_fault(&mut self, episode: &str, step: u32, fault: Failure) {
         if let Audience::Stream(out) = &self.audience {
             let subject = FaultSubject { slot: Some(self.id), episode, step };
-            let _ = out.send(Frame::Fault(Failure::from(fault).frame(subject, false))).await;
+            let _ = out.send(Frame::Fault(fault.frame(subject, false))).await;
         }
     }
 
     /// Reports a lost episode to the host, which restarts it.
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let name = handle.to_owned();
-        if let Err(failure) = call_host("lose", async move { host.lose(&run, &name, ticket).await }).await {
-            tracing::error!(why = failure.message(), "cannot withdraw a hanging episode");
+        if let Err(failure) =
+            call_host("lose", &self.session.host, |host| async move { host.lose(&run, &name, ticket).await })
+                .await
+        {
+            tracing::error!(why = failure.message, "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
     }
@@ -112,14 +113,19 @@ impl<H: Host> Slot<H> {
         let episode = hosted.handle.clone();
         let step = hosted.episode.steps();
         let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
-        let stored = call_host("conclude", async move { host.conclude(&run, hosted).await }).await;
+        let stored =
+            call_host(
+                "conclude",
+                &self.session.host,
+                |host| async move { host.conclude(&run, hosted).await },
+            )
+            .await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
             Err(failure) => {
-                tracing::error!(episode, why = failure.message(), "episode not stored");
+                tracing::error!(episode, why = failure.message, "episode not stored");
                 (EndReason::ServerFault, None)
             }
         };
@@ -231,10 +237,10 @@ pub(crate) async fn stored_end<H: Host>(
     run: &str,
     known: &v1::SlotPosition,
 ) -> Result<Option<v1::EpisodeEnd>, Failure> {
-    let host = host.clone();
     let run = run.to_owned();
     let handle = known.episode.clone();
-    let stored = call_host("look up an episode", async move { host.ended(&run, &handle).await }).await?;
+    let stored =
+        call_host("look up an episode", host, |host| async move { host.ended(&run, &handle).await }).await?;
     Ok(stored.map(|end| v1::EpisodeEnd {
         slot: known.slot,
         episode: known.episode.clone(),

@@ -2,15 +2,14 @@
 
 use super::{
     SessionContext, SlotEnding,
-    clock::ChessClock,
     playing::{
-        Audience, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead, same_episode,
+        Audience, ChessClock, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead,
+        same_episode,
     },
 };
 use crate::{
-    episode::{Acted, Episode, HostedEpisode, Restored},
-    host::Host,
-    refusal::{Failure, ServerFault, call_host},
+    host::{Acted, Episode, Host, HostedEpisode, Restored},
+    refusal::{Failure, call_host},
     watchdog::CancelToken,
     wire,
 };
@@ -199,12 +198,13 @@ impl<H: Host> Slot<H> {
         // Before the request: an episode that another slot returns meanwhile must wake this slot.
         let returned = self.session.progress.returned();
         self.session.progress.requested();
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let hosted =
-            call_host("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        let hosted = call_host("next episode", &self.session.host, |host| async move {
+            host.next_episode(&run, id, &sensors).await
+        })
+        .await;
         match hosted {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
@@ -243,7 +243,7 @@ impl<H: Host> Slot<H> {
             Ok(started) => started,
             Err(fault) => {
                 self.mark_lost(&handle, ticket).await;
-                return Err(fault.into());
+                return Err(fault);
             }
         };
         let first = match first {
@@ -262,14 +262,14 @@ impl<H: Host> Slot<H> {
         Ok(SlotReply::Start(Box::new(start)))
     }
 
-    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
+    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), Failure> {
         let bytes = start.encoded_len() as u64;
         let limit = self.session.frame_bytes;
         if bytes <= limit {
             return Ok(());
         }
         // Welcome announced the limit to the client, which may refuse larger frames: this is a fault of the server.
-        Err(ServerFault::log("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
+        Err(Failure::server("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
     }
 
     fn observation(
@@ -342,7 +342,7 @@ impl<H: Host> Slot<H> {
             Ok(result) => result,
             Err(fault) => return Ok(self.timed_out(&handle, ticket, last, act, fault).await),
         };
-        let refused = |error: String| ServerFault::simulator("step", error);
+        let refused = |error: String| Failure::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
             Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
             Err(fault) => Ok(self.broken(hosted, last, act, fault).await),
