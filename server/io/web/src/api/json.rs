@@ -2,20 +2,14 @@
 
 use super::SCHEMA_VERSION;
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     format::with_named_times,
     leaderboard::LeaderboardParams,
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, NoParameters, PathOnly, RequestContext, RunsQuery, StrictQuery},
     server::Streaming,
 };
 use avln_store::{EpisodeLine, LeaderboardView, LogAccess, MissionsView, PhaseView, Quota, RunView};
-use axum::{
-    Extension, Json,
-    body::Body,
-    extract::Path,
-    http::header,
-    response::{IntoResponse, Response},
-};
+use axum::{Extension, Json, body::Body, extract::Path, http::header, response::IntoResponse};
 use serde::Serialize;
 use serde_json::Value;
 use std::{io, path::PathBuf};
@@ -75,11 +69,7 @@ pub(super) struct Phase {
     phase: PhaseView,
 }
 
-pub(super) async fn phase(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn phase(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Phase { phase: context.phase(&id).await? })
 }
 
@@ -88,11 +78,7 @@ pub(super) struct Missions {
     missions: MissionsView,
 }
 
-pub(super) async fn missions(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Missions { missions: context.missions(&id).await? })
 }
 
@@ -140,11 +126,7 @@ pub(super) async fn runs(
     respond(&query.list(&context.reader, &context.viewer).await?)
 }
 
-pub(super) async fn run(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn run(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&context.run(&id).await?)
 }
 
@@ -154,29 +136,23 @@ pub(super) struct Episodes {
     episodes: Vec<EpisodeLine>,
 }
 
-pub(super) async fn episodes(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     let RunView { line, episodes, .. } = context.run(&id).await?;
     respond(&Episodes { run: line.run, episodes })
 }
 
 pub(super) async fn episode(
     context: RequestContext,
-    Path((run, ordinal)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
 ) -> JsonResponse {
     respond(&context.episode(&run, &ordinal).await?)
 }
 
 pub(super) async fn log(
     context: RequestContext,
-    Path(run): Path<String>,
+    PathOnly(run): PathOnly<String>,
     Extension(logs): Extension<Option<SignedLogs>>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let unknown = || RequestError::unknown("log of run", run.clone());
     match context.reader.log_access(&context.viewer, &run).await? {
         LogAccess::None => return Err(unknown()),
@@ -204,7 +180,6 @@ pub(super) async fn log(
     Ok((headers, Extension(Streaming), Body::from_stream(ReaderStream::new(file))).into_response())
 }
 
-/// Reads a leaderboard with all columns.
 pub(super) async fn find_leaderboard(
     context: &RequestContext,
     id: &str,
@@ -215,7 +190,6 @@ pub(super) async fn find_leaderboard(
     params.read(context, &phase, params.order(&phase)?).await
 }
 
-/// Reads the leaderboards for all orders.
 pub(super) async fn find_leaderboards(
     context: &RequestContext,
     id: &str,
