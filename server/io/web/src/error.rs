@@ -12,7 +12,8 @@ use axum::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Cause of a failed request.
+pub(crate) type HandlerResult = Result<Response, RequestError>;
+
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum RequestError {
     #[error("there is no {what} '{name}' that you may see")]
@@ -111,7 +112,6 @@ impl RequestError {
         }
     }
 
-    /// Returns the problem at the address `path`.
     pub(crate) fn problem(&self, path: &str) -> Problem {
         let ErrorClass { status, reason, title } = self.class();
         Problem {

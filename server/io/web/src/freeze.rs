@@ -48,13 +48,11 @@ pub enum FreezeError {
     },
 }
 
-/// A copy's content.
 struct Scope {
     phases: BTreeMap<String, PhaseView>,
     runs: BTreeMap<String, RunLine>,
     /// Start page.
     first: String,
-    /// List of runs.
     list: String,
 }
 
@@ -86,7 +84,6 @@ pub async fn freeze(
     Ok(written.len())
 }
 
-/// gRPC port in commands on the pages.
 const GRPC_PORT: u16 = 50051;
 
 /// Rewrites the links in a page, and adds new addresses to `next`.
@@ -203,7 +200,6 @@ impl Scope {
         inside.then(|| link.to_owned())
     }
 
-    /// Returns the API address for the list of runs.
     fn table_of_runs(&self, table: &str) -> String {
         self.list.replacen("/runs", &format!("/api/v1/{table}"), 1)
     }
@@ -213,23 +209,20 @@ impl Scope {
         phase.is_some_and(|phase| phase.replays == Visibility::Public)
     }
 
-    /// Returns true if both runs are in the copy.
     fn is_pair(&self, query: &str) -> bool {
         let runs = query.split('&').filter_map(|part| part.split_once('='));
         runs.clone().count() == 2 && runs.into_iter().all(|(_, run)| self.shows_replays(run))
     }
 }
 
-/// Returns true for a leaderboard selected only by order, sort key and run. Other selections would be too many to copy.
+// Returns true for a leaderboard selected only by order, sort key and run. Other selections would be too many to copy.
 fn is_plain_selection(query: &str) -> bool {
     let names = query.split('&').filter(|part| !part.is_empty()).map(|part| part.split('=').next());
     names.into_iter().all(|name| matches!(name, Some("order" | "sort" | "pick")))
 }
 
-/// Attributes with addresses.
 const ATTRIBUTES: [&str; 3] = [" href=\"", " src=\"", " action=\""];
 
-/// Returns the file name for an address.
 fn file_of(address: &str) -> String {
     let (path, query) = address.split_once('?').unwrap_or((address, ""));
     let path = path.trim_start_matches('/');

@@ -14,14 +14,11 @@ use axum::{
 };
 use std::{collections::BTreeSet, str::FromStr};
 
-/// The last second in a day.
 const LAST_SECOND: u32 = 86_399;
 
-/// The displayed orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Orders {
     One(Order),
-    /// All orders side by side.
     Both,
 }
 
@@ -31,24 +28,9 @@ impl Orders {
     }
 }
 
-/// A filter by sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum SensorFilter {
-    With,
-    Without,
-}
-
-impl SensorFilter {
-    pub(crate) fn as_str(self) -> &'static str {
-        match self {
-            Self::With => "with",
-            Self::Without => "without",
-        }
-    }
-}
-
 /// Parameter names, ordered as [`LeaderboardParams::sensors`].
 pub(crate) const SENSOR_PARAMS: [&str; 3] = ["rgb", "depth", "audio"];
+const SENSOR_WORDS: [(&str, bool); 2] = [("with", true), ("without", false)];
 
 /// Leaderboard query parameters. Missing parameters default to the phase's ranking.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -60,8 +42,8 @@ pub(crate) struct LeaderboardParams {
     pub(crate) search: String,
     /// Team name; empty for all teams.
     pub(crate) team: String,
-    /// Filters by colour, depth and sound.
-    pub(crate) sensors: [Option<SensorFilter>; 3],
+    /// Filters by colour, depth and sound: true for agents with the sensor.
+    pub(crate) sensors: [Option<bool>; 3],
     /// Only runs completed on or before this day; its end in milliseconds since 1970-01-01 UTC.
     pub(crate) as_of_unix_ms: Option<i64>,
     /// Columns; empty for the default ones.
@@ -108,14 +90,12 @@ impl LeaderboardParams {
                 let sensor = SENSOR_PARAMS.iter().position(|sensor| *sensor == other);
                 let sensor =
                     sensor.ok_or_else(|| RequestError::Invalid(format!("unknown parameter '{other}'")))?;
-                let filters = [("with", SensorFilter::With), ("without", SensorFilter::Without)];
-                self.sensors[sensor] = choice(name, value, filters)?;
+                self.sensors[sensor] = choice(name, value, SENSOR_WORDS)?;
             }
         }
         Ok(())
     }
 
-    /// Returns the order for a single leaderboard.
     pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order, RequestError> {
         match self.orders {
             Some(Orders::One(order)) => Ok(order),
@@ -140,11 +120,7 @@ impl LeaderboardParams {
             pick: self.pick.unwrap_or(phase.ranking.entry),
             as_of_unix_ms: self.as_of_unix_ms,
             now_unix_ms,
-            filter: RowFilter {
-                words: self.search.clone(),
-                team: self.team.clone(),
-                senses: self.sensors.map(|filter| filter.map(|filter| filter == SensorFilter::With)),
-            },
+            filter: RowFilter { words: self.search.clone(), team: self.team.clone(), senses: self.sensors },
         }
     }
 
@@ -159,7 +135,6 @@ impl LeaderboardParams {
         view.ok_or_else(|| RequestError::unknown("phase", phase.id.clone()))
     }
 
-    /// Reads the leaderboards for all orders.
     pub(crate) async fn read_all(
         &self,
         context: &RequestContext,
@@ -213,7 +188,7 @@ impl LeaderboardParams {
         }
         for (name, filter) in SENSOR_PARAMS.iter().zip(self.sensors) {
             if let Some(filter) = filter {
-                add(name, filter.as_str());
+                add(name, sensor_word(filter));
             }
         }
         if let Some(moment) = self.as_of_unix_ms {
@@ -228,9 +203,12 @@ impl LeaderboardParams {
     }
 }
 
-/// Returns true for default columns.
 fn is_default(column: Key) -> bool {
     column.metric().prominence != Prominence::Optional
+}
+
+fn sensor_word(is_required: bool) -> &'static str {
+    if is_required { "with" } else { "without" }
 }
 
 fn first_order(phase: &PhaseView) -> Order {
@@ -277,10 +255,9 @@ pub(crate) fn day(unix_ms: i64) -> String {
 /// Form and links for other selections from the same phase.
 pub(crate) struct LeaderboardControls {
     pub(crate) params: LeaderboardParams,
-    phase: PhaseView,
+    pub(crate) phase: PhaseView,
     pub(crate) key: Key,
     pub(crate) pick: RunChoice,
-    /// Teams with entries.
     pub(crate) teams: BTreeSet<String>,
 }
 
@@ -342,10 +319,6 @@ impl LeaderboardControls {
         self.params.address(&self.phase)
     }
 
-    pub(crate) fn orders(&self) -> &[Order] {
-        &self.phase.orders
-    }
-
     /// Returns the form's hidden `order`; all orders need none.
     pub(crate) fn order_value(&self) -> Option<&'static str> {
         match self.params.orders {
@@ -356,12 +329,8 @@ impl LeaderboardControls {
 
     pub(crate) fn sensors(&self) -> [(&'static str, &'static str, &'static str); 3] {
         let labels = ["Colour", "Depth", "Sound"];
-        let value = |index: usize| self.params.sensors[index].map_or("", SensorFilter::as_str);
+        let value = |index: usize| self.params.sensors[index].map_or("", sensor_word);
         [0, 1, 2].map(|index| (SENSOR_PARAMS[index], labels[index], value(index)))
-    }
-
-    pub(crate) fn is_team(&self, team: &str) -> bool {
-        self.params.team == team
     }
 
     /// Returns the selected day, or an empty text.

@@ -5,7 +5,7 @@ use crate::{
     live::LiveStatus,
     management::{MAX_FORM_BYTES, has_session_cookie},
     pages,
-    request::{Menu, PageContext},
+    request::{CONTEXT, Menu, PageContext},
     server::Streaming,
 };
 use axum::{
@@ -33,19 +33,18 @@ use tower_http::{
 };
 use tracing::Level;
 
-/// Size limit for addresses, bytes.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Cache size, bytes: some thousands of pages.
+// Cache size, bytes: some thousands of pages.
 const CACHE_BYTES: u64 = 32 << 20;
-/// Typical compressed page, bytes; an estimate for the cache.
+// Typical compressed page, bytes; an estimate for the cache.
 const TYPICAL_BYTES: usize = 8 << 10;
-/// Bodies below this size fit into a single packet without compression, bytes.
+// Bodies below this size fit into a single packet without compression, bytes.
 const MIN_BYTES: usize = 1024;
 
-/// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
-/// referrers.
+// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
+// referrers.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "same-origin"),
@@ -60,7 +59,7 @@ const UNFRAMED: [(HeaderName, &str); 2] = [
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];
-/// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
+// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
 const FRAMED: [(HeaderName, &str); 1] = [(
     POLICY,
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
@@ -102,7 +101,7 @@ async fn finish_response(
     let mut response = if is_too_long {
         RequestError::TooLong { limit: MAX_ADDRESS_BYTES }.into_response()
     } else {
-        let answer = context.clone().scope(next.run(request));
+        let answer = CONTEXT.scope(context.clone(), next.run(request));
         let answer = tokio::time::timeout(RESPONSE_TIMEOUT, answer).await;
         answer.unwrap_or_else(|_| RequestError::Busy.into_response())
     };
@@ -130,7 +129,7 @@ fn with_error_body(bare: Response, for_programs: bool, path: &str, context: Page
         ("application/problem+json", json!(error.problem(path)).to_string())
     } else {
         let context = PageContext { menu, ..context };
-        ("text/html; charset=utf-8", context.sync_scope(|| pages::error_page(&error)))
+        ("text/html; charset=utf-8", CONTEXT.sync_scope(context, || pages::error_page(&error)))
     };
     parts.status = error.class().status;
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
@@ -206,7 +205,6 @@ impl Weighter<blake3::Hash, Bytes> for BodyWeighter {
     }
 }
 
-/// A cache for compressed bodies.
 pub(crate) struct CompressedBodies(Cache<blake3::Hash, Bytes, BodyWeighter>);
 
 impl Default for CompressedBodies {

@@ -12,7 +12,6 @@ use serde::{Deserialize, de::DeserializeOwned};
 use std::{
     convert::Infallible,
     fmt,
-    future::Future,
     time::{SystemTime, UNIX_EPOCH},
 };
 
@@ -77,7 +76,7 @@ pub(crate) fn now_unix_ms() -> i64 {
 
 tokio::task_local! {
     // A task-local, because every page needs it and handlers have nothing else to do with it.
-    static CONTEXT: PageContext;
+    pub(crate) static CONTEXT: PageContext;
 }
 
 /// Parts of the page frame that depend on the visitor and the running arena.
@@ -92,14 +91,6 @@ impl PageContext {
     pub(crate) fn current() -> Self {
         CONTEXT.try_with(Self::clone).unwrap_or_default()
     }
-
-    pub(crate) async fn scope<T>(self, handler: impl Future<Output = T>) -> T {
-        CONTEXT.scope(self, handler).await
-    }
-
-    pub(crate) fn sync_scope<T>(self, render: impl FnOnce() -> T) -> T {
-        CONTEXT.sync_scope(self, render)
-    }
 }
 
 /// The menu entry that depends on the visitor.
@@ -108,11 +99,8 @@ pub(crate) enum Menu {
     /// No entry: this server has no sign-in.
     #[default]
     Plain,
-    /// Sign-in.
     Stranger,
-    /// The visitor's team page.
     Team,
-    /// The organiser's pages.
     Organiser,
 }
 
@@ -127,11 +115,9 @@ impl Menu {
     }
 }
 
-/// The gRPC server's port and transport.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct GrpcEndpoint {
     pub(crate) port: u16,
-    /// True if it uses TLS.
     pub(crate) is_secure: bool,
 }
 
@@ -192,12 +178,10 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for PathOnl
     }
 }
 
-/// An empty query.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NoParameters {}
 
-/// Run ids to compare.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CompareQuery {
@@ -208,20 +192,17 @@ pub(crate) struct CompareQuery {
 impl CompareQuery {
     pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView, RequestError> {
         let Self { first, second } = self;
-        match context.reader.compare(&context.viewer, [first, second]).await? {
-            Some(Ok(view)) => Ok(view),
-            Some(Err(Incomparable::Apart)) => Err(RequestError::Invalid(format!(
-                "the runs '{first}' and '{second}' cannot be compared: they belong to different phases or orders of goals"
-            ))),
-            Some(Err(Incomparable::Hidden)) => Err(RequestError::Invalid(format!(
-                "the runs '{first}' and '{second}' cannot be compared: their phase hides the scores of single episodes"
-            ))),
-            None => Err(RequestError::unknown("pair of runs", format!("{first} and {second}"))),
-        }
+        let reason = match context.reader.compare(&context.viewer, [first, second]).await? {
+            Some(Ok(view)) => return Ok(view),
+            Some(Err(Incomparable::Apart)) => "they belong to different phases or orders of goals",
+            Some(Err(Incomparable::Hidden)) => "their phase hides the scores of single episodes",
+            None => return Err(RequestError::unknown("pair of runs", format!("{first} and {second}"))),
+        };
+        let message = format!("the runs '{first}' and '{second}' cannot be compared: {reason}");
+        Err(RequestError::Invalid(message))
     }
 }
 
-/// The displayed moment in a replay.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ReplayQuery {
@@ -245,7 +226,6 @@ impl ReplayQuery {
     }
 }
 
-/// A picture's sensor.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PictureQuery {
@@ -265,18 +245,15 @@ impl PictureQuery {
     }
 }
 
-/// A page in the list of runs.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunsQuery {
     pub(crate) phase: Option<String>,
-    /// Last run on the previous page.
     pub(crate) before: Option<String>,
     pub(crate) limit: Option<u32>,
 }
 
 impl RunsQuery {
-    /// Default and maximum `limit`.
     pub(crate) const LIMITS: (u32, u32) = (50, 200);
 
     pub(crate) fn limit(&self) -> Result<u32, RequestError> {

@@ -33,11 +33,11 @@ use tower::ServiceExt;
 #[error("the web server cannot accept connections, {ACCEPT_ATTEMPTS} attempts failed in a row: {0}")]
 pub struct WebError(#[from] io::Error);
 
-/// Open connections; further clients wait in the system's queue.
+// Open connections; further clients wait in the system's queue.
 pub(crate) const MAX_CONNECTIONS: usize = 256;
 /// Time-out for TLS handshakes, request heads and idle connections.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
-/// Connection lifetime. The client then reconnects, so slow clients cannot occupy all connections.
+// Connection lifetime. The client then reconnects, so slow clients cannot occupy all connections.
 const CONNECTION_LIFETIME: Duration = Duration::from_secs(60);
 /// Time-out for the response in progress when a connection closes.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);

@@ -2,7 +2,7 @@
 
 use super::json::{find_leaderboard, find_leaderboards};
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     format,
     leaderboard::LeaderboardParams,
     replay::{Moment, moments},
@@ -12,12 +12,7 @@ use crate::{
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
 use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
-use axum::{
-    Extension,
-    extract::Path,
-    http::header,
-    response::{IntoResponse, Response},
-};
+use axum::{Extension, extract::Path, http::header, response::IntoResponse};
 use csv::{Terminator, WriterBuilder};
 
 /// A row definition: columns with names and cells. A single definition keeps header and rows consistent.
@@ -50,7 +45,7 @@ impl<T> Row<T> {
         self
     }
 
-    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> Result<Response, RequestError>
+    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> HandlerResult
     where
         T: 'a,
     {
@@ -93,7 +88,7 @@ pub(super) async fn leaderboard(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     leaderboard_table(vec![find_leaderboard(&context, &id, &params).await?])
 }
 
@@ -101,17 +96,16 @@ pub(super) async fn leaderboards(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     leaderboard_table(find_leaderboards(&context, &id, &params).await?)
 }
 
-/// An entry with its leaderboard's order.
 struct OrderedRow {
     order: Order,
     row: LeaderboardRow,
 }
 
-fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response, RequestError> {
+fn leaderboard_table(views: Vec<LeaderboardView>) -> HandlerResult {
     let entries = views.into_iter().flat_map(|view| {
         let order = view.order;
         view.rows.into_iter().map(move |row| OrderedRow { order, row })
@@ -172,10 +166,7 @@ fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<Ordered
     }
 }
 
-pub(super) async fn missions(
-    context: RequestContext,
-    PathOnly(id): PathOnly<String>,
-) -> Result<Response, RequestError> {
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
     let view = context.missions(&id).await?;
     Row::<PropertyCount>::new()
         .value("property", |r| r.property.to_owned())
@@ -204,7 +195,7 @@ fn property_counts(view: &MissionsView) -> Vec<PropertyCount> {
 pub(super) async fn compare(
     context: RequestContext,
     StrictQuery(query): StrictQuery<CompareQuery>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let view = query.view(&context).await?;
     Row::<PairView>::new()
         .text("episode", |pair| &pair.episode)
@@ -222,7 +213,7 @@ pub(super) async fn compare(
 pub(super) async fn runs(
     context: RequestContext,
     StrictQuery(query): StrictQuery<RunsQuery>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let list = query.list(&context.reader, &context.viewer).await?;
     Row::<RunLine>::new()
         .text("run", |line| &line.run)
@@ -243,10 +234,7 @@ pub(super) async fn runs(
         .respond(&list.runs)
 }
 
-pub(super) async fn episodes(
-    context: RequestContext,
-    PathOnly(id): PathOnly<String>,
-) -> Result<Response, RequestError> {
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
     let view = context.run(&id).await?;
     Row::<EpisodeLine>::new()
         .value("ordinal", |line| line.ordinal.to_string())
@@ -264,7 +252,6 @@ pub(super) async fn episodes(
         .respond(&view.episodes)
 }
 
-/// The state after a step, with the agent's position.
 struct StepRow {
     position: [f32; 3],
     moment: Moment,
@@ -273,7 +260,7 @@ struct StepRow {
 pub(super) async fn steps(
     context: RequestContext,
     PathOnly((run, ordinal)): PathOnly<(String, String)>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let unknown = || RequestError::unknown("replay", format!("episode {ordinal} of run {run}"));
     let replay = context.episode(&run, &ordinal).await?.replay.ok_or_else(unknown)?;
     let rows = replay.path.iter().zip(moments(&replay));
@@ -297,12 +284,11 @@ pub(super) async fn steps(
         .respond(&rows)
 }
 
-/// Serves the sound levels of each step.
 pub(super) async fn levels(
     context: RequestContext,
     PathOnly((run, ordinal)): PathOnly<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("of episode {ordinal} of run {run}"));
     let sound = queue.ok_or_else(unknown)?.sound(&view).await?.ok_or_else(unknown)?;

@@ -2,20 +2,14 @@
 
 use super::SCHEMA_VERSION;
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     format::with_named_times,
     leaderboard::LeaderboardParams,
     request::{CompareQuery, NoParameters, PathOnly, RequestContext, RunsQuery, StrictQuery},
     server::Streaming,
 };
 use avln_store::{EpisodeLine, LeaderboardView, LogAccess, MissionsView, PhaseView, Quota, RunView};
-use axum::{
-    Extension, Json,
-    body::Body,
-    extract::Path,
-    http::header,
-    response::{IntoResponse, Response},
-};
+use axum::{Extension, Json, body::Body, extract::Path, http::header, response::IntoResponse};
 use serde::Serialize;
 use serde_json::Value;
 use std::{io, path::PathBuf};
@@ -158,7 +152,7 @@ pub(super) async fn log(
     context: RequestContext,
     PathOnly(run): PathOnly<String>,
     Extension(logs): Extension<Option<SignedLogs>>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let unknown = || RequestError::unknown("log of run", run.clone());
     match context.reader.log_access(&context.viewer, &run).await? {
         LogAccess::None => return Err(unknown()),
@@ -186,7 +180,6 @@ pub(super) async fn log(
     Ok((headers, Extension(Streaming), Body::from_stream(ReaderStream::new(file))).into_response())
 }
 
-/// Reads a leaderboard with all columns.
 pub(super) async fn find_leaderboard(
     context: &RequestContext,
     id: &str,
@@ -197,7 +190,6 @@ pub(super) async fn find_leaderboard(
     params.read(context, &phase, params.order(&phase)?).await
 }
 
-/// Reads the leaderboards for all orders.
 pub(super) async fn find_leaderboards(
     context: &RequestContext,
     id: &str,

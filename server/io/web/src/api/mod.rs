@@ -17,7 +17,6 @@ use axum::{
 use openapi::Body;
 use utoipa::ToSchema;
 
-/// Address prefix.
 const BASE: &str = "/api/v1";
 /// Schema version; it changes if a field is removed or changes its meaning.
 const SCHEMA_VERSION: u32 = 1;
@@ -34,7 +33,6 @@ struct Endpoint {
     route: MethodRouter<Reader>,
     body: Body,
     summary: &'static str,
-    /// Query parameter names.
     query: &'static [&'static str],
 }
 

@@ -10,7 +10,7 @@ use axum::{
 };
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-/// Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
+// Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
 pub(crate) const MAX_FORM_BYTES: usize = 16 << 10;
 const MAX_REASON_CHARS: usize = 500;
 const MAX_NAME_CHARS: usize = 64;
@@ -24,7 +24,6 @@ pub(crate) struct SignedForm {
 /// The sign-in form. There is no session yet, so it has no form key.
 pub(crate) struct SignInForm(pub(crate) FormFields);
 
-/// Form fields by name.
 #[derive(Debug, Default)]
 pub(crate) struct FormFields(BTreeMap<String, String>);
 
@@ -55,8 +54,8 @@ impl<S: Send + Sync> FromRequest<S> for SignedForm {
     }
 }
 
-/// Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
-/// cannot change either header.
+// Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
+// cannot change either header.
 fn reject_other_sites(headers: &HeaderMap) -> Result<(), RequestError> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let is_own = match (text(header::HeaderName::from_static("sec-fetch-site")), text(header::ORIGIN)) {

@@ -3,7 +3,7 @@
 use super::{ManagementState, TeamCredential};
 use crate::{
     error::RequestError,
-    request::{Menu, PageContext, now_unix_ms},
+    request::{CONTEXT, Menu, PageContext, now_unix_ms},
 };
 use avln_store::{Holder, Reader, TokenHash, Viewer};
 use axum::{
@@ -19,39 +19,35 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Cookie names. Browsers accept the prefix `__Host-` only over TLS, and then guarantee that no other site or port set the cookie.
+// Cookie names. Browsers accept the prefix `__Host-` only over TLS, and then guarantee that no other site or port set the cookie.
 const COOKIE: &str = "avln-session";
 const SECURE_COOKIE: &str = "__Host-avln-session";
-/// Idle time-out, for pages left open on a shared computer.
+// Idle time-out, for pages left open on a shared computer.
 const MAX_IDLE: Duration = Duration::from_secs(2 * 3600);
-/// Session lifetime: a working day.
+// Session lifetime: a working day.
 const MAX_AGE: Duration = Duration::from_secs(12 * 3600);
-/// Session limit per team, and for all organisers together. Beyond it, the session unused for longest ends.
+// Session limit per team, and for all organisers together. Beyond it, the session unused for longest ends.
 const MAX_PER_VIEWER: usize = 64;
-/// Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
+// Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
 const MAX_SESSIONS: usize = 4096;
 
 /// A visitor with a session and a valid token.
 #[derive(Clone, Debug)]
 pub(crate) struct SignedIn {
     pub(crate) holder: Holder,
-    /// Session id, as in the cookie.
     pub(crate) id: String,
 }
 
 impl SignedIn {
-    /// Returns the session's form key.
     pub(crate) fn form_key(&self) -> String {
         form_key(&self.id).to_string()
     }
 
-    /// Returns true for the session's form key.
     pub(super) fn accepts_form_key(&self, key: &str) -> bool {
         // `blake3::Hash` compares in constant time, so the response time does not leak the key.
         blake3::Hash::from_hex(key).is_ok_and(|key| key == form_key(&self.id))
     }
 
-    /// Returns the team's credential for actions.
     pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
         if self.holder.read_only {
@@ -92,7 +88,7 @@ pub(crate) async fn identify(
         request.extensions_mut().insert(signed_in);
     }
     let context = PageContext { menu, ..PageContext::current() };
-    let mut response = context.scope(next.run(request)).await;
+    let mut response = CONTEXT.scope(context, next.run(request)).await;
     // Error pages are rendered outside this context.
     response.extensions_mut().insert(menu);
     response
@@ -166,7 +162,6 @@ struct Session {
     viewer: Viewer,
     started: Instant,
     used: Instant,
-    /// Confirmation for the next page.
     message: Option<String>,
 }
 
@@ -235,14 +230,12 @@ impl Sessions {
         self.all().remove(&session_key(id));
     }
 
-    /// Stores a message for the session's next page.
     pub(crate) fn set_message(&self, id: &str, message: String) {
         if let Some(session) = self.all().get_mut(&session_key(id)) {
             session.message = Some(message);
         }
     }
 
-    /// Removes and returns the session's message.
     pub(crate) fn take_message(&self, id: &str) -> Option<String> {
         self.all().get_mut(&session_key(id))?.message.take()
     }

@@ -62,13 +62,10 @@ const PATHS: [(&str, &str); 42] = texts![
     "docs/decisions/0020-scene-readers.md",
 ];
 
-/// All documents, ordered as [`PATHS`].
 static DOCUMENTS: LazyLock<Vec<Document>> =
     LazyLock::new(|| PATHS.into_iter().map(|(path, text)| Document::new(path, text)).collect());
 
-/// A rendered document.
 struct Document {
-    /// Address below `/docs/`.
     slug: String,
     title: String,
     html: String,
@@ -142,7 +139,6 @@ fn render_markdown(path: &str, text: &str) -> (String, String) {
     (title, html)
 }
 
-/// Splits off the first heading.
 fn split_title(events: Vec<Event<'_>>) -> (String, Vec<Event<'_>>) {
     let is_end = |event: &Event| matches!(event, Event::End(TagEnd::Heading(HeadingLevel::H1)));
     let Some(end) = events.iter().position(is_end) else { return (String::new(), events) };
@@ -209,7 +205,6 @@ fn target(path: &str, link: &str) -> Option<String> {
     Some(place.map_or(page.clone(), |place| format!("{page}#{place}")))
 }
 
-/// Adds ids to headings, for links.
 fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     for at in 0..events.len() {
         let Event::Start(Tag::Heading { level, .. }) = events[at] else { continue };

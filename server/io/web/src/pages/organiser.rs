@@ -2,7 +2,7 @@
 
 use super::{FormContext, Page, PageShell, SiteSection, redirect_after, render, unknown_action};
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     format::{self, url_encode},
     management::{
         ActionOrigin, ActionOutcome, FormFields, ManagementState, OrganiserAction, ServerHealth, SignedForm,
@@ -24,9 +24,7 @@ use axum::{
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Run limit per grant.
 const MAX_GRANTED_RUNS: u32 = 1000;
-/// Lines per audit log page.
 const AUDIT_LINES: u32 = 100;
 
 struct Tab {
@@ -111,7 +109,7 @@ pub(super) async fn act_on_phase(
     organiser: OrganiserRequest,
     Path(id): Path<String>,
     SignedForm { fields, .. }: SignedForm,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let (action, reason) = phase_action(&id, &fields)?;
     let outcome = organiser.act(action, reason).await?;
     Ok(organiser.redirect_after(outcome, &format!("/organise/phases/{}", url_encode(&id))))
@@ -179,7 +177,7 @@ pub(super) async fn act_on_run(
     organiser: OrganiserRequest,
     Path(id): Path<String>,
     SignedForm { fields, .. }: SignedForm,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let outcome = organiser.act(run_action(&id, &fields)?, fields.reason()?).await?;
     Ok(organiser.redirect_after(outcome, &format!("/organise/runs/{}", url_encode(&id))))
 }
@@ -201,7 +199,6 @@ struct OrganiseTeamsPage {
     shell: PageShell,
     view: TeamsView,
     phases: Vec<PhaseView>,
-    /// A new token.
     secret: Option<String>,
 }
 
@@ -212,7 +209,7 @@ pub(super) async fn teams(organiser: OrganiserRequest) -> Page {
 pub(super) async fn act_on_team(
     organiser: OrganiserRequest,
     SignedForm { fields, .. }: SignedForm,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let (action, reason) = team_action(&fields)?;
     let outcome = organiser.act(action, reason).await?;
     if outcome.secret.is_none() {
@@ -257,7 +254,6 @@ async fn show_teams(organiser: &OrganiserRequest, outcome: ActionOutcome) -> Pag
 struct AuditPage {
     shell: PageShell,
     lines: Vec<AuditLine>,
-    /// Last line on this page, if older lines exist.
     older_than: Option<i64>,
     is_newest: bool,
 }

@@ -2,7 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     format::{self, url_encode},
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
@@ -16,27 +16,20 @@ use avln_scoring::{Key, Summary};
 use avln_store::{
     CompareView, EpisodeLine, GroupView, PairView, PhaseView, RunLine, RunList, RunView, TimeAccount,
 };
-use axum::{
-    Extension,
-    http::header,
-    response::{IntoResponse, Response},
-};
+use axum::{Extension, http::header, response::IntoResponse};
 use std::sync::Arc;
 
 #[derive(Template)]
 #[template(path = "runs.html")]
 struct RunsPage {
     shell: PageShell,
-    /// Open runs.
     live: Vec<LiveRunView>,
-    runs: Vec<RunLine>,
-    next: Option<String>,
+    list: RunList,
     query: RunsQuery,
     limit: u32,
 }
 
 impl RunsPage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         format!("/api/v1/runs{suffix}?{}", self.query.address(self.query.before.as_deref()))
     }
@@ -50,8 +43,8 @@ pub(super) async fn list(
     let limit = query.limit()?;
     let mut live = feed.runs(&context).await?;
     live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
-    let RunList { runs, next } = query.list(&context.reader, &context.viewer).await?;
-    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, runs, next, query, limit })
+    let list = query.list(&context.reader, &context.viewer).await?;
+    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, list, query, limit })
 }
 
 /// A time table row: activity, total, time per step, share.
@@ -62,7 +55,6 @@ type TimeRow = (&'static str, String, String, String);
 struct RunPage {
     shell: PageShell,
     view: RunView,
-    /// Live state, if open.
     live: Option<LiveRunView>,
     keys: [Key; 10],
 }
@@ -130,7 +122,6 @@ impl RunPage {
         Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
     }
 
-    /// Returns the time table; empty without measurements.
     fn times(&self) -> Vec<TimeRow> {
         let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
@@ -165,9 +156,7 @@ struct ComparePage {
     groups: [OutcomeGroup; 4],
 }
 
-/// Episodes with the same outcome.
 struct OutcomeGroup {
-    /// Section id on the page.
     anchor: &'static str,
     heading: &'static str,
     pairs: Vec<PairView>,
@@ -184,7 +173,6 @@ pub(super) async fn compare(context: RequestContext, StrictQuery(query): StrictQ
 }
 
 impl ComparePage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         let [first, second] = [&self.view.first, &self.view.second].map(|line| url_encode(&line.run));
         format!("/api/v1/compare{suffix}?first={first}&second={second}")
@@ -210,7 +198,6 @@ fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
 const LETTER_PX: u32 = 7;
 const MARGIN_PX: u32 = 8;
 
-/// An image with a run's score and rank.
 #[derive(Template)]
 #[template(path = "badge.svg")]
 struct Badge {
@@ -224,10 +211,7 @@ struct BadgeLabel {
     width_px: u32,
 }
 
-pub(super) async fn badge(
-    context: RequestContext,
-    PathOnly(id): PathOnly<String>,
-) -> Result<Response, RequestError> {
+pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
     let view = context.run(&id).await?;
     let phase = context.phase(&view.line.phase).await?;
     let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());

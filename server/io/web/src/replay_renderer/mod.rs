@@ -6,29 +6,23 @@ mod sound;
 pub(crate) use sound::{EpisodeSound, StepLevels, WINDOW_STEPS, sound, window_of};
 
 use crate::{
-    error::RequestError,
+    error::{HandlerResult, RequestError},
     request::{PictureQuery, RequestContext, StrictQuery},
 };
 use avln_episode::Pose;
 use avln_store::{EpisodeView, Replay};
-use axum::{
-    Extension,
-    body::Bytes,
-    extract::Path,
-    http::header,
-    response::{IntoResponse, Response},
-};
+use axum::{Extension, body::Bytes, extract::Path, http::header, response::IntoResponse};
 use quick_cache::{OptionsBuilder, Weighter, sync::Cache};
 use std::{fmt, future::Future, sync::Arc};
 use tokio::sync::{Mutex, Semaphore};
 
 /// Queue limit, including the current rendering.
 const MAX_WAITING: usize = 8;
-/// Picture cache size, bytes: some hundred steps.
+// Picture cache size, bytes: some hundred steps.
 const PICTURE_BYTES: u64 = 64 << 20;
 /// Estimated picture count in the cache.
 const PICTURES: usize = 256;
-/// Sound cache size, bytes: four episodes at maximum length.
+// Sound cache size, bytes: four episodes at maximum length.
 const SOUND_BYTES: u64 = 128 << 20;
 /// Estimated sound count in the cache.
 const SOUNDS: usize = 16;
@@ -105,7 +99,6 @@ pub trait ReplayRenderer: fmt::Debug + Send + Sync {
     async fn render_sound(&self, request: SoundRequest) -> Result<RenderedSound, RenderError>;
 }
 
-/// A value with a known size.
 trait ByteSize {
     fn bytes(&self) -> usize;
 }
@@ -121,7 +114,6 @@ impl<T: ByteSize> Weighter<String, Arc<T>> for ByteCount {
 
 type ByteCache<T> = Cache<String, Arc<T>, ByteCount>;
 
-/// The renderer with its queue and caches.
 pub(crate) struct RenderQueue {
     renderer: Arc<dyn ReplayRenderer>,
     waiting: Semaphore,
@@ -144,7 +136,6 @@ impl RenderQueue {
         }
     }
 
-    /// Returns the view pictures.
     async fn pictures(
         self: Arc<Self>,
         key: String,
@@ -222,11 +213,10 @@ async fn on_blocking_thread<T: Send + 'static>(
     tokio::task::spawn_blocking(work).await.ok().flatten().ok_or(RequestError::Internal)
 }
 
-/// Longest side, pixels.
 const MAX_SIDE_PX: u32 = 320;
 /// Field of view for runs without recorded sensors, radians.
 const DEFAULT_HFOV_RAD: f32 = std::f32::consts::FRAC_PI_2;
-/// Depth colour map from near to far: cividis, which also works for colour-blind visitors.
+// Depth colour map from near to far: cividis, which also works for colour-blind visitors.
 const DEPTH: [[f32; 3]; 9] = [
     [0.0, 34.0, 78.0],
     [27.0, 53.0, 110.0],
@@ -238,10 +228,8 @@ const DEPTH: [[f32; 3]; 9] = [
     [223.0, 203.0, 88.0],
     [254.0, 232.0, 56.0],
 ];
-/// Colour for no hit.
 const NO_HIT: [u8; 3] = [0, 0, 0];
 
-/// A rendered view as PNG files.
 #[derive(Debug, PartialEq)]
 struct Pictures {
     rgb: Vec<u8>,
@@ -298,13 +286,12 @@ fn encode_png(pixels: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// Serves the picture `STEP.png`.
 pub(crate) async fn picture(
     context: RequestContext,
     Path((run, ordinal, file)): Path<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     StrictQuery(query): StrictQuery<PictureQuery>,
-) -> Result<Response, RequestError> {
+) -> HandlerResult {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("picture", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;
