@@ -1,7 +1,7 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     registry::{SessionGuard, SessionRegistry},
     session::{Opening, Session},
     sim_pool::SimPool,
@@ -55,7 +55,7 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's open run.
-    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun> {
         let open = self.any_run(token).await?;
         let Some(state) = &open.over else { return Ok(open) };
         let message = format!("run '{}' is {state}; start another run", open.run);
@@ -63,13 +63,13 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's run, open or over.
-    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
+    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun> {
         let token = token.to_owned();
         call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
     /// Closes the run and returns the status.
-    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
+    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd> {
         let run = run.to_owned();
         call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
             .await

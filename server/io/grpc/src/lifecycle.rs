@@ -6,7 +6,7 @@ use crate::{
     context::{RunGuard, ServiceContext},
     host::{Host, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     session::Session,
     wire,
 };
@@ -42,7 +42,7 @@ impl<H: Host> ServiceContext<H> {
         token: &str,
         hello: &v1::Hello,
         slots: u32,
-    ) -> Result<Admission<H>, Failure> {
+    ) -> Result<Admission<H>> {
         // Before the present session is stopped: a Hello that will be refused must not end the run of another connection.
         let (open, _) = self.check(token, hello).await?;
         let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
@@ -75,11 +75,7 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Checks a Hello against the run of the token and the server.
-    pub(crate) async fn check(
-        &self,
-        token: &str,
-        hello: &v1::Hello,
-    ) -> Result<(OpenRun, Agreement), Failure> {
+    pub(crate) async fn check(&self, token: &str, hello: &v1::Hello) -> Result<(OpenRun, Agreement)> {
         let open = self.open_run(token).await?;
         let agreement = self.agree(hello, &open)?;
         Ok((open, agreement))
@@ -108,7 +104,7 @@ impl<H: Host> ServiceContext<H> {
         previous: Option<Arc<Session<H>>>,
         guard: RunGuard<H>,
         refused: Failure,
-    ) -> Result<T, Failure> {
+    ) -> Result<T> {
         if let Some(session) = previous {
             self.end(session, guard, StopReason::ConnectionLost).await?;
         }
@@ -149,7 +145,7 @@ impl<H: Host> ServiceContext<H> {
         session: Arc<Session<H>>,
         guard: RunGuard<H>,
         reason: StopReason,
-    ) -> Result<Option<v1::RunEnd>, Failure> {
+    ) -> Result<Option<v1::RunEnd>> {
         match reason.ending() {
             Ending::Close(end) => session.close(end).await,
             Ending::KeepForRestart => session.leave().await,
@@ -247,7 +243,7 @@ impl<H: Host> ServiceContext<H> {
         }
     }
 
-    async fn try_restore(self: &Arc<Self>, guard: RunGuard<H>) -> Result<(), Failure> {
+    async fn try_restore(self: &Arc<Self>, guard: RunGuard<H>) -> Result<()> {
         let run = guard.run.clone();
         let interrupted =
             call_host("restore a run", &self.host, |host| async move { host.restore(&run).await }).await?;

@@ -8,7 +8,7 @@ use crate::{
     lifecycle::Admission,
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
-    refusal::{Failure, FaultSubject, Refusal},
+    refusal::{Failure, FaultSubject, Refusal, Result},
     session::{Session, SlotRequest, stored_end},
 };
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
@@ -51,7 +51,7 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    async fn play(&mut self) -> Result<(), Failure> {
+    async fn play(&mut self) -> Result<()> {
         let hello = self.hello().await?;
         match self.context.admit(&self.token, &hello, Limits::MAX_SLOTS).await {
             Ok(admission) => {
@@ -66,7 +66,7 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    async fn hello(&mut self) -> Result<v1::Hello, Failure> {
+    async fn hello(&mut self) -> Result<v1::Hello> {
         let limit = self.context.limits.hello;
         let first = timeout(limit, self.inbound.message()).await.map_err(|_| {
             let message = format!("no Hello within {limit:?} of opening the stream; send it first");
@@ -79,7 +79,7 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Plays the session until the stream ends.
-    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<()> {
         let Admission { open, session, mut guard, welcome } = admission;
         let slots = welcome.slots;
         let end = match self.out.send(Frame::Welcome(welcome)).await {
@@ -181,12 +181,7 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Ends the attachment and reports the end to the client.
-    async fn finish(
-        &self,
-        session: Arc<Session<H>>,
-        guard: RunGuard<H>,
-        end: StreamEnd,
-    ) -> Result<(), Failure> {
+    async fn finish(&self, session: Arc<Session<H>>, guard: RunGuard<H>, end: StreamEnd) -> Result<()> {
         let reason = guard.ends(end.reason);
         if reason.cuts_stream() {
             self.out.cut();
@@ -220,7 +215,7 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Reports to a client that resumes a finished run how the run and the client's last episodes ended.
-    async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+    async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<()> {
         for position in known.iter().take(Limits::MAX_SLOTS as usize) {
             if let Some(end) = stored_end(&self.context.host, run, position).await? {
                 let _ = self.out.send(Frame::EpisodeEnd(end)).await;

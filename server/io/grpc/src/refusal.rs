@@ -9,6 +9,9 @@ use std::{
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
 
+/// A result with [`Failure`] by default.
+pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
+
 /// A request that the server refuses.
 ///
 /// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
@@ -134,7 +137,7 @@ pub(crate) async fn call_host<H, T, F>(
     attempt: &'static str,
     host: &Arc<H>,
     call: impl FnOnce(Arc<H>) -> F,
-) -> Result<T, Failure>
+) -> Result<T>
 where
     T: Send + 'static,
     F: Future<Output = Result<T, Refusal>> + Send + 'static,

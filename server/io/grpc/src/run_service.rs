@@ -5,7 +5,7 @@ use crate::{
     context::{Reply, ServiceContext, bearer},
     host::{Host, RunRequest},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     wire,
 };
 use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
@@ -39,13 +39,13 @@ const MAX_REQUEST_ID_CHARS: usize = 64;
 pub(crate) struct RunCalls<H: Host>(pub(crate) Arc<ServiceContext<H>>);
 
 impl<H: Host> RunCalls<H> {
-    async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn account(&self, metadata: &MetadataMap) -> Result<Account> {
         let token = bearer(metadata)?;
         call_host("look an account up", &self.0.host, |host| async move { host.account(&token).await }).await
     }
 
     /// Returns the account, if it belongs to a team.
-    async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn team(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.account(metadata).await?;
         match account.scope {
             TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
@@ -56,7 +56,7 @@ impl<H: Host> RunCalls<H> {
     }
 
     /// Returns the account, if it may start and cancel runs.
-    async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn participant(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.team(metadata).await?;
         match account.scope {
             TokenScope::Participant => Ok(account),
@@ -64,13 +64,13 @@ impl<H: Host> RunCalls<H> {
         }
     }
 
-    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
+    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus> {
         let (account, run) = (account.clone(), checked_id(run)?);
         call_host("look a run up", &self.0.host, |host| async move { host.run(&account, &run).await }).await
     }
 
     /// Returns the requested order, or the phase's only order.
-    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
+    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
             v1::Order::Unordered => return Ok(Order::Unordered),
@@ -83,7 +83,7 @@ impl<H: Host> RunCalls<H> {
         Ok(only_order(&phases, phase)?)
     }
 
-    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
+    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest> {
         let info = self.0.host.info();
         wire::check_client(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();

@@ -3,7 +3,7 @@
 use crate::{
     host::{Episode, HostedEpisode},
     limits::Limits,
-    refusal::Failure,
+    refusal::{Failure, Result},
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
@@ -154,7 +154,7 @@ impl SimClient {
         mut hosted: HostedEpisode<E>,
         limit: Duration,
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(HostedEpisode<E>, Result<T, Failure>), Failure> {
+    ) -> Result<(HostedEpisode<E>, Result<T>)> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, limit, move |token| {
             let begun = Instant::now();

@@ -1,6 +1,9 @@
 use avln_challenge::{Quota, QuotaWindow, UnknownWord, calendar::rfc3339};
 use std::path::PathBuf;
 
+/// A result with [`StoreError`] by default.
+pub type Result<T, E = StoreError> = std::result::Result<T, E>;
+
 /// A store error, with a next step in the message.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     host::{Episode, Host, HostedEpisode},
-    refusal::{Failure, FaultSubject, call_host},
+    refusal::{Failure, FaultSubject, Result, call_host},
     sim_pool::truncate,
     wire,
 };
@@ -20,7 +20,7 @@ impl<H: Host> Slot<H> {
         &mut self,
         mut hosted: HostedEpisode<H::Episode>,
         fault: Failure,
-    ) -> Result<SlotReply, Failure> {
+    ) -> Result<SlotReply> {
         truncate(&mut hosted, EndReason::ServerFault);
         self.conclude(hosted).await;
         Err(fault)
@@ -160,7 +160,7 @@ impl<H: Host> Slot<H> {
     }
 
     /// Sends a reply to the stream, if one is attached.
-    pub(super) async fn deliver(&mut self, subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) {
+    pub(super) async fn deliver(&mut self, subject: FaultSubject<'_>, reply: Result<SlotReply>) {
         let Audience::Stream(out) = &self.audience else { return };
         for frame in frames(subject, reply) {
             let starts_clock = matches!(frame, Frame::EpisodeStart(_) | Frame::Observation(_));
@@ -221,7 +221,7 @@ impl<H: Host> Slot<H> {
     }
 
     /// Returns an earlier episode's end.
-    async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply, Failure> {
+    async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply> {
         let Some(end) = stored_end(&self.session.host, &self.session.run, known).await? else {
             let message = "the episode is not of this run, or will be played again; send Ready";
             return Err(Failure::new(Reason::EpisodeUnknown, message));
@@ -236,7 +236,7 @@ pub(crate) async fn stored_end<H: Host>(
     host: &Arc<H>,
     run: &str,
     known: &v1::SlotPosition,
-) -> Result<Option<v1::EpisodeEnd>, Failure> {
+) -> Result<Option<v1::EpisodeEnd>> {
     let run = run.to_owned();
     let handle = known.episode.clone();
     let stored =
@@ -253,7 +253,7 @@ pub(crate) async fn stored_end<H: Host>(
 }
 
 /// Returns a reply's frames.
-fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) -> Vec<Frame> {
+fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply>) -> Vec<Frame> {
     match reply {
         Ok(SlotReply::Start(start)) => vec![Frame::EpisodeStart(*start)],
         Ok(SlotReply::NothingLeft) => vec![],

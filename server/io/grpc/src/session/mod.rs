@@ -8,7 +8,7 @@ use crate::{
     host::{Host, Interrupted, Restored},
     limits::Limits,
     outbound::Outbound,
-    refusal::{Failure, Refusal},
+    refusal::{Failure, Refusal, Result},
     sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
@@ -152,7 +152,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot, which replies on the stream.
-    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<(), Failure> {
+    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<()> {
         // Without waiting: the reader of a stream must never block on a busy slot.
         self.sender(slot)?.try_send(SlotCommand::Handle(request, None)).map_err(|_| {
             let message =
@@ -162,7 +162,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot and waits for the reply.
-    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply, Failure> {
+    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply> {
         let (reply, answer) = oneshot::channel();
         let sent = self.sender(slot)?.send(SlotCommand::Handle(request, Some(reply))).await;
         match (sent, answer.await) {
@@ -171,7 +171,7 @@ impl<H: Host> Session<H> {
         }
     }
 
-    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>, Failure> {
+    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>> {
         let granted = self.granted.load(Ordering::Relaxed);
         let known = (slot < granted).then(|| self.slots.get(slot as usize)).flatten();
         known.ok_or_else(|| {

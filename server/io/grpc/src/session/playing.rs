@@ -5,7 +5,7 @@ use crate::{
     host::{Episode, HostedEpisode},
     limits::Limits,
     outbound::{Departure, Outbound},
-    refusal::{Failure, FaultSubject},
+    refusal::{Failure, FaultSubject, Result},
     wire,
 };
 use avln_episode::{Action, TimeLimits};
@@ -66,7 +66,7 @@ pub(super) struct FinishedEpisode {
 
 impl LastStep {
     /// Returns the action to carry out; `None` if `act` is a repetition.
-    pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>, Failure> {
+    pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>> {
         let action = wire::action(act.action).ok_or_else(|| unknown_action(act.action))?;
         let taken = self.observation.step;
         not_ahead(act.step, taken + 1)?;
@@ -132,7 +132,7 @@ impl<E: Episode> OpenEpisode<E> {
 
 impl FinishedEpisode {
     /// Repeats the last reply to a repeated action, and refuses any other.
-    pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply, Failure> {
+    pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply> {
         same_episode(&self.end.episode, &act.episode)?;
         let taken = &self.last.observation;
         let mut response = v1::StepResponse { observation: None, episode_end: Some(self.end.clone()) };
@@ -174,7 +174,7 @@ impl SlotRequest {
     }
 }
 
-pub(super) fn same_episode(held: &str, named: &str) -> Result<(), Failure> {
+pub(super) fn same_episode(held: &str, named: &str) -> Result<()> {
     if held == named {
         return Ok(());
     }
@@ -182,7 +182,7 @@ pub(super) fn same_episode(held: &str, named: &str) -> Result<(), Failure> {
     Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 
-pub(super) fn not_ahead(step: u32, latest: u32) -> Result<(), Failure> {
+pub(super) fn not_ahead(step: u32, latest: u32) -> Result<()> {
     if step <= latest {
         return Ok(());
     }

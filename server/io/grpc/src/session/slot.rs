@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     host::{Acted, Episode, Host, HostedEpisode, Restored},
-    refusal::{Failure, call_host},
+    refusal::{Failure, Result, call_host},
     watchdog::CancelToken,
     wire,
 };
@@ -26,7 +26,7 @@ use tokio::{
 /// Command of a session to a slot.
 pub(super) enum SlotCommand {
     /// Handle a request, and reply to the caller, or to the stream if there is none.
-    Handle(SlotRequest, Option<oneshot::Sender<Result<SlotReply, Failure>>>),
+    Handle(SlotRequest, Option<oneshot::Sender<Result<SlotReply>>>),
     /// Report the position of the open episode.
     Position(oneshot::Sender<Option<v1::SlotPosition>>),
     /// Change the audience.
@@ -157,11 +157,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn handle(
-        &mut self,
-        request: SlotRequest,
-        caller: Option<oneshot::Sender<Result<SlotReply, Failure>>>,
-    ) {
+    async fn handle(&mut self, request: SlotRequest, caller: Option<oneshot::Sender<Result<SlotReply>>>) {
         let reply = match &request {
             SlotRequest::Ready => self.begin().await,
             SlotRequest::Resume => self.resume().await,
@@ -180,7 +176,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn resume(&mut self) -> Result<SlotReply, Failure> {
+    async fn resume(&mut self) -> Result<SlotReply> {
         match &self.state {
             SlotContent::Playing(playing) => {
                 Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
@@ -190,7 +186,7 @@ impl<H: Host> Slot<H> {
     }
 
     /// Requests an episode from the host and starts it.
-    async fn begin(&mut self) -> Result<SlotReply, Failure> {
+    async fn begin(&mut self) -> Result<SlotReply> {
         if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
@@ -219,7 +215,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply, Failure> {
+    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply> {
         match (&playing.last.action, &self.audience) {
             // A unary Reset may be repeated until the first step, because the reply can be lost. A stream loses no frames.
             (None, Audience::Callers) => {
@@ -232,7 +228,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn start(&mut self, hosted: HostedEpisode<H::Episode>) -> Result<SlotReply, Failure> {
+    async fn start(&mut self, hosted: HostedEpisode<H::Episode>) -> Result<SlotReply> {
         let ordinal = self.session.progress.started();
         let handle = hosted.handle.clone();
         let ticket = hosted.ticket;
@@ -262,7 +258,7 @@ impl<H: Host> Slot<H> {
         Ok(SlotReply::Start(Box::new(start)))
     }
 
-    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), Failure> {
+    fn check_size(&self, start: &v1::EpisodeStart) -> Result<()> {
         let bytes = start.encoded_len() as u64;
         let limit = self.session.frame_bytes;
         if bytes <= limit {
@@ -285,7 +281,7 @@ impl<H: Host> Slot<H> {
         v1::Observation { time: Some(clock.account()), ..frame }
     }
 
-    async fn act(&mut self, act: &v1::Act) -> Result<SlotReply, Failure> {
+    async fn act(&mut self, act: &v1::Act) -> Result<SlotReply> {
         let playing = match &self.state {
             SlotContent::Idle => return Err(self.no_episode()),
             SlotContent::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
@@ -316,7 +312,7 @@ impl<H: Host> Slot<H> {
         mut playing: OpenEpisode<H::Episode>,
         act: &v1::Act,
         action: Action,
-    ) -> Result<SlotReply, Failure> {
+    ) -> Result<SlotReply> {
         let thought = playing.stop_clock();
         let OpenEpisode { hosted, ordinal, last, clock } = playing;
         let step = act.step;
@@ -379,7 +375,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply, Failure> {
+    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply> {
         match &self.state {
             SlotContent::Idle => return Err(self.no_episode()),
             SlotContent::Finished(over) => {
