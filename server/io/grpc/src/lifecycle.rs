@@ -6,7 +6,7 @@ use crate::{
     context::{RunGuard, ServiceContext},
     host::{Host, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, Result, call_host},
+    refusal::{Failure, Result, call_host},
     session::Session,
     wire,
 };
@@ -34,9 +34,7 @@ pub(crate) struct Agreement {
 }
 
 impl<H: Host> ServiceContext<H> {
-    /// Checks a Hello, stops or takes over the run's present session, and returns the session to play.
-    ///
-    /// `slots` is the limit for the connection type.
+    /// Checks a Hello, stops or takes over the run's present session, and returns the session to play, with up to `slots` slots.
     pub(crate) async fn admit(
         self: &Arc<Self>,
         token: &str,
@@ -77,25 +75,21 @@ impl<H: Host> ServiceContext<H> {
     /// Checks a Hello against the run of the token and the server.
     pub(crate) async fn check(&self, token: &str, hello: &v1::Hello) -> Result<(OpenRun, Agreement)> {
         let open = self.open_run(token).await?;
-        let agreement = self.agree(hello, &open)?;
-        Ok((open, agreement))
-    }
-
-    fn agree(&self, hello: &v1::Hello, open: &OpenRun) -> Result<Agreement, Refusal> {
         if !hello.run.is_empty() && hello.run != open.run {
             let named = Limits::shorten(&hello.run);
             let message =
                 format!("the token plays run {}, not '{named}'; use the token of that run", open.run);
-            return Err(Refusal::new(Reason::TokenScope, message));
+            return Err(Failure::new(Reason::TokenScope, message));
         }
         let info = self.host.info();
         wire::check_client(hello.client.as_ref(), &info.clients)?;
         let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
-        Ok(Agreement {
+        let agreement = Agreement {
             sensors: wire::sensors(hello.sensors.as_ref(), &open.sensors)?,
             slots: hello.slots.clamp(1, open.slot_limit()),
             api_minor: client_minor.min(info.api_minor),
-        })
+        };
+        Ok((open, agreement))
     }
 
     /// Refuses a client and detaches the session that was handed over to it.

@@ -72,7 +72,6 @@ impl Failure {
         Self { incident, ..Self::new(Reason::SimFault, message) }
     }
 
-    /// Returns the frame that reports the failure on a stream.
     pub(crate) fn frame(&self, subject: FaultSubject<'_>, recoverable: bool) -> v1::Fault {
         v1::Fault {
             slot: subject.slot,

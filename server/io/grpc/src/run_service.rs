@@ -18,24 +18,17 @@ use tonic::{Request, Response, Status, metadata::MetadataMap};
 
 /// Time between looks at a watched run.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
-/// Default runs per page.
+// Runs per page.
 const PAGE: usize = 50;
-/// Maximum runs per page.
 const LARGEST_PAGE: usize = 200;
-/// Longest method name, characters.
+// Longest texts in requests, characters.
 const MAX_METHOD_CHARS: usize = 80;
-/// Longest method version, characters.
 const MAX_VERSION_CHARS: usize = 40;
-/// Longest method description, characters.
 const MAX_DESCRIPTION_CHARS: usize = 2000;
-/// Longest code or paper address, characters.
 const MAX_URL_CHARS: usize = 500;
-/// Longest licence or training data description, characters.
 const MAX_NOTE_CHARS: usize = 500;
-/// Longest request id, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
-/// A team's runs.
 pub(crate) struct RunCalls<H: Host>(pub(crate) Arc<ServiceContext<H>>);
 
 impl<H: Host> RunCalls<H> {
@@ -238,7 +231,6 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// Checks a method description.
 fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
         name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,

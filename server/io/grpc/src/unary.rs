@@ -54,7 +54,6 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         Ok(v1::ResetResponse { welcome: Some(client.welcome.clone()), outcome: Some(outcome) })
     }
 
-    /// Handles Step.
     pub(crate) async fn step(&self, request: v1::StepRequest) -> Result<v1::StepResponse> {
         let act = request.act.ok_or_else(|| Failure::new(Reason::BadRequest, "Step needs an Act"))?;
         check_slot(act.slot)?;
@@ -114,7 +113,6 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         reply.map_err(|failure| self.context.registry.check_open().err().map_or(failure, Failure::from))
     }
 
-    /// Returns the token's client.
     async fn find(&self) -> Result<Arc<Client<H>>> {
         if let Some(client) = self.context.registry.unary_client(&self.token) {
             return Ok(client);
@@ -135,7 +133,6 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 }
 
-/// Waits for a session's end and carries it out.
 async fn supervise<H: Host>(context: Arc<ServiceContext<H>>, client: Arc<Client<H>>, mut guard: RunGuard<H>) {
     let reason = tokio::select! {
         biased;

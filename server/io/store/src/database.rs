@@ -1,8 +1,6 @@
 //! The database file: opening, conversions of column values, online copies and their inspection.
 
 use crate::error::{Result, StoreError, sqlite_code};
-use avln_challenge::{EpisodeState, Reference, RunState, TokenScope, UnknownWord, Visibility};
-use avln_episode::{EndReason, Order};
 use quick_cache::sync::Cache;
 use serde::de::DeserializeOwned;
 use sqlx::{
@@ -20,6 +18,7 @@ use std::{
     collections::BTreeMap,
     fmt,
     path::Path,
+    str::FromStr,
     sync::Arc,
     time::Duration,
 };
@@ -177,36 +176,6 @@ fn explain_migration(path: &Path, error: MigrateError) -> StoreError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Word<T>(pub(crate) T);
 
-/// An enum with words for database columns.
-pub(crate) trait FromWord: Sized {
-    fn from_word(word: &str) -> Result<Self, UnknownWord>;
-}
-
-/// Implements [`FromWord`] by the inherent method.
-macro_rules! from_word {
-    ($($name:ident),+) => {
-        $(impl FromWord for $name {
-            fn from_word(word: &str) -> Result<Self, UnknownWord> {
-                $name::from_word(word)
-            }
-        })+
-    };
-}
-from_word!(EpisodeState, Reference, RunState, TokenScope, Visibility);
-
-impl FromWord for Order {
-    fn from_word(word: &str) -> Result<Self, UnknownWord> {
-        word.parse().map_err(|_| UnknownWord { kind: "order", word: word.to_owned() })
-    }
-}
-
-impl FromWord for EndReason {
-    fn from_word(word: &str) -> Result<Self, UnknownWord> {
-        let found = Self::ALL.into_iter().find(|reason| reason.as_str() == word);
-        found.ok_or_else(|| UnknownWord { kind: "end reason", word: word.to_owned() })
-    }
-}
-
 impl<T> Type<Sqlite> for Word<T> {
     fn type_info() -> SqliteTypeInfo {
         <str as Type<Sqlite>>::type_info()
@@ -217,15 +186,18 @@ impl<T> Type<Sqlite> for Word<T> {
     }
 }
 
-impl<'r, T: FromWord> Decode<'r, Sqlite> for Word<T> {
+impl<'r, T: FromStr<Err: Into<BoxDynError>>> Decode<'r, Sqlite> for Word<T> {
     fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
         // An unknown word comes from a newer program or a damaged file: the whole row is rejected.
         let word = <&str as Decode<Sqlite>>::decode(value)?;
-        Ok(Self(T::from_word(word)?))
+        word.parse().map(Self).map_err(Into::into)
     }
 }
 
-pub(crate) fn word<T: FromWord>(row: &SqliteRow, column: &str) -> Result<T, sqlx::Error> {
+pub(crate) fn word<T: FromStr<Err: Into<BoxDynError>>>(
+    row: &SqliteRow,
+    column: &str,
+) -> Result<T, sqlx::Error> {
     row.try_get::<Word<T>, _>(column).map(|Word(value)| value)
 }
 

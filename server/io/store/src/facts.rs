@@ -2,10 +2,10 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    database::{FromWord, Store, Transaction},
+    database::{Store, Transaction},
     error::{Result, StoreError},
 };
-use avln_episode::{Action, EndReason, Point3, Pose};
+use avln_episode::{Action, Point3, Pose};
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use sqlx::types::Json;
@@ -209,7 +209,7 @@ impl Unpack<'_> {
         }
         let rules = self.text()?;
         let start = self.pose()?;
-        let end = EndReason::from_word(&self.text()?).ok()?;
+        let end = self.text()?.parse().ok()?;
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
         // A damaged count must not allocate: collecting stops after the last byte.
@@ -262,6 +262,7 @@ impl Unpack<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_episode::EndReason;
 
     fn sample() -> Record {
         let pose = |x: f32| Pose { position: Point3::new(x, 0.1, -3.7), heading_rad: -1.000_000_1 };

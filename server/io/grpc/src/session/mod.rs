@@ -5,7 +5,7 @@
 use crate::{
     attachment::StopReason,
     control::Control,
-    host::{Host, Interrupted, Restored},
+    host::{Host, HostedEpisode, Interrupted, Restored},
     limits::Limits,
     outbound::Outbound,
     refusal::{Failure, Refusal, Result},
@@ -39,6 +39,8 @@ pub(crate) use playing::{SlotReply, SlotRequest};
 
 /// Frames that may wait per slot: an action, and another sent too early.
 const WAITING_FRAMES: usize = 2;
+
+type Hosted<H> = HostedEpisode<<H as Host>::Episode>;
 
 /// State shared by all slots.
 pub(crate) struct SessionContext<H> {
@@ -79,19 +81,14 @@ struct Absence {
     used: Duration,
 }
 
-/// Parameters of [`Session::open`].
-pub(crate) struct Opening<'a, H: Host> {
-    pub(crate) host: Arc<H>,
-    pub(crate) pool: SimPool,
-    pub(crate) limits: &'a Limits,
-    /// The run, with the episodes to continue.
-    pub(crate) interrupted: Interrupted<H::Episode>,
-}
-
 impl<H: Host> Session<H> {
     /// Opens the slots of a run, without a client.
-    pub(crate) fn open(opening: Opening<'_, H>) -> Self {
-        let Opening { host, pool, limits, interrupted } = opening;
+    pub(crate) fn open(
+        host: Arc<H>,
+        pool: SimPool,
+        limits: &Limits,
+        interrupted: Interrupted<H::Episode>,
+    ) -> Self {
         let Interrupted { open, sensors, episodes, away } = interrupted;
         let state = Arc::new(SessionContext {
             frame_bytes: Limits::frame_bytes(&sensors, open.rules.audio_samples),
@@ -137,7 +134,6 @@ impl<H: Host> Session<H> {
         }
     }
 
-    /// Returns the run's progress.
     pub(crate) fn progress(&self) -> v1::RunProgress {
         self.state.progress.progress()
     }
@@ -259,12 +255,6 @@ impl<H: Host> Session<H> {
     }
 }
 
-impl<H> std::fmt::Debug for Session<H> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("run", &self.state.run).finish_non_exhaustive()
-    }
-}
-
 /// Changes a slot's audience. Returns whether the clock restarted.
 async fn switch(
     slot: &mpsc::Sender<SlotCommand>,
@@ -304,12 +294,10 @@ impl ProgressTracker {
         Self { tally: watch::Sender::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
     }
 
-    /// Counts a request for an episode.
     fn requested(&self) {
         self.tally.send_modify(|tally| tally.busy += 1);
     }
 
-    /// Counts episodes returned to the host.
     fn returned(&self) -> u32 {
         self.tally.borrow().returned
     }
@@ -334,7 +322,6 @@ impl ProgressTracker {
         self.done_before + self.tally.borrow().started
     }
 
-    /// Counts an episode that ended and was stored.
     fn ended(&self, reason: EndReason) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
@@ -365,7 +352,6 @@ impl ProgressTracker {
         RunProgress { total: self.total, done, in_flight: tally.busy, eta_s }
     }
 
-    /// Waits until no episode is left, or the agent let too many time out.
     async fn over(&self) -> StopReason {
         let mut tallies = self.tally.subscribe();
         // The sender lives in self, so waiting cannot fail.
