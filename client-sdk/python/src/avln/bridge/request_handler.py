@@ -1,4 +1,4 @@
-"""Interpretation of the authors' requests."""
+"""Answers to the authors' requests."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ _HIDDEN = "hidden"
 _METRICS = {"sr": "success", "spl": "spl", "soft_spl": "softspl", "sna": "na"}
 
 
-class Desk:
-    """Answers requests, one after the other, by playing a run.
+class RequestHandler:
+    """Answers requests in sequence by playing a run.
 
     | request | answer |
     | --- | --- |
-    | `reset` or `start` | `episode_start`, or `run_end` when no episode is left |
+    | `reset` or `start` | `episode_start`, or `run_end` if no episode remains |
     | `action` with `action` 0 to 4 | `step` |
     | `ping` | `pong` |
     | `close` | `closed`: the run ends |
 
-    What cannot be answered gets `error` with a `message`, and the run goes on. Scenes and episodes have opaque names,
-    metrics are sent where the phase shows them, and verdicts where its rules give them.
+    Invalid requests are answered with `error` and a `message`; the run continues. Scene and
+    episode names are opaque, metrics are sent if the phase shows them, and verdicts if the rules
+    allow them.
     """
 
     def __init__(self, run: Play) -> None:
@@ -79,7 +80,7 @@ class Desk:
         }
 
     def _told(self, episode: Episode) -> dict[str, Any]:
-        """Fields of an episode in the authors' format; scene names are opaque."""
+        """Episode fields in the authors' format; scene names are opaque."""
         pose = self._senses.observations(episode.observation, self._start, episode.mission)["full_pose_sensor"]
         return {
             "episode_id": episode.id,

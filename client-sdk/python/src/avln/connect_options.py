@@ -27,13 +27,13 @@ _BEGIN = b"-----BEGIN CERTIFICATE-----"
 
 
 @dataclass(frozen=True)
-class Link:
+class ConnectOptions:
     """Connection options."""
 
     ca: str | Path | None = None
-    """PEM file of the authorities that an `https://` server's certificate may come from; None: those of the system."""
+    """PEM file with authorities for `https://` servers; None for the system's."""
     packing: Packing | None = None
-    """Encoding of images and sound; None: raw on this machine, lossless otherwise."""
+    """Image and sound encoding; None: raw on this machine, lossless otherwise."""
     patience_s: float | None = None
     """Reconnection time after a loss, seconds; None: as permitted by the server, at least three
     minutes.
@@ -82,15 +82,15 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
     return Address(text, f"{host}:{port or default}", is_secure, is_this_machine(host))
 
 
-def open_channel(address: Address, link: Link) -> grpc.Channel:
-    """Creates a channel, which connects with its first call.
+def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Channel:
+    """Creates a channel, which connects with the first call.
 
     Raises:
-        TlsError: if the file of authorities is invalid.
+        TlsError: if the authority file is invalid.
     """
     options = _options(address)
     if address.is_secure:
-        credentials = grpc.ssl_channel_credentials(root_certificates=_authorities(address, link))
+        credentials = grpc.ssl_channel_credentials(root_certificates=_authorities(address, connect_options))
         channel = grpc.secure_channel(address.target, credentials, options=options)
     else:
         channel = grpc.insecure_channel(address.target, options=options)
@@ -132,16 +132,16 @@ def _options(address: Address) -> list[tuple[str, Any]]:
     ]
 
 
-def _authorities(address: Address, link: Link) -> bytes | None:
-    """Certificates of authorities; None for those of gRPC, if the system has none."""
-    if link.ca is None:
+def _authorities(address: Address, connect_options: ConnectOptions) -> bytes | None:
+    """Authority certificates; None for gRPC's own, if the system has none."""
+    if connect_options.ca is None:
         system = ssl.get_default_verify_paths().cafile
         return Path(system).read_bytes() if system and Path(system).is_file() else None
     try:
-        pem = Path(link.ca).read_bytes()
+        pem = Path(connect_options.ca).read_bytes()
     except OSError as error:
-        problem = f"cannot read the authorities in {link.ca}: {error.strerror}"
+        problem = f"cannot read the authorities in {connect_options.ca}: {error.strerror}"
         raise TlsError(address.text, f"{problem}; give a PEM file with --ca or AVLN_CA") from None
     if _BEGIN not in pem:
-        raise TlsError(address.text, f"{link.ca} holds no certificate; give a PEM file with --ca or AVLN_CA")
+        raise TlsError(address.text, f"{connect_options.ca} holds no certificate; give a PEM file with --ca or AVLN_CA")
     return pem

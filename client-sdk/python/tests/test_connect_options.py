@@ -9,15 +9,15 @@ import pytest
 from server import free_port
 
 import avln
+from avln.connect_options import parse_address
 from avln.errors import from_call, from_fault, is_passing
-from avln.link import parse_address
 from avln.task import word
 from avln.v1 import common_pb2, play_pb2, task_pb2
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Door
+    from conftest import Endpoint
 
 
 @pytest.mark.parametrize("address", ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:relative.sock"])
@@ -47,28 +47,28 @@ def test_a_silent_address_names_the_option() -> None:
         avln.connect(f"http://127.0.0.1:{free_port()}")
 
 
-def test_the_port_of_the_pages_is_not_the_agents_door(door: Door) -> None:
+def test_the_port_of_the_pages_is_not_the_agents_door(endpoint: Endpoint) -> None:
     with pytest.raises((avln.UnreachableError, avln.NotArenaError), match="gRPC port"):
-        avln.connect(f"http://127.0.0.1:{door.server.web}")
+        avln.connect(f"http://127.0.0.1:{endpoint.server.web}")
 
 
-def test_plain_text_and_tls_are_told_apart(door: Door) -> None:
+def test_plain_text_and_tls_are_told_apart(endpoint: Endpoint) -> None:
     with pytest.raises(avln.TlsError, match="write http://"):
-        avln.connect(door.url.replace("http:", "https:"))
+        avln.connect(endpoint.url.replace("http:", "https:"))
 
 
 def test_files_of_authorities_that_are_no_use_are_named(tmp_path: Path) -> None:
     with pytest.raises(avln.TlsError, match=r"no-such-file.*--ca"):
-        avln.connect("https://arena.example", link=avln.Link(ca=tmp_path / "no-such-file.pem"))
+        avln.connect("https://arena.example", connect_options=avln.ConnectOptions(ca=tmp_path / "no-such-file.pem"))
     empty = tmp_path / "empty.pem"
     empty.write_text("nothing")
     with pytest.raises(avln.TlsError, match="holds no certificate"):
-        avln.connect("https://arena.example", link=avln.Link(ca=empty))
+        avln.connect("https://arena.example", connect_options=avln.ConnectOptions(ca=empty))
 
 
-def test_a_token_with_a_line_break_is_never_sent(door: Door) -> None:
+def test_a_token_with_a_line_break_is_never_sent(endpoint: Endpoint) -> None:
     with pytest.raises(avln.TokenError, match="TOKEN_MALFORMED"):
-        avln.connect(door.url, "avln_a\nb")
+        avln.connect(endpoint.url, "avln_a\nb")
 
 
 def test_faults_become_errors_with_reason_and_delay() -> None:
@@ -110,7 +110,7 @@ def test_actions_have_the_numbers_of_action_spaces_and_of_the_wire() -> None:
 
 
 class Reset(grpc.RpcError):
-    """How gRPC tells of a call that ended."""
+    """gRPC's error for an ended call."""
 
     def __init__(self, code: grpc.StatusCode, message: str, reason: str = "") -> None:
         self._code, self._message = code, message

@@ -1,4 +1,4 @@
-"""The pages of those who sign in, by keyboard where something is done on them."""
+"""Pages after sign-in; forms are sent with the keyboard."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 ORGANISERS = ["", "/teams", "/runs", "/audit", "/health"]
-"""Below the address of the organiser's pages."""
+"""Below the organiser's address."""
 
 
 def submit(page: Page, button: str) -> None:
-    """Goes to a button by Tab and presses it."""
+    """Presses a button with Tab and Enter."""
     tab_to(page, button)
     with page.expect_navigation():
         page.keyboard.press("Enter")
@@ -52,7 +52,7 @@ def team(page: Page, watch: Watch, origin: str) -> list[str]:
 
 
 def organiser(page: Page, watch: Watch, origin: str) -> list[str]:
-    """The organiser goes through all pages, and pauses a phase for a moment."""
+    """Visits all organiser pages, and pauses and resumes a phase."""
     found = visit(page, watch, [f"{origin}/organise{below}" for below in ORGANISERS])
     for tab in ["/organise", "/organise/runs"]:
         page.goto(f"{origin}{tab}")

@@ -1,4 +1,4 @@
-"""The connection of a run.
+"""A run's connection.
 
 A thread reads the stream, answers pings, passes frames to slots, and reconnects after a loss.
 """
@@ -17,7 +17,7 @@ import grpc
 
 from avln.backoff import Backoff
 from avln.errors import Error, LostError, from_call, is_passing
-from avln.ledger import Arrived, Ledger, Sent
+from avln.resend_buffer import Arrived, ResendBuffer, Sent
 from avln.summary import Notice, Progress
 from avln.v1 import common_pb2, play_pb2
 
@@ -35,29 +35,29 @@ class Closed:
     """No further frames."""
 
     error: Error | None
-    """End of the stream; None for success."""
+    """Stream end; None for success."""
 
     def because(self, attempted: str) -> Error:
-        """Returns the error of the pending call."""
+        """Returns the pending call's error."""
         if self.error is not None:
             return self.error
         return LostError(attempted, "the server ended the stream without a reason")
 
 
 Event = Union[Arrived, Closed]
-"""Event of a slot: a frame, or the end of all frames."""
+"""Slot event: a frame, or the stream end."""
 
 
 @dataclass
 class Stream:
-    """An open stream of a run."""
+    """A run's open stream."""
 
     call: Any
     """The gRPC call, which yields `play_pb2.PlayResponse`; None once it is forgotten."""
     requests: SimpleQueue[play_pb2.PlayRequest | None]
     """Frames to send; None ends the stream."""
     welcome: play_pb2.Welcome | None = None
-    """Answer of the server; None if the run has ended."""
+    """Server answer; None if the run has ended."""
     first: tuple[Arrived, ...] = ()
     """Frames received instead of a Welcome."""
 
@@ -87,7 +87,7 @@ class Dialler:
     token: str
     """The run's."""
     hello: play_pb2.Hello
-    """Hello of the first stream."""
+    """The first stream's Hello."""
     patience_s: float | None = None
     """Reconnection time; None: as permitted by the server, at least three minutes."""
 
@@ -132,36 +132,36 @@ def _await_welcome(stream: Stream) -> Stream:
 
 
 def _frames(call: Any) -> Iterator[Any]:
-    """The frames of a stream; those that this client does not know are skipped."""
+    """A stream's frames, without unknown ones."""
     for response in call:
         kind = response.WhichOneof("frame")
         if kind is not None:
             yield getattr(response, kind)
 
 
-class Line:
-    """The connection that the slots of a run share: frames in, frames out, whatever happens to the stream below."""
+class Connection:
+    """The connection shared by a run's slots: frames in, frames out, whatever happens to the stream below."""
 
     def __init__(self, dialler: Dialler, stream: Stream, slots: int, may_be_away_s: float, progress: Progress) -> None:
         self._dialler = dialler
         self._stream = stream
         self._lock = threading.Lock()
-        self._ledger = Ledger(slots)
+        self._resend_buffer = ResendBuffer(slots)
         self._queues: list[SimpleQueue[Event]] = [SimpleQueue() for _ in range(slots)]
         self._notices: list[Notice] = []
         self._closing = threading.Event()
         self.progress: Progress = progress
-        """Latest progress of the run on any slot."""
+        """Latest run progress on any slot."""
         self.on_close: Callable[[], None] = lambda: None
         """Callback that closes the underlying channel."""
         self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
         self._reader = threading.Thread(target=self._read, name="avln-reader", daemon=True)
         self._reader.start()
-        _open_lines.add(self)
+        _open_connections.add(self)
 
     @property
     def token(self) -> str:
-        """Token of the run."""
+        """Run token."""
         return self._dialler.token
 
     def send(self, frame: Sent | play_pb2.Goodbye) -> None:
@@ -172,13 +172,13 @@ class Line:
         request = _request(frame)
         with self._lock:
             if isinstance(frame, play_pb2.Goodbye):
-                self._ledger.said_goodbye = not frame.pause
+                self._resend_buffer.said_goodbye = not frame.pause
             else:
-                self._ledger.sending(frame)
+                self._resend_buffer.sending(frame)
             self._stream.requests.put(request)
 
     def next(self, slot: int, timeout_s: float | None = None) -> Event:
-        """Waits for the next event of a slot. After the end it is always `Closed`.
+        """Waits for a slot's next event. After the end it is always `Closed`.
 
         Raises:
             LostError: if there is no event for `timeout_s` seconds.
@@ -206,7 +206,7 @@ class Line:
         if self._reader is not threading.current_thread():
             self._reader.join(timeout=CALL_TIMEOUT_S)
         self._stream.forget()
-        _open_lines.discard(self)
+        _open_connections.discard(self)
         self.on_close()
 
     def _read(self) -> None:
@@ -237,7 +237,7 @@ class Line:
 
     def _come_back(self, error: Error | None) -> bool:
         """Reconnects until the server answers; False if there is no reason to."""
-        is_lost = (error is None or is_passing(error)) and not self._ledger.is_over
+        is_lost = (error is None or is_passing(error)) and not self._resend_buffer.is_over
         if self._patience_s is None or not is_lost:
             return False
         until = time.monotonic() + self._patience_s
@@ -255,7 +255,7 @@ class Line:
     def _dial(self) -> bool:
         """Opens the next stream and resends unanswered frames; False if the run has ended in the meantime."""
         with self._lock:
-            known = self._ledger.known()
+            known = self._resend_buffer.known()
         stream = self._dialler.dial(known=known)
         if stream.welcome is None:
             for frame in stream.first:
@@ -271,9 +271,9 @@ class Line:
         return True
 
     def _repeat(self, resumed: Iterable[play_pb2.SlotPosition]) -> None:
-        for frame in self._ledger.to_repeat(resumed):
+        for frame in self._resend_buffer.to_repeat(resumed):
             self._stream.requests.put(_request(frame))
-        if self._ledger.said_goodbye:
+        if self._resend_buffer.said_goodbye:
             self._stream.requests.put(_request(play_pb2.Goodbye()))
 
     def _deliver(self, frame: Any) -> None:
@@ -286,8 +286,8 @@ class Line:
 
     def _deliver_event(self, frame: Arrived) -> None:
         with self._lock:
-            is_gone = isinstance(frame, play_pb2.Fault) and self._ledger.is_gone(frame)
-            is_new = self._ledger.arrived(frame)
+            is_gone = isinstance(frame, play_pb2.Fault) and self._resend_buffer.is_gone(frame)
+            is_new = self._resend_buffer.arrived(frame)
             if not isinstance(frame, (play_pb2.Observation, play_pb2.Fault)):
                 self.progress = Progress.from_wire(frame.progress)
         if isinstance(frame, play_pb2.RunEnd):
@@ -316,18 +316,18 @@ class Line:
             queue.put(event)
 
 
-_open_lines: WeakSet[Line] = WeakSet()
+_open_connections: WeakSet[Connection] = WeakSet()
 
 
 @atexit.register
-def _close_lines() -> None:
+def _close_connections() -> None:
     """Closes open connections while their threads still run."""
-    for line in list(_open_lines):
-        line.close()
+    for connection in list(_open_connections):
+        connection.close()
 
 
 def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
-    """Reconnection time of a lost stream; None disables reconnection."""
+    """Reconnection time after a loss; None disables reconnection."""
     if may_be_away_s == 0:
         return None
     return max(may_be_away_s, _PATIENCE_S) if wanted_s is None else wanted_s
@@ -344,7 +344,7 @@ def _request(frame: Sent | play_pb2.Goodbye) -> play_pb2.PlayRequest:
 
 
 def _lost_by_the_server(fault: play_pb2.Fault) -> play_pb2.EpisodeEnd:
-    """End of an episode that the server could not restore; it is reissued."""
+    """Episode end that the server could not restore; it is reissued."""
     return play_pb2.EpisodeEnd(
         slot=fault.slot, episode=fault.episode, step=fault.step, reason=common_pb2.END_REASON_SERVER_FAULT
     )

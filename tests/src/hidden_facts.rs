@@ -1,38 +1,37 @@
-//! What must not be received, and the search for it in recorded bytes.
+//! A split's hidden facts, and their search in recorded bytes.
 
 use std::collections::{BTreeSet, HashMap};
 
 /// Pictures and sound are noise, in which shorter patterns occur by chance.
 const LONG_ENOUGH_FOR_NOISE: usize = 8;
-/// Two coordinates of one place lie at most so many bytes apart in any message.
+/// Largest distance between a place's two coordinates in a message.
 const NEAR_BYTES: usize = 16;
 
-/// Something that nobody may receive.
+/// A fact in an encoding.
 #[derive(Debug)]
-struct Canary {
+struct HiddenFact {
     what: String,
     bytes: Vec<u8>,
     /// Bytes that must follow nearby for it to count.
     then: Vec<u8>,
 }
 
-/// Everything that nobody may receive.
+/// Hidden facts in all their encodings.
 #[derive(Debug, Default)]
-pub struct Canaries(Vec<Canary>);
+pub struct HiddenFacts(Vec<HiddenFact>);
 
-impl Canaries {
-    /// These very bytes, at least four.
+impl HiddenFacts {
+    /// Adds a byte string.
     ///
     /// # Panics
-    /// When they are too short to be told from chance.
+    /// With fewer than four bytes, which occur by chance.
     pub fn bytes(&mut self, what: &str, bytes: impl AsRef<[u8]>) {
         let (what, bytes) = (what.to_owned(), bytes.as_ref().to_vec());
-        assert!(bytes.len() >= 4, "{what} is long enough to be told from chance");
-        self.0.push(Canary { what, bytes, then: vec![] });
+        assert!(bytes.len() >= 4, "{what} is long enough not to occur by chance");
+        self.0.push(HiddenFact { what, bytes, then: vec![] });
     }
 
-    /// Decimal text of a number, cut and not rounded. Left out are round numbers, which occur everywhere, and those
-    /// that could as well be shares.
+    /// Adds the truncated decimal text of a number, except round numbers and numbers up to 1, which occur by chance.
     pub fn text(&mut self, what: &str, value: f64) {
         let text = format!("{value:.6}");
         let cut = &text[..text.len() - 3];
@@ -42,15 +41,14 @@ impl Canaries {
         }
     }
 
-    /// A length in metres, as text and in both binary forms.
+    /// Adds a length in metres, as text and in both binary forms.
     pub fn length(&mut self, what: &str, metres: f64) {
         self.text(what, metres);
         self.bytes(&format!("{what} as f64"), metres.to_le_bytes());
         self.bytes(&format!("{what} as f32"), (metres as f32).to_le_bytes());
     }
 
-    /// A share between 0 and 1, as text, as pages round it, and in binary form; shares that occur everywhere are left
-    /// out.
+    /// Adds a share between 0 and 1, as text, as a rounded percentage and in binary form, except round shares.
     pub fn share(&mut self, what: &str, share: f64) {
         if (share * 1000.0).fract().abs() > 1e-6 {
             self.bytes(&format!("{what} as text"), share.to_string());
@@ -59,7 +57,7 @@ impl Canaries {
         }
     }
 
-    /// A seed of more than 32 bits, as text and in both binary forms.
+    /// Adds a seed above 32 bits, as text and in both binary forms.
     pub fn seed(&mut self, what: &str, seed: u64) {
         let mut varint = Vec::new();
         let mut rest = seed;
@@ -74,12 +72,12 @@ impl Canaries {
         }
     }
 
-    /// A place on the floor, metres: each coordinate as text, both together in binary forms.
+    /// Adds a floor position, metres: each coordinate as text, both together in binary forms.
     pub fn place(&mut self, what: &str, x: f32, z: f32) {
         self.text(&format!("{what} x"), x.into());
         self.text(&format!("{what} z"), z.into());
         let (single, double) = ([x, z].map(f32::to_le_bytes), [x, z].map(|m| f64::from(m).to_le_bytes()));
-        let pair = |bytes: &[u8], then: &[u8], kind| Canary {
+        let pair = |bytes: &[u8], then: &[u8], kind| HiddenFact {
             what: format!("{what} as {kind}"),
             bytes: bytes.to_vec(),
             then: then.to_vec(),
@@ -92,38 +90,41 @@ impl Canaries {
         }
     }
 
-    /// How many there are.
+    /// Fact count.
     pub fn count(&self) -> usize {
         self.0.len()
     }
 
-    /// What of this `bytes` hold.
+    /// Facts found in `bytes`.
     pub fn found_in(&self, bytes: &[u8]) -> BTreeSet<String> {
-        let mut by_start = HashMap::<[u8; 4], Vec<&Canary>>::new();
-        for canary in &self.0 {
-            by_start.entry(canary.bytes[..4].try_into().expect("four bytes")).or_default().push(canary);
+        let mut by_start = HashMap::<[u8; 4], Vec<&HiddenFact>>::new();
+        for hidden_fact in &self.0 {
+            by_start
+                .entry(hidden_fact.bytes[..4].try_into().expect("four bytes"))
+                .or_default()
+                .push(hidden_fact);
         }
         let mut found = BTreeSet::new();
         for (at, start) in bytes.windows(4).enumerate() {
-            let Some(canaries) = start.first_chunk().and_then(|start| by_start.get(start)) else { continue };
-            for canary in canaries.iter().filter(|canary| canary.is_at(&bytes[at..])) {
-                found.insert(canary.what.clone());
+            let Some(facts) = start.first_chunk().and_then(|start| by_start.get(start)) else { continue };
+            for hidden_fact in facts.iter().filter(|hidden_fact| hidden_fact.is_at(&bytes[at..])) {
+                found.insert(hidden_fact.what.clone());
             }
         }
         found
     }
 
-    /// The same among noise.
+    /// Facts found in noise, where short patterns occur by chance.
     pub fn found_in_noise(&self, bytes: &[u8]) -> BTreeSet<String> {
         let mut found = self.found_in(bytes);
-        let long = |c: &Canary| c.bytes.len() + c.then.len() >= LONG_ENOUGH_FOR_NOISE;
+        let long = |c: &HiddenFact| c.bytes.len() + c.then.len() >= LONG_ENOUGH_FOR_NOISE;
         let long: BTreeSet<_> = self.0.iter().filter(|c| long(c)).map(|c| &c.what).collect();
         found.retain(|what| long.contains(what));
         found
     }
 }
 
-impl Canary {
+impl HiddenFact {
     fn is_at(&self, bytes: &[u8]) -> bool {
         let Some(rest) = bytes.strip_prefix(&self.bytes[..]) else { return false };
         let near = &rest[..rest.len().min(NEAR_BYTES)];
@@ -137,19 +138,19 @@ mod tests {
 
     #[test]
     fn the_search_knows_every_form_of_a_secret() {
-        let mut canaries = Canaries::default();
-        canaries.place("place", 1.234_567, -9.876_543);
-        canaries.seed("seed", 0x0123_4567_89ab_cdef);
+        let mut facts = HiddenFacts::default();
+        facts.place("place", 1.234_567, -9.876_543);
+        facts.seed("seed", 0x0123_4567_89ab_cdef);
         let near = [&1.234_567_f32.to_le_bytes()[..], &[0x1d], &(-9.876_543_f32).to_le_bytes()].concat();
-        assert_eq!(canaries.found_in(&near).into_iter().collect::<Vec<_>>(), ["place as f32"]);
+        assert_eq!(facts.found_in(&near).into_iter().collect::<Vec<_>>(), ["place as f32"]);
         let far = [&1.234_567_f32.to_le_bytes()[..], &[0; 20], &(-9.876_543_f32).to_le_bytes()].concat();
-        assert!(canaries.found_in(&far).is_empty());
+        assert!(facts.found_in(&far).is_empty());
         assert_eq!(
-            canaries.found_in(b"at -9.87654 m").into_iter().collect::<Vec<_>>(),
+            facts.found_in(b"at -9.87654 m").into_iter().collect::<Vec<_>>(),
             ["place z as text -9.876"]
         );
-        assert_eq!(canaries.found_in(b"81985529216486895").into_iter().collect::<Vec<_>>(), ["seed as text"]);
+        assert_eq!(facts.found_in(b"81985529216486895").into_iter().collect::<Vec<_>>(), ["seed as text"]);
         let varint = [0xef, 0x9b, 0xaf, 0xcd, 0xf8, 0xac, 0xd1, 0x91, 0x01];
-        assert_eq!(canaries.found_in(&varint).into_iter().collect::<Vec<_>>(), ["seed as varint"]);
+        assert_eq!(facts.found_in(&varint).into_iter().collect::<Vec<_>>(), ["seed as varint"]);
     }
 }

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 Sent = Union[play_pb2.Ready, play_pb2.Act, play_pb2.Abandon]
-"""Frames of a slot that are answered."""
+"""Answered frames in a slot."""
 Arrived = Union[play_pb2.EpisodeStart, play_pb2.Observation, play_pb2.EpisodeEnd, play_pb2.Fault, play_pb2.RunEnd]
 """Frames that answer them."""
 
@@ -23,13 +23,13 @@ class _Slot:
     episode: str = ""
     """Open episode; may be empty."""
     step: int = 0
-    """Step of the last observation that arrived."""
+    """Step in the last received observation."""
     open: Sent | None = None
     """Unanswered frame."""
 
 
-class Ledger:
-    """The slots of a run from the client's perspective."""
+class ResendBuffer:
+    """A run's slots from the client's perspective."""
 
     def __init__(self, slots: int) -> None:
         self._slots = [_Slot() for _ in range(slots)]
@@ -69,7 +69,7 @@ class Ledger:
         ]
 
     def to_repeat(self, resumed: Iterable[play_pb2.SlotPosition]) -> list[Sent]:
-        """Returns the frames to resend, given the slot positions of the server."""
+        """Returns the frames to resend, given the server's slot positions."""
         there = {position.slot: position for position in resumed}
         return [
             slot.open
@@ -78,7 +78,7 @@ class Ledger:
         ]
 
     def is_gone(self, fault: play_pb2.Fault) -> bool:
-        """Returns True if a fault reports the loss of a slot's episode."""
+        """Returns True if a fault reports a slot's lost episode."""
         slot = self._slot(fault)
         is_unknown = fault.reason == common_pb2.REASON_EPISODE_UNKNOWN
         return is_unknown and slot is not None and bool(slot.episode) and slot.episode == fault.episode

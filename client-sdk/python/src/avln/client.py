@@ -12,9 +12,9 @@ import grpc
 from avln.action import Order
 from avln.agreement import Agreement
 from avln.backoff import Backoff
+from avln.connect_options import CONNECT_TIMEOUT_S, ConnectOptions, open_channel, parse_address, unreachable
+from avln.connection import CALL_TIMEOUT_S, Connection, Dialler
 from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
-from avln.line import CALL_TIMEOUT_S, Dialler, Line
-from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
 from avln.packing import Packing
 from avln.play import Play
 from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo, phase_to_practise
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 RUN_TOKEN = "avln_run_"
-"""Prefix of run tokens."""
+"""Run token prefix."""
 _PATIENCE_S = 10.0
-"""Retry time of a call with a lost answer, unless the link has less patience."""
+"""Retry time after a lost answer, unless the link has less patience."""
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -44,7 +44,7 @@ _ANSWERS: dict[str, Any] = {
 }
 
 
-class Arena:
+class Client:
     """A connection to a server, created by `connect`; a context manager that closes it."""
 
     def __init__(self, channel: grpc.Channel, token: str, packing: Packing, patience_s: float | None) -> None:
@@ -54,30 +54,30 @@ class Arena:
         self._patience_s = patience_s
 
     @classmethod
-    def connect(cls, server: str, token: str = "", link: Link | None = None) -> Arena:
+    def connect(cls, server: str, token: str = "", connect_options: ConnectOptions | None = None) -> Client:
         """Connects to a server and verifies the server and the account token.
 
         Args:
             server: address like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`.
             token: account token. Empty is sufficient for `server_info`, `phases` and a `Run.from_token`.
-            link: connection options.
+            connect_options: connection options.
 
         Raises:
             AddressError: if the address is invalid.
             UnreachableError: if no server answers within ten seconds.
-            NotArenaError: if the server is of a different kind.
+            NotArenaError: if it is a different server.
             TokenError: if the server rejects the token.
         """
-        link = link or Link()
+        connect_options = connect_options or ConnectOptions()
         address = parse_address(server)
-        packing = link.packing or (Packing.RAW if address.is_local else Packing.LOSSLESS)
-        arena = cls(open_channel(address, link), token, packing, link.patience_s)
+        packing = connect_options.packing or (Packing.RAW if address.is_local else Packing.LOSSLESS)
+        client = cls(open_channel(address, connect_options), token, packing, connect_options.patience_s)
         try:
-            arena._introduce(server)
+            client._introduce(server)
         except BaseException:
-            arena.close()
+            client.close()
             raise
-        return arena
+        return client
 
     def _introduce(self, server: str) -> None:
         ask = self._call("InfoService/GetServerInfo")
@@ -110,7 +110,7 @@ class Arena:
         return [Phase.from_wire(phase) for phase in answer.phases]
 
     def practice_phase(self) -> str:
-        """Returns the id of the default phase.
+        """Returns the default phase's id.
 
         It is the only open phase with uncounted runs, or among several the phase `practice`.
 
@@ -121,7 +121,7 @@ class Arena:
         return phase_to_practise(self.phases(), self.quota())
 
     def whoami(self) -> Account:
-        """Returns the account of the token.
+        """Returns the token's account.
 
         Raises:
             TokenError: if the server rejects the token.
@@ -171,7 +171,7 @@ class Arena:
         return Run.from_wire(answer)
 
     def run(self, run: str) -> RunStatus:
-        """Returns the state of a run.
+        """Returns a run's state.
 
         Raises:
             RefusedError: if the run is unknown.
@@ -181,7 +181,7 @@ class Arena:
         return RunStatus.from_wire(answer.run)
 
     def watch(self, run: str) -> Iterator[RunStatus]:
-        """Yields the state of a run after every change, until it ends.
+        """Yields a run's state after every change, until it ends.
 
         Raises:
             RefusedError: if the run is unknown.
@@ -251,10 +251,10 @@ class Arena:
         Raises:
             Error: as for `play`.
         """
-        line, agreement = self.line(run, slots, sensors)
-        return [Play(line, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
+        connection, agreement = self.connection(run, slots, sensors)
+        return [Play(connection, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
 
-    def line(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Line, Agreement]:
+    def connection(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Connection, Agreement]:
         """Opens the run's raw connection: frames of `avln.v1` in and out, with reconnecting and resuming done.
 
         Raises:
@@ -275,7 +275,7 @@ class Arena:
             stream.forget()
             raise
         granted = min(agreement.slots, hello.slots)
-        return Line(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
+        return Connection(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
 
     def _open_call(self) -> Callable[..., Any]:
         return self._channel.stream_stream(
@@ -285,15 +285,15 @@ class Arena:
         )
 
     def check_sensors(self, sensors: Sensors | None) -> None:
-        """Whether a run can ask for these sensors at all, before it begins.
+        """Checks the range of sensor settings.
 
         Raises:
-            SensorsError: when they are outside of what any server offers.
+            SensorsError: if no server can offer them.
         """
         (sensors or Sensors()).to_wire(self._packing)
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        """Makes an idempotent call, repeated while its answer is lost."""
+        """Makes an idempotent call, repeated while the answer is lost."""
         patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
         until = time.monotonic() + patience_s
         backoff = Backoff()
@@ -327,10 +327,10 @@ class Arena:
         return (("authorization", f"Bearer {self._token}"),)
 
     def close(self) -> None:
-        """Closes the connection, and with it the streams of its runs."""
+        """Closes the connection and the streams of its runs."""
         self._channel.close()
 
-    def __enter__(self) -> Arena:
+    def __enter__(self) -> Client:
         return self
 
     def __exit__(
@@ -349,9 +349,9 @@ def _serialize(message: Message) -> bytes:
 _play_response = play_pb2.PlayResponse.FromString
 
 
-def connect(server: str, token: str = "", link: Link | None = None) -> Arena:
-    """Connects to a server: `Arena.connect`."""
-    return Arena.connect(server, token, link)
+def connect(server: str, token: str = "", connect_options: ConnectOptions | None = None) -> Client:
+    """Connects to a server: `Client.connect`."""
+    return Client.connect(server, token, connect_options)
 
 
 def begin(
@@ -362,20 +362,20 @@ def begin(
     order: Order = Order.UNORDERED,
     *,
     sensors: Sensors | None = None,
-    link: Link | None = None,
+    connect_options: ConnectOptions | None = None,
 ) -> Play:
-    """Connects, begins a run and opens its stream for one episode at a time.
+    """Connects, begins a run and opens its stream for a single slot.
 
-    With a run's own token, takes up that run, whatever `phase`, `method` and `order` say, as in a sealed run where the
-    agent never sees the account.
+    A run token continues its run and ignores `phase`, `method` and `order`; sealed agents never
+    see an account token.
 
     Raises:
-        Error: as for `Arena.connect`, `Arena.start_run` and `Arena.play`.
+        Error: as for `Client.connect`, `Client.start_run` and `Client.play`.
     """
-    arena, run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
-    with undone_on_error(arena, run, is_own=not token.startswith(RUN_TOKEN)):
-        play = arena.play(run, sensors)
-    play.line.on_close = arena.close
+    client, run = begin_run(server, token, phase, method, order, sensors=sensors, connect_options=connect_options)
+    with undone_on_error(client, run, is_own=not token.startswith(RUN_TOKEN)):
+        play = client.play(run, sensors)
+    play.connection.on_close = client.close
     return play
 
 
@@ -387,36 +387,36 @@ def begin_run(
     order: Order = Order.UNORDERED,
     *,
     sensors: Sensors | None = None,
-    link: Link | None = None,
-) -> tuple[Arena, Run]:
-    """Connects and begins a run that is to be played with `sensors`, or takes up that of a run's own token.
+    connect_options: ConnectOptions | None = None,
+) -> tuple[Client, Run]:
+    """Connects and begins a run with `sensors`, or continues the run of a run token.
 
     Raises:
-        Error: as for `Arena.connect` and `Arena.start_run`.
-        SensorsError: when no run could be played with the sensors; none begins.
+        Error: as for `Client.connect` and `Client.start_run`.
+        SensorsError: if the sensor settings are out of range; no run begins.
     """
     order = Order(order)
     is_of_run = token.startswith(RUN_TOKEN)
-    arena = Arena.connect(server, "" if is_of_run else token, link)
+    client = Client.connect(server, "" if is_of_run else token, connect_options)
     try:
-        arena.check_sensors(sensors)
-        return arena, Run.from_token(token) if is_of_run else arena.start_run(phase, method, order)
+        client.check_sensors(sensors)
+        return client, Run.from_token(token) if is_of_run else client.start_run(phase, method, order)
     except BaseException:
-        arena.close()
+        client.close()
         raise
 
 
 @contextmanager
-def undone_on_error(arena: Arena, run: Run, *, is_own: bool) -> Iterator[None]:
-    """Where its block fails, closes the connection, and cancels the run if it was begun here: nobody would play it."""
+def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]:
+    """Closes the connection if the block fails, and cancels our own run, which has no player."""
     try:
         yield
     except BaseException:
         try:
             if is_own:
-                arena.cancel_run(run.id)
+                client.cancel_run(run.id)
         except Error:
             pass  # what failed first is told
         finally:
-            arena.close()
+            client.close()
         raise

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from conftest import Door, Furnished
+    from conftest import Endpoint, Furnished
 
 
 def pipe(source: socket.socket, sink: socket.socket) -> None:
@@ -32,15 +32,15 @@ def pipe(source: socket.socket, sink: socket.socket) -> None:
 
 
 @pytest.fixture
-def unix(door: Door, tmp_path: Path) -> Iterator[str]:
-    """Address of a Unix socket behind which the server's port is."""
+def unix(endpoint: Endpoint, tmp_path: Path) -> Iterator[str]:
+    """Unix socket forwarded to the server's port."""
     path = tmp_path / "arena.sock"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen()
 
         def relay() -> None:
-            with listener.accept()[0] as agent, socket.create_connection(("127.0.0.1", door.server.grpc)) as server:
+            with listener.accept()[0] as agent, socket.create_connection(("127.0.0.1", endpoint.server.grpc)) as server:
                 threading.Thread(target=pipe, args=(server, agent), daemon=True).start()
                 pipe(agent, server)
 
@@ -50,8 +50,8 @@ def unix(door: Door, tmp_path: Path) -> Iterator[str]:
         thread.join(timeout=5)
 
 
-def test_a_run_is_played_by_its_token_through_a_unix_socket(arena: avln.Arena, unix: str) -> None:
-    run = arena.start_run(PHASE, "socket")
+def test_a_run_is_played_by_its_token_through_a_unix_socket(client: avln.Client, unix: str) -> None:
+    run = client.start_run(PHASE, "socket")
     with avln.begin(unix, run.token, "", "", sensors=avln.Sensors.square(64)) as play:
         for episode in play:
             episode.act(avln.Action.STOP)
@@ -83,8 +83,8 @@ def test_a_server_that_speaks_tls_is_trusted_by_its_authority(furnished: Furnish
     server.start("--tls-cert", str(certificate / "server.pem"), "--tls-key", str(certificate / "server.key"))
     try:
         url = server.url.replace("http:", "https:")
-        with avln.connect(url, furnished.token, avln.Link(ca=certificate / "ca.pem")) as arena:
-            assert arena.whoami().team == "Python"
+        with avln.connect(url, furnished.token, avln.ConnectOptions(ca=certificate / "ca.pem")) as client:
+            assert client.whoami().team == "Python"
         with pytest.raises(avln.TlsError, match="--ca or AVLN_CA"):
             avln.connect(url, furnished.token)
     finally:

@@ -1,4 +1,4 @@
-"""What a replay gives to hear: levels by themselves, sound quietly and when asked for, and the clock goes by it."""
+"""Replay sound: levels without a click, quiet playback on request, synchronous with the clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SOUND = """(audio) => ({ paused: audio.paused, volume: audio.volume, time: audio
 
 
 def sound(page: Page) -> dict[str, object]:
-    """How the sound stands, and the clock."""
+    """Sound state and clock."""
     return cast("dict[str, object]", page.eval_on_selector(AUDIO, SOUND))
 
 
