@@ -113,7 +113,7 @@ async fn serve_connections(
 
 /// Serves requests until the client disconnects, the connection's lifetime ends or the server shuts down.
 async fn serve_connection(connection: Connection, router: Router, proxies: Arc<[TrustedProxy]>) {
-    let Connection { stream, peer, mut closing, place: _place, .. } = connection;
+    let Connection { stream, peer, mut closing, permit: _permit, .. } = connection;
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
     let add_client_address = move |mut request: Request<Incoming>| {
