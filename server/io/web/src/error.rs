@@ -45,7 +45,7 @@ pub(crate) enum RequestError {
     Foreign,
     #[error("{0}; nothing was changed")]
     Refused(String),
-    #[error("too many visitors are waiting for pictures or sound; try again in a few seconds")]
+    #[error("too many visitors are waiting for pictures or sound; wait a few seconds")]
     Crowded,
     #[error(
         "{limit} visitors are following runs, which is the limit; reload the page to see the progress, or come back later"

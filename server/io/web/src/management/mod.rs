@@ -6,7 +6,7 @@ mod sessions;
 
 pub(crate) use form::{FormFields, MAX_FORM_BYTES, SignInForm, SignedForm};
 pub(crate) use sessions::{
-    Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page, session_cookie,
+    Sessions, SignedIn, has_session_cookie, identify, is_management_page, session_cookie,
 };
 
 use crate::server::ClientAddress;

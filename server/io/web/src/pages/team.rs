@@ -5,8 +5,8 @@ use crate::{
     error::{RequestError, Result},
     format,
     management::{
-        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, expired_cookie,
-        is_management_page, session_cookie,
+        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, is_management_page,
+        session_cookie,
     },
     request::{StrictQuery, now_unix_ms},
     server::ClientAddress,
@@ -72,7 +72,7 @@ pub(super) async fn sign_in(
         tracing::error!(%error, "cannot start a session");
         RequestError::Internal
     })?;
-    let cookie = session_cookie(&id, management.is_secure)?;
+    let cookie = session_cookie(Some(&id), management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response())
 }
 
@@ -81,7 +81,7 @@ pub(super) async fn sign_out(
     form: SignedForm,
 ) -> Result<Response> {
     management.sessions.end(&form.by.id);
-    let cookie = expired_cookie(management.is_secure)?;
+    let cookie = session_cookie(None, management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/")).into_response())
 }
 
