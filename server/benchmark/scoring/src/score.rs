@@ -109,9 +109,7 @@ pub struct Summary {
     pub final_distance_m: Option<f64>,
 }
 
-/// Computes episode metrics from facts. An episode without goals scores 0.
-///
-/// Episodes with [`avln_episode::EndReason::ServerFault`] have metrics too; callers exclude them from means.
+/// Computes episode metrics from facts; 0 without goals. Callers exclude episodes with a server fault from means.
 pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
     let goals = truth.targets.len();
     let steps_to_goal = record.found_at(goals);
@@ -200,9 +198,7 @@ fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
     (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }
 
-/// Returns means and intervals over `scores`; `None` for an empty slice.
-///
-/// The result depends on scores and seed, not on slice order.
+/// Returns means and intervals over `scores`, in any order; `None` for an empty slice.
 pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
     let scores = sorted(scores);
     if scores.is_empty() {

@@ -12,9 +12,7 @@ use tracing::Instrument;
 /// A result with [`Failure`] by default.
 pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
 
-/// A request that the server refuses.
-///
-/// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
+/// A refused request. The message is logged and not sent for [`Reason::Internal`] and [`Reason::SimFault`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Refusal {
