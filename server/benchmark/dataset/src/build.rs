@@ -66,7 +66,7 @@ impl Recipe {
         let split = &self.splits[job.split];
         let SceneChoice::Houses { rooms, storeys, pool, .. } = &split.scenes else {
             let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
-            return Err(DatasetError::Recipe { reason });
+            return Err(DatasetError::Recipe(reason));
         };
         // A generator per attempt: the number of attempts in this scene changes no other scene.
         let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));

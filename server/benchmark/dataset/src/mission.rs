@@ -143,7 +143,6 @@ const CHANCE_USES: f64 = 2.0;
 const OWN_WEIGHT: f64 = 4.0;
 /// Random shift in the modality choice.
 const CHANCE_MODALITY: f64 = 3.0;
-/// Modalities in counting order.
 const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
 
 /// Draws missions in a scene; fewer than requested if the scene has no more.
@@ -168,7 +167,6 @@ pub fn sample_missions(
         .collect()
 }
 
-/// State for drawing missions in a scene.
 struct Sampler<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
@@ -177,7 +175,6 @@ struct Sampler<'a> {
     pool: CandidatePool<'a>,
 }
 
-/// Start and targets with the ordered tour.
 struct Draft {
     start: Pose,
     departure: Departure,
@@ -246,7 +243,6 @@ impl<'a> Sampler<'a> {
         best
     }
 
-    /// Drafts with `count` goals.
     fn attempts(&self, count: usize, rng: &mut Rng) -> impl Iterator<Item = Draft> {
         (0..ATTEMPTS).filter_map(move |_| self.attempt(count, rng))
     }
@@ -319,7 +315,6 @@ pub fn reference_tours(
     Some([ordered, unordered])
 }
 
-/// Candidate targets with their use counts.
 struct CandidatePool<'a> {
     instances: Vec<&'a Instance>,
     uses: Vec<u32>,
@@ -397,7 +392,6 @@ impl<'a> CandidatePool<'a> {
         best.map(|best| best.1)
     }
 
-    /// Returns a random cue for an instance.
     fn cue(&self, index: usize, modality: Modality, rng: &mut Rng) -> Option<CueSpec> {
         let instance = self.instances[index];
         match modality {

@@ -14,9 +14,7 @@ const SHORTEST_LEG_M: f32 = 1e-3;
 /// Tour without its step count.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tour {
-    /// Length, metres.
     pub(crate) length_m: f64,
-    /// Corners on the floor, including the start.
     pub(crate) path: Vec<Point3<f32>>,
 }
 

@@ -111,14 +111,12 @@ pub(crate) fn look_around(
 
 /// Recognised object.
 pub(crate) struct Sighting {
-    /// Index in the scene.
     pub(crate) index: usize,
     pub(crate) target: Target,
     /// Good looks, best first; never empty.
     pub(crate) looks: Vec<Look>,
 }
 
-/// Survey state.
 struct Surveyor<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,

@@ -37,11 +37,9 @@ pub(super) struct GoalCheck<'a> {
     cues: Vec<(u32, CueSpec)>,
 }
 
-/// Checked target.
 struct Known {
     target: Target,
     distractors: u8,
-    /// Success region on the mesh.
     stands: Vec<NavPoint>,
 }
 

@@ -156,7 +156,6 @@ fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, re
     }
 }
 
-/// Distance between two boxes, metres.
 fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
     let gaps = [0, 1, 2].map(|axis| (a.min[axis] - b.max[axis]).max(b.min[axis] - a.max[axis]).max(0.0));
     gaps.iter().map(|gap| gap * gap).sum::<f32>().sqrt()

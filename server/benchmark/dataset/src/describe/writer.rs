@@ -29,7 +29,6 @@ const LANDMARK_SHARE: f32 = 0.004;
 pub(crate) struct Sentence {
     pub(crate) text: String,
     pub(crate) claims: Claims,
-    /// Sentence frame.
     pub(crate) frame: &'static str,
 }
 
@@ -39,7 +38,6 @@ impl From<Sentence> for Description {
     }
 }
 
-/// Sentence writer for a scene.
 pub(crate) struct Writer<'a> {
     relater: Relater<'a>,
     options: &'a SurveyOptions,
@@ -138,7 +136,7 @@ impl<'a> Writer<'a> {
         match category {
             _ if on && LAID.contains(&category) => "lies",
             _ if BUILT_IN.contains(&category) => "is",
-            _ if self.relater.hangs(index) => "hangs",
+            _ if self.relater.hangs[index] => "hangs",
             _ if LAID.contains(&category) => "is",
             _ => "stands",
         }

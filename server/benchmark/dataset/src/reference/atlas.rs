@@ -24,7 +24,6 @@ pub(crate) struct Departure {
     exits: Exits,
 }
 
-/// Path between two points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Way {
     pub(crate) distance_m: f64,
@@ -110,7 +109,6 @@ impl<'a> Atlas<'a> {
         }
     }
 
-    /// Returns the region count.
     pub(crate) fn len(&self) -> usize {
         self.regions.len()
     }
@@ -245,7 +243,6 @@ impl<'a> Atlas<'a> {
     }
 }
 
-/// Success region.
 struct Region {
     /// Index of its first point among all points.
     first: usize,
@@ -256,14 +253,12 @@ struct Region {
     near_m: Vec<f64>,
 }
 
-/// Sampled point in a region.
 struct Stand {
     position: Point3<f32>,
     /// Visible exit corners: index in the region, and distance in metres.
     exits: Vec<(u32, f64)>,
 }
 
-/// Two points in line of sight.
 struct Straight {
     from: u32,
     to: u32,

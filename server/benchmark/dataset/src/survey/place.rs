@@ -120,7 +120,6 @@ pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize)
     chosen
 }
 
-/// Returns the pose at `base` facing `place`.
 pub(crate) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
     let offset: Vector3<f32> = place - base;
     Pose::new(*base, angle::atan2(-offset.x, -offset.z))
