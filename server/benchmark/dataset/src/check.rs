@@ -162,7 +162,7 @@ impl SceneCheck<'_> {
         let navmesh = &self.assets.navmesh;
         let start = navmesh.snap(&episode.start.position, SNAP_M);
         let Some(start) = start.filter(|start| navmesh.island_of(start) == navmesh.largest_island()) else {
-            let found = format!("nobody can stand at {}", episode.start.position);
+            let found = format!("no reachable floor is at {}", episode.start.position);
             return self.fault(episode, Constraint::Start, found);
         };
         self.distances(episode, &start);
@@ -184,11 +184,11 @@ impl SceneCheck<'_> {
         }
         let modalities: BTreeSet<_> = episode.goals.iter().map(|goal| goal.cue.modality()).collect();
         if modalities.len() < 2.min(count) {
-            self.fault(episode, Constraint::Modalities, "all goals have one modality".to_owned());
+            self.fault(episode, Constraint::Modalities, "all goals have the same modality".to_owned());
         }
         let categories: BTreeSet<_> = episode.goals.iter().map(|goal| &goal.target.category).collect();
         if categories.len() < count {
-            self.fault(episode, Constraint::Categories, "two targets have one category".to_owned());
+            self.fault(episode, Constraint::Categories, "two targets have the same category".to_owned());
         }
     }
 
@@ -204,13 +204,13 @@ impl SceneCheck<'_> {
                 let ways = points.iter().filter_map(|point| field.distance_m(navmesh, point));
                 ways.fold(f64::INFINITY, f64::min)
             };
-            let (found_m, told_m) = (least(&from_start), goal.target.start_distance_m);
+            let (found_m, stated_m) = (least(&from_start), goal.target.start_distance_m);
             let instance = goal.target.instance;
             if !found_m.is_finite() {
-                self.fault(episode, Constraint::Reachable, format!("no way leads to instance {instance}"));
-            } else if (found_m - told_m).abs() > LENGTH_M {
+                self.fault(episode, Constraint::Reachable, format!("no path leads to instance {instance}"));
+            } else if (found_m - stated_m).abs() > LENGTH_M {
                 let found = format!(
-                    "instance {instance} is {found_m:.3} m from the start, the file says {told_m:.3} m"
+                    "instance {instance} is {found_m:.3} m from the start, {stated_m:.3} m in the file"
                 );
                 self.fault(episode, Constraint::StartDistance, found);
             }
@@ -240,7 +240,7 @@ impl SceneCheck<'_> {
             let walked: f64 = tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
             if (walked - tour.length_m).abs() > 0.02 + 1e-4 * tour.length_m {
                 let found =
-                    format!("the {name} tour is {walked:.3} m long, the file says {:.3} m", tour.length_m);
+                    format!("the {name} tour is {walked:.3} m long, {:.3} m in the file", tour.length_m);
                 self.fault(episode, Constraint::ReferencePath, found);
             }
             let begins =
@@ -252,7 +252,7 @@ impl SceneCheck<'_> {
             let steps =
                 reference_steps(self.rules, &episode.start, &tour.path, tour.length_m, episode.goals.len());
             if steps != tour.steps {
-                let found = format!("the {name} tour takes {steps} steps, the file says {}", tour.steps);
+                let found = format!("the {name} tour takes {steps} steps, {} in the file", tour.steps);
                 self.fault(episode, Constraint::ReferenceSteps, found);
             }
         }
@@ -263,15 +263,15 @@ impl SceneCheck<'_> {
         let stands: Vec<Vec<NavPoint>> =
             episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
         let tours = Tours::new(&self.assets.navmesh, &stands);
-        let told = [
+        let lengths = [
             ("ordered", tours.ordered_m(start), episode.ordered.length_m),
             ("unordered", tours.unordered_m(start), episode.unordered.length_m),
         ];
-        for (name, found_m, told_m) in told {
-            let off_m = (found_m - told_m).abs();
+        for (name, found_m, stated_m) in lengths {
+            let off_m = (found_m - stated_m).abs();
             if off_m.is_nan() || off_m > LENGTH_M {
                 let found =
-                    format!("the shortest {name} tour is {found_m:.4} m, the file says {told_m:.4} m");
+                    format!("the shortest {name} tour is {found_m:.4} m, {stated_m:.4} m in the file");
                 self.fault(episode, Constraint::ReferenceLength, found);
             }
         }
@@ -291,7 +291,7 @@ impl SceneCheck<'_> {
             && count as f64 > REUSE_FACTOR * mean + REUSE_SLACK
         {
             let found = format!(
-                "instance {instance} is asked for {count} times, a target {mean:.1} times in the mean"
+                "instance {instance} is a target {count} times, the mean is {mean:.1} times"
             );
             self.fault(&episodes[0], Constraint::Reuse, found);
         }

@@ -2,7 +2,7 @@
 //!
 //! In reading order: [`survey()`] finds potential targets in a scene, [`sample_missions`] draws missions, and a [`Split`]
 //! has missions for several scenes in memory. [`build_scene`] runs the pipeline for a scene in a [`Recipe`] and returns
-//! its files in the [`mod@format`]; [`check_scene`] verifies them independently.
+//! files in the [`mod@format`]; [`check_scene`] verifies them independently.
 //!
 //! *Never*: depends on a clock or on hash order; puts hidden data into public files; touches a disk.
 

@@ -48,7 +48,7 @@ pub struct GoalSpec {
 pub struct ReferenceTour {
     /// Length, metres.
     pub length_m: f64,
-    /// Actions: moves, turns and one claim per goal. Turns connect the headings closest to the legs.
+    /// Actions: moves, turns and a claim per goal. Turns connect the headings closest to the legs.
     #[serde(default)]
     pub steps: u32,
     /// Corners on the floor.
@@ -102,7 +102,7 @@ pub struct MissionOptions {
 
 /// Wanted reference steps in ordered missions.
 ///
-/// Each mission is drawn several times, and the draw closest to a wanted step count is kept. That count is `mean` for
+/// Every mission is drawn several times; the draw closest to a wanted step count wins. That count is `mean` for
 /// the middle goal count, proportional for others, and uniform within `spread`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -336,7 +336,7 @@ impl<'a> CandidatePool<'a> {
         }
     }
 
-    /// Chooses `count` targets with distinct categories, apart from the start and from each other.
+    /// Chooses `count` targets with distinct categories, apart from the start and other targets.
     fn targets(
         &self,
         atlas: &Atlas,
@@ -416,7 +416,7 @@ fn available(instance: &Instance) -> Vec<Modality> {
     MODALITIES.into_iter().filter(can).collect()
 }
 
-/// All combinations with one entry per list.
+/// All combinations with an entry per list.
 fn choices(lists: Vec<Vec<Modality>>) -> Vec<Vec<Modality>> {
     lists.into_iter().fold(vec![Vec::new()], |begun, list| {
         let longer = |begin: &Vec<Modality>| {

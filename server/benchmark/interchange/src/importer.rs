@@ -85,6 +85,7 @@ impl<'a> Importer<'a> {
         let pose = Pose::new(start.position(), foreign.start.heading_rad);
         let tours = reference_tours(self.assets, self.rules, &pose, start, &goals);
         let [ordered, unordered] = tours.ok_or("no path leads through all goals")?;
+        // With a goal left out, the tour is shorter than the stated tour, and the lengths are not comparable.
         if imported.losses.is_empty() {
             let lengths_m = [ordered.length_m, unordered.length_m];
             if foreign.stated_m.iter().zip(lengths_m).any(|(stated, ours)| deviates(*stated, ours)) {
@@ -108,6 +109,7 @@ impl<'a> Importer<'a> {
     ) -> Result<GoalSpec, String> {
         let cue = self.cue(&goal.cue, imported)?;
         let mut reason = "the file has no instance of this goal".to_owned();
+        // Any instance completes a category goal: the nearest is the target, as in the stated shortest path.
         let mut best: Option<Target> = None;
         for instance in &goal.instances {
             let object = find(&self.assets.scene, instance);
@@ -184,7 +186,7 @@ impl<'a> Importer<'a> {
     }
 }
 
-/// True if a stated length deviates from the computed one by more than the tolerance.
+/// True if a stated length deviates from the computed length by more than the tolerance.
 fn deviates(stated_m: Option<f64>, computed_m: f64) -> bool {
     stated_m.is_some_and(|m| m > 1e-6 && (m - computed_m).abs() > NOTED_DEVIATION * m)
 }
@@ -196,7 +198,7 @@ fn distractors(scene: &Scene, instance: u32) -> u8 {
     u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
-/// Finds a foreign instance's object: by box, else by number, else by centre.
+/// Finds a foreign instance's object by box, number or centre, in this order.
 ///
 /// # Errors
 /// If no object matches: the reason.

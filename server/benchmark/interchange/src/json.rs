@@ -31,7 +31,7 @@ fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<Value, Intercha
     };
     let mut plain = Vec::new();
     let text = if bytes.starts_with(&GZIP_MAGIC) {
-        // One byte more than the limit: a small file can expand without end.
+        // A byte more than the limit: a small file can expand without end.
         let mut reader = MultiGzDecoder::new(bytes).take(limit + 1);
         let read = reader.read_to_end(&mut plain);
         read.map_err(|error| malformed("the gzip stream", format!("{error}; copy the file again")))?;
@@ -296,7 +296,7 @@ mod tests {
         let rotation = |value: Value| Cursor::root("f", &value).rotation().map_err(|error| error.to_string());
         assert_eq!(rotation(json!([0, 0, 0, 1])).unwrap(), Rotation::default());
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        // A quarter turn about +Y is a left turn; one about +X looks up.
+        // A quarter turn about +Y is a left turn; a quarter turn about +X looks up.
         let left = rotation(json!([0, half, 0, half])).unwrap();
         assert!((left.heading_rad - FRAC_PI_2).abs() < 1e-5 && left.pitch_rad.abs() < 1e-5, "{left:?}");
         let up = rotation(json!([half, 0, 0, half])).unwrap();

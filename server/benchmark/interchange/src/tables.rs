@@ -388,7 +388,7 @@ mod tests {
 
     #[test]
     fn files_of_the_former_writer_have_equal_rows() {
-        // Written before the crate `parquet` was used: one page per column, without statistics.
+        // Written before the crate `parquet` was used: a page per column, without statistics.
         let old = rows(std::fs::read(golden("former-writer.parquet")).unwrap());
         assert_eq!(old.len(), 5);
         assert!(old[4].contains("größer"), "{old:?}");

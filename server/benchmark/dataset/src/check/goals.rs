@@ -71,21 +71,21 @@ impl<'a> GoalCheck<'a> {
             Entry::Occupied(entry)
                 if entry.get().target != target || entry.get().distractors != goal.distractors =>
             {
-                faults
-                    .push((Constraint::Target, format!("instance {} is told in two ways", target.instance)));
+                let found = format!("two goals describe instance {} differently", target.instance);
+                faults.push((Constraint::Target, found));
             }
             Entry::Occupied(_) => {}
         }
         faults.extend(self.cue(goal, thorough));
-        faults.extend(self.told_apart(goal).map(|found| (Constraint::Cue, found)));
+        faults.extend(self.ambiguity(goal).map(|found| (Constraint::Cue, found)));
         faults
     }
 
     /// Reason for an ambiguous cue; every cue is checked once.
-    fn told_apart(&mut self, goal: &GoalSpec) -> Option<String> {
+    fn ambiguity(&mut self, goal: &GoalSpec) -> Option<String> {
         let seen = self.seen?;
         let (instance, cue) = (goal.target.instance, &goal.cue);
-        if self.cues.iter().any(|(known, told)| *known == instance && told == cue) {
+        if self.cues.iter().any(|(known, checked)| *known == instance && checked == cue) {
             return None;
         }
         self.cues.push((instance, cue.clone()));
@@ -103,11 +103,11 @@ impl<'a> GoalCheck<'a> {
             CueSpec::Description(sentence) => {
                 let words = sentence.text.split_whitespace().count();
                 if !(1..=MAX_WORDS).contains(&words) {
-                    faults.push((Constraint::Cue, format!("a description of {words} words")));
+                    faults.push((Constraint::Cue, format!("the description has {words} words")));
                 }
                 if let Some(word) = sentence.claims.as_ref().and_then(|claims| unsaid(&sentence.text, claims))
                 {
-                    faults.push((Constraint::Cue, format!("'{}' does not say {word}", sentence.text)));
+                    faults.push((Constraint::Cue, format!("'{}' lacks the word '{word}'", sentence.text)));
                 }
             }
             CueSpec::Image(view) if thorough => {
@@ -134,12 +134,12 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
         object.category == target.category && off <= BOX_M
     });
     if !same {
-        let found = format!("the scene has no {} of number {id} in that box", target.category);
+        let found = format!("the scene has no {} with number {id} in that box", target.category);
         faults.push((Constraint::Target, found));
     }
     if target.bounds.distance_m(&target.source) > BOX_M {
         faults
-            .push((Constraint::Source, format!("the sound of instance {id} comes from outside of its box")));
+            .push((Constraint::Source, format!("the sound source of instance {id} is outside the box")));
     }
     let navmesh = &assets.navmesh;
     let stand = |place| {
@@ -149,7 +149,7 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
     let stands: Vec<NavPoint> = target.region.iter().filter_map(stand).collect();
     if stands.is_empty() || stands.len() < target.region.len() {
         let found =
-            format!("{} of {} places of instance {id} can be reached", stands.len(), target.region.len());
+            format!("{} of {} success points of instance {id} can be reached", stands.len(), target.region.len());
         faults.push((Constraint::Region, found));
     }
     let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
@@ -170,7 +170,7 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
     let (count, [fewest, most]) = (u8::try_from(others).unwrap_or(u8::MAX), limits.distractors);
     let mut faults = Faults::new();
     if count != goal.distractors {
-        let found = format!("instance {id} has {count} distractors, the file says {}", goal.distractors);
+        let found = format!("instance {id} has {count} distractors, {} in the file", goal.distractors);
         faults.push((Constraint::Distractors, found));
     }
     if !(fewest..=most).contains(&count) {
@@ -197,7 +197,7 @@ impl<'a> Seen<'a> {
     /// Returns the problem with a sentence about `instance`.
     pub(super) fn sentence(&self, instance: u32, said: &Description) -> Option<String> {
         let Some(claims) = &said.claims else {
-            return Some("the description comes without its claims".to_owned());
+            return Some("the description has no claims".to_owned());
         };
         let facts = Facts::new(self.assets, &self.palettes);
         let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
@@ -212,6 +212,6 @@ impl<'a> Seen<'a> {
         let known = sighting.is_some_and(|sighting| {
             choose_pictures(&self.assets.scene, sighting, &self.sightings, self.options).0.contains(view)
         });
-        (!known).then(|| format!("the picture does not tell instance {instance} from others of its kind"))
+        (!known).then(|| format!("the picture does not distinguish instance {instance} from others in the category"))
     }
 }

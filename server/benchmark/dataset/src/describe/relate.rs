@@ -136,7 +136,7 @@ impl<'a> Relater<'a> {
         let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
         let side = (0..4).find(|&side| self.walls[index][side] && self.walls[landmark][side])?;
         let [x, z] = SIDES[side];
-        // For a viewer looking along (x, z), right is (-z, x).
+        // For a viewer looking in direction (x, z), right is (-z, x).
         let span = |bounds: &Aabb| {
             let ends = [bounds.min, bounds.max].map(|corner| corner.z * x - corner.x * z);
             [ends[0].min(ends[1]), ends[0].max(ends[1])]

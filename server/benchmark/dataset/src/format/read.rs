@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_MISSIONS: usize = 100_000;
 /// Most targets per scene.
 const MAX_TARGETS: usize = 100_000;
-/// Most goals per mission: the record has one bit per goal.
+/// Most goals per mission: the record has a bit per goal.
 const MAX_GOALS: usize = 8;
 /// Most scenes per split.
 const MAX_SCENES: usize = 1_000_000;
@@ -173,7 +173,7 @@ pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
     let header = sealed.header(Header::SEALED, &line.name)?;
-    // The sealed file names its public file, so that files from two builds are not mixed.
+    // The sealed file names the public file, so that files from two builds are not mixed.
     if header.public.as_deref() != Some(line.public.as_str()) {
         let cause = digest_cause(&header.public.unwrap_or_default(), &line.public);
         return Err(sealed.error(Some(1), cause));
@@ -274,7 +274,7 @@ fn goal_of(
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 
-/// Message from serde with the column; its line number is always 1 and is dropped.
+/// Message from serde with the column, without the line number, which is always 1.
 fn json_error(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());

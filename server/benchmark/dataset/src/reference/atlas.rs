@@ -8,7 +8,7 @@ use std::cell::OnceCell;
 pub(crate) struct Atlas<'a> {
     navmesh: &'a NavMesh,
     regions: Vec<Region>,
-    /// Stands from all regions, region by region.
+    /// Sample points in all regions, region by region.
     places: Places,
     /// Shortest paths to each corner, computed on first use.
     ways: Vec<OnceCell<CornerWays>>,
@@ -166,7 +166,7 @@ impl<'a> Atlas<'a> {
         reached
     }
 
-    /// Returns paths from every point in `from` to one point.
+    /// Returns paths from every point in `from` to a point.
     pub(crate) fn back(&self, to: (usize, usize), from: usize) -> Vec<Way> {
         let (here, there) = (&self.regions[from], &self.regions[to.0]);
         let exits: Vec<_> =
@@ -220,7 +220,7 @@ impl<'a> Atlas<'a> {
         leg
     }
 
-    /// Best path from a corner over one of `exits`.
+    /// Best path from a corner by `exits`.
     fn way_out(&self, corner: u32, exits: &[(u32, f64)]) -> Way {
         let mut way = NO_WAY;
         for &(home, distance_m) in exits {
@@ -244,7 +244,7 @@ impl<'a> Atlas<'a> {
 }
 
 struct Region {
-    /// Index of its first point among all points.
+    /// First point's index among all points.
     first: usize,
     stands: Vec<Stand>,
     /// Exit corners, ascending.
@@ -305,7 +305,7 @@ impl Region {
         self.stands.iter().map(least).collect()
     }
 
-    /// Stands visible from a start, with distances in metres.
+    /// Sample points visible from a start, with distances in metres.
     fn seen_from(&self, start: &Departure) -> impl Iterator<Item = (usize, f64)> {
         let places = &start.exits.places;
         let from = places.partition_point(|place| (place.0 as usize) < self.first);
