@@ -74,34 +74,20 @@ pub enum Constraint {
     Reuse,
 }
 
-impl Constraint {
-    /// Returns the name in reports.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::UniqueIds => "unique-ids",
-            Self::GoalCount => "goal-count",
-            Self::Modalities => "modalities",
-            Self::Categories => "categories",
-            Self::Distractors => "distractors",
-            Self::Target => "target",
-            Self::Cue => "cue",
-            Self::Source => "source",
-            Self::Region => "region",
-            Self::Start => "start",
-            Self::Reachable => "reachable",
-            Self::StartDistance => "start-distance",
-            Self::Separation => "separation",
-            Self::ReferencePath => "reference-path",
-            Self::ReferenceSteps => "reference-steps",
-            Self::ReferenceLength => "reference-length",
-            Self::Reuse => "reuse",
+impl fmt::Display for Constraint {
+    /// Writes the variant's name in report style: `goal-count` for `GoalCount`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, letter) in format!("{self:?}").char_indices() {
+            let hyphen = if index > 0 && letter.is_ascii_uppercase() { "-" } else { "" };
+            write!(f, "{hyphen}{}", letter.to_ascii_lowercase())?;
         }
+        Ok(())
     }
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.mission, self.constraint.as_str(), self.found)
+        write!(f, "{}: {}: {}", self.mission, self.constraint, self.found)
     }
 }
 
@@ -152,12 +138,9 @@ impl SceneCheck<'_> {
     fn mission(&mut self, episode: &EpisodeSpec, thorough: bool) {
         self.composition(episode);
         for goal in &episode.goals {
-            let faults = self.goals.check(goal, self.limits, thorough);
-            self.faults.extend(faults.into_iter().map(|(constraint, found)| Fault {
-                mission: episode.id.clone(),
-                constraint,
-                found,
-            }));
+            for (constraint, found) in self.goals.check(goal, self.limits, thorough) {
+                self.fault(episode, constraint, found);
+            }
         }
         let navmesh = &self.assets.navmesh;
         let start = navmesh.snap(&episode.start.position, SNAP_M);
@@ -165,10 +148,12 @@ impl SceneCheck<'_> {
             let found = format!("no reachable floor is at {}", episode.start.position);
             return self.fault(episode, Constraint::Start, found);
         };
-        self.distances(episode, &start);
+        let stands: Vec<Vec<NavPoint>> =
+            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
+        self.distances(episode, &start, &stands);
         self.paths(episode);
         if thorough {
-            self.tours(episode, start);
+            self.tours(episode, start, &stands);
         }
     }
 
@@ -176,11 +161,8 @@ impl SceneCheck<'_> {
     fn composition(&mut self, episode: &EpisodeSpec) {
         let (count, [fewest, most]) = (episode.goals.len(), self.limits.goals);
         if !(fewest..=most).contains(&count) {
-            self.fault(
-                episode,
-                Constraint::GoalCount,
-                format!("{count} goals, {fewest} to {most} are allowed"),
-            );
+            let found = format!("{count} goals, {fewest} to {most} are allowed");
+            self.fault(episode, Constraint::GoalCount, found);
         }
         let modalities: BTreeSet<_> = episode.goals.iter().map(|goal| goal.cue.modality()).collect();
         if modalities.len() < 2.min(count) {
@@ -193,14 +175,12 @@ impl SceneCheck<'_> {
     }
 
     /// Checks reachability, start distances, separation.
-    fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint) {
+    fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint, stands: &[Vec<NavPoint>]) {
         let navmesh = &self.assets.navmesh;
         let from_start = navmesh.field(&[(*start, 0.0)]);
-        let stands: Vec<Vec<NavPoint>> =
-            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
         let mut fields = Vec::new();
-        for (goal, points) in episode.goals.iter().zip(&stands) {
-            let least = |field: &avln_world::DistanceField| {
+        for (goal, points) in episode.goals.iter().zip(stands) {
+            let least = |field: &DistanceField| {
                 let ways = points.iter().filter_map(|point| field.distance_m(navmesh, point));
                 ways.fold(f64::INFINITY, f64::min)
             };
@@ -259,10 +239,8 @@ impl SceneCheck<'_> {
     }
 
     /// Recomputes both tour lengths.
-    fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint) {
-        let stands: Vec<Vec<NavPoint>> =
-            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
-        let tours = Tours::new(&self.assets.navmesh, &stands);
+    fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint, stands: &[Vec<NavPoint>]) {
+        let tours = Tours { navmesh: &self.assets.navmesh, regions: stands };
         let lengths = [
             ("ordered", tours.ordered_m(start), episode.ordered.length_m),
             ("unordered", tours.unordered_m(start), episode.unordered.length_m),
@@ -290,9 +268,7 @@ impl SceneCheck<'_> {
         if let Some((instance, &count)) = most
             && count as f64 > REUSE_FACTOR * mean + REUSE_SLACK
         {
-            let found = format!(
-                "instance {instance} is a target {count} times, the mean is {mean:.1} times"
-            );
+            let found = format!("instance {instance} is a target {count} times, the mean is {mean:.1} times");
             self.fault(&episodes[0], Constraint::Reuse, found);
         }
     }
@@ -304,11 +280,7 @@ struct Tours<'a> {
     regions: &'a [Vec<NavPoint>],
 }
 
-impl<'a> Tours<'a> {
-    fn new(navmesh: &'a NavMesh, regions: &'a [Vec<NavPoint>]) -> Self {
-        Self { navmesh, regions }
-    }
-
+impl Tours<'_> {
     /// Length in region order, metres; infinite if unreachable.
     fn ordered_m(&self, start: NavPoint) -> f64 {
         let mut field = self.navmesh.field(&[(start, 0.0)]);

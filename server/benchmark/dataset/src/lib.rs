@@ -28,4 +28,6 @@ pub use mission::{
 pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
 pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
-pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with, target_at};
+pub use survey::{
+    Instance, SurveyOptions, ThresholdsOnly, Verifier, distractors, survey, survey_with, target_at,
+};

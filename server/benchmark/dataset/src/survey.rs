@@ -62,7 +62,6 @@ fn instance(
 ) -> Instance {
     let scene = &assets.scene;
     let object = &scene.objects[sighting.index];
-    let same = |other: &&Object| other.category == object.category && other.id != object.id;
     let rng = Rng::new(options.seed).fork(&format!("{} {}", scene.name, object.id.0));
     let sentences = writer.sentences(sighting, rng);
     let (images, image_margin) = choose_pictures(scene, sighting, all, options);
@@ -72,8 +71,15 @@ fn instance(
         sentences: sentences.into_iter().map(Description::from).collect(),
         images,
         image_margin,
-        distractors: u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX),
+        distractors: distractors(scene, object.id),
     }
+}
+
+/// Returns the count of other objects in the same category, at most 255.
+pub fn distractors(scene: &Scene, id: InstanceId) -> u8 {
+    let own = scene.objects.iter().find(|object| object.id == id);
+    let same = |other: &&Object| own.is_some_and(|own| own.category == other.category && own.id != other.id);
+    u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
 /// Attempts before giving up on an invisible object.

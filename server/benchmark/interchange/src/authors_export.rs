@@ -96,13 +96,11 @@ fn scene_id(scene: &str) -> String {
 }
 
 fn file(path: String, value: &Value) -> Result<ExportedFile, InterchangeError> {
-    match pack(value.to_string().as_bytes()) {
-        Ok(bytes) => Ok(ExportedFile { path, bytes }),
-        Err(error) => Err(InterchangeError::Unwritable { file: path, cause: error.to_string() }),
-    }
+    let bytes =
+        pack(value.to_string().as_bytes()).map_err(|error| InterchangeError::unwritable(&path, &error))?;
+    Ok(ExportedFile { path, bytes })
 }
 
-/// Episodes, and instance records by key.
 type Content = (Vec<Value>, Map<String, Value>);
 
 fn whole_content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Content {
@@ -183,7 +181,6 @@ fn object(value: Value) -> Map<String, Value> {
     }
 }
 
-/// Instance records in a scene.
 struct Records {
     camera_m: f32,
     all: Vec<Record>,

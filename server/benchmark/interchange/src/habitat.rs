@@ -36,7 +36,6 @@ fn read(
     Ok(foreign)
 }
 
-/// Scene file name: the prefix for goal keys.
 fn scene_file(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }

@@ -102,8 +102,10 @@ pub fn read(
     }
     let Some(format) = format.or_else(|| Format::recognise(&root)) else {
         let keys: Vec<&str> = root.entries()?.into_iter().map(|(key, _)| key).take(8).collect();
-        let known = Format::ALL.map(Format::name).join(", ");
-        return Err(InterchangeError::Unknown { file: file.to_owned(), keys: keys.join(", "), known });
+        let (keys, known) = (keys.join(", "), Format::ALL.map(Format::name).join(", "));
+        return Err(InterchangeError(format!(
+            "{file} has no known format: its keys are {keys}; name the format if it is one of {known}"
+        )));
     };
     let foreign = match format {
         Format::Authors => authors::read(&root),

@@ -12,7 +12,8 @@ use crate::{
         look_around,
     },
 };
-use avln_episode::Rules;
+use avln_episode::{Modality, Rules};
+use avln_geom::Point3;
 use avln_scene::InstanceId;
 use avln_truth::Target;
 use avln_world::{NavPoint, SceneAssets};
@@ -56,11 +57,7 @@ impl<'a> GoalCheck<'a> {
     /// Checks a goal; renders the picture if `thorough`.
     pub(super) fn check(&mut self, goal: &GoalSpec, limits: &MissionRules, thorough: bool) -> Faults {
         let mut faults = Faults::new();
-        let target = Target {
-            modality: avln_episode::Modality::Category,
-            start_distance_m: 0.0,
-            ..goal.target.clone()
-        };
+        let target = Target { modality: Modality::Category, start_distance_m: 0.0, ..goal.target.clone() };
         match self.known.entry(goal.target.instance) {
             Entry::Vacant(entry) => {
                 let (stands, found) = inspect(self.assets, self.rules, &target);
@@ -138,8 +135,7 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
         faults.push((Constraint::Target, found));
     }
     if target.bounds.distance_m(&target.source) > BOX_M {
-        faults
-            .push((Constraint::Source, format!("the sound source of instance {id} is outside the box")));
+        faults.push((Constraint::Source, format!("the sound source of instance {id} is outside the box")));
     }
     let navmesh = &assets.navmesh;
     let stand = |place| {
@@ -148,12 +144,15 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
     };
     let stands: Vec<NavPoint> = target.region.iter().filter_map(stand).collect();
     if stands.is_empty() || stands.len() < target.region.len() {
-        let found =
-            format!("{} of {} success points of instance {id} can be reached", stands.len(), target.region.len());
+        let found = format!(
+            "{} of {} success points of instance {id} can be reached",
+            stands.len(),
+            target.region.len()
+        );
         faults.push((Constraint::Region, found));
     }
     let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
-    let outside = |base: &&avln_geom::Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
+    let outside = |base: &&Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
     if let Some(base) = target.region.iter().find(outside) {
         faults.push((Constraint::Region, format!("a Submit for instance {id} would not count at {base}")));
     }
@@ -212,6 +211,8 @@ impl<'a> Seen<'a> {
         let known = sighting.is_some_and(|sighting| {
             choose_pictures(&self.assets.scene, sighting, &self.sightings, self.options).0.contains(view)
         });
-        (!known).then(|| format!("the picture does not distinguish instance {instance} from others in the category"))
+        (!known).then(|| {
+            format!("the picture does not distinguish instance {instance} from others in the category")
+        })
     }
 }
