@@ -33,7 +33,6 @@ pub(super) struct Decorator<'a> {
     laid: Vec<Aabb>,
 }
 
-/// A placed piece.
 #[derive(Clone, Copy, Debug)]
 struct Spot {
     /// Origin of the piece frame.
@@ -55,7 +54,6 @@ enum Wish {
     Facing(Side, f32),
 }
 
-/// A possible wall position.
 #[derive(Clone, Copy)]
 struct WallPlace {
     side: Side,
@@ -387,7 +385,6 @@ impl Decorator<'_> {
 }
 
 impl Spot {
-    /// Floor position of the centre.
     fn center(&self) -> [f32; 2] {
         Rect::of(&self.bounds).center()
     }
@@ -404,6 +401,12 @@ impl Spot {
     fn along(&self) -> f32 {
         let span = self.side.span(&Rect::of(&self.bounds));
         (span[0] + span[1]) / 2.0
+    }
+
+    /// Width and depth in the piece frame.
+    fn footprint(&self) -> [f32; 2] {
+        let size = self.bounds.size();
+        if self.side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] }
     }
 
     fn height_m(&self) -> f32 {

@@ -1,5 +1,5 @@
 //! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
-//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.p`.
+//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.paint`.
 
 pub(super) mod beds;
 pub(super) mod cabinets;
@@ -50,13 +50,12 @@ pub(super) type Words = [&'static str; 2];
 
 /// A piece in progress.
 pub(super) struct Draft {
-    pub(super) m: Model,
+    pub(super) model: Model,
     pub(super) rng: Rng,
     pub(super) style: usize,
     pub(super) tint: Tint,
     pub(super) substance: Substance,
-    /// Main paint.
-    pub(super) p: Paint,
+    pub(super) paint: Paint,
     /// Paint for legs, frames and handles.
     pub(super) trim: Paint,
     /// Requested width, height and depth, metres; 0 for any.
@@ -104,7 +103,7 @@ impl Draft {
 
     /// Returns true for a dark paint, which bright parts would dominate.
     pub(super) fn dark(&self) -> bool {
-        self.p.brightness() < 0.3
+        self.paint.brightness() < 0.3
     }
 
     /// Metal paint for taps, pipes and handles.
@@ -116,18 +115,18 @@ impl Draft {
     /// Adds a box in the main paint: upholstered for soft substances, otherwise with fine bevels.
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
-        self.m.soft(x, y, z, bevel, self.p);
+        self.model.soft(x, y, z, bevel, self.paint);
     }
 
     /// Adds a turned shape in the main paint; `profile` is in shares of `radius` and `height`.
     pub(super) fn turned(&mut self, profile: &[[f32; 2]], radius: f32, height: f32, sides: usize) {
         let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();
-        self.m.lathe([0.0, 0.0], &profile, sides, self.p);
+        self.model.lathe([0.0, 0.0], &profile, sides, self.paint);
     }
 
     /// Adds a plain box in the main paint.
     pub(super) fn board(&mut self, x: Span, y: Span, z: Span) {
-        self.m.block(x, y, z, self.p);
+        self.model.block(x, y, z, self.paint);
     }
 }
 
@@ -165,7 +164,6 @@ impl Make {
         Self { substances, colors, ..self }
     }
 
-    /// Draws a look.
     pub(super) fn look(&self, taste: &mut Taste) -> Look {
         let style = taste.style(self.styles);
         let (substance, tint) = taste.look(self.category, style, self.substances, self.colors);
@@ -187,9 +185,10 @@ impl Make {
     /// Draws a piece with a given look.
     pub(super) fn drawn(&self, look: &Look, wish: [f32; 3]) -> Piece {
         let Look { rng, style, substance, tint, trim } = look.clone();
-        let p = substance.paint(tint);
+        let paint = substance.paint(tint);
         let (noun, material) = (self.noun, substance.word());
-        let mut draft = Draft { m: Model::new(), rng, style, tint, substance, p, trim, wish, noun, material };
+        let mut draft =
+            Draft { model: Model::new(), rng, style, tint, substance, paint, trim, wish, noun, material };
         let [size, shape] = (self.draw)(&mut draft);
         let said = |word: &str| word.to_owned();
         let attributes = Attributes {
@@ -199,7 +198,7 @@ impl Make {
             size: said(size),
             shape: said(shape),
         };
-        Piece { category: self.category, model: draft.m, attributes }
+        Piece { category: self.category, model: draft.model, attributes }
     }
 }
 

@@ -40,7 +40,6 @@ pub struct HouseOptions {
     pub pool: Pool,
 }
 
-/// Largest room count.
 const MOST_ROOMS: u8 = 24;
 
 impl HouseOptions {
@@ -117,7 +116,6 @@ fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     }
 }
 
-/// Draws a house once.
 fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");

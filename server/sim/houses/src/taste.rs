@@ -15,7 +15,6 @@ pub(super) const WOOD: &str = "brown white brown black grey blue green teal red 
 pub(super) const SANITARY: &str =
     "white white white grey pink teal black green yellow blue brown purple red orange";
 
-/// Machine colours.
 pub(super) const MACHINE: &str =
     "white grey black white grey red teal blue green yellow orange pink brown purple";
 

@@ -135,7 +135,6 @@ impl Decorator<'_> {
         self.put(&plants::FLOOR_PLANT, Wish::Corner, 0.0);
     }
 
-    /// Adds a desk or shelves.
     pub(super) fn work_corner(&mut self) {
         if self.maybe(0.5) {
             self.desk();

@@ -113,11 +113,3 @@ fn without_base(piece: &Piece) -> Piece {
     let model = piece.model.without(|face| face.is_underside(base_m + 0.001));
     Piece { model, ..piece.clone() }
 }
-
-impl Spot {
-    /// Width and depth in the piece frame.
-    pub(super) fn footprint(&self) -> [f32; 2] {
-        let size = self.bounds.size();
-        if self.side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] }
-    }
-}

@@ -122,7 +122,6 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
             let towel = textiles::TOWEL.any(self.taste);
@@ -131,7 +130,6 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
             let coat = textiles::HANGING.any(self.taste);
