@@ -3,11 +3,11 @@
 use super::*;
 
 /// A bed; the head is towards -z.
-pub(crate) const BED: Make = Make::new("bed", "", 8, bed)
-    .made_of(&[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted], taste::CLOTH);
+pub(crate) const BED: FurnitureKind = FurnitureKind::new("bed", "", 8, bed)
+    .made_of(&[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted], styles::CLOTH);
 
-pub(crate) const CUSHION: Make = Make::new("cushion", "", 8, cushion)
-    .made_of(&[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim], taste::CLOTH);
+pub(crate) const CUSHION: FurnitureKind = FurnitureKind::new("cushion", "", 8, cushion)
+    .made_of(&[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim], styles::CLOTH);
 
 /// Height of objects on a bed, metres.
 pub(crate) const COVER_M: f32 = 0.55;

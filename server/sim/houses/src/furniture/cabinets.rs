@@ -4,21 +4,24 @@ use super::*;
 
 const FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Bamboo, Wicker, Glass];
 
-pub(crate) const WARDROBE: Make = Make::new("cabinet", "wardrobe", 5, wardrobe).made_of(FACES, taste::WOOD);
-pub(crate) const SIDEBOARD: Make =
-    Make::new("cabinet", "sideboard", 8, sideboard).made_of(FACES, taste::WOOD);
-pub(crate) const TV_STAND: Make = Make::new("cabinet", "tv stand", 4, tv_stand).made_of(FACES, taste::WOOD);
+pub(crate) const WARDROBE: FurnitureKind =
+    FurnitureKind::new("cabinet", "wardrobe", 5, wardrobe).made_of(FACES, styles::WOOD);
+pub(crate) const SIDEBOARD: FurnitureKind =
+    FurnitureKind::new("cabinet", "sideboard", 8, sideboard).made_of(FACES, styles::WOOD);
+pub(crate) const TV_STAND: FurnitureKind =
+    FurnitureKind::new("cabinet", "tv stand", 4, tv_stand).made_of(FACES, styles::WOOD);
 
 /// Base at y = 0.
-pub(crate) const WALL_CABINET: Make =
-    Make::new("cabinet", "wall cabinet", 4, wall_cabinet).made_of(FACES, taste::WOOD);
+pub(crate) const WALL_CABINET: FurnitureKind =
+    FurnitureKind::new("cabinet", "wall cabinet", 4, wall_cabinet).made_of(FACES, styles::WOOD);
 
 /// A low cabinet below a basin.
-pub(crate) const VANITY: Make = Make::new("cabinet", "vanity", 4, vanity).made_of(FACES, taste::WOOD);
+pub(crate) const VANITY: FurnitureKind =
+    FurnitureKind::new("cabinet", "vanity", 4, vanity).made_of(FACES, styles::WOOD);
 
 /// A tall cabinet with glass doors, or a locker.
-pub(crate) const TALL_CABINET: Make = Make::new("cabinet", "", 4, tall_cabinet)
-    .made_of(&[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker], taste::WOOD);
+pub(crate) const TALL_CABINET: FurnitureKind = FurnitureKind::new("cabinet", "", 4, tall_cabinet)
+    .made_of(&[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker], styles::WOOD);
 
 fn wardrobe(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(0.9, 1.5), k.len(1.85, 2.2), k.len(0.52, 0.62));
@@ -179,9 +182,10 @@ fn tall_cabinet(k: &mut Draft) -> Words {
 
 const CHEST_FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Wicker, Bamboo, Leather];
 
-pub(crate) const CHEST: Make = Make::new("chest_of_drawers", "", 8, chest).made_of(CHEST_FACES, taste::WOOD);
-pub(crate) const NIGHTSTAND: Make =
-    Make::new("chest_of_drawers", "nightstand", 5, nightstand).made_of(CHEST_FACES, taste::WOOD);
+pub(crate) const CHEST: FurnitureKind =
+    FurnitureKind::new("chest_of_drawers", "", 8, chest).made_of(CHEST_FACES, styles::WOOD);
+pub(crate) const NIGHTSTAND: FurnitureKind =
+    FurnitureKind::new("chest_of_drawers", "nightstand", 5, nightstand).made_of(CHEST_FACES, styles::WOOD);
 
 fn chest(k: &mut Draft) -> Words {
     let (w, d) = (k.width(0.78, 1.25), k.len(0.42, 0.5));

@@ -2,19 +2,19 @@
 
 use super::*;
 
-pub(crate) const VASE: Make = Make::new("vase", "", 8, vase)
-    .made_of(&[Ceramic, Glass, Metal, Wood, Marble, Concrete, Terrazzo], taste::CLOTH);
-pub(crate) const STATUE: Make = Make::new("statue", "", 8, statue)
-    .made_of(&[Marble, Metal, Wood, Ceramic, Concrete, Plastic, Glass], taste::CLOTH);
+pub(crate) const VASE: FurnitureKind = FurnitureKind::new("vase", "", 8, vase)
+    .made_of(&[Ceramic, Glass, Metal, Wood, Marble, Concrete, Terrazzo], styles::CLOTH);
+pub(crate) const STATUE: FurnitureKind = FurnitureKind::new("statue", "", 8, statue)
+    .made_of(&[Marble, Metal, Wood, Ceramic, Concrete, Plastic, Glass], styles::CLOTH);
 
 /// A stack or row.
-pub(crate) const BOOKS: Make = Make::new("books", "", 8, books)
-    .made_of(&[Paper, Leather, Fabric, Striped, Checked, Dotted], taste::CLOTH);
-pub(crate) const BASKET: Make =
-    Make::new("basket", "", 8, basket).made_of(&[Wicker, Fabric, Plastic, Metal, Knit, Bamboo], taste::WOOD);
+pub(crate) const BOOKS: FurnitureKind = FurnitureKind::new("books", "", 8, books)
+    .made_of(&[Paper, Leather, Fabric, Striped, Checked, Dotted], styles::CLOTH);
+pub(crate) const BASKET: FurnitureKind = FurnitureKind::new("basket", "", 8, basket)
+    .made_of(&[Wicker, Fabric, Plastic, Metal, Knit, Bamboo], styles::WOOD);
 
-pub(crate) const BIN: Make =
-    Make::new("bin", "", 8, bin).made_of(&[Plastic, Metal, Wicker, Wood, Rubber, Leather], taste::MACHINE);
+pub(crate) const BIN: FurnitureKind = FurnitureKind::new("bin", "", 8, bin)
+    .made_of(&[Plastic, Metal, Wicker, Wood, Rubber, Leather], styles::MACHINE);
 
 fn vase(k: &mut Draft) -> Words {
     let (h, r) = (k.len(0.18, 0.36), k.len(0.06, 0.1));

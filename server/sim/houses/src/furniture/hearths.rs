@@ -2,12 +2,12 @@
 
 use super::*;
 
-pub(crate) const FIREPLACE: Make = Make::new("fireplace", "", 8, fireplace).made_of(
+pub(crate) const FIREPLACE: FurnitureKind = FurnitureKind::new("fireplace", "", 8, fireplace).made_of(
     &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
     "red white grey brown black green teal yellow blue orange pink purple",
 );
-pub(crate) const RADIATOR: Make = Make::new("radiator", "", 8, radiator)
-    .made_of(&[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble], taste::SANITARY);
+pub(crate) const RADIATOR: FurnitureKind = FurnitureKind::new("radiator", "", 8, radiator)
+    .made_of(&[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble], styles::SANITARY);
 
 /// Logs and flames in a dark hole between `-half` and `half`, `high` up.
 fn fire(k: &mut Draft, half: f32, high: f32, back: f32) {

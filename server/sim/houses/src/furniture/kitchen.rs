@@ -11,8 +11,10 @@ pub(crate) const COUNTER_DEPTH_M: f32 = 0.62;
 const FACES: &[Substance] = &[Wood, Wood, Plastic, Metal, Bamboo, Concrete, Marble];
 
 /// A counter; depth 1 requests a sink cut-out.
-pub(crate) const COUNTER: Make = Make::new("counter", "", 8, counter).made_of(FACES, taste::WOOD);
-pub(crate) const ISLAND: Make = Make::new("counter", "kitchen island", 5, island).made_of(FACES, taste::WOOD);
+pub(crate) const COUNTER: FurnitureKind =
+    FurnitureKind::new("counter", "", 8, counter).made_of(FACES, styles::WOOD);
+pub(crate) const ISLAND: FurnitureKind =
+    FurnitureKind::new("counter", "kitchen island", 5, island).made_of(FACES, styles::WOOD);
 
 /// Draws a stone or wood top.
 fn worktop(k: &mut Draft) -> Paint {
@@ -115,20 +117,20 @@ fn island(k: &mut Draft) -> Words {
 
 const CASES: &[Substance] = &[Metal, Plastic, Metal, Ceramic, Glass, Wood];
 
-pub(crate) const FRIDGE: Make =
-    Make::new("appliances", "refrigerator", 5, fridge).made_of(CASES, taste::MACHINE);
+pub(crate) const FRIDGE: FurnitureKind =
+    FurnitureKind::new("appliances", "refrigerator", 5, fridge).made_of(CASES, styles::MACHINE);
 
 /// An oven as high as a counter.
-pub(crate) const COOKER: Make =
-    Make::new("appliances", "oven", 4, cooker).made_of(&[Metal, Metal, Ceramic, Plastic], taste::MACHINE);
+pub(crate) const COOKER: FurnitureKind = FurnitureKind::new("appliances", "oven", 4, cooker)
+    .made_of(&[Metal, Metal, Ceramic, Plastic], styles::MACHINE);
 
 /// A microwave oven, coffee machine, kettle or toaster.
-pub(crate) const SMALL: Make = Make::new("appliances", "microwave", 5, small)
-    .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], taste::MACHINE);
+pub(crate) const SMALL: FurnitureKind = FurnitureKind::new("appliances", "microwave", 5, small)
+    .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], styles::MACHINE);
 
 /// A cooker hood; base at y = 0, back at the wall.
-pub(crate) const HOOD: Make =
-    Make::new("appliances", "range hood", 3, hood).made_of(&[Metal, Glass, Plastic, Wood], taste::MACHINE);
+pub(crate) const HOOD: FurnitureKind = FurnitureKind::new("appliances", "range hood", 3, hood)
+    .made_of(&[Metal, Glass, Plastic, Wood], styles::MACHINE);
 
 fn fridge(k: &mut Draft) -> Words {
     let (w, d) = (if k.style == 2 { 0.88 } else { k.len(0.6, 0.7) }, 0.62);
@@ -252,8 +254,8 @@ fn hood(k: &mut Draft) -> Words {
     ["", k.by_style("tapered|square|round")]
 }
 
-pub(crate) const WASHER: Make = Make::new("appliances", "washing machine", 4, washer)
-    .made_of(&[Metal, Plastic, Metal, Ceramic], taste::MACHINE);
+pub(crate) const WASHER: FurnitureKind = FurnitureKind::new("appliances", "washing machine", 4, washer)
+    .made_of(&[Metal, Plastic, Metal, Ceramic], styles::MACHINE);
 
 fn washer(k: &mut Draft) -> Words {
     let (w, h, d) = (k.len(0.58, 0.68), k.len(0.84, 1.02), 0.6);

@@ -5,15 +5,16 @@ use super::*;
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 
 /// A ceiling lamp; the ceiling is at y = 0.
-pub(crate) const PENDANT: Make =
-    Make::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, taste::CLOTH);
-pub(crate) const FLOOR_LAMP: Make =
-    Make::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, taste::CLOTH);
-pub(crate) const TABLE_LAMP: Make =
-    Make::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, taste::CLOTH);
+pub(crate) const PENDANT: FurnitureKind =
+    FurnitureKind::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, styles::CLOTH);
+pub(crate) const FLOOR_LAMP: FurnitureKind =
+    FurnitureKind::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, styles::CLOTH);
+pub(crate) const TABLE_LAMP: FurnitureKind =
+    FurnitureKind::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, styles::CLOTH);
 
 /// A wall lamp; lower edge at y = 0, back at z = 0.
-pub(crate) const SCONCE: Make = Make::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, taste::CLOTH);
+pub(crate) const SCONCE: FurnitureKind =
+    FurnitureKind::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, styles::CLOTH);
 
 /// Shade profiles (radius, height), relative: a cone, a drum, a bell, a ball.
 const PROFILES: [&[[f32; 2]]; 4] = [

@@ -2,13 +2,13 @@
 
 use super::*;
 
-const DOOR: Make = Make::new("door", "", 4, panelled_door).made_of(
+const DOOR: FurnitureKind = FurnitureKind::new("door", "", 4, panelled_door).made_of(
     &[Wood, Wood, Metal, Plastic, Glass],
     "brown red green blue black white grey teal yellow orange purple pink",
 );
 
-pub(crate) fn door(taste: &mut Taste) -> Piece {
-    DOOR.any(taste)
+pub(crate) fn door(sampler: &mut StyleSampler) -> Piece {
+    DOOR.any(sampler)
 }
 
 /// Draws a window; lower edge at y = 0, back at z = 0.
@@ -78,11 +78,11 @@ fn panelled_door(k: &mut Draft) -> Words {
 }
 
 /// One curtain of a pair.
-pub(crate) const CURTAIN: Make = Make::new("curtain", "", 8, curtain)
-    .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], taste::CLOTH);
+pub(crate) const CURTAIN: FurnitureKind = FurnitureKind::new("curtain", "", 8, curtain)
+    .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], styles::CLOTH);
 
 /// A blind over the upper part of a window.
-pub(crate) const BLIND: Make = Make::new("blinds", "", 8, blind).made_of(
+pub(crate) const BLIND: FurnitureKind = FurnitureKind::new("blinds", "", 8, blind).made_of(
     &[Fabric, Wood, Bamboo, Metal, Plastic, Paper, Striped],
     "white brown grey blue green teal yellow red black orange pink purple",
 );

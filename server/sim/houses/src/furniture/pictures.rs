@@ -4,10 +4,11 @@ use super::super::texture::{Art, Medium, Motif};
 use super::*;
 
 /// A framed picture with the requested width and height.
-pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[Paper], taste::CLOTH);
+pub(crate) const PICTURE: FurnitureKind =
+    FurnitureKind::new("picture", "", 8, picture).made_of(&[Paper], styles::CLOTH);
 
 /// A mirror; colour and material are the frame's.
-pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
+pub(crate) const MIRROR: FurnitureKind = FurnitureKind::new("mirror", "", 8, mirror).made_of(
     &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
     "brown black white grey yellow red blue green teal orange pink purple",
 );
@@ -99,10 +100,10 @@ fn mirror(k: &mut Draft) -> Words {
     [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
 }
 
-pub(crate) const BOARD: Make = Make::new("board_panel", "board", 8, board)
-    .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], taste::CLOTH);
-pub(crate) const CLOCK: Make =
-    Make::new("clock", "", 8, clock).made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], taste::CLOTH);
+pub(crate) const BOARD: FurnitureKind = FurnitureKind::new("board_panel", "board", 8, board)
+    .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], styles::CLOTH);
+pub(crate) const CLOCK: FurnitureKind = FurnitureKind::new("clock", "", 8, clock)
+    .made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], styles::CLOTH);
 
 fn board(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.6, 1.3), k.height(0.45, 0.9));

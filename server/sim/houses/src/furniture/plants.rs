@@ -5,8 +5,10 @@ use super::*;
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
 /// Colour words describe the leaves, material words the pot.
-pub(crate) const FLOOR_PLANT: Make = Make::new("plant", "", 8, floor_plant).made_of(POTS, taste::GREENERY);
-pub(crate) const SMALL_PLANT: Make = Make::new("plant", "", 8, small_plant).made_of(POTS, taste::GREENERY);
+pub(crate) const FLOOR_PLANT: FurnitureKind =
+    FurnitureKind::new("plant", "", 8, floor_plant).made_of(POTS, styles::GREENERY);
+pub(crate) const SMALL_PLANT: FurnitureKind =
+    FurnitureKind::new("plant", "", 8, small_plant).made_of(POTS, styles::GREENERY);
 
 fn floor_plant(k: &mut Draft) -> Words {
     let scale = k.len(0.75, 1.35);

@@ -3,15 +3,15 @@
 use super::kitchen::HOLE_M;
 use super::*;
 
-pub(crate) const TOILET: Make = Make::new("toilet", "", 8, toilet)
-    .made_of(&[Ceramic, Ceramic, Ceramic, Metal, Plastic, Marble, Concrete, Wood], taste::SANITARY);
+pub(crate) const TOILET: FurnitureKind = FurnitureKind::new("toilet", "", 8, toilet)
+    .made_of(&[Ceramic, Ceramic, Ceramic, Metal, Plastic, Marble, Concrete, Wood], styles::SANITARY);
 
 /// A bathtub, long in x.
-pub(crate) const BATHTUB: Make = Make::new("bathtub", "", 8, bathtub)
-    .made_of(&[Ceramic, Ceramic, Plastic, Metal, Marble, Wood, Concrete], taste::SANITARY);
+pub(crate) const BATHTUB: FurnitureKind = FurnitureKind::new("bathtub", "", 8, bathtub)
+    .made_of(&[Ceramic, Ceramic, Plastic, Metal, Marble, Wood, Concrete], styles::SANITARY);
 
 /// A tray, a back wall, a pipe with a head.
-pub(crate) const SHOWER: Make = Make::new("shower", "", 8, shower).made_of(
+pub(crate) const SHOWER: FurnitureKind = FurnitureKind::new("shower", "", 8, shower).made_of(
     &[Tile, Tile, Marble, Glass, Plastic, Concrete, Terrazzo, Wood],
     "blue white grey teal green brown black pink yellow purple orange red",
 );
@@ -162,15 +162,16 @@ fn plumbing(k: &mut Draft, half: f32) {
 
 const BOWLS: &[Substance] = &[Ceramic, Ceramic, Marble, Metal, Glass, Concrete, Wood];
 
-pub(crate) const PEDESTAL_SINK: Make =
-    Make::new("sink", "", 5, pedestal_sink).made_of(BOWLS, taste::SANITARY);
+pub(crate) const PEDESTAL_SINK: FurnitureKind =
+    FurnitureKind::new("sink", "", 5, pedestal_sink).made_of(BOWLS, styles::SANITARY);
 
 /// A basin on top of a cabinet.
-pub(crate) const VESSEL_SINK: Make = Make::new("sink", "", 5, vessel_sink).made_of(BOWLS, taste::SANITARY);
+pub(crate) const VESSEL_SINK: FurnitureKind =
+    FurnitureKind::new("sink", "", 5, vessel_sink).made_of(BOWLS, styles::SANITARY);
 
 /// A sink for a counter hole; y = 0 is the counter top.
-pub(crate) const KITCHEN_SINK: Make = Make::new("sink", "kitchen sink", 3, kitchen_sink)
-    .made_of(&[Metal, Metal, Ceramic, Concrete, Marble], taste::MACHINE);
+pub(crate) const KITCHEN_SINK: FurnitureKind = FurnitureKind::new("sink", "kitchen sink", 3, kitchen_sink)
+    .made_of(&[Metal, Metal, Ceramic, Concrete, Marble], styles::MACHINE);
 
 fn pedestal_sink(k: &mut Draft) -> Words {
     let (w, h) = (k.len(0.5, 0.66), 0.84);

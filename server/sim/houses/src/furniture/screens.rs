@@ -5,12 +5,14 @@ use super::*;
 const CASES: &[Substance] = &[Plastic, Plastic, Metal, Glass, Wood, Ceramic, Bamboo];
 
 /// A television on a foot.
-pub(crate) const TV: Make = Make::new("tv_monitor", "television", 5, tv).made_of(CASES, taste::DARK);
+pub(crate) const TV: FurnitureKind =
+    FurnitureKind::new("tv_monitor", "television", 5, tv).made_of(CASES, styles::DARK);
 
 /// A wall television; lower edge at y = 0, back at z = 0.
-pub(crate) const WALL_TV: Make =
-    Make::new("tv_monitor", "television", 3, wall_tv).made_of(CASES, taste::DARK);
-pub(crate) const MONITOR: Make = Make::new("tv_monitor", "monitor", 5, monitor).made_of(CASES, taste::DARK);
+pub(crate) const WALL_TV: FurnitureKind =
+    FurnitureKind::new("tv_monitor", "television", 3, wall_tv).made_of(CASES, styles::DARK);
+pub(crate) const MONITOR: FurnitureKind =
+    FurnitureKind::new("tv_monitor", "monitor", 5, monitor).made_of(CASES, styles::DARK);
 
 /// Adds a case with a screen; `bar` is the frame width.
 fn screen(k: &mut Draft, w: f32, y: Span, z: Span, bar: f32) {

@@ -2,12 +2,12 @@
 
 use super::*;
 
-pub(crate) const CHAIR: Make = Make::new("chair", "", 8, chair)
-    .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], taste::WOOD);
-pub(crate) const OFFICE_CHAIR: Make = Make::new("chair", "office chair", 3, office_chair)
-    .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], taste::DARK);
-pub(crate) const ARMCHAIR: Make = Make::new("chair", "armchair", 8, armchair)
-    .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], taste::CLOTH);
+pub(crate) const CHAIR: FurnitureKind = FurnitureKind::new("chair", "", 8, chair)
+    .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], styles::WOOD);
+pub(crate) const OFFICE_CHAIR: FurnitureKind = FurnitureKind::new("chair", "office chair", 3, office_chair)
+    .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], styles::DARK);
+pub(crate) const ARMCHAIR: FurnitureKind = FurnitureKind::new("chair", "armchair", 8, armchair)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], styles::CLOTH);
 
 fn chair(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.42, 0.5), k.len(0.42, 0.5), k.len(0.8, 1.02));
@@ -145,8 +145,8 @@ fn armchair(k: &mut Draft) -> Words {
     [size_word(w, 0.8, 0.92, ["small", "large"]), shape]
 }
 
-pub(crate) const SOFA: Make = Make::new("sofa", "", 8, sofa)
-    .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], taste::CLOTH);
+pub(crate) const SOFA: FurnitureKind = FurnitureKind::new("sofa", "", 8, sofa)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], styles::CLOTH);
 
 pub(super) struct Upholstery {
     arm: f32,

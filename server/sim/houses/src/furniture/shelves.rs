@@ -2,12 +2,12 @@
 
 use super::*;
 
-pub(crate) const BOOKCASE: Make = Make::new("shelving", "bookcase", 8, bookcase)
-    .made_of(&[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker], taste::WOOD);
+pub(crate) const BOOKCASE: FurnitureKind = FurnitureKind::new("shelving", "bookcase", 8, bookcase)
+    .made_of(&[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker], styles::WOOD);
 
 /// A wall shelf; base at y = 0.
-pub(crate) const WALL_SHELF: Make = Make::new("shelving", "wall shelf", 4, wall_shelf)
-    .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], taste::WOOD);
+pub(crate) const WALL_SHELF: FurnitureKind = FurnitureKind::new("shelving", "wall shelf", 4, wall_shelf)
+    .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], styles::WOOD);
 
 /// Adds books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {

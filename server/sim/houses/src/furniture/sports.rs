@@ -7,11 +7,12 @@ const KIT: &str = "black grey red blue yellow green purple orange white teal pin
 const BODIES: &[Substance] = &[Metal, Plastic, Rubber, Leather, Wood, Fabric];
 
 /// A treadmill, bike, rower, cross trainer, weight bench, rack or tower.
-pub(crate) const MACHINE: Make = Make::new("gym_equipment", "", 8, machine).made_of(BODIES, KIT);
+pub(crate) const MACHINE: FurnitureKind =
+    FurnitureKind::new("gym_equipment", "", 8, machine).made_of(BODIES, KIT);
 
 /// A ball, mat, kettlebell, step or bag.
-pub(crate) const KIT_PIECE: Make =
-    Make::new("gym_equipment", "", 5, kit).made_of(&[Rubber, Plastic, Leather, Fabric, Metal], KIT);
+pub(crate) const KIT_PIECE: FurnitureKind =
+    FurnitureKind::new("gym_equipment", "", 5, kit).made_of(&[Rubber, Plastic, Leather, Fabric, Metal], KIT);
 
 fn machine(k: &mut Draft) -> Words {
     let nouns = "treadmill|exercise bike|weight bench|dumbbell rack|\

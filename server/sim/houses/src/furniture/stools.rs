@@ -2,16 +2,16 @@
 
 use super::*;
 
-pub(crate) const STOOL: Make = Make::new("stool", "", 8, stool)
-    .made_of(&[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric], taste::WOOD);
-pub(crate) const BAR_STOOL: Make = Make::new("stool", "bar stool", 5, bar_stool)
-    .made_of(&[Wood, Leather, Metal, Fabric, Plastic, Velvet], taste::DARK);
-pub(crate) const FOOTSTOOL: Make = Make::new("stool", "footstool", 5, footstool)
-    .made_of(&[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked], taste::CLOTH);
+pub(crate) const STOOL: FurnitureKind = FurnitureKind::new("stool", "", 8, stool)
+    .made_of(&[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric], styles::WOOD);
+pub(crate) const BAR_STOOL: FurnitureKind = FurnitureKind::new("stool", "bar stool", 5, bar_stool)
+    .made_of(&[Wood, Leather, Metal, Fabric, Plastic, Velvet], styles::DARK);
+pub(crate) const FOOTSTOOL: FurnitureKind = FurnitureKind::new("stool", "footstool", 5, footstool)
+    .made_of(&[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked], styles::CLOTH);
 
 /// A bench, pouf or similar seat.
-pub(crate) const SEATING: Make = Make::new("seating", "bench", 8, seating)
-    .made_of(&[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped], taste::WOOD);
+pub(crate) const SEATING: FurnitureKind = FurnitureKind::new("seating", "bench", 8, seating)
+    .made_of(&[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped], styles::WOOD);
 
 fn stool(k: &mut Draft) -> Words {
     let (h, r) = (k.len(0.4, 0.5), k.len(0.16, 0.2));

@@ -4,17 +4,18 @@ use super::*;
 
 const TOPS: &[Substance] = &[Wood, Glass, Metal, Marble, Plastic, Bamboo, Wicker, Concrete];
 
-pub(crate) const DINING_TABLE: Make = Make::new("table", "dining table", 8, dining_table)
-    .made_of(&[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo], taste::WOOD);
-pub(crate) const COFFEE_TABLE: Make =
-    Make::new("table", "coffee table", 8, coffee_table).made_of(TOPS, taste::WOOD);
-pub(crate) const SIDE_TABLE: Make =
-    Make::new("table", "side table", 5, side_table).made_of(TOPS, taste::WOOD);
+pub(crate) const DINING_TABLE: FurnitureKind = FurnitureKind::new("table", "dining table", 8, dining_table)
+    .made_of(&[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo], styles::WOOD);
+pub(crate) const COFFEE_TABLE: FurnitureKind =
+    FurnitureKind::new("table", "coffee table", 8, coffee_table).made_of(TOPS, styles::WOOD);
+pub(crate) const SIDE_TABLE: FurnitureKind =
+    FurnitureKind::new("table", "side table", 5, side_table).made_of(TOPS, styles::WOOD);
 
 /// A narrow table for a hallway.
-pub(crate) const CONSOLE: Make = Make::new("table", "console table", 4, console).made_of(TOPS, taste::WOOD);
-pub(crate) const DESK: Make =
-    Make::new("table", "desk", 5, desk).made_of(&[Wood, Metal, Glass, Plastic, Bamboo, Leather], taste::WOOD);
+pub(crate) const CONSOLE: FurnitureKind =
+    FurnitureKind::new("table", "console table", 4, console).made_of(TOPS, styles::WOOD);
+pub(crate) const DESK: FurnitureKind = FurnitureKind::new("table", "desk", 5, desk)
+    .made_of(&[Wood, Metal, Glass, Plastic, Bamboo, Leather], styles::WOOD);
 
 /// Returns true for dining tables with chairs all around.
 fn is_round(style: usize) -> bool {

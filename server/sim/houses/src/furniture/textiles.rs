@@ -3,10 +3,10 @@
 use super::*;
 
 /// A towel on a rail or hook; lower edge at y = 0.
-pub(crate) const TOWEL: Make = Make::new("towel", "", 8, towel)
-    .made_of(&[Fabric, Wool, Knit, Striped, Checked, Corduroy, Dotted], taste::CLOTH);
-pub(crate) const TOWEL_PILE: Make =
-    Make::new("towel", "", 3, pile).made_of(&[Fabric, Wool, Knit, Striped, Corduroy], taste::CLOTH);
+pub(crate) const TOWEL: FurnitureKind = FurnitureKind::new("towel", "", 8, towel)
+    .made_of(&[Fabric, Wool, Knit, Striped, Checked, Corduroy, Dotted], styles::CLOTH);
+pub(crate) const TOWEL_PILE: FurnitureKind =
+    FurnitureKind::new("towel", "", 3, pile).made_of(&[Fabric, Wool, Knit, Striped, Corduroy], styles::CLOTH);
 
 fn rail(k: &mut Draft, width: f32, y: f32, paint: Paint) {
     let half = width / 2.0 + 0.06;
@@ -98,10 +98,12 @@ fn pile(k: &mut Draft) -> Words {
 const CLOTHS: &[Substance] = &[Fabric, Denim, Knit, Checked, Striped, Leather, Velvet, Dotted];
 
 /// Clothing on a hook; hem at y = 0.
-pub(crate) const HANGING: Make = Make::new("clothes", "coat", 8, hanging).made_of(CLOTHS, taste::CLOTH);
+pub(crate) const HANGING: FurnitureKind =
+    FurnitureKind::new("clothes", "coat", 8, hanging).made_of(CLOTHS, styles::CLOTH);
 
 /// Folded or heaped clothes.
-pub(crate) const FOLDED: Make = Make::new("clothes", "", 4, folded).made_of(CLOTHS, taste::CLOTH);
+pub(crate) const FOLDED: FurnitureKind =
+    FurnitureKind::new("clothes", "", 4, folded).made_of(CLOTHS, styles::CLOTH);
 
 /// Adds a body as an oval with shoulders, from the hem to `length`.
 fn body(k: &mut Draft, length: f32, hem: f32, waist: f32) {
@@ -202,7 +204,7 @@ fn folded(k: &mut Draft) -> Words {
     }
 }
 
-pub(crate) const RUG: Make = Make::new("rug", "", 8, rug).made_of(
+pub(crate) const RUG: FurnitureKind = FurnitureKind::new("rug", "", 8, rug).made_of(
     &[Wool, Fabric, Knit, Striped, Checked, Dotted, Denim, Wicker],
     "red blue grey brown green teal purple orange pink yellow black white",
 );

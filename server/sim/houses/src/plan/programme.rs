@@ -4,7 +4,7 @@ use super::RoomKind::{self, *};
 use super::outline::Outline;
 use super::skeleton::Block;
 use crate::rect::{Rect, Side, common};
-use crate::taste::weighted;
+use crate::styles::weighted;
 use avln_geom::Rng;
 
 /// A room at the hallway with small rooms in its corners.
