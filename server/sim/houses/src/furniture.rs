@@ -39,7 +39,7 @@ pub(super) struct FurnitureKind {
     pub(super) styles: usize,
     /// Materials, likelier first.
     pub(super) substances: &'static [Substance],
-    /// Colour words, likelier first.
+    /// Colour words separated by spaces, likelier first.
     pub(super) colors: &'static str,
     /// Draws the draft's style; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
@@ -93,7 +93,7 @@ impl Draft {
 
     /// Returns the style's entry in `words`, which are separated by `|`.
     pub(super) fn by_style(&self, words: &'static str) -> &'static str {
-        words.split('|').nth(self.style).unwrap_or("")
+        words.split('|').nth(self.style).expect("a word for every style")
     }
 
     /// Returns true for upholstered or draped pieces.
@@ -164,6 +164,7 @@ impl FurnitureKind {
         Self { substances, colors, ..self }
     }
 
+    /// Draws style, material and colours.
     pub(super) fn look(&self, sampler: &mut StyleSampler) -> Look {
         let style = sampler.style(self.styles);
         let (substance, tint) = sampler.look(self.category, style, self.substances, self.colors);
