@@ -3,11 +3,11 @@
 #[path = "../../server/sim/acoustics/tests/common/sofa.rs"]
 mod sofa;
 
-use avln_arena::setup::{NewPhase, open_phase};
 use avln_arena::{
     Arena, FailureKind, SCENE_MEMORY_MIB,
     data::DataFolder,
     dataset::{DatasetFiles, SplitFolder},
+    setup::{NewPhase, open_phase},
 };
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
@@ -124,7 +124,7 @@ async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
     bytes[last] ^= 1;
     fs::write(&kept, &bytes).expect("writable");
     let refused = reopened(&data, &store).await.expect_err("changed");
-    assert!(refused.contains(digest) && refused.contains("changed it"), "{refused}");
+    assert!(refused.contains(digest) && refused.contains("was changed"), "{refused}");
     fs::remove_file(&kept).expect("there");
     let refused = reopened(&data, &store).await.expect_err("gone");
     assert!(refused.contains(digest), "{refused}");

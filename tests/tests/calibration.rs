@@ -1,11 +1,11 @@
 //! The calibration phase: this build senses and reaches what is published, here and on a server, and another phase under
 //! its name is found out. What moves a score moves what is published: `AVLN_BLESS=1` writes it anew.
 
-use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
     Arena, SCENE_MEMORY_MIB,
     data::DataFolder,
     servers::{Addresses, RunningServers, Servers},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
 use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};

@@ -259,7 +259,13 @@ type Mischief = Arc<dyn Fn(u32) + Send + Sync>;
 async fn disturbed(mischief: Mischief) -> TestServer {
     let (folder, token) = furnished(|_| ()).await;
     let hasty = |limits: Limits| Limits { step: Duration::from_millis(500), ..limits };
-    TestServer::open_with(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
+    TestServer::open_with(
+        folder,
+        token,
+        |arena| arena.with_fault_injection(move |step| mischief(step)),
+        hasty,
+    )
+    .await
 }
 
 /// The first `times` steps fail, as `fail` has it.

@@ -1,7 +1,9 @@
 //! Logs and records of old runs can go; what the runs were worth stays.
 
-use avln_arena::backup::{self, PruneOptions, Pruned};
-use avln_arena::now_unix_ms;
+use avln_arena::{
+    backup::{self, PruneOptions, Pruned},
+    now_unix_ms,
+};
 use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
 use std::process::Command;
 

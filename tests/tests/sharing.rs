@@ -1,7 +1,6 @@
 //! What agents share is shared evenly, and nobody pays for the length of the wire.
 
-use avln_arena::servers::Limits;
-use avln_arena::setup::admit;
+use avln_arena::{servers::Limits, setup::admit};
 use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
 use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, furnish, rule, store};
 use std::{

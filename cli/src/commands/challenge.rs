@@ -3,7 +3,7 @@
 use crate::output::{print_json, say};
 use avln_arena::{
     Failure, FailureKind,
-    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
+    challenge::{ChallengeChanges, ChallengeFile, PhaseFile, PlanError, Planner, actor, json as as_json},
     data::DataFolder,
     dataset::SplitFolder,
     now_unix_ms,
@@ -124,12 +124,12 @@ fn folder_of(path: &Path) -> &Path {
 /// Largest accepted file, bytes: thousands of phases.
 const LARGEST_FILE: u64 = 4 << 20;
 
-async fn plan(planner: &Planner<'_>, path: &Path) -> Result<Plan, Failure> {
+async fn plan(planner: &Planner<'_>, path: &Path) -> Result<ChallengeChanges, Failure> {
     let text = read(path)?;
     let file = ChallengeFile::parse(&text).map_err(|fault| fault.explain(path, &text))?;
     planner.plan(&file).await.map_err(|unplanned| match unplanned {
-        Unplanned::File(fault) => fault.explain(path, &text),
-        Unplanned::Other(failure) => failure,
+        PlanError::File(fault) => fault.explain(path, &text),
+        PlanError::Other(failure) => failure,
     })
 }
 
@@ -145,7 +145,7 @@ fn read(path: &Path) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(|error| failed(&error))
 }
 
-fn tell(plan: &Plan, verb: &str) {
+fn tell(plan: &ChallengeChanges, verb: &str) {
     for AuditNote { subject, what, before, after, .. } in &plan.notes {
         let words = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
         say!("{verb}  {subject}: {what}  {} -> {}", words(before), words(after));
@@ -248,6 +248,6 @@ fn verify(args: &VerifyRevealArgs) -> Result<(), Failure> {
 /// Returns the digest of a split as the pool of a phase.
 fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {
     let folder = SplitFolder::open(dataset, split)?;
-    let episodes = avln_arena::register::phase_episodes(&folder)?;
+    let episodes = avln_arena::setup::phase_episodes(&folder)?;
     Ok(pool_digest(folder.digest(), episodes.iter().map(|episode| episode.episode.as_str())))
 }

@@ -2,12 +2,12 @@
 
 use super::serve::AddressArgs;
 use crate::output::say;
-use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
     Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
     data::DataFolder,
     now_unix_ms,
     servers::{RunningServers, Servers},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};

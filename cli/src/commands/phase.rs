@@ -2,10 +2,9 @@
 
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind, challenge,
+    Failure, FailureKind, actions, challenge,
     data::DataFolder,
     now_unix_ms,
-    office::deeds,
     setup::{NewPhase, open_phase},
 };
 use avln_episode::FeedbackRule;
@@ -141,7 +140,7 @@ pub async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
                 (schedule.paused, schedule.closed) = (None, false);
             });
             let state = phase.await?.schedule.state(now_unix_ms());
-            say!("phase {id} is {}", deeds::state_word(state));
+            say!("phase {id} is {}", actions::state_word(state));
         }
     }
     Ok(())
@@ -154,7 +153,7 @@ async fn reschedule(
     reason: &str,
     change: impl FnOnce(&mut Schedule),
 ) -> Result<Phase, Failure> {
-    Ok(deeds::reschedule(store, id, (&challenge::actor(), reason), change).await?)
+    Ok(actions::reschedule(store, id, (&challenge::actor(), reason), change).await?)
 }
 
 impl From<OpenPhaseArgs> for NewPhase {

@@ -3,7 +3,10 @@
 use super::split::SplitOrigin;
 use crate::output::{progress_bar, say};
 use avln_arena::{
-    Failure, FailureKind, data::DataFolder, dataset::SplitFolder, register, setup::sounds_for_phase,
+    Failure, FailureKind,
+    data::DataFolder,
+    dataset::SplitFolder,
+    setup::{self, sounds_for_phase},
 };
 use avln_episode::Order;
 use avln_lab::rollout::{RolloutOptions, RolloutTally, Sense};
@@ -52,7 +55,7 @@ pub async fn run(data: &Path, args: RolloutArgs) -> Result<(), Failure> {
 }
 
 fn record(data: &DataFolder, split: &SplitFolder, args: &RolloutArgs) -> Result<(), Failure> {
-    let mut rules = register::rules_of(split.name(), split)?;
+    let mut rules = setup::rules_of(split.name(), split)?;
     rules.sounds = sounds_for_phase(data, None, split)?;
     let mut senses = args.sensors.clone();
     senses.sort_unstable();

@@ -3,9 +3,9 @@
 use crate::output::say;
 use avln_arena::{
     Failure, FailureKind,
+    actions::{disqualify, verify},
     challenge::actor,
     data::DataFolder,
-    office::deeds::{disqualify, verify},
 };
 use clap::{Args, Subcommand};
 use std::path::Path;

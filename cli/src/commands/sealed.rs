@@ -6,7 +6,7 @@ use avln_arena::{
     Failure, FailureKind,
     data::DataFolder,
     now_unix_ms,
-    sealed::{Wanted, start},
+    runs::{SealedRunRequest, start_sealed_run},
     servers::RunningServers,
 };
 use avln_episode::Order;
@@ -157,10 +157,10 @@ async fn play_in(
         .hinted("use a newer Linux, or omit --require-all"));
     }
     let SealedRunArgs { phase, team, method, method_version, order, .. } = args;
-    let wanted = Wanted { phase, team, method, version: method_version, order: *order };
+    let wanted = SealedRunRequest { phase, team, method, version: method_version, order: *order };
     let missing: Vec<_> = report.missing.iter().map(|gap| format!("{}: {}", gap.what, gap.why)).collect();
     let enforced = format!("{}: {}", sandbox.kind(), report.enforced.join("; "));
-    let started = start(data, store, &wanted, enforced, missing.join("; ")).await;
+    let started = start_sealed_run(data, store, &wanted, enforced, missing.join("; ")).await;
     let ticket = match started {
         Ok(ticket) => ticket,
         Err(failure) => {

@@ -16,7 +16,7 @@ use avln_navmesh::{Body, NavMesh, NavMeshSettings};
 use clap::{Args, Subcommand};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
-use walk::{MotionArgs, Start};
+use walk::{MotionArgs, StartPose};
 
 /// Commands on a simulated scene. Positions are in metres in Habitat's frame: Y up, heading 0 is -Z, left turns are positive.
 #[derive(Debug, Subcommand)]
@@ -47,7 +47,7 @@ pub enum SimCommand {
         /// Start pose: x,y,z in metres and the heading in degrees
         /// Reason, for the audit list
         #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
-        start: Start,
+        start: StartPose,
         /// JSON array of actions: MoveForward, TurnLeft, TurnRight or move_forward, turn_left, turn_right
         /// Reason, for the audit list
         #[arg(long, value_name = "FILE.json")]

@@ -3,10 +3,10 @@
 use crate::output::{print_json, say};
 use avln_arena::{
     Failure, FailureKind,
+    actions::{self, TokenRequest, note},
     challenge::{actor, moment_of},
     data::DataFolder,
     now_unix_ms,
-    office::deeds::{self, Wish, note},
 };
 use avln_store::{Store, TokenLine, TokenScope, calendar::rfc3339};
 use clap::{Args, Subcommand};
@@ -72,7 +72,7 @@ pub async fn run(data: &Path, command: TokenCommand) -> Result<(), Failure> {
 async fn issue(store: &Store, args: &NewTokenArgs) -> Result<(), Failure> {
     let now = now_unix_ms();
     let expires = args.expires.as_deref().map(|words| expiry(words, now)).transpose()?;
-    let wish = Wish {
+    let wish = TokenRequest {
         kind: match (args.organiser, args.read_only) {
             (true, _) => TokenScope::Organiser,
             (false, true) => TokenScope::ReadOnly,
@@ -82,7 +82,7 @@ async fn issue(store: &Store, args: &NewTokenArgs) -> Result<(), Failure> {
         team: args.team.as_deref(),
         expires_unix_ms: expires,
     };
-    let secret = deeds::issue(store, &wish, &actor(), now).await?;
+    let secret = actions::issue(store, &wish, &actor(), now).await?;
     say!("for      {}", args.team.as_deref().unwrap_or("organiser"));
     say!("token    {secret}");
     say!("expires  {}", expires.map_or_else(|| "never".to_owned(), rfc3339));

@@ -2,8 +2,9 @@
 
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind, Replayer,
+    Failure, FailureKind,
     data::DataFolder,
+    rescoring::Replayer,
     runlog::{Entry, EpisodeHistory, History, is_signed},
 };
 use avln_scoring::Metrics;
@@ -76,7 +77,7 @@ fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, Episode
             say!("metrics    {scored} recomputed, identical bit for bit");
         }
         Err(why) => {
-            let actions: usize = episodes.values().map(|episode| episode.taken.len()).sum();
+            let actions: usize = episodes.values().map(|episode| episode.actions.len()).sum();
             say!("episodes   {} with {actions} actions, not played again: {why}", episodes.len());
             say!("metrics    not recomputed");
             say!("States and metrics can be checked with the organiser's data folder: --data FOLDER");
@@ -136,7 +137,7 @@ fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) 
             let metrics =
                 replayer.replay(history).map_err(|why| refused(format!("episode {handle}: {why}")))?;
             done.episodes += 1;
-            done.actions += history.taken.len();
+            done.actions += history.actions.len();
             done.scored += usize::from(metrics.is_some());
             check_metrics(handle, history, metrics.as_ref())?;
             bar.inc(1);

@@ -1,8 +1,10 @@
 //! Building a data set by recipe: resumable, on all processors, one scene's missions in memory for each thread.
 
 use crate::parallel;
-use avln_arena::dataset::files::{self, DatasetFiles, cannot};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{self, DatasetFiles},
+};
 use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
     format::{DATASET_VERSION, digest_of},
@@ -135,7 +137,7 @@ impl Builder {
             splits: lines,
         })?;
         let building = self.building();
-        std::fs::remove_dir_all(&building).map_err(|error| cannot("remove", &building, &error))?;
+        std::fs::remove_dir_all(&building).map_err(|error| Failure::file("remove", &building, error))?;
         Ok(numbers)
     }
 

@@ -1,12 +1,11 @@
 //! The data folder of a server.
 
 use crate::{
-    Failure, FailureKind,
+    Failure,
+    audio::{HeadFolder, SoundFolder},
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
-    heads::HeadFolder,
     runlog::{RunLogs, SigningKey},
-    sounds::SoundFolder,
 };
 use avln_dataset::Split;
 use avln_episode::{HeadRule, Rules, Sounds};
@@ -34,11 +33,8 @@ impl DataFolder {
     /// If it cannot be created or written.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::new(
-                FailureKind::Data,
-                format!("cannot write to data folder {}: {error}", root.display()),
-            )
-            .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
+            Failure::data(format!("cannot write to data folder {}: {error}", root.display()))
+                .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
         };
         private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
         probe(&root.join(".writable")).map_err(failed)?;
@@ -96,7 +92,7 @@ impl DataFolder {
     pub fn signing_key(&self) -> Result<SigningKey, Failure> {
         let path = self.root.join("signing.key");
         SigningKey::at(&path).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("signing key {}: {error}", path.display())).hinted(
+            Failure::data(format!("signing key {}: {error}", path.display())).hinted(
                 "restore it from a backup; without it a new one is made, and old logs stay signed by the old",
             )
         })
@@ -145,9 +141,9 @@ impl DataFolder {
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
-        let root = dataset.canonicalize().map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
-        })?;
+        let root = dataset
+            .canonicalize()
+            .map_err(|error| Failure::data(format!("cannot find data set {}: {error}", dataset.display())))?;
         let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
         self.link_split_as(&name, &root, split)?;
         Ok(name)
@@ -158,18 +154,17 @@ impl DataFolder {
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
-        let root = dataset.canonicalize().map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
-        })?;
+        let root = dataset
+            .canonicalize()
+            .map_err(|error| Failure::data(format!("cannot find data set {}: {error}", dataset.display())))?;
         let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
         if self.knows(name)? && self.missions(name)?.digest() != digest {
             return Err(taken(name));
         }
         let link = Link { dataset: root, split: split.to_owned() };
-        let json = serde_json::to_vec(&link).map_err(|error| Failure::new(FailureKind::Internal, error))?;
-        std::fs::write(&path, json).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
-        })
+        let json = serde_json::to_vec(&link).map_err(Failure::internal)?;
+        std::fs::write(&path, json)
+            .map_err(|error| Failure::data(format!("cannot write {}: {error}", path.display())))
     }
 
     /// The split `name`; missions are loaded on demand.
@@ -182,11 +177,9 @@ impl DataFolder {
             return SplitFolder::open(&folder, name);
         }
         let unreadable = |error: String| {
-            Failure::new(
-                FailureKind::Data,
-                format!("cannot read split '{name}' at {}: {error}", path.display()),
+            Failure::data(format!("cannot read split '{name}' at {}: {error}", path.display())).hinted(
+                "make it with: avln data split make NAME, or open a phase on a data set with --dataset",
             )
-            .hinted("make it with: avln data split make NAME, or open a phase on a data set with --dataset")
         };
         let bytes = std::fs::read(&path).map_err(|error| unreadable(error.to_string()))?;
         let link: Link = serde_json::from_slice(&bytes).map_err(|error| unreadable(error.to_string()))?;
@@ -202,7 +195,7 @@ impl DataFolder {
         if folder.is_dir() {
             return Ok(folder);
         }
-        Err(Failure::new(FailureKind::Data, format!("the data folder holds no split '{name}' of its own"))
+        Err(Failure::data(format!("the data folder holds no split '{name}' of its own"))
             .hinted("name the data set that it lies in with --dataset"))
     }
 
@@ -238,7 +231,7 @@ struct Link {
 }
 
 fn taken(name: &str) -> Failure {
-    Failure::new(FailureKind::Scene, format!("split '{name}' exists with other missions"))
+    Failure::scene(format!("split '{name}' exists with other missions"))
         .hinted("give the new split another name")
 }
 
@@ -252,7 +245,7 @@ pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
     if !name.is_empty() && name.len() <= LONGEST && name.chars().all(fits) {
         return Ok(());
     }
-    Err(Failure::new(FailureKind::Scene, format!("'{}' cannot be the name of a {what}", name.escape_debug()))
+    Err(Failure::scene(format!("'{}' cannot be the name of a {what}", name.escape_debug()))
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
 }
 

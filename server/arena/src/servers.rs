@@ -1,13 +1,12 @@
 //! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
 
 use crate::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
-    admin::{self, Desk},
+    Arena, Failure, SCENE_MEMORY_MIB,
+    admin::{self, AdminState},
     data::DataFolder,
-    office::ArenaOffice,
+    management::ArenaManagement,
 };
 use avln_grpc::Control;
-/// Limits changed by [`Servers::with_limits`].
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::{Reader, Store};
@@ -18,6 +17,8 @@ use std::{
     sync::Arc,
 };
 use tokio::{net::TcpListener, sync::watch, task::JoinSet};
+
+/// Limits changed by [`Servers::with_limits`].
 
 /// Addresses of the gRPC and the web server.
 #[derive(Clone, Copy, Debug)]
@@ -53,9 +54,8 @@ impl Security {
     /// If the certificates are invalid.
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
-        let identity = Identity::read(certificate, key).map_err(|error| {
-            Failure::new(FailureKind::Address, error).hinted("see docs/OPERATING.md for how to get a pair")
-        })?;
+        let identity = Identity::read(certificate, key)
+            .map_err(|error| Failure::address(error).hinted("see docs/OPERATING.md for how to get a pair"))?;
         if let Some(warning) = identity.warning() {
             eprintln!("warning: {warning}");
         }
@@ -116,7 +116,7 @@ impl Servers {
     pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
         if !address.ip().is_loopback() {
             let message = format!("{address} can be reached from other machines; the operator's door cannot");
-            return Err(Failure::new(FailureKind::Address, message)
+            return Err(Failure::address(message)
                 .hinted("use --admin 127.0.0.1:50052 and reach it through ssh -L 50052:127.0.0.1:50052"));
         }
         let admin = listen(address, "the operator", "--admin").await?;
@@ -138,9 +138,7 @@ impl Servers {
     /// # Errors
     /// When an address cannot be read back from the system.
     pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
-        let local = |listener: &TcpListener| {
-            listener.local_addr().map_err(|error| Failure::new(FailureKind::Address, error))
-        };
+        let local = |listener: &TcpListener| listener.local_addr().map_err(Failure::address);
         let (grpc, web) = (local(&self.grpc)?, local(&self.web)?);
         let (stop, stopped) = watch::channel(false);
         let mut tasks = JoinSet::new();
@@ -149,23 +147,23 @@ impl Servers {
         let peoples_door = Listener::new(self.web, identity, Protocol::Http1);
         let admin = self.admin.as_ref().map(local).transpose()?;
         if let Some(listener) = self.admin {
-            let desk = Desk { arena: arena.clone(), reader: reader.clone() };
+            let desk = AdminState { arena: arena.clone(), reader: reader.clone() };
             let operator = avln_web::serve_router(listener, admin::router(desk), until(stopped.clone()));
-            tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+            tasks.spawn(async { operator.await.map_err(Failure::internal) });
         }
         let control = arena.control().clone();
         let site = Site {
             grpc_port: grpc.port(),
             logs: Some(arena.signed_logs()),
-            replay_renderer: Some(arena.onlooker()),
-            live_status: Some(arena.lookout()),
-            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            replay_renderer: Some(arena.replay_renderer()),
+            live_status: Some(arena.live_status()),
+            management: Some(Arc::new(ArenaManagement::new(arena.clone()))),
             trusted_proxies: self.trusted_proxies,
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
-        tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        tasks.spawn(async { agents.await.map_err(Failure::internal) });
         let people = avln_web::serve(peoples_door, reader, site, until(stopped));
-        tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        tasks.spawn(async { people.await.map_err(Failure::internal) });
         Ok(RunningServers { grpc, web, admin, is_secure: self.identity.is_some(), control, stop, tasks })
     }
 }
@@ -206,7 +204,7 @@ impl RunningServers {
         tokio::select! {
             () = signalled() => self.close().await,
             () = drained(self.control.clone()) => self.close().await,
-            Some(ended) = self.tasks.join_next() => ended.map_err(|error| Failure::new(FailureKind::Internal, error))?,
+            Some(ended) = self.tasks.join_next() => ended.map_err(Failure::internal)?,
         }
     }
 
@@ -217,7 +215,7 @@ impl RunningServers {
     pub async fn close(mut self) -> Result<(), Failure> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {
-            ended.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+            ended.map_err(Failure::internal)??;
         }
         Ok(())
     }
@@ -227,8 +225,7 @@ impl RunningServers {
 fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
     let open = [addresses.grpc, addresses.web].into_iter().find(|address| !address.ip().is_loopback());
     match open {
-        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::new(
-            FailureKind::Address,
+        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::address(
             format!("{address} can be reached from other machines in plain text"),
         )
         .hinted(
@@ -240,14 +237,12 @@ fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
 
 async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListener, Failure> {
     TcpListener::bind(address).await.map_err(|error| {
-        Failure::new(FailureKind::Address, format!("cannot listen on {address} for {what}: {error}")).hinted(
-            format!(
-                "stop what uses port {}, or choose another with {flag} {}:{}",
-                address.port(),
-                address.ip(),
-                address.port().wrapping_add(1).max(1024)
-            ),
-        )
+        Failure::address(format!("cannot listen on {address} for {what}: {error}")).hinted(format!(
+            "stop what uses port {}, or choose another with {flag} {}:{}",
+            address.port(),
+            address.ip(),
+            address.port().wrapping_add(1).max(1024)
+        ))
     })
 }
 

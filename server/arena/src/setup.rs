@@ -1,18 +1,16 @@
 //! Setup of splits, phases and teams.
 
 use crate::{
-    Failure, FailureKind, challenge,
+    Failure, actions, challenge,
     data::{DataFolder, check_name},
     dataset::SplitFolder,
     now_unix_ms,
-    office::deeds,
-    register,
-    stages::commit,
+    phases::{commit, map_of},
 };
-use avln_dataset::{MissionOptions, SceneLine, SceneSource, Split};
-use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
+use avln_dataset::{MissionOptions, PublicGoal, PublicMission, SceneLine, SceneSource, Split};
+use avln_episode::{FeedbackRule, HeadRule, Modality, Rules, Sensors, Sounds};
 use avln_houses::{HouseOptions, Pool};
-use avln_store::{Phase, QuotaLimits, Reference, SceneMap, Store, Visibility};
+use avln_store::{GoalText, Phase, PhaseEpisode, QuotaLimits, Reference, Scene, SceneMap, Store, Visibility};
 use avln_world::Cache;
 use std::{
     path::{Path, PathBuf},
@@ -93,7 +91,7 @@ impl NewPhase {
 /// # Errors
 /// If the name is invalid or the database fails.
 pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> Result<String, Failure> {
-    Ok(deeds::admit(store, name, reference, now_unix_ms()).await?)
+    Ok(actions::admit(store, name, reference, now_unix_ms()).await?)
 }
 
 /// Makes a split, saves and registers it. `report` receives a line per scene.
@@ -109,9 +107,9 @@ pub async fn make_split(
     check_name("split", &new.name)?;
     let cache = data.cache();
     let built = tokio::task::spawn_blocking(move || build_split(&new, &cache, report)).await;
-    let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    let (split, maps) = built.map_err(Failure::internal)??;
     data.save_split(&split)?;
-    register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
+    register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
     Ok(split)
 }
 
@@ -121,7 +119,7 @@ fn build_split(
     cache: &Arc<dyn Cache>,
     report: impl Fn(String),
 ) -> Result<(Split, Vec<SceneMap>), Failure> {
-    let rules = Rules::named(&new.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(&new.rules).map_err(Failure::scene)?;
     let mut split = Split::new(&new.name, &rules);
     let mut maps = Vec::new();
     for (index, (name, source)) in scene_sources(new)?.into_iter().enumerate() {
@@ -135,7 +133,7 @@ fn build_split(
             assets.navmesh.area_m2(),
             split.episodes.len() - before,
         ));
-        maps.push(register::map_of(&assets));
+        maps.push(map_of(&assets));
     }
     Ok((split, maps))
 }
@@ -156,7 +154,7 @@ fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> 
 
 fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failure> {
     let path = path.canonicalize().map_err(|error| {
-        Failure::new(FailureKind::Scene, format!("cannot find scene {}: {error}", path.display()))
+        Failure::scene(format!("cannot find scene {}: {error}", path.display()))
             .hinted("name a .glb or .gltf file, or the folder of a scene with its semantics")
     })?;
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
@@ -177,12 +175,12 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     };
     let split = data.missions(&name)?;
     if new.dataset.is_some() {
-        register::register_split(store, &name, &split, &[]).await?;
+        register_split(store, &name, &split, &[]).await?;
     }
-    let mut rules = rules_for_phase(register::rules_of(&name, &split)?, new.rules.as_deref())?;
+    let mut rules = rules_for_phase(rules_of(&name, &split)?, new.rules.as_deref())?;
     rules.sounds = sounds_for_phase(data, new.sounds.as_deref(), &split)?;
     if let Some(file) = &new.head {
-        rules.head = HeadRule::Measured(data.heads().adopt(file)?);
+        rules.head = HeadRule::Measured(data.heads().import(file)?);
     }
     if let Some(feedback) = new.feedback {
         rules.feedback = feedback;
@@ -194,10 +192,10 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         replays: new.replays,
         max_slots: new.max_slots,
         quotas: QuotaLimits { total: new.quota, ..QuotaLimits::default() },
-        ..Phase::new(&new.id, &name, rules, register::phase_episodes(&split)?)
+        ..Phase::new(&new.id, &name, rules, phase_episodes(&split)?)
     };
     if phase.episodes.is_empty() {
-        return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
+        return Err(Failure::scene(format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
     let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
@@ -222,7 +220,7 @@ pub fn sounds_for_phase(
         Some("train") => Sounds::Train,
         Some("validation") => Sounds::Validation,
         Some("test") => Sounds::Test,
-        Some(folder) => Sounds::Own(data.sounds().adopt(Path::new(folder))?),
+        Some(folder) => Sounds::Own(data.sounds().import(Path::new(folder))?),
     })
 }
 
@@ -248,13 +246,13 @@ pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failu
         return Ok(());
     }
     let message = format!("rules '{}' need {needed} clips, but the folder has {found}", phase.rules.name);
-    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or omit --sounds"))
+    Err(Failure::data(message).hinted("add recordings, or omit --sounds"))
 }
 
 /// Returns the rule set `name`, or that of the split. The two may differ only in noise and clips.
 pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
     let Some(name) = name else { return Ok(of_split) };
-    let rules = Rules::named(name).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(name).map_err(Failure::scene)?;
     if rules.fits_episodes_of(&of_split) {
         return Ok(rules);
     }
@@ -262,6 +260,67 @@ pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rul
         "rule sets '{name}' and '{}', which the split was made for, differ in more than noise and clips",
         of_split.name
     );
-    Err(Failure::new(FailureKind::Scene, message)
-        .hinted("make a split with: avln data split make NAME --rules RULES"))
+    Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
+}
+
+/// Stores a split and its scenes; missing maps are added when a scene is first played.
+///
+/// # Errors
+/// If the database fails.
+pub async fn register_split(
+    store: &Store,
+    name: &str,
+    split: &SplitFolder,
+    maps: &[SceneMap],
+) -> Result<(), Failure> {
+    for (index, scene) in split.scenes().iter().enumerate() {
+        let map = maps.get(index).cloned().unwrap_or_default();
+        let row = Scene { name: scene.name.clone(), digest: scene.digest.clone(), map };
+        store.upsert_scene(&row).await?;
+    }
+    let row = avln_store::Split {
+        name: name.to_owned(),
+        digest: split.digest().to_owned(),
+        scenes: split.scenes().len() as u32,
+        episodes: split.mission_count() as u32,
+    };
+    Ok(store.upsert_split(&row).await?)
+}
+
+/// The episodes of a split as a phase lists them.
+///
+/// # Errors
+/// When a file of the split cannot be used.
+pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure> {
+    let mut episodes = Vec::with_capacity(split.mission_count());
+    for scene in split.scenes() {
+        let episode = |mission: PublicMission| PhaseEpisode {
+            episode: mission.id,
+            scene: scene.name.clone(),
+            goals: mission.goals.into_iter().map(goal_text).collect(),
+        };
+        episodes.extend(split.public(scene)?.into_iter().map(episode));
+    }
+    Ok(episodes)
+}
+
+fn goal_text(goal: PublicGoal) -> GoalText {
+    match goal {
+        PublicGoal::Category(label) => GoalText { modality: Modality::Category, text: Some(label) },
+        PublicGoal::Description(sentence) => {
+            GoalText { modality: Modality::Description, text: Some(sentence) }
+        }
+        PublicGoal::Image => GoalText { modality: Modality::Image, text: None },
+    }
+}
+
+/// The rule set that a split was made for.
+///
+/// # Errors
+/// When this version does not know it.
+pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
+    Rules::named(split.rules()).map_err(|error| {
+        Failure::scene(format!("split '{name}': {error}"))
+            .hinted("make the split again with: avln data split make NAME --rules RULES")
+    })
 }

@@ -1,11 +1,10 @@
 //! A challenge from its file: checked, applied, shown, played on a running server, and revealed.
 
-use avln_arena::setup::{NewSplit, admit, make_split};
 use avln_arena::{
-    Arena, Failure, SCENE_MEMORY_MIB,
-    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor},
+    Arena, Failure, SCENE_MEMORY_MIB, actions,
+    challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
     data::DataFolder,
-    office::deeds,
+    setup::{NewSplit, admit, make_split},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_episode::Order;
@@ -60,19 +59,19 @@ impl Hall {
     }
 
     async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
-        deeds::reschedule(&self.store, id, (&actor(), "a test"), change).await.expect("rescheduled");
+        actions::reschedule(&self.store, id, (&actor(), "a test"), change).await.expect("rescheduled");
     }
 
     fn planner(&self) -> Planner<'_> {
         Planner { data: &self.data, store: &self.store, base: Path::new(""), reason: "a test" }
     }
 
-    async fn plan(&self, text: &str) -> Result<Plan, Failure> {
+    async fn plan(&self, text: &str) -> Result<ChallengeChanges, Failure> {
         let explain = |fault: avln_arena::challenge::Fault| fault.explain(Path::new("challenge.toml"), text);
         let file = ChallengeFile::parse(text).map_err(explain)?;
         self.planner().plan(&file).await.map_err(|unplanned| match unplanned {
-            Unplanned::File(fault) => explain(fault),
-            Unplanned::Other(failure) => failure,
+            PlanError::File(fault) => explain(fault),
+            PlanError::Other(failure) => failure,
         })
     }
 

@@ -71,7 +71,7 @@ struct Polygon {
 }
 
 /// A building or a test room with its surfaces.
-pub(super) struct Hall {
+pub(super) struct Surroundings {
     scene: Scene,
     surfaces: Surfaces,
     /// Plan of a test room; `None` for a building.
@@ -80,7 +80,7 @@ pub(super) struct Hall {
 
 impl SurroundingsArgs {
     /// Opens or builds the surroundings.
-    pub(super) fn open(&self) -> Result<Hall, Failure> {
+    pub(super) fn open(&self) -> Result<Surroundings, Failure> {
         let plan = self.choice.plan()?;
         let scene = match &plan {
             Some(plan) => plan.scene(),
@@ -91,7 +91,7 @@ impl SurroundingsArgs {
             true => Surfaces::uniform(&scene, self.surface()),
             false => Surfaces::by_material(&scene),
         };
-        Ok(Hall { scene, surfaces, plan })
+        Ok(Surroundings { scene, surfaces, plan })
     }
 
     /// The uniform surface.
@@ -131,7 +131,7 @@ impl SurroundingsChoice {
     }
 }
 
-impl Hall {
+impl Surroundings {
     /// Expected reverberation time, seconds.
     pub(super) fn response_s(&self) -> f32 {
         expected_reverberation_s(&self.scene, &self.surfaces).clamp(SHORTEST_S, LONGEST_S)

@@ -1,11 +1,11 @@
 //! `avln sim listen`: the sound at the ears along a walk.
 
-use super::hall::{Hall, SurroundingsArgs};
-use super::walk::Start;
+use super::hall::{Surroundings, SurroundingsArgs};
+use super::walk::StartPose;
 use super::{read, unusable};
 use crate::output::say;
 use avln_acoustics::{Bank, Clip, Ears, Emitter, Head, Listener, SAMPLE_RATE_HZ, Settings};
-use avln_arena::{Failure, FailureKind, heads, sounds};
+use avln_arena::{Failure, FailureKind, audio};
 use avln_geom::{Point3, Vector3};
 use clap::Args;
 use hound::{SampleFormat, WavSpec, WavWriter};
@@ -105,12 +105,12 @@ impl ListenArgs {
                 ));
             }
             let base = Point3::new(x as f32, y as f32, z as f32);
-            Ok(listener(&Start { position: base + Vector3::y() * self.ear_height, heading_deg }))
+            Ok(listener(&StartPose { position: base + Vector3::y() * self.ear_height, heading_deg }))
         };
         poses.iter().enumerate().map(head).collect()
     }
 
-    fn emitters(&self, hall: &Hall, settings: Settings) -> Result<Vec<Emitter>, Failure> {
+    fn emitters(&self, hall: &Surroundings, settings: Settings) -> Result<Vec<Emitter>, Failure> {
         if self.clips.len() != 1 && self.clips.len() != self.sources.len() {
             let counts = format!("{} clips for {} sources", self.clips.len(), self.sources.len());
             return Err(Failure::new(FailureKind::Data, counts)
@@ -130,7 +130,7 @@ impl ListenArgs {
 /// Returns the clip called `name`. A name with an extension is a file.
 fn clip(name: &str) -> Result<Clip, Failure> {
     if Path::new(name).extension().is_some() {
-        return sounds::read(Path::new(name));
+        return audio::read_recording(Path::new(name));
     }
     let bank = Bank::default();
     let names = bank.names();
@@ -186,7 +186,7 @@ impl HearingArgs {
         let Some(file) = &self.head else {
             return Ok(if self.omni { Head::Omni } else { Head::Sphere });
         };
-        Ok(heads::read(file)?.1)
+        Ok(audio::read_head(file)?.1)
     }
 
     /// Number of output channels.
@@ -196,7 +196,7 @@ impl HearingArgs {
 }
 
 /// The listener at a start pose.
-pub(super) fn listener(start: &Start) -> Listener {
+pub(super) fn listener(start: &StartPose) -> Listener {
     Listener { position: start.position, heading_rad: (start.heading_deg % 360.0).to_radians() as f32 }
 }
 

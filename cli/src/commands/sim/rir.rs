@@ -2,7 +2,7 @@ use super::hall::SurroundingsArgs;
 use super::listen::write_wav;
 use super::listen::{HearingArgs, Position, listener};
 use super::text;
-use super::walk::Start;
+use super::walk::StartPose;
 use crate::output::say;
 use avln_acoustics::{BandMeasures, ImpulseResponse, Measures, SURFACE_BANDS, Source, interaural_delay_s};
 use avln_arena::Failure;
@@ -24,7 +24,7 @@ pub struct RirArgs {
     source: Position,
     /// The centre of the head: x,y,z in metres and the heading in degrees; 0 looks along -Z, left is positive
     #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
-    listener: Start,
+    listener: StartPose,
     #[command(flatten)]
     hearing: HearingArgs,
     /// Write the response: 16 kHz, 32-bit float, left and right ear; one channel with --omni. Sample 0 is when the source

@@ -27,12 +27,12 @@ pub struct MotionArgs {
 
 /// Start pose of a walk.
 #[derive(Clone, Debug)]
-pub struct Start {
+pub struct StartPose {
     pub(super) position: Point3<f32>,
     pub(super) heading_deg: f64,
 }
 
-impl FromStr for Start {
+impl FromStr for StartPose {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
@@ -80,7 +80,7 @@ impl BodyAction {
 
 pub(super) fn run(
     ground: &GroundArgs,
-    start: &Start,
+    start: &StartPose,
     file: &Path,
     motion: &MotionArgs,
     json: bool,
@@ -104,7 +104,7 @@ pub(super) fn run(
     Ok(())
 }
 
-fn walk(mesh: &NavMesh, start: &Start, actions: &[BodyAction], motion: &MotionArgs) -> WalkResult {
+fn walk(mesh: &NavMesh, start: &StartPose, actions: &[BodyAction], motion: &MotionArgs) -> WalkResult {
     let (mut at, mut heading_deg) = (start.position, start.heading_deg);
     let mut walked = WalkResult::default();
     for action in actions {
@@ -143,10 +143,10 @@ mod tests {
 
     #[test]
     fn starts_are_four_numbers() {
-        let start: Start = "-1.5, 0.2,3,-90".parse().expect("a start");
+        let start: StartPose = "-1.5, 0.2,3,-90".parse().expect("a start");
         assert_eq!((start.position, start.heading_deg), (Point3::new(-1.5, 0.2, 3.0), -90.0));
         for bad in ["1,2,3", "1,2,3,4,5", "1,2,three,4", "1,2,NaN,4", "1,2,1e9,4", ""] {
-            assert!(bad.parse::<Start>().is_err(), "{bad}");
+            assert!(bad.parse::<StartPose>().is_err(), "{bad}");
         }
     }
 
@@ -155,7 +155,7 @@ mod tests {
         let scene = avln_houses::house("house-1", 1, &Default::default());
         let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
         let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());
-        let start = Start { position: on_floor.position(), heading_deg: 170.0 };
+        let start = StartPose { position: on_floor.position(), heading_deg: 170.0 };
         let motion = MotionArgs { forward: 0.25, turn: 30.0, no_sliding: false };
         // Straight on for longer than the house is: in the end nothing is left of a step.
         let actions =

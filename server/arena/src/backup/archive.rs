@@ -28,13 +28,13 @@ pub struct Manifest {
     /// Start time, milliseconds since 1970-01-01 UTC.
     pub made_ms: i64,
     /// Files by path.
-    pub files: BTreeMap<String, Kept>,
+    pub files: BTreeMap<String, ArchivedFile>,
 }
 
 /// A file of a backup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Kept {
+pub struct ArchivedFile {
     /// Size in bytes.
     pub bytes: u64,
     /// BLAKE3 digest, hexadecimal.
@@ -97,7 +97,7 @@ impl<W: Write> Writer<W> {
 ///
 /// # Errors
 /// If the archive is not a backup, is modified or truncated, or `take` fails.
-pub(super) fn go_through(
+pub(super) fn read_archive(
     from: impl Read,
     mut take: impl FnMut(&Path, &mut dyn Read) -> io::Result<()>,
 ) -> io::Result<Manifest> {
@@ -132,7 +132,7 @@ pub(super) fn go_through(
 
 /// Verifies an archive without storing its content.
 pub(super) fn check(from: &File) -> io::Result<Manifest> {
-    go_through(io::BufReader::new(from), |_, _| Ok(()))
+    read_archive(io::BufReader::new(from), |_, _| Ok(()))
 }
 
 fn damaged(what: impl Into<String>) -> io::Error {
@@ -176,8 +176,8 @@ impl<R> Hashed<R> {
         Self { from, bytes: 0, hasher: blake3::Hasher::new() }
     }
 
-    fn kept(&self) -> Kept {
-        Kept { bytes: self.bytes, digest: self.hasher.finalize().to_hex().to_string() }
+    fn kept(&self) -> ArchivedFile {
+        ArchivedFile { bytes: self.bytes, digest: self.hasher.finalize().to_hex().to_string() }
     }
 }
 
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn what_is_written_comes_back() {
         let mut files = BTreeMap::new();
-        let manifest = go_through(written().as_slice(), |path, from| {
+        let manifest = read_archive(written().as_slice(), |path, from| {
             let mut text = String::new();
             from.read_to_string(&mut text)?;
             files.insert(path.display().to_string(), text);
@@ -222,11 +222,12 @@ mod tests {
         for at in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x10;
-            if let Ok(manifest) = go_through(bytes.as_slice(), |_, _| Ok(())) {
+            if let Ok(manifest) = read_archive(bytes.as_slice(), |_, _| Ok(())) {
                 // Owner, time and padding are not part of the content.
                 assert_eq!(manifest.files.len(), 2, "byte {at}");
                 let mut contents = Vec::new();
-                let read = go_through(bytes.as_slice(), |_, from| from.read_to_end(&mut contents).map(drop));
+                let read =
+                    read_archive(bytes.as_slice(), |_, from| from.read_to_end(&mut contents).map(drop));
                 assert!(read.is_ok() && contents == b"rows!line", "byte {at}");
             }
         }
@@ -236,7 +237,7 @@ mod tests {
     fn one_that_was_cut_off_is_none() {
         let whole = written();
         for end in (0..whole.len() - 1024).step_by(64) {
-            assert!(go_through(&whole[..end], |_, _| Ok(())).is_err(), "{end} of {}", whole.len());
+            assert!(read_archive(&whole[..end], |_, _| Ok(())).is_err(), "{end} of {}", whole.len());
         }
     }
 
@@ -251,7 +252,7 @@ mod tests {
             header.set_cksum();
             archive.append(&header, &b"x"[..]).unwrap();
             let bytes = archive.into_inner().unwrap();
-            let refused = go_through(bytes.as_slice(), |_, _| panic!("{name} was handed out")).unwrap_err();
+            let refused = read_archive(bytes.as_slice(), |_, _| panic!("{name} was handed out")).unwrap_err();
             assert!(refused.to_string().contains("no file that a backup has"), "{refused}");
         }
     }

@@ -3,21 +3,19 @@
 //! A backup contains the identity of a server: database, run logs, signing key, splits, recordings and heads.
 //! Reproducible data (`cache/`) and data outside the folder (data sets, scene files) are excluded.
 
-mod archive;
-mod logs;
-mod prune;
-
-pub use archive::{Kept, Manifest};
-pub use prune::{PruneOptions, Pruned, prune};
-
-use crate::{Failure, FailureKind, now_unix_ms};
+use crate::{Failure, now_unix_ms};
 use archive::Writer;
+pub use archive::{ArchivedFile, Manifest};
 use avln_store::{Inventory, copy_database, inspect_database};
+pub use logs::{PruneOptions, Pruned, prune};
 use std::{
     fs::{self, File, OpenOptions},
     io::{self, BufWriter, Read},
     path::{Path, PathBuf},
 };
+
+mod archive;
+mod logs;
 
 /// The database in a data folder.
 const DATABASE: &str = "avln.db";
@@ -48,15 +46,14 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let database = data.join(DATABASE);
     if !database.is_file() {
         let message = format!("{} is no data folder: it holds no {DATABASE}", data.display());
-        return Err(Failure::new(FailureKind::Data, message).hinted("name the folder with --data FOLDER"));
+        return Err(Failure::data(message).hinted("name the folder with --data FOLDER"));
     }
     if to.symlink_metadata().is_ok() {
         return Err(taken(to));
     }
     let folder = parent(to);
-    let failed =
-        |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
-    let work = workplace(".avln-backup-", folder).map_err(failed)?;
+    let failed = |error: io::Error| Failure::data(format!("cannot write {}: {error}", to.display()));
+    let work = work_folder(".avln-backup-", folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
     let made_ms = now_unix_ms();
     copy_database(&database, &copy).await?;
@@ -66,12 +63,11 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
         let manifest = write(&data, &copy, &inventory, made_ms, &to)?;
         Ok(Contents { manifest, left_out: left_out(&data), inventory })
     });
-    written.await.map_err(|error| Failure::new(FailureKind::Internal, error))?
+    written.await.map_err(Failure::internal)?
 }
 
 fn taken(path: &Path) -> Failure {
-    Failure::new(FailureKind::Data, format!("{} exists and is not written over", path.display()))
-        .hinted("name a new file")
+    Failure::data(format!("{} exists and is not written over", path.display())).hinted("name a new file")
 }
 
 fn parent(path: &Path) -> &Path {
@@ -79,7 +75,7 @@ fn parent(path: &Path) -> &Path {
 }
 
 /// A private temporary folder next to the target.
-fn workplace(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
+fn work_folder(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(prefix);
     #[cfg(unix)]
@@ -95,8 +91,7 @@ fn write(
     made_ms: i64,
     to: &Path,
 ) -> Result<Manifest, Failure> {
-    let failed =
-        |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
+    let failed = |error: io::Error| Failure::data(format!("cannot write {}: {error}", to.display()));
     let file = tempfile::Builder::new().prefix(".avln-backup-").tempfile_in(parent(to)).map_err(failed)?;
     let mut writer = Writer::new(BufWriter::new(file.as_file()), Manifest::new(inventory.schema, made_ms));
     add_file(&mut writer, DATABASE, copy)?;
@@ -124,8 +119,8 @@ fn write(
 type Out<'a> = Writer<BufWriter<&'a File>>;
 
 /// Adds the file name to an I/O error.
-fn unread(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
-    move |error| Failure::new(FailureKind::Data, format!("cannot back up {}: {error}", path.display()))
+fn cannot_back_up(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
+    move |error| Failure::data(format!("cannot back up {}: {error}", path.display()))
 }
 
 fn add_file(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failure> {
@@ -133,24 +128,25 @@ fn add_file(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failure
         let file = File::open(path)?;
         writer.add(name, file.metadata()?.len(), file)
     };
-    add().map_err(unread(path))
+    add().map_err(cannot_back_up(path))
 }
 
 fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failure> {
-    let mut entries: Vec<_> =
-        fs::read_dir(path).and_then(|entries| entries.collect::<io::Result<_>>()).map_err(unread(path))?;
+    let mut entries: Vec<_> = fs::read_dir(path)
+        .and_then(|entries| entries.collect::<io::Result<_>>())
+        .map_err(cannot_back_up(path))?;
     entries.sort_by_key(fs::DirEntry::file_name);
     for entry in entries {
         let path = entry.path();
-        let kind = entry.file_type().map_err(unread(&path))?;
+        let kind = entry.file_type().map_err(cannot_back_up(&path))?;
         let file_name = entry.file_name();
         let Some(name) = file_name.to_str().map(|file_name| format!("{name}/{file_name}")) else {
-            return Err(unread(&path)(io::Error::other("its name is not text")));
+            return Err(cannot_back_up(&path)(io::Error::other("its name is not text")));
         };
         match (kind.is_dir(), kind.is_file()) {
             (true, _) => add_folder(writer, &name, &path)?,
             (_, true) => add_file(writer, &name, &path)?,
-            _ => return Err(unread(&path)(io::Error::other("it is neither a file nor a folder"))),
+            _ => return Err(cannot_back_up(&path)(io::Error::other("it is neither a file nor a folder"))),
         }
     }
     Ok(())
@@ -162,33 +158,31 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 /// # Errors
 /// If `to` is not empty, the backup is damaged or too new, or the folder is not writable.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
-    let failed = |error: io::Error| {
-        Failure::new(FailureKind::Data, format!("cannot restore to {}: {error}", to.display()))
-    };
+    let failed = |error: io::Error| Failure::data(format!("cannot restore to {}: {error}", to.display()));
     if is_occupied(to).map_err(failed)? {
         let message = format!("{} holds files, and a backup is never restored over them", to.display());
-        return Err(Failure::new(FailureKind::Data, message).hinted(
+        return Err(Failure::data(message).hinted(
             "name a new folder with --data FOLDER; start the server on it, and keep the old one until that is content",
         ));
     }
     // The parent of a volume is not writable, and a volume cannot be replaced.
     let place = if to.is_dir() { to } else { parent(to) };
     fs::create_dir_all(place).map_err(failed)?;
-    let work = workplace(".avln-restore-", place).map_err(failed)?;
+    let work = work_folder(".avln-restore-", place).map_err(failed)?;
     let (backup, folder) = (from.to_owned(), work.path().to_owned());
     let unpacked = tokio::task::spawn_blocking(move || unpack(&backup, &folder)).await;
-    let manifest = unpacked.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    let manifest = unpacked.map_err(Failure::internal)??;
     let inventory = inspect_database(&work.path().join(DATABASE)).await?;
     if inventory.schema != manifest.schema {
         let message = format!("{}: its manifest tells of another database", from.display());
-        return Err(Failure::new(FailureKind::Data, message).hinted("take another backup"));
+        return Err(Failure::data(message).hinted("take another backup"));
     }
-    put(work, to).map_err(failed)?;
+    move_into_place(work, to).map_err(failed)?;
     Ok(Contents { manifest, inventory, left_out: left_out(to) })
 }
 
 /// Moves the unpacked files into place.
-fn put(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
+fn move_into_place(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
     if !to.is_dir() {
         fs::rename(work.path(), to)?;
         // It has another name now.
@@ -216,10 +210,10 @@ fn is_occupied(folder: &Path) -> io::Result<bool> {
 fn unpack(from: &Path, to: &Path) -> Result<Manifest, Failure> {
     let failed = |error: io::Error| {
         let message = format!("backup {} cannot be restored: {error}", from.display());
-        Failure::new(FailureKind::Data, message).hinted("take another backup; nothing was changed")
+        Failure::data(message).hinted("take another backup; nothing was changed")
     };
     let file = File::open(from).map_err(failed)?;
-    archive::go_through(io::BufReader::new(file), |path, read| unpack_file(&to.join(path), read))
+    archive::read_archive(io::BufReader::new(file), |path, read| unpack_file(&to.join(path), read))
         .map_err(failed)
 }
 
@@ -259,4 +253,125 @@ fn left_out(data: &Path) -> Vec<PathBuf> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::data::DataFolder;
+    use tempfile::TempDir;
+
+    /// A data folder with a team, a key, a split and a linked split.
+    async fn furnished() -> TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let data = DataFolder::open(folder.path()).unwrap();
+        let store = data.store().await.unwrap();
+        store.create_team("red", None, 1).await.unwrap();
+        store.close().await;
+        data.signing_key().unwrap();
+        fs::create_dir_all(folder.path().join("splits/val/missions")).unwrap();
+        fs::write(folder.path().join("splits/val/missions/house.jsonl"), "a mission\n").unwrap();
+        fs::write(folder.path().join("splits/far.link.json"), r#"{"dataset":"/far/away","split":"val"}"#)
+            .unwrap();
+        fs::create_dir_all(folder.path().join("cache/scenes")).unwrap();
+        fs::write(folder.path().join("cache/scenes/big"), "can be made anew").unwrap();
+        folder
+    }
+
+    #[tokio::test]
+    async fn a_folder_comes_back_as_it_was_without_its_cache() {
+        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (file, to) = (place.path().join("a.tar"), place.path().join("deep/er"));
+        let open = DataFolder::open(folder.path()).unwrap().store().await.unwrap();
+        let made = make(folder.path(), &file).await.unwrap();
+        open.close().await;
+        assert_eq!((made.inventory.teams, made.inventory.runs.len()), (1, 0));
+        assert_eq!(made.left_out, [PathBuf::from("/far/away")]);
+        let restored = restore(&file, &to).await.unwrap();
+        assert_eq!(restored.manifest, made.manifest);
+        for name in ["signing.key", "splits/val/missions/house.jsonl"] {
+            assert_eq!(
+                fs::read(to.join(name)).unwrap(),
+                fs::read(folder.path().join(name)).unwrap(),
+                "{name}"
+            );
+        }
+        assert!(!to.join("cache").exists());
+        let store = DataFolder::open(&to).unwrap().store().await.unwrap();
+        assert!(store.team("red").await.unwrap().is_some());
+        let names: Vec<_> =
+            fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(names.len(), 2, "nothing else is left: {names:?}");
+    }
+
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn nobody_else_can_read_a_backup_or_what_comes_out_of_it() {
+        use std::os::unix::fs::PermissionsExt;
+        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (file, to) = (place.path().join("a.tar"), place.path().join("data"));
+        make(folder.path(), &file).await.unwrap();
+        restore(&file, &to).await.unwrap();
+        for path in [file, to.clone(), to.join("signing.key"), to.join(DATABASE)] {
+            let mode = fs::metadata(&path).unwrap().permissions().mode();
+            assert_eq!(mode & 0o077, 0, "{}", path.display());
+        }
+    }
+
+    #[tokio::test]
+    async fn nothing_is_written_over() {
+        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let file = place.path().join("a.tar");
+        fs::write(&file, "mine").unwrap();
+        let refused = make(folder.path(), &file).await.unwrap_err().to_string();
+        assert!(refused.contains("exists and is not written over"), "{refused}");
+        assert_eq!(fs::read(&file).unwrap(), b"mine");
+        let refused = make(place.path(), &place.path().join("b.tar")).await.unwrap_err().to_string();
+        assert!(refused.contains("is no data folder"), "{refused}");
+
+        let good = place.path().join("good.tar");
+        make(folder.path(), &good).await.unwrap();
+        let refused = restore(&good, folder.path()).await.unwrap_err().to_string();
+        assert!(refused.contains("never restored over"), "{refused}");
+    }
+
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn an_empty_folder_is_filled_where_it_is() {
+        use std::os::unix::fs::MetadataExt;
+        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (file, to) = (place.path().join("a.tar"), place.path().join("volume"));
+        make(folder.path(), &file).await.unwrap();
+        fs::create_dir(&to).unwrap();
+        let is = fs::metadata(&to).unwrap().ino();
+        restore(&file, &to).await.unwrap();
+        assert_eq!(fs::metadata(&to).unwrap().ino(), is, "a volume stays the volume that it is");
+        let mut names: Vec<_> = fs::read_dir(&to)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["avln.db", "signing.key", "splits"]);
+        let store = DataFolder::open(&to).unwrap().store().await.unwrap();
+        assert!(store.team("red").await.unwrap().is_some());
+    }
+
+    #[tokio::test]
+    async fn a_damaged_backup_leaves_nothing_behind() {
+        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (file, to) = (place.path().join("a.tar"), place.path().join("data"));
+        make(folder.path(), &file).await.unwrap();
+        let whole = fs::read(&file).unwrap();
+        let at = whole.windows(9).position(|window| window == b"a mission").unwrap();
+        let mut changed = whole.clone();
+        changed[at] = b'A';
+        for (what, bytes) in [
+            ("splits/val/missions/house.jsonl is not what was written", changed.as_slice()),
+            ("was cut off", &whole[..whole.len() / 2]),
+            ("no backup", b"hello"),
+        ] {
+            fs::write(&file, bytes).unwrap();
+            let refused = restore(&file, &to).await.unwrap_err().to_string();
+            assert!(refused.contains("cannot be restored"), "{what}: {refused}");
+            assert!(!to.exists(), "{what}");
+            assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1, "{what}");
+        }
+    }
+}

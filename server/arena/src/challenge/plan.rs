@@ -1,15 +1,17 @@
-use super::{
-    ChallengeFile, Fault, PhaseFile, Place, SplitSource, actor,
-    file::{KEPT, SPHERE, Sensor, unix_ms},
-    notes,
-};
-use crate::setup::{check_sounds, rules_for_phase, sounds_for_phase};
+//! Comparison of a challenge file with the data folder.
+
 use crate::{
     Failure,
+    challenge::{
+        ChallengeFile, Fault, KeyPath, PhaseFile, SplitSource, actor,
+        file::{KEPT, SPHERE, Sensor, unix_ms},
+        notes,
+    },
     data::{DataFolder, check_name},
     dataset::SplitFolder,
-    now_unix_ms, register,
-    stages::commit,
+    now_unix_ms,
+    phases::commit,
+    setup::{self, check_sounds, rules_for_phase, sounds_for_phase},
 };
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
@@ -32,7 +34,7 @@ pub struct Planner<'a> {
 
 /// Changes by a file.
 #[derive(Debug, Default)]
-pub struct Plan {
+pub struct ChallengeChanges {
     /// Splits to be taken in: name and source.
     splits: Vec<(String, SplitSource)>,
     /// Phases that are new or differ.
@@ -45,26 +47,26 @@ pub struct Plan {
 
 /// Errors of planning.
 #[derive(Debug)]
-pub enum Unplanned {
+pub enum PlanError {
     /// Something in the file is wrong.
     File(Fault),
     /// Any other failure.
     Other(Failure),
 }
 
-impl From<Fault> for Unplanned {
+impl From<Fault> for PlanError {
     fn from(fault: Fault) -> Self {
         Self::File(fault)
     }
 }
 
-impl From<Failure> for Unplanned {
+impl From<Failure> for PlanError {
     fn from(failure: Failure) -> Self {
         Self::Other(failure)
     }
 }
 
-impl From<avln_store::StoreError> for Unplanned {
+impl From<avln_store::StoreError> for PlanError {
     fn from(error: avln_store::StoreError) -> Self {
         Self::Other(error.into())
     }
@@ -75,19 +77,19 @@ impl Planner<'_> {
     ///
     /// # Errors
     /// If a value is invalid, or the data folder is unreadable.
-    pub async fn plan(&self, file: &ChallengeFile) -> Result<Plan, Unplanned> {
+    pub async fn plan(&self, file: &ChallengeFile) -> Result<ChallengeChanges, PlanError> {
         let before = self.store.phases().await?;
         let splits = self.splits(file)?;
         refuse_repeated(file)?;
         let positions = positions(file, &before);
-        let mut plan = Plan::default();
+        let mut plan = ChallengeChanges::default();
         for (index, (entry, position)) in file.phases.iter().zip(positions).enumerate() {
             let old = before.iter().find(|phase| phase.id == entry.id);
-            let desk = Desk { planner: self, index: &index.to_string(), entry };
-            let phase = Phase { position, ..desk.phase(&splits, old)? };
+            let conversion = PhaseConversion { planner: self, index: &index.to_string(), entry };
+            let phase = Phase { position, ..conversion.phase(&splits, old)? };
             let differs = notes(&actor(), old, &phase, self.reason);
             if !differs.is_empty() {
-                self.refuse_fixed(&desk, old, &phase).await?;
+                self.refuse_fixed(&conversion, old, &phase).await?;
                 plan.phases.push(phase);
             }
             plan.notes.extend(differs);
@@ -104,10 +106,10 @@ impl Planner<'_> {
     ///
     /// # Errors
     /// When a split cannot be taken in or the database refuses.
-    pub async fn apply(&self, plan: Plan) -> Result<(), Failure> {
+    pub async fn apply(&self, plan: ChallengeChanges) -> Result<(), Failure> {
         for (name, source) in &plan.splits {
             self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;
-            register::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
+            setup::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
         }
         if plan.notes.is_empty() {
             return Ok(());
@@ -123,7 +125,7 @@ impl Planner<'_> {
     fn splits(&self, file: &ChallengeFile) -> Result<BTreeMap<String, SplitFolder>, Fault> {
         let mut open = BTreeMap::new();
         for (name, SplitSource { dataset, split }) in &file.splits {
-            let place = Place { path: &["splits", name] };
+            let place = KeyPath { path: &["splits", name] };
             check_name("split", name).map_err(|failure| place.fault(one_line(&failure)))?;
             let folder = SplitFolder::open(&self.base.join(dataset), split);
             open.insert(name.clone(), folder.map_err(|failure| place.fault(one_line(&failure)))?);
@@ -132,7 +134,12 @@ impl Planner<'_> {
     }
 
     /// Rejects changes of settings fixed by existing runs.
-    async fn refuse_fixed(&self, desk: &Desk<'_>, old: Option<&Phase>, new: &Phase) -> Result<(), Unplanned> {
+    async fn refuse_fixed(
+        &self,
+        conversion: &PhaseConversion<'_>,
+        old: Option<&Phase>,
+        new: &Phase,
+    ) -> Result<(), PlanError> {
         let Some(old) = old else { return Ok(()) };
         let key = if old.split != new.split || old.episodes != new.episodes {
             "split"
@@ -145,7 +152,7 @@ impl Planner<'_> {
         };
         if self.store.has_runs(&old.id).await? {
             let said = "the phase has runs, which fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
-            return Err(desk.fault(key, said).into());
+            return Err(conversion.fault(key, said).into());
         }
         Ok(())
     }
@@ -163,22 +170,22 @@ impl Planner<'_> {
 }
 
 /// Conversion of a file entry to a phase.
-struct Desk<'a> {
+struct PhaseConversion<'a> {
     planner: &'a Planner<'a>,
     /// Index in the file, from 0.
     index: &'a str,
     entry: &'a PhaseFile,
 }
 
-impl Desk<'_> {
+impl PhaseConversion<'_> {
     fn fault(&self, key: &str, said: impl std::fmt::Display) -> Fault {
         let mut path = vec!["phases", self.index];
         path.extend(key.split('.'));
-        Place { path: &path }.fault(said)
+        KeyPath { path: &path }.fault(said)
     }
 
     /// The phase of the entry; a manual start is taken from the previous version.
-    fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, Unplanned> {
+    fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, PlanError> {
         let entry = self.entry;
         check_name("phase", &entry.id).map_err(|failure| self.fault("id", one_line(&failure)))?;
         self.check_texts()?;
@@ -192,7 +199,7 @@ impl Desk<'_> {
             }
         };
         let rules = self.rules(split)?;
-        let episodes = register::phase_episodes(split)?;
+        let episodes = setup::phase_episodes(split)?;
         if episodes.is_empty() {
             return Err(self.fault("split", format!("split '{}' has no episodes", entry.split)).into());
         }
@@ -240,8 +247,8 @@ impl Desk<'_> {
         Ok(())
     }
 
-    fn rules(&self, split: &SplitFolder) -> Result<Rules, Unplanned> {
-        let of_split = register::rules_of(&self.entry.split, split)?;
+    fn rules(&self, split: &SplitFolder) -> Result<Rules, PlanError> {
+        let of_split = setup::rules_of(&self.entry.split, split)?;
         let played = rules_for_phase(of_split, self.entry.rules.as_deref());
         let mut rules = played.map_err(|failure| self.fault("rules", one_line(&failure)))?;
         rules.sounds = self.sounds(split)?;
@@ -259,7 +266,7 @@ impl Desk<'_> {
                 Some(digest) => {
                     data.bank(&Sounds::Own(digest.to_owned())).map(|_| Sounds::Own(digest.to_owned()))
                 }
-                None => data.sounds().adopt(&self.planner.base.join(word)).map(Sounds::Own),
+                None => data.sounds().import(&self.planner.base.join(word)).map(Sounds::Own),
             },
         };
         found.map_err(|failure| self.fault("sounds", one_line(&failure)))
@@ -271,7 +278,7 @@ impl Desk<'_> {
             None | Some(SPHERE) => return Ok(HeadRule::Sphere),
             Some(word) => match word.strip_prefix(KEPT) {
                 Some(digest) => heads.head(digest).map(|_| digest.to_owned()),
-                None => heads.adopt(&self.planner.base.join(word)),
+                None => heads.import(&self.planner.base.join(word)),
             },
         };
         found.map(HeadRule::Measured).map_err(|failure| self.fault("head", one_line(&failure)))
@@ -299,7 +306,7 @@ impl Desk<'_> {
     }
 
     fn schedule(&self, old: Option<&Phase>) -> Result<Schedule, Fault> {
-        let moment = |key, written| unix_ms(written, Place { path: &["phases", self.index, key] });
+        let moment = |key, written| unix_ms(written, KeyPath { path: &["phases", self.index, key] });
         let opens = moment("opens", self.entry.opens.as_ref())?;
         let closes = moment("closes", self.entry.closes.as_ref())?;
         if let (Some(opens), Some(closes)) = (opens, closes)
@@ -365,7 +372,7 @@ fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
     let mut seen = BTreeSet::new();
     for (index, entry) in file.phases.iter().enumerate() {
         if !seen.insert(&entry.id) {
-            let place = Place { path: &["phases", &index.to_string(), "id"] };
+            let place = KeyPath { path: &["phases", &index.to_string(), "id"] };
             return Err(place.fault(format!("'{}' is the id of an earlier phase", entry.id)));
         }
     }

@@ -4,7 +4,7 @@
 //! XChaCha20-Poly1305, bound to the name and folder of the file. The key is Argon2id of passphrase and salt,
 //! shared by all files of a sealing. Plain text exists only in memory.
 
-use crate::{Failure, FailureKind};
+use crate::Failure;
 use argon2::{Algorithm, Argon2, Params, Version};
 use chacha20poly1305::{
     Key, KeyInit, XChaCha20Poly1305, XNonce,
@@ -58,7 +58,7 @@ impl Passphrase {
     pub fn new(words: &str) -> Result<Self, Failure> {
         let words = words.trim();
         let weak = |why: String| {
-            Err(Failure::new(FailureKind::Data, format!("the passphrase is too weak: {why}"))
+            Err(Failure::data(format!("the passphrase is too weak: {why}"))
                 .hinted("make one with: head -c 24 /dev/urandom | base64"))
         };
         let mut different: Vec<char> = words.chars().collect();
@@ -88,13 +88,10 @@ impl Passphrase {
     /// If the file is unreadable or the passphrase is weak.
     pub fn of_file(path: &Path) -> Result<Self, Failure> {
         const LONGEST_BYTES: usize = 4096;
-        let text =
-            std::fs::read_to_string(path).map_err(|error| super::files::cannot("read", path, &error))?;
+        let text = std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))?;
         if text.len() > LONGEST_BYTES {
             let message = format!("{} has more than {LONGEST_BYTES} bytes", path.display());
-            return Err(
-                Failure::new(FailureKind::Data, message).hinted("name a file that holds one passphrase")
-            );
+            return Err(Failure::data(message).hinted("name a file that holds one passphrase"));
         }
         Self::new(&text)
     }
@@ -112,7 +109,7 @@ impl Passphrase {
 
     /// The key that comes of it with a salt.
     fn key(&self, salt: &[u8]) -> Result<Key, Failure> {
-        let failed = |error: argon2::Error| Failure::new(FailureKind::Internal, error);
+        let failed = |error: argon2::Error| Failure::internal(error);
         let params = Params::new(MEMORY_KIB, PASSES, LANES, Some(32)).map_err(failed)?;
         let mut key = [0; 32];
         let argon = Argon2::new(Algorithm::Argon2id, Version::V0x13, params);
@@ -169,7 +166,7 @@ impl Keyring {
     pub(super) fn open(&self, path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
         let Some(body) = bytes.strip_prefix(MAGIC) else { return Ok(bytes) };
         let refused = |message: &str| {
-            Failure::new(FailureKind::Data, format!("{} is sealed: {message}", path.display()))
+            Failure::data(format!("{} is sealed: {message}", path.display()))
                 .hinted(format!("name the file with its passphrase in {KEY_FILE}, or set {KEY}"))
         };
         let parts = body.split_at_checked(SALT_BYTES);
@@ -188,14 +185,13 @@ impl Keyring {
     /// Without a passphrase or random source.
     pub(super) fn seal(&self, salt: &Salt, path: &Path, plain: &[u8]) -> Result<Vec<u8>, Failure> {
         let key = self.key(&salt.0)?;
-        let key =
-            key.ok_or_else(|| Failure::new(FailureKind::Data, "there is no passphrase to seal with"))?;
+        let key = key.ok_or_else(|| Failure::data("there is no passphrase to seal with"))?;
         let mut nonce = [0; NONCE_BYTES];
         fill(&mut nonce)?;
         let place = place(path);
         let payload = Payload { msg: plain, aad: place.as_bytes() };
         let sealed = XChaCha20Poly1305::new(&key).encrypt(&XNonce::from(nonce), payload);
-        let sealed = sealed.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        let sealed = sealed.map_err(Failure::internal)?;
         Ok([MAGIC, &salt.0, &nonce, &sealed].concat())
     }
 }
@@ -213,7 +209,7 @@ impl Salt {
 }
 
 fn fill(bytes: &mut [u8]) -> Result<(), Failure> {
-    getrandom::fill(bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
+    getrandom::fill(bytes).map_err(Failure::internal)
 }
 
 /// Context of a sealed file: name and folder.

@@ -1,4 +1,6 @@
-use super::{DIGITS, Entry, link};
+//! Run logs as read from disk.
+
+use crate::runlog::{DIGITS, Entry, link};
 use avln_episode::{Action, EndReason, Sensors};
 use avln_scoring::Metrics;
 use std::{
@@ -30,14 +32,14 @@ pub struct EpisodeHistory {
     /// Sensors of the agent.
     pub sensors: Sensors,
     /// Its actions, each with the hash of the state that it led to.
-    pub taken: Vec<(Action, u64)>,
+    pub actions: Vec<(Action, u64)>,
     /// Remaining time bank; `None` before the first action.
     pub bank_left: Option<Duration>,
     /// Number of consecutive server crashes during the restore of the episode.
-    deaths_on_the_way: u32,
+    restore_crashes: u32,
     /// Number of consecutive server crashes in the first step after a restore.
-    deaths_in_a_step: u32,
-    danger: Danger,
+    step_crashes: u32,
+    critical: CriticalPhase,
     /// Why it ended and what it was worth, where that is written.
     pub ended: Option<(EndReason, Box<Metrics>)>,
 }
@@ -116,9 +118,9 @@ impl History {
     /// When entries do not fit together; names the line, counted from 1.
     pub fn episodes(&self) -> Result<BTreeMap<String, EpisodeHistory>, (usize, String)> {
         let mut episodes = BTreeMap::new();
-        let mut held: BTreeMap<u32, String> = BTreeMap::new();
+        let mut slots: BTreeMap<u32, String> = BTreeMap::new();
         for (index, entry) in self.entries.iter().enumerate() {
-            follow(entry, &mut episodes, &mut held).map_err(|what| (index + 1, what))?;
+            follow(entry, &mut episodes, &mut slots).map_err(|what| (index + 1, what))?;
         }
         Ok(episodes)
     }
@@ -138,28 +140,28 @@ impl History {
 
 /// Activity of the server with a restored episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Danger {
+enum CriticalPhase {
     None,
-    OnTheWay,
-    InAStep,
+    Restore,
+    FirstStep,
 }
 
 impl EpisodeHistory {
     /// Consecutive server crashes in the same phase of a restoration, as far as known.
-    pub fn deaths(&self) -> u32 {
+    pub fn crashes(&self) -> u32 {
         let mut now = self.clone();
-        now.survive();
-        now.deaths_on_the_way.max(now.deaths_in_a_step)
+        now.count_crash();
+        now.restore_crashes.max(now.step_crashes)
     }
 
     /// A new server has started after a crash.
-    fn survive(&mut self) {
-        match self.danger {
-            Danger::None => {}
-            Danger::OnTheWay => self.deaths_on_the_way += 1,
-            Danger::InAStep => self.deaths_in_a_step += 1,
+    fn count_crash(&mut self) {
+        match self.critical {
+            CriticalPhase::None => {}
+            CriticalPhase::Restore => self.restore_crashes += 1,
+            CriticalPhase::FirstStep => self.step_crashes += 1,
         }
-        self.danger = Danger::None;
+        self.critical = CriticalPhase::None;
     }
 }
 
@@ -167,21 +169,21 @@ impl EpisodeHistory {
 fn follow(
     entry: &Entry,
     episodes: &mut BTreeMap<String, EpisodeHistory>,
-    held: &mut BTreeMap<u32, String>,
+    slots: &mut BTreeMap<u32, String>,
 ) -> Result<(), String> {
     match entry {
         Entry::Began { slot, handle, ordinal, episode, sensors, .. } => {
-            held.insert(*slot, handle.clone());
+            slots.insert(*slot, handle.clone());
             let begun = EpisodeHistory {
                 slot: *slot,
                 ordinal: *ordinal,
                 episode: episode.clone(),
                 sensors: sensors.clone(),
-                taken: Vec::new(),
+                actions: Vec::new(),
                 bank_left: None,
-                deaths_on_the_way: 0,
-                deaths_in_a_step: 0,
-                danger: Danger::None,
+                restore_crashes: 0,
+                step_crashes: 0,
+                critical: CriticalPhase::None,
                 ended: None,
             };
             match episodes.insert(handle.clone(), begun) {
@@ -190,31 +192,31 @@ fn follow(
             }
         }
         Entry::Acted { slot, step, action, state, bank_us, .. } => {
-            let episode = held.get(slot).and_then(|handle| episodes.get_mut(handle));
+            let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
             let episode = episode.ok_or_else(|| format!("slot {slot} acts and holds no episode"))?;
             let state = u64::from_str_radix(state, 16).map_err(|_| format!("'{state}' is no state"))?;
-            if episode.ended.is_some() || *step as usize != episode.taken.len() + 1 {
+            if episode.ended.is_some() || *step as usize != episode.actions.len() + 1 {
                 return Err(format!("step {step} of slot {slot} is out of turn"));
             }
-            episode.taken.push((*action, state));
+            episode.actions.push((*action, state));
             episode.bank_left = Some(Duration::from_micros(*bank_us));
-            (episode.deaths_in_a_step, episode.danger) = (0, Danger::None);
+            (episode.step_crashes, episode.critical) = (0, CriticalPhase::None);
             Ok(())
         }
-        Entry::TakenUp { slot, handle, .. } => {
-            held.insert(*slot, handle.clone());
+        Entry::RestoreStarted { slot, handle, .. } => {
+            slots.insert(*slot, handle.clone());
             let episode = episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never began"))?;
-            episode.survive();
-            episode.danger = Danger::OnTheWay;
+            episode.count_crash();
+            episode.critical = CriticalPhase::Restore;
             Ok(())
         }
-        Entry::Stands { slot, .. } | Entry::Tries { slot, .. } => {
-            let episode = held.get(slot).and_then(|handle| episodes.get_mut(handle));
+        Entry::RestoreDone { slot, .. } | Entry::StepAttempted { slot, .. } => {
+            let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
             let episode = episode.ok_or_else(|| format!("slot {slot} holds no episode"))?;
-            if matches!(entry, Entry::Tries { .. }) {
-                episode.danger = Danger::InAStep;
+            if matches!(entry, Entry::StepAttempted { .. }) {
+                episode.critical = CriticalPhase::FirstStep;
             } else {
-                (episode.deaths_on_the_way, episode.danger) = (0, Danger::None);
+                (episode.restore_crashes, episode.critical) = (0, CriticalPhase::None);
             }
             Ok(())
         }

@@ -5,15 +5,15 @@
 //! of this line, so changed, removed or inserted lines are detectable. An incomplete last line was
 //! interrupted by a crash and is ignored.
 
-mod entry;
-mod history;
-mod seal;
-mod writer;
-
-pub use entry::Entry;
+use avln_episode::{Action, EndReason, Order, Sensors};
+use avln_scoring::Metrics;
 pub use history::{EpisodeHistory, History, LogError};
-pub use seal::{SigningKey, is_signed};
-pub use writer::{RunLog, RunLogs, SlotLog};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+pub use writer::{RunLog, RunLogs, SigningKey, SlotLog, is_signed};
+
+mod history;
+mod writer;
 
 /// Digits of the hash in front of each line.
 const DIGITS: usize = 32;
@@ -25,5 +25,277 @@ fn link(before: &str, json: &str) -> String {
     hasher.finalize().to_hex()[..DIGITS].to_owned()
 }
 
+/// A line of a run log. Times are milliseconds since 1970-01-01 UTC (`_ms`) or durations in microseconds
+/// (`_us`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Entry {
+    /// The first line: whose log it is, and what was in force.
+    Run {
+        /// Version of this format.
+        format: u32,
+        /// Id of the run.
+        run: String,
+        /// Id of its phase.
+        phase: String,
+        /// Success criterion.
+        order: Order,
+        /// Digests and versions by name, as the store keeps them.
+        digests: BTreeMap<String, String>,
+        /// When the log was begun.
+        at_ms: i64,
+    },
+    /// An episode was handed out to a slot.
+    Began {
+        /// The slot.
+        slot: u32,
+        /// The name that the agent sees.
+        handle: String,
+        /// Place in the run's list, from 0.
+        ordinal: u32,
+        /// Id of the episode inside the split.
+        episode: String,
+        /// Sensors of the agent.
+        sensors: Sensors,
+        /// When.
+        at_ms: i64,
+    },
+    /// The slot's episode took a step.
+    Acted {
+        /// The slot.
+        slot: u32,
+        /// Number of the step, counted from 1.
+        step: u32,
+        /// The action.
+        action: Action,
+        /// Hash of the state that it led to, 16 hexadecimal digits.
+        state: String,
+        /// For how long the agent thought.
+        thought_us: u64,
+        /// Remaining time bank of the episode.
+        bank_us: u64,
+        /// When.
+        at_ms: i64,
+    },
+    /// A new server has started to restore the episode after a server stop.
+    #[serde(rename = "taken_up")]
+    RestoreStarted {
+        /// The slot.
+        slot: u32,
+        /// The name that the agent sees.
+        handle: String,
+        /// When.
+        at_ms: i64,
+    },
+    /// The episode is restored.
+    #[serde(rename = "stands")]
+    RestoreDone {
+        /// The slot.
+        slot: u32,
+        /// When.
+        at_ms: i64,
+    },
+    /// The first step after a restore is about to start.
+    #[serde(rename = "tries")]
+    StepAttempted {
+        /// The slot.
+        slot: u32,
+        /// Number of the step, counted from 1.
+        step: u32,
+        /// When.
+        at_ms: i64,
+    },
+    /// An observation did not arrive, and the clock of its answer began again.
+    ClockRestarted {
+        /// The slot.
+        slot: u32,
+        /// Step of the observation.
+        step: u32,
+        /// For how long the connection was away.
+        away_us: u64,
+        /// When.
+        at_ms: i64,
+    },
+    /// The run is over, and the server stands for the lines before.
+    Signed {
+        /// The digits in front of the line before.
+        head: String,
+        /// The server's public key, hexadecimal.
+        key: String,
+        /// Ed25519 signature over the digits, hexadecimal.
+        signature: String,
+    },
+    /// The episode is over and scored; the store is told next.
+    Ended {
+        /// The slot.
+        slot: u32,
+        /// The name that the agent saw.
+        handle: String,
+        /// Why it ended.
+        end: EndReason,
+        /// Score of the episode.
+        metrics: Box<Metrics>,
+        /// When.
+        at_ms: i64,
+    },
+}
+
+impl Entry {
+    /// Version of the format that this program writes.
+    pub const FORMAT: u32 = 1;
+}
+
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use avln_grpc::{Acted, EpisodeLog};
+    use std::{path::Path, sync::Arc, time::Duration};
+
+    fn first() -> Entry {
+        let digests = BTreeMap::from([("split".to_owned(), "abc".to_owned())]);
+        let (run, phase) = ("run_1".to_owned(), "practice".to_owned());
+        Entry::Run { format: Entry::FORMAT, run, phase, order: Order::Ordered, digests, at_ms: 1 }
+    }
+
+    fn began(slot: u32, handle: &str) -> Entry {
+        Entry::Began {
+            slot,
+            handle: handle.to_owned(),
+            ordinal: slot,
+            episode: format!("house-{slot}"),
+            sensors: Sensors::all(64, 64),
+            at_ms: 2,
+        }
+    }
+
+    fn acted(step: u32, action: Action) -> Acted {
+        let (thought, bank_left) = (Duration::from_millis(7), Duration::from_secs(60));
+        Acted { step, action, state_hash: u64::from(step) << 60 | 5, thought, bank_left }
+    }
+
+    /// A log with two slots: two steps and one step.
+    fn written(folder: &Path) -> RunLogs {
+        let logs = RunLogs::at(folder);
+        let log = logs.open("run_1", first).unwrap();
+        log.write(&began(0, "ep_a")).unwrap();
+        log.write(&began(1, "ep_b")).unwrap();
+        let slot = |slot| SlotLog { log: Arc::clone(&log), slot, restored: false };
+        slot(0).acted(&acted(1, Action::MoveForward)).unwrap();
+        slot(1).acted(&acted(1, Action::TurnLeft)).unwrap();
+        slot(0).acted(&acted(2, Action::Submit)).unwrap();
+        slot(0).clock_restarted(2, Duration::from_secs(3)).unwrap();
+        slot(1).clock_restarted(1, Duration::from_secs(3)).unwrap();
+        logs
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let logs = written(folder.path());
+        logs.sync();
+        let history = logs.history("run_1").unwrap().expect("a log");
+        let episodes = history.episodes().unwrap();
+        let actions = [(Action::MoveForward, 1 << 60 | 5), (Action::Submit, 2 << 60 | 5)];
+        assert_eq!(episodes["ep_a"].actions, actions);
+        assert_eq!((episodes["ep_b"].slot, episodes["ep_b"].actions.len()), (1, 1));
+        assert_eq!(episodes["ep_a"].bank_left, Some(Duration::from_secs(60)));
+        assert_eq!(history.away(), Duration::from_secs(3), "both slots were away at the same time");
+        assert_eq!(logs.history("run_2").unwrap(), None);
+    }
+
+    #[test]
+    fn a_line_that_was_not_finished_counts_for_nothing_and_is_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path()).path("run_1");
+        let whole = std::fs::read(&path).unwrap();
+        for cut in 1..40 {
+            std::fs::write(&path, &whole[..whole.len() - cut]).unwrap();
+            let logs = RunLogs::at(folder.path());
+            let before = logs.history("run_1").unwrap().expect("a log").entries.len();
+            assert_eq!(before, 7, "the last of eight is not whole");
+            logs.open("run_1", first).unwrap().write(&began(2, "ep_c")).unwrap();
+            let after = logs.history("run_1").unwrap().expect("a log");
+            assert_eq!(after.entries.len(), 8);
+            assert!(after.episodes().unwrap().contains_key("ep_c"));
+        }
+    }
+
+    #[test]
+    fn a_line_that_was_changed_left_out_or_put_in_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let bytes = std::fs::read(written(folder.path()).path("run_1")).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        let lines: Vec<_> = text.lines().collect();
+        for index in 0..lines.len() {
+            let changed = text.replace(lines[index], &lines[index].replacen("_ms\":", "_ms\": ", 1));
+            assert_eq!(History::parse(changed.as_bytes()).unwrap_err().0, index + 1, "changed");
+            let doubled = text.replace(lines[index], &format!("{0}\n{0}", lines[index]));
+            assert_eq!(History::parse(doubled.as_bytes()).unwrap_err().0, index + 2, "doubled");
+            if index + 1 < lines.len() {
+                let without = text.replace(&format!("{}\n", lines[index]), "");
+                assert_eq!(History::parse(without.as_bytes()).unwrap_err().0, index + 1, "left out");
+            }
+        }
+    }
+
+    #[test]
+    fn deaths_of_the_server_are_counted_until_the_episode_comes_further() {
+        let folder = tempfile::tempdir().unwrap();
+        let logs = written(folder.path());
+        let log = logs.open("run_1", first).unwrap();
+        let deaths = || logs.history("run_1").unwrap().expect("a log").episodes().unwrap()["ep_a"].crashes();
+        let restoring = Entry::RestoreStarted { slot: 0, handle: "ep_a".to_owned(), at_ms: 3 };
+        log.write(&restoring).unwrap();
+        assert_eq!(deaths(), 1, "it died bringing the episode back");
+        log.write(&Entry::RestoreDone { slot: 0, at_ms: 3 }).unwrap();
+        assert_eq!(deaths(), 0, "it died of something else");
+        let mut slot = SlotLog { log: log.clone(), slot: 0, restored: true };
+        slot.acting(3).unwrap();
+        log.write(&restoring).unwrap();
+        log.write(&restoring).unwrap();
+        assert_eq!(deaths(), 2, "twice bringing it back, once in the step");
+        log.write(&Entry::RestoreDone { slot: 0, at_ms: 3 }).unwrap();
+        assert_eq!(deaths(), 1);
+        slot.acted(&acted(3, Action::MoveForward)).unwrap();
+        assert_eq!(deaths(), 0);
+    }
+
+    #[test]
+    fn steps_out_of_turn_are_no_history() {
+        let folder = tempfile::tempdir().unwrap();
+        let logs = RunLogs::at(folder.path());
+        let log = logs.open("run_1", first).unwrap();
+        log.write(&began(0, "ep_a")).unwrap();
+        SlotLog { log: log.clone(), slot: 0, restored: false }.acted(&acted(2, Action::Stop)).unwrap();
+        let (line, what) = logs.history("run_1").unwrap().expect("a log").episodes().unwrap_err();
+        assert_eq!(line, 3);
+        assert!(what.contains("step 2 of slot 0 is out of turn"), "{what}");
+    }
+
+    #[test]
+    fn a_log_of_another_format_is_not_read() {
+        let entry = serde_json::to_string(&first()).unwrap().replace("\"format\":1", "\"format\":9");
+        let line = format!("{} {entry}\n", link("", &entry));
+        let (number, what) = History::parse(line.as_bytes()).unwrap_err();
+        assert_eq!((number, what.as_str()), (1, "format 9 is not known, 1 is"));
+    }
+
+    #[test]
+    fn no_bytes_do_harm() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = std::fs::read(written(folder.path()).path("run_1")).unwrap();
+        let mut state = 1_u64;
+        for _ in 0..2000 {
+            let mut bytes = whole.clone();
+            for _ in 0..3 {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let at = (state >> 33) as usize % bytes.len();
+                bytes[at] = (state >> 20) as u8;
+            }
+            if let Ok(history) = History::parse(&bytes) {
+                assert!(history.entries.len() <= 8);
+                let _ = history.episodes();
+            }
+        }
+    }
+}

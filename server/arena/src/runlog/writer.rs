@@ -1,6 +1,11 @@
-use super::{Entry, History, LogError, SigningKey, link};
-use crate::now_unix_ms;
+//! Writing and signing of run logs.
+
+use crate::{
+    now_unix_ms,
+    runlog::{Entry, History, LogError, link},
+};
 use avln_grpc::{Acted, EpisodeLog};
+use ring::signature::{ED25519, Ed25519KeyPair, KeyPair, UnparsedPublicKey};
 use std::{
     collections::BTreeMap,
     fs::{File, OpenOptions},
@@ -12,6 +17,7 @@ use std::{
     },
     time::Duration,
 };
+use tempfile::NamedTempFile;
 
 /// The run logs of a data folder.
 #[derive(Debug)]
@@ -184,13 +190,13 @@ pub struct SlotLog {
     /// The slot.
     pub slot: u32,
     /// True if the episode was restored and has had no action since.
-    pub taken_up: bool,
+    pub restored: bool,
 }
 
 impl EpisodeLog for SlotLog {
     fn acting(&mut self, step: u32) -> io::Result<()> {
-        match std::mem::take(&mut self.taken_up) {
-            true => self.log.write(&Entry::Tries { slot: self.slot, step, at_ms: now_unix_ms() }),
+        match std::mem::take(&mut self.restored) {
+            true => self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms: now_unix_ms() }),
             false => Ok(()),
         }
     }
@@ -215,4 +221,112 @@ impl EpisodeLog for SlotLog {
 
 fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
+}
+
+/// Bytes of the secret from which the key is made.
+const SEED_BYTES: usize = 32;
+
+/// The server's Ed25519 key (RFC 8032).
+pub struct SigningKey(Ed25519KeyPair);
+
+impl SigningKey {
+    /// The key in the file `path`, created if missing, readable by the owner only.
+    ///
+    /// # Errors
+    /// If the file cannot be read or created, or does not contain exactly 32 bytes.
+    pub fn at(path: &Path) -> io::Result<Self> {
+        match std::fs::read(path) {
+            Ok(seed) => Self::from_seed(&seed),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Self::make(path),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Creates a key atomically. If another program creates a key at the same time, the first one wins.
+    fn make(path: &Path) -> io::Result<Self> {
+        let mut seed = [0; SEED_BYTES];
+        getrandom::fill(&mut seed).map_err(io::Error::other)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        // Temporary files are readable by their owner only.
+        let mut file = NamedTempFile::new_in(folder)?;
+        file.write_all(&seed)?;
+        file.as_file().sync_all()?;
+        match file.persist_noclobber(path) {
+            Ok(_) => Self::from_seed(&seed),
+            Err(refused) if refused.error.kind() == io::ErrorKind::AlreadyExists => Self::at(path),
+            Err(refused) => Err(refused.error),
+        }
+    }
+
+    fn from_seed(seed: &[u8]) -> io::Result<Self> {
+        let pair = Ed25519KeyPair::from_seed_unchecked(seed);
+        let damaged = |_| io::Error::new(io::ErrorKind::InvalidData, "a signing key has 32 bytes");
+        pair.map(Self).map_err(damaged)
+    }
+
+    /// The public half, hexadecimal.
+    pub fn public(&self) -> String {
+        hex::encode(self.0.public_key())
+    }
+
+    /// A signature over `head`, the digits of a log's last line, hexadecimal.
+    pub fn sign(&self, head: &str) -> String {
+        hex::encode(self.0.sign(head.as_bytes()))
+    }
+}
+
+impl std::fmt::Debug for SigningKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SigningKey").field(&self.public()).finish()
+    }
+}
+
+/// Returns true if `signature` of `public` over `head` is valid; key and signature are hexadecimal.
+pub fn is_signed(public: &str, head: &str, signature: &str) -> bool {
+    let (Ok(public), Ok(signature)) = (hex::decode(public), hex::decode(signature)) else { return false };
+    UnparsedPublicKey::new(&ED25519, public).verify(head.as_bytes(), &signature).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_kept_and_signs_the_same_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("signing.key");
+        let (made, found) = (SigningKey::at(&path).unwrap(), SigningKey::at(&path).unwrap());
+        let signature = made.sign("abc");
+        assert_eq!(signature, found.sign("abc"));
+        assert!(is_signed(&made.public(), "abc", &signature));
+        assert!(!is_signed(&made.public(), "abd", &signature));
+        assert!(!is_signed(&signature, "abc", &made.public()));
+        assert!(!is_signed("é", "abc", "x"));
+        std::fs::write(&path, b"short").unwrap();
+        assert!(SigningKey::at(&path).unwrap_err().to_string().contains("32 bytes"));
+    }
+
+    #[test]
+    fn programs_that_make_it_at_the_same_time_have_the_same() {
+        for _ in 0..50 {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("signing.key");
+            let key = || SigningKey::at(&path).unwrap().public();
+            let keys = std::thread::scope(|scope| {
+                let made = [(); 4].map(|()| scope.spawn(key));
+                made.map(|made| made.join().unwrap())
+            });
+            assert!(keys.iter().all(|key| *key == keys[0]), "{keys:?}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn nobody_else_can_read_it() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("signing.key");
+        SigningKey::at(&path).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+    }
 }

@@ -1,9 +1,9 @@
-//! Rendering of images and sound for replays, with separate scenes so that visitors do not slow agents.
+//! Images and sound of replays.
 
-use super::{
-    play::make_referee,
+use crate::{
+    episodes::prepare_referee,
+    phases::{HostedPhase, PhaseCatalog, find_phase},
     scenes::SceneCache,
-    stages::{Stage, Stages},
 };
 use avln_episode::{Observation, Sensors};
 use avln_geom::{Vector3, angle};
@@ -12,21 +12,28 @@ use avln_store::{Facts, Store};
 use avln_web::{
     RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest, async_trait,
 };
-use std::{collections::BTreeMap, fmt, sync::Arc};
+use std::{fmt, sync::Arc};
+use tokio::task::spawn_blocking;
 
-/// Memory limit of these scenes, bytes; the last scene always stays.
+/// Memory limit for replayed scenes, bytes; the last scene always stays.
 const SCENE_BYTES: usize = 512 << 20;
 
 /// Renderer for visitors.
-pub(super) struct SceneRenderer {
+pub(crate) struct SceneRenderer {
     store: Store,
-    stages: Arc<Stages>,
+    phases: Arc<PhaseCatalog>,
+    // Separate from the scenes of running episodes, so that visitors do not slow agents.
     scenes: Arc<SceneCache>,
 }
 
 impl SceneRenderer {
-    pub(super) fn new(store: Store, stages: Arc<Stages>, cache: Arc<dyn avln_world::Cache>) -> Self {
-        Self { store, stages, scenes: Arc::new(SceneCache::new(SCENE_BYTES, cache)) }
+    pub(crate) fn new(store: Store, phases: Arc<PhaseCatalog>, cache: Arc<dyn avln_world::Cache>) -> Self {
+        Self { store, phases, scenes: Arc::new(SceneCache::new(SCENE_BYTES, cache)) }
+    }
+
+    async fn phase(&self, id: &str) -> Result<Arc<HostedPhase>, RenderError> {
+        let phases = self.phases.now(&self.store).await.map_err(render_error)?;
+        find_phase(&phases, id).ok_or_else(|| RenderError(format!("phase '{id}' is not hosted")))
     }
 }
 
@@ -39,23 +46,24 @@ impl fmt::Debug for SceneRenderer {
 #[async_trait]
 impl ReplayRenderer for SceneRenderer {
     async fn render_view(&self, request: ViewRequest) -> Result<RenderedView, RenderError> {
-        let stage = stage(&self.stages, &self.store, &request.phase).await?;
+        let phase = self.phase(&request.phase).await?;
         let scenes = self.scenes.clone();
-        let rendered = tokio::task::spawn_blocking(move || render_view(&stage, &scenes, &request)).await;
+        let rendered = spawn_blocking(move || render_view(&phase, &scenes, &request)).await;
         rendered.map_err(render_error)?
     }
 
     async fn render_sound(&self, request: SoundRequest) -> Result<RenderedSound, RenderError> {
         let SoundRequest { phase, run, ordinal } = request;
-        let stage = stage(&self.stages, &self.store, &phase).await?;
+        let phase = self.phase(&phase).await?;
         let then = self.store.run(&run).await.map_err(render_error)?.digests;
         let facts = self.store.facts(&run, ordinal).await.map_err(render_error)?;
         let facts = facts
             .ok_or_else(|| RenderError(format!("the record of episode {ordinal} of {run} is not stored")))?;
         let scenes = self.scenes.clone();
-        let rendered = tokio::task::spawn_blocking(move || {
-            check_digests(&stage, &then)?;
-            render_sound(&stage, &scenes, &facts)
+        let rendered = spawn_blocking(move || {
+            // Changed missions, rules or clips would render another sound than the agent received.
+            phase.check_digests(&then, &["split", "config"]).map_err(RenderError)?;
+            render_sound(&phase, &scenes, &facts)
         });
         let rendered = rendered.await.map_err(render_error)?;
         rendered.map_err(|RenderError(cause)| RenderError(format!("episode {ordinal} of {run}: {cause}")))
@@ -66,34 +74,26 @@ fn render_error(error: impl fmt::Display) -> RenderError {
     RenderError(error.to_string())
 }
 
-async fn stage(stages: &Stages, store: &Store, phase: &str) -> Result<Arc<Stage>, RenderError> {
-    let all = stages.now(store).await.map_err(render_error)?;
-    let stage = all.iter().find(|stage| stage.phase.id == phase).cloned();
-    stage.ok_or_else(|| RenderError(format!("phase '{phase}' is not hosted")))
-}
-
-/// Refuses to hear by other missions, rules or sounds than the run was played by.
-fn check_digests(stage: &Stage, then: &BTreeMap<String, String>) -> Result<(), RenderError> {
-    let now = stage.digests();
-    let differs = |name: &&str| then.get(*name) != now.get(*name);
-    let Some(name) = ["split", "config"].into_iter().find(differs) else { return Ok(()) };
-    let told = |digests: &BTreeMap<String, String>| digests.get(name).cloned().unwrap_or_default();
-    Err(RenderError(format!("it was played with {name} '{}', which is '{}' now", told(then), told(&now))))
-}
-
 /// Replays the recorded actions with audio only.
-fn render_sound(stage: &Stage, scenes: &SceneCache, facts: &Facts) -> Result<RenderedSound, RenderError> {
+fn render_sound(
+    phase: &HostedPhase,
+    scenes: &SceneCache,
+    facts: &Facts,
+) -> Result<RenderedSound, RenderError> {
     let ears = Sensors { rgb: false, depth: false, ..Sensors::all(64, 64) };
     let (truth, record) = (&facts.truth, &facts.record);
-    let made = make_referee(stage, scenes, &truth.episode, truth.order, ears);
-    let mut referee = made.map_err(|refusal| RenderError(refusal.message))?.referee;
-    let samples_per_step = stage.rules().samples_per_step() as usize;
+    let prepared = prepare_referee(phase, scenes, &truth.episode, truth.order, ears);
+    let mut referee = prepared.map_err(|refusal| RenderError(refusal.message))?.referee;
+    let samples_per_step = phase.rules().samples_per_step() as usize;
     let mut sound = RenderedSound { samples_per_step, ..RenderedSound::default() };
     append(&mut sound, referee.start())?;
     for step in &record.steps {
         let observation = referee.step(step.action).map_err(render_error)?.observation;
         if referee.state_hash() != step.state_hash {
-            return Err(RenderError(format!("step {} leads elsewhere than it did", referee.steps())));
+            return Err(RenderError(format!(
+                "step {} leads to another state than recorded",
+                referee.steps()
+            )));
         }
         append(&mut sound, observation)?;
     }
@@ -114,12 +114,12 @@ fn append(sound: &mut RenderedSound, observation: Observation) -> Result<(), Ren
 }
 
 fn render_view(
-    stage: &Stage,
+    phase: &HostedPhase,
     scenes: &SceneCache,
     request: &ViewRequest,
 ) -> Result<RenderedView, RenderError> {
-    let (assets, _) = stage.scene(&request.scene, scenes).map_err(render_error)?;
-    let rules = stage.rules();
+    let (assets, _) = phase.scene(&request.scene, scenes).map_err(render_error)?;
+    let rules = phase.rules();
     let camera = Camera {
         eye: request.pose.position + Vector3::y() * rules.camera_height_m,
         world_from_camera: angle::about_up(request.pose.heading_rad),

@@ -1,38 +1,40 @@
-//! Management actions of signed-in users. Every action is in the audit list with the prefix of its token.
+//! Management actions of signed-in users, and live status for visitors. The audit list names the token prefix of each action.
 
-pub mod deeds;
-
-use crate::{Arena, admin, fault_count, now_unix_ms};
+use crate::{
+    Arena,
+    actions::{self, ActionFailure, TokenRequest, note, reschedule},
+    admin, fault_count, now_unix_ms,
+};
+use avln_grpc::{Control, SessionState, SlotState};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
 use avln_web::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
-    TeamCredential, async_trait,
+    ActionError, ActionOrigin, ActionOutcome, LiveSession, LiveSlot, LiveStatus, Management, OrganiserAction,
+    ServerHealth, TeamAction, TeamCredential, async_trait,
 };
-use deeds::{Wish, note, reschedule};
-use std::{fmt, sync::Arc};
+use std::{fmt, sync::Arc, time::Duration};
 
 /// Limit of valid tokens per team: several per person of a large team.
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
 /// The office of a running server.
-pub struct ArenaOffice(Arc<Arena>);
+pub(crate) struct ArenaManagement(Arc<Arena>);
 
-impl ArenaOffice {
+impl ArenaManagement {
     /// The office of `arena`.
-    pub fn new(arena: Arc<Arena>) -> Self {
+    pub(crate) fn new(arena: Arc<Arena>) -> Self {
         Self(arena)
     }
 }
 
-impl fmt::Debug for ArenaOffice {
+impl fmt::Debug for ArenaManagement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("ArenaOffice")
     }
 }
 
 #[async_trait]
-impl Management for ArenaOffice {
+impl Management for ArenaManagement {
     async fn team_action(
         &self,
         team: TeamCredential,
@@ -57,28 +59,28 @@ impl Management for ArenaOffice {
     }
 }
 
-impl From<deeds::Undone> for ActionError {
-    fn from(undone: deeds::Undone) -> Self {
+impl From<ActionFailure> for ActionError {
+    fn from(undone: ActionFailure) -> Self {
         match undone {
-            deeds::Undone::Refused { words, hint: "" } => Self::Refused(words),
-            deeds::Undone::Refused { words, hint } => Self::Refused(format!("{words}; {hint}")),
-            deeds::Undone::Store(error) if error.is_fault() => Self::Failed(error.to_string()),
-            deeds::Undone::Store(error) => Self::Refused(error.to_string()),
-            deeds::Undone::System(error) => Self::Failed(error),
+            ActionFailure::Refused { words, hint: "" } => Self::Refused(words),
+            ActionFailure::Refused { words, hint } => Self::Refused(format!("{words}; {hint}")),
+            ActionFailure::Store(error) if error.is_fault() => Self::Failed(error.to_string()),
+            ActionFailure::Store(error) => Self::Refused(error.to_string()),
+            ActionFailure::System(error) => Self::Failed(error),
         }
     }
 }
 
-type Answer = Result<ActionOutcome, deeds::Undone>;
+type Answer = Result<ActionOutcome, ActionFailure>;
 
 fn done(words: String) -> Answer {
     Ok(ActionOutcome { message: words, secret: None })
 }
 
 /// Executes a team action.
-async fn act(arena: &Arena, member: &TeamCredential, deed: TeamAction) -> Answer {
+async fn act(arena: &Arena, member: &TeamCredential, action: TeamAction) -> Answer {
     let actor = format!("token {} of team {}", member.token, member.team);
-    match deed {
+    match action {
         TeamAction::IssueToken { name, looks_only, days } => {
             issue(arena, member, &actor, (&name, looks_only, days)).await
         }
@@ -106,17 +108,18 @@ async fn issue(
     let held = tokens.iter().filter(|t| is_own(&t.team) && holds(t.revoked_ms, t.expires_ms)).count();
     if held >= MOST_TOKENS {
         let words = format!("the team has {held} tokens that hold, the most at a time");
-        return Err(deeds::Undone::refused(words, "take one back that nobody needs"));
+        return Err(ActionFailure::refused(words, "take one back that nobody needs"));
     }
     let asked = days.map(|days| now + i64::from(days) * DAY_MS);
-    let wish = Wish {
+    let request = TokenRequest {
         kind: if looks_only { TokenScope::ReadOnly } else { TokenScope::Participant },
         name,
         team: Some(&member.team),
         expires_unix_ms: [asked, member.expires_unix_ms].into_iter().flatten().min(),
     };
-    let secret = deeds::issue(store, &wish, actor, now).await?;
-    let until = wish.expires_unix_ms.map_or_else(String::new, |moment| format!(" until {}", rfc3339(moment)));
+    let secret = actions::issue(store, &request, actor, now).await?;
+    let until =
+        request.expires_unix_ms.map_or_else(String::new, |moment| format!(" until {}", rfc3339(moment)));
     Ok(ActionOutcome { message: format!("A token was made that holds{until}."), secret: Some(secret) })
 }
 
@@ -137,44 +140,44 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
 }
 
 /// Executes an organiser action.
-async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) -> Answer {
-    let actor = format!("token {} of the organiser", because.token);
-    match deed {
-        OrganiserAction::Admit { team } => admit(arena, &actor, &because.reason, &team).await,
+async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction) -> Answer {
+    let actor = format!("token {} of the organiser", origin.token);
+    match action {
+        OrganiserAction::Admit { team } => admit(arena, &actor, &origin.reason, &team).await,
         OrganiserAction::Approve { team, phase, approved } => {
             let word = if approved { "approved" } else { "no more approved" };
             let decided =
-                note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &because.reason);
+                note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &origin.reason);
             arena.store().approve(&phase, &team, approved, decided, now_unix_ms()).await?;
             done(format!("Team {team} is {word} in phase {phase}."))
         }
         OrganiserAction::Grant { team, phase, runs } => {
-            let grant = NewGrant { phase: &phase, team: &team, runs, reason: &because.reason };
+            let grant = NewGrant { phase: &phase, team: &team, runs, reason: &origin.reason };
             let granted =
-                note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &because.reason);
+                note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &origin.reason);
             let granted = AuditNote { after: Some(format!("{runs} runs")), ..granted };
             arena.store().grant(&grant, granted, now_unix_ms()).await?;
             done(format!("Team {team} has {runs} runs more in phase {phase}."))
         }
         OrganiserAction::Verify { run, verified } => {
-            let words = deeds::verify(arena.store(), &run, verified, (&actor, &because.reason)).await?;
+            let words = actions::verify(arena.store(), &run, verified, (&actor, &origin.reason)).await?;
             done(sentence(&words))
         }
         OrganiserAction::Disqualify(run) => {
-            let words = deeds::disqualify(arena.store(), &run, true, (&actor, &because.reason)).await?;
+            let words = actions::disqualify(arena.store(), &run, true, (&actor, &origin.reason)).await?;
             done(sentence(&words))
         }
         OrganiserAction::Reinstate(run) => {
-            let words = deeds::disqualify(arena.store(), &run, false, (&actor, &because.reason)).await?;
+            let words = actions::disqualify(arena.store(), &run, false, (&actor, &origin.reason)).await?;
             done(sentence(&words))
         }
-        of_phase => rule_phase(arena, &actor, &because.reason, of_phase).await,
+        of_phase => rule_phase(arena, &actor, &origin.reason, of_phase).await,
     }
 }
 
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     let (store, now) = (arena.store(), now_unix_ms());
-    let secret = deeds::admit(store, team, None, now).await?;
+    let secret = actions::admit(store, team, None, now).await?;
     store
         .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
         .await?;
@@ -191,9 +194,9 @@ fn sentence(words: &str) -> String {
     format!("{first}{}.", letters.as_str())
 }
 
-async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: OrganiserAction) -> Answer {
+async fn rule_phase(arena: &Arena, actor: &str, reason: &str, action: OrganiserAction) -> Answer {
     let store = arena.store();
-    match deed {
+    match action {
         OrganiserAction::Pause(id) => {
             let words = reason.to_owned();
             reschedule(store, &id, (actor, reason), |schedule| schedule.paused = Some(words)).await?;
@@ -204,7 +207,7 @@ async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: OrganiserAct
                 (schedule.paused, schedule.closed) = (None, false);
             };
             let phase = reschedule(store, &id, (actor, reason), change).await?;
-            done(format!("Phase {id} is {}.", deeds::state_word(phase.schedule.state(now_unix_ms()))))
+            done(format!("Phase {id} is {}.", actions::state_word(phase.schedule.state(now_unix_ms()))))
         }
         OrganiserAction::Close(id) => {
             reschedule(store, &id, (actor, reason), |schedule| schedule.closed = true).await?;
@@ -215,6 +218,35 @@ async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: OrganiserAct
             store.reveal_phase(&id, revealed, now_unix_ms()).await?;
             done(format!("What phase {id} had committed to is published."))
         }
-        other => Err(deeds::Undone::System(format!("{other:?} is no deed on a phase"))),
+        other => Err(ActionFailure::System(format!("{other:?} is no action on a phase"))),
+    }
+}
+
+/// Live status of the gRPC server.
+#[derive(Clone, Debug)]
+pub(crate) struct ControlStatus(pub(crate) Control);
+
+impl LiveStatus for ControlStatus {
+    fn session(&self, run: &str) -> Option<LiveSession> {
+        let SessionState { is_there, slots } = self.0.session(run)?;
+        Some(LiveSession { is_connected: is_there, slots: slots.iter().map(live_slot).collect() })
+    }
+
+    fn draining(&self) -> Option<String> {
+        self.0.draining().map(|drain| drain.reason)
+    }
+
+    fn announcement(&self) -> String {
+        self.0.announcement()
+    }
+}
+
+fn live_slot(slot: &SlotState) -> LiveSlot {
+    LiveSlot {
+        slot: slot.slot,
+        step: slot.step,
+        last_step_s: slot.last_step.as_ref().map(Duration::as_secs_f64),
+        mean_step_s: slot.mean_step.as_ref().map(Duration::as_secs_f64),
+        since_unix_ms: slot.at_unix_ms,
     }
 }

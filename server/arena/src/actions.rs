@@ -1,13 +1,13 @@
 //! Organiser actions shared by commands and pages.
 
-use crate::{Failure, FailureKind, challenge, now_unix_ms, secret::new_token};
+use crate::{Failure, challenge, now_unix_ms, runs::new_token};
 use avln_store::{
     AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
 };
 
 /// Why something was not done.
 #[derive(Debug)]
-pub enum Undone {
+pub enum ActionFailure {
     /// It cannot be done.
     Refused {
         /// Why.
@@ -21,27 +21,27 @@ pub enum Undone {
     System(String),
 }
 
-impl Undone {
-    pub(super) fn refused(words: impl Into<String>, hint: &'static str) -> Self {
+impl ActionFailure {
+    pub(crate) fn refused(words: impl Into<String>, hint: &'static str) -> Self {
         Self::Refused { words: words.into(), hint }
     }
 }
 
-impl From<StoreError> for Undone {
+impl From<StoreError> for ActionFailure {
     fn from(error: StoreError) -> Self {
         Self::Store(error)
     }
 }
 
-impl From<Undone> for Failure {
-    fn from(undone: Undone) -> Self {
-        match undone {
-            Undone::Refused { words, hint } => {
-                let failure = Self::new(FailureKind::Data, words);
+impl From<ActionFailure> for Failure {
+    fn from(failure: ActionFailure) -> Self {
+        match failure {
+            ActionFailure::Refused { words, hint } => {
+                let failure = Self::data(words);
                 if hint.is_empty() { failure } else { failure.hinted(hint) }
             }
-            Undone::Store(error) => error.into(),
-            Undone::System(error) => Self::new(FailureKind::Internal, error),
+            ActionFailure::Store(error) => error.into(),
+            ActionFailure::System(error) => Self::internal(error),
         }
     }
 }
@@ -54,7 +54,7 @@ pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote
 
 /// A token request.
 #[derive(Clone, Copy, Debug)]
-pub struct Wish<'a> {
+pub struct TokenRequest<'a> {
     /// Scope; not a run token.
     pub kind: TokenScope,
     /// Name; may be empty.
@@ -74,11 +74,11 @@ pub async fn admit(
     name: &str,
     reference: Option<Reference>,
     now_unix_ms: i64,
-) -> Result<String, Undone> {
+) -> Result<String, ActionFailure> {
     let printable = |letter: char| !letter.is_control();
     if name.trim().is_empty() || name.len() > 64 || !name.chars().all(printable) {
         let words = format!("'{}' cannot be the name of a team", name.escape_debug());
-        return Err(Undone::refused(words, "use 1 to 64 bytes of printable text"));
+        return Err(ActionFailure::refused(words, "use 1 to 64 bytes of printable text"));
     }
     let secret = random_token(TokenScope::Participant)?;
     store.create_team(name, reference, now_unix_ms).await?;
@@ -97,10 +97,15 @@ pub async fn admit(
 ///
 /// # Errors
 /// When the name cannot be used, the team is unknown or the database refuses.
-pub async fn issue(store: &Store, wish: &Wish<'_>, actor: &str, now_unix_ms: i64) -> Result<String, Undone> {
-    let Wish { kind, name, team, expires_unix_ms } = *wish;
+pub async fn issue(
+    store: &Store,
+    request: &TokenRequest<'_>,
+    actor: &str,
+    now_unix_ms: i64,
+) -> Result<String, ActionFailure> {
+    let TokenRequest { kind, name, team, expires_unix_ms } = *request;
     if name.chars().count() > 64 || name.chars().any(char::is_control) {
-        return Err(Undone::refused("the name of a token takes at most 64 printable characters", ""));
+        return Err(ActionFailure::refused("the name of a token takes at most 64 printable characters", ""));
     }
     let secret = random_token(kind)?;
     let token = NewToken { secret: &secret, kind, name, team, expires_unix_ms };
@@ -122,8 +127,8 @@ fn word(kind: TokenScope) -> &'static str {
     }
 }
 
-fn random_token(kind: TokenScope) -> Result<String, Undone> {
-    new_token(word(kind)).map_err(|error| Undone::System(error.to_string()))
+fn random_token(kind: TokenScope) -> Result<String, ActionFailure> {
+    new_token(word(kind)).map_err(|error| ActionFailure::System(error.to_string()))
 }
 
 /// Changes when runs may start in a phase, with lines in the audit list by an actor and for a reason.
