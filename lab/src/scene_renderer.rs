@@ -1,7 +1,7 @@
 //! Scenes of which pictures are taken, and nothing else.
 
 use avln_geom::RayMesh;
-use avln_render::{Place, Renderer, Shelf};
+use avln_render::{ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{Scene, digest::digest};
 use avln_world::Cache;
 use std::sync::Arc;
@@ -19,11 +19,12 @@ pub struct SceneRenderer {
 impl SceneRenderer {
     /// Gets `scene` ready; what pictures are made from is looked for and kept in `cache`.
     pub fn new(mut scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
-        let place = cache.map(|cache| Place { shelf: cache as Arc<dyn Shelf>, name: digest(&scene) });
+        let place =
+            cache.map(|cache| ModelCacheEntry { cache: cache as Arc<dyn ModelCache>, name: digest(&scene) });
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), place);
         Self { scene, rays, renderer }
     }
 }

@@ -9,7 +9,7 @@ use avln_tests::{
 use std::collections::BTreeMap;
 
 /// Bytes of a file before its samples.
-const HEAD_BYTES: usize = 58;
+const HEAD_BYTES: usize = 68;
 
 /// Plays a run with ears; its id, and what each episode was sent to hear.
 async fn play(house: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {

@@ -4,7 +4,7 @@ mod storey;
 mod views;
 
 use avln_geom::Aabb;
-use avln_render::Frame;
+use avln_render::CameraImage;
 use avln_scene::Scene;
 use std::io::Write;
 
@@ -26,7 +26,7 @@ pub struct Picture {
 
 impl Picture {
     /// A rendered frame as a picture.
-    pub fn of(name: String, frame: Frame) -> Self {
+    pub fn of(name: String, frame: CameraImage) -> Self {
         Self { name, width: frame.width, height: frame.height, rgb: frame.rgb }
     }
 

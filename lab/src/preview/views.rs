@@ -1,7 +1,7 @@
 use super::{Picture, rooms};
 use crate::scene_renderer::SceneRenderer;
 use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{InstanceId, Scene};
 use avln_world::Cache;
 use std::collections::BTreeMap;
@@ -47,7 +47,7 @@ impl Viewer {
     }
 
     /// Picture from `eye` in the direction `heading_rad`.
-    fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> Frame {
+    fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> CameraImage {
         let height = width * 3 / 4;
         let world_from_camera = angle::about_up(heading_rad);
         let camera = Camera { eye, world_from_camera, width, height, hfov_rad: HFOV_RAD, depth_max_m: 100.0 };
@@ -107,7 +107,7 @@ impl Viewer {
 }
 
 /// Score of the content of a small picture: many objects, none of them too near.
-fn interest(frame: &Frame) -> f32 {
+fn interest(frame: &CameraImage) -> f32 {
     const SEEN_PIXELS: usize = 12;
     let mut pixels: BTreeMap<InstanceId, usize> = BTreeMap::new();
     frame.instances.iter().for_each(|id| *pixels.entry(*id).or_default() += 1);

@@ -120,7 +120,7 @@ impl SoundFolder {
         if found != digest {
             return Err(failed(format!("the files were changed: their digest is {found}")));
         }
-        Ok(Bank::own(clips))
+        Ok(Bank::from_clips(clips))
     }
 
     fn write(&self, digest: &str, clips: &[Clip]) -> Result<(), hound::Error> {

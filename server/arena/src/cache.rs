@@ -3,9 +3,9 @@
 //! All files can be recomputed, so every problem is a warning, never an error.
 
 use crate::{Failure, runs};
-use avln_render::{Model, Shelf};
+use avln_render::{Model, ModelCache};
 use avln_simd::Mapped;
-use avln_world::{Cache, SoundShelf};
+use avln_world::{Cache, SoundCache};
 use std::{
     fs::{self, File},
     io::{self, Write},
@@ -157,7 +157,7 @@ impl CachedFile {
     }
 }
 
-impl Shelf for CacheFolder {
+impl ModelCache for CacheFolder {
     fn find(&self, name: &str) -> Option<Model> {
         let path = self.model_path(name);
         let read = match Mapped::open(&path) {
@@ -184,8 +184,8 @@ impl Shelf for CacheFolder {
     }
 }
 
-impl SoundShelf for CacheFolder {
-    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+impl SoundCache for CacheFolder {
+    fn load_sound(&self, name: &str) -> Option<Vec<u8>> {
         let path = self.sound_path(name);
         let mut bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
@@ -204,7 +204,7 @@ impl SoundShelf for CacheFolder {
         Some(content)
     }
 
-    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+    fn store_sound(&self, name: &str, bytes: &[u8]) {
         let count = (HASH_BYTES + bytes.len()) as u64;
         if count > self.budget_bytes {
             return;
@@ -237,7 +237,7 @@ mod tests {
     use avln_geom::{UnitQuaternion, angle};
     use avln_houses::{HouseOptions, house};
     use avln_scene::{Scene, digest::digest};
-    use avln_world::{Body, Cached, Camera, Frame, SceneAssets};
+    use avln_world::{Body, Cached, Camera, CameraImage, SceneAssets};
     use std::{sync::LazyLock, time::Duration};
     use tempfile::TempDir;
 
@@ -274,7 +274,7 @@ mod tests {
         turned.map(picture).collect()
     }
 
-    fn bytes(frame: &Frame) -> Vec<u8> {
+    fn bytes(frame: &CameraImage) -> Vec<u8> {
         let depth = frame.depth.iter().flat_map(|depth| depth.to_bits().to_le_bytes());
         let ids = frame.instances.iter().flat_map(|id| id.0.to_le_bytes());
         frame.rgb.iter().copied().chain(depth).chain(ids).collect()
@@ -400,20 +400,20 @@ mod tests {
     fn sounds_come_back_as_they_were_kept_or_not_at_all() {
         let folder = folder();
         let sounds = CacheFolder::at(folder.path());
-        assert!(sounds.find_sound("kitchen").is_none());
+        assert!(sounds.load_sound("kitchen").is_none());
         for bytes in [&b"a source"[..], &[], &[7; 10_000]] {
-            sounds.keep_sound("kitchen", bytes);
-            assert_eq!(sounds.find_sound("kitchen").as_deref(), Some(bytes));
+            sounds.store_sound("kitchen", bytes);
+            assert_eq!(sounds.load_sound("kitchen").as_deref(), Some(bytes));
         }
         let path = sounds.sound_path("kitchen");
         let whole = fs::read(&path).expect("a file");
         for damaged in [&whole[..9_000], &whole[..20], &[]] {
             fs::write(&path, damaged).expect("a file");
-            assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+            assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
         }
         let mut flipped = whole.clone();
         flipped[5_000] ^= 1;
         fs::write(&path, flipped).expect("a file");
-        assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+        assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
     }
 }

@@ -7,7 +7,7 @@ use crate::output::say;
 use avln_arena::{Failure, FailureKind, cache::CacheFolder};
 use avln_geom::angle;
 use avln_lab::{npy, preview::Picture, scene_renderer::SceneRenderer};
-use avln_render::{Camera, DepthNoise, Frame, Noise, Renderer, RgbNoise};
+use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -187,7 +187,7 @@ impl PictureFiles {
         [&self.rgb, &self.depth, &self.ids].into_iter().filter_map(Option::as_deref)
     }
 
-    fn write(&self, frame: Frame) -> Result<(), Failure> {
+    fn write(&self, frame: CameraImage) -> Result<(), Failure> {
         let shape = [frame.height, frame.width];
         if let Some(path) = &self.depth {
             written(path, |out| npy::write(out, shape, frame.depth.iter().copied()))?;

@@ -2,7 +2,7 @@ use super::shot::Shot;
 use crate::npy;
 use avln_geom::Vector3;
 use avln_scene::{InstanceId, Scene};
-use avln_world::{Camera, Frame};
+use avln_world::{Camera, CameraImage};
 use std::io;
 
 /// Contents of pixels in procedural houses; a number is an index into this list. The first three are the building
@@ -129,7 +129,7 @@ pub(super) fn write_header(
 }
 
 /// Appends one record.
-pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &Frame, labels: &Labels) {
+pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &CameraImage, labels: &Labels) {
     let eye = shot.camera.eye;
     let camera = [eye.x, eye.y, eye.z, shot.height_m, shot.heading_rad, shot.pitch_rad, shot.camera.hfov_rad];
     out.extend(camera.into_iter().flat_map(f32::to_le_bytes));

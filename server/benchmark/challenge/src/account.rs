@@ -2,7 +2,7 @@ use crate::word::words;
 use serde::{Deserialize, Serialize};
 
 /// The kind of a reference team. Its runs are shown for comparison, without rank.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
     /// An agent for comparison.

@@ -3,7 +3,7 @@ use avln_episode::{FeedbackRule, Modality, Order, Sensors, TimeLimits};
 use serde::{Deserialize, Serialize};
 
 /// A group with access to scores or replays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {
     /// Everybody.
@@ -17,7 +17,7 @@ words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser
 
 /// A phase's state at a given time. It decides over new runs; a started run has full wall time in every state. A run
 /// without wall time ends with the phase.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {
     /// Runs cannot start yet.
@@ -34,7 +34,20 @@ words!(PhaseState, "phase state", {
 });
 
 /// Selection rule for the leaderboard run of a team's method.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    utoipa::ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum RunChoice {
     /// The run with the best rank.

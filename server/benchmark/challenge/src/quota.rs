@@ -2,7 +2,7 @@ use crate::{RunState, Schedule, calendar, word::words};
 use serde::{Deserialize, Serialize};
 
 /// Run limits per team in a phase; `None` for no limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuotaLimits {
     /// Charged runs in a UTC day.
@@ -31,7 +31,7 @@ impl QuotaLimits {
 }
 
 /// The runs counted by a quota, and the refilling event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum QuotaWindow {
     /// Charged runs in a UTC day; refilled at midnight.
@@ -50,7 +50,7 @@ words!(QuotaWindow, "quota window", {
 });
 
 /// A team's used and remaining runs in a window. Times are milliseconds since 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Quota {
     /// Phase id.
     pub phase: String,
@@ -71,7 +71,7 @@ pub struct Quota {
 }
 
 /// A run's effect on the team quota.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Charge {
     /// Run id.
     pub run: String,

@@ -3,7 +3,7 @@ use avln_episode::{EndReason, Order};
 use serde::{Deserialize, Serialize};
 
 /// A run's state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
     /// No episode was assigned yet.
@@ -32,7 +32,7 @@ impl RunState {
 }
 
 /// An episode's state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeState {
     /// Not assigned yet.
@@ -51,7 +51,7 @@ words!(EpisodeState, "episode state", {
 });
 
 /// A method, as described by the team.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct MethodInfo {
     /// Name on the leaderboard.
     pub name: String,
@@ -86,7 +86,7 @@ pub struct Ruling {
 }
 
 /// An episode's wall-clock time by activity, seconds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct TimeAccount {
     /// Simulating motion, vision and sound.
     pub simulation_s: f64,

@@ -34,7 +34,7 @@ pub struct Sample {
 }
 
 /// The values behind a phase's commitment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CommitmentValues {
     /// Digest over the phase's split and episode ids ([`pool_digest`]), hex.

@@ -2,7 +2,7 @@ use crate::describe::Claims;
 use avln_episode::{GoalCue, Modality, RgbImage, Rules};
 use avln_geom::Pose;
 use avln_truth::Target;
-use avln_world::{Camera, Frame, SceneAssets};
+use avln_world::{Camera, CameraImage, SceneAssets};
 use serde::{Deserialize, Serialize};
 
 /// Reference picture side, pixels.
@@ -42,7 +42,7 @@ pub struct CueView {
 
 impl CueView {
     /// Renders the picture.
-    pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> Frame {
+    pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> CameraImage {
         let mut eye = self.pose.position;
         eye.y += rules.camera_height_m;
         assets.render(&Camera {

@@ -37,7 +37,7 @@ pub enum Feedback {
 }
 
 /// Sensor subscription of an agent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Sensors {
     /// Enables colour pictures.
     pub rgb: bool,
@@ -109,7 +109,7 @@ impl Sensors {
 }
 
 /// Reason for the end of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EndReason {
     /// The agent chose Stop.
@@ -160,7 +160,7 @@ impl EndReason {
 }
 
 /// Encoding of sensor values for transport.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Encoding {
     /// Uncompressed.
@@ -204,7 +204,7 @@ impl Encoding {
 }
 
 /// Encodings per sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Encodings {
     /// Colours.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Rule set of the task. Every disputed point is a named option, recorded with results.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
     /// Name and version of the rule set.
@@ -63,7 +63,7 @@ pub struct Rules {
 }
 
 /// Frame of observed poses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseFrame {
     /// Relative to the start pose.
@@ -73,7 +73,7 @@ pub enum PoseFrame {
 }
 
 /// Schedule of sounding targets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundingRule {
     /// Unfinished targets in turn, in a drawn order; a found target falls silent at once.
@@ -83,7 +83,7 @@ pub enum SoundingRule {
 }
 
 /// Choice of the sound clip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundClip {
     /// One random clip per episode, independent of the targets.
@@ -95,7 +95,7 @@ pub enum SoundClip {
 }
 
 /// Clip bank.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Sounds {
     /// All procedural clips.
@@ -112,7 +112,7 @@ pub enum Sounds {
 }
 
 /// Listener's head.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadRule {
     /// A rigid sphere.
@@ -129,7 +129,7 @@ impl HeadRule {
 }
 
 /// Definition of the success distance, with the visibility condition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DistanceRule {
     /// Camera to target box, Euclidean, on the same floor, with a line of sight at some heading.
@@ -139,7 +139,7 @@ pub enum DistanceRule {
 }
 
 /// Effect of a wrong Submit in an ordered mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WrongSubmit {
     /// The Submit is used; the goal remains next.
@@ -149,7 +149,7 @@ pub enum WrongSubmit {
 }
 
 /// Feedback to Submits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeedbackRule {
     /// None.
@@ -161,7 +161,7 @@ pub enum FeedbackRule {
 }
 
 /// Depth noise model, defined in `avln_render::DepthNoise`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthNoise {
     /// None.
@@ -172,7 +172,7 @@ pub enum DepthNoise {
 }
 
 /// Colour noise model, defined in `avln_render::RgbNoise`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RgbNoise {
     /// None.
@@ -316,7 +316,7 @@ impl Rules {
 /// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
 ///
 /// An action beyond `step_ms` uses up `bank_ms` of the episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimeLimits {
     /// Free thinking time per action, milliseconds.

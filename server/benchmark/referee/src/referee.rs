@@ -5,7 +5,8 @@ use avln_episode::{
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Bank, DepthNoise, Head, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, View, World, WorldOptions,
+    Bank, CameraView, DepthNoise, Head, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, World,
+    WorldOptions,
 };
 use std::sync::Arc;
 
@@ -400,7 +401,7 @@ fn motion_of(action: Action) -> Motion {
 }
 
 fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
-    let view = View { width: sensors.width, height: sensors.height, hfov_rad: sensors.hfov_rad };
+    let view = CameraView { width: sensors.width, height: sensors.height, hfov_rad: sensors.hfov_rad };
     WorldOptions {
         forward_m: rules.forward_m,
         turn_deg: rules.turn_deg,

@@ -6,7 +6,7 @@ use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
 /// Episode metrics. Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Metrics {
     /// Goals in the mission.
     pub goals: u32,
@@ -59,7 +59,7 @@ pub struct EpisodeScore {
 }
 
 /// Mean over episodes with the 95 % interval, resampled by scene. `low <= value <= high`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Estimate {
     /// The mean.
     pub value: f64,
@@ -70,7 +70,7 @@ pub struct Estimate {
 }
 
 /// Metrics for a set of episodes. Plain numbers are means over episodes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Summary {
     /// Episode count.
     pub episodes: u32,

@@ -12,6 +12,7 @@ use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
 use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tonic::metadata::MetadataMap;
 
 /// State shared by all gRPC services.
 pub(crate) struct ServiceContext<H: Host> {
@@ -75,16 +76,16 @@ impl<H: Host> ServiceContext<H> {
 
     /// Returns a run token's run, open or over.
     pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
-        let host = self.host.clone();
         let token = token.to_owned();
-        call_host("open a run", async move { host.open_run(&token).await }).await
+        call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
     /// Closes the run and returns the status.
     pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
-        let host = self.host.clone();
         let run = run.to_owned();
-        call_host("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
+        call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
+            .await
+            .map(wire::run_end)
     }
 
     /// Opens a session.
@@ -105,5 +106,44 @@ impl<H: Host> ServiceContext<H> {
             limits: &self.limits,
             interrupted,
         }))
+    }
+}
+
+/// Returns a call's bearer token.
+pub(crate) fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
+    let Some(value) = metadata.get("authorization") else {
+        let message = "this call needs the metadata 'authorization: Bearer <token>'";
+        return Err(Refusal::new(Reason::TokenMissing, message));
+    };
+    let token = value.to_str().ok().and_then(|text| text.strip_prefix("Bearer ")).map(str::trim);
+    match token {
+        Some(token) if (1..=Limits::MAX_TOKEN_BYTES).contains(&token.len()) => Ok(token.to_owned()),
+        _ => {
+            let limit = Limits::MAX_TOKEN_BYTES;
+            let message = format!("authorization is not 'Bearer ' and a token of 1 to {limit} bytes");
+            Err(Refusal::new(Reason::TokenMalformed, message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_bearer_tokens_pass() {
+        let read = |value: Option<&str>| {
+            let mut metadata = MetadataMap::new();
+            if let Some(value) = value {
+                metadata.insert("authorization", value.parse().unwrap());
+            }
+            bearer(&metadata).map_err(|refusal| refusal.reason)
+        };
+        assert_eq!(read(Some("Bearer abc")), Ok("abc".to_owned()));
+        assert_eq!(read(None), Err(Reason::TokenMissing));
+        let long = format!("Bearer {}", "x".repeat(Limits::MAX_TOKEN_BYTES + 1));
+        for wrong in ["abc", "Basic abc", "Bearer ", "Bearer", &long] {
+            assert_eq!(read(Some(wrong)), Err(Reason::TokenMalformed), "{wrong}");
+        }
     }
 }

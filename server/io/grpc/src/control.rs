@@ -1,11 +1,12 @@
 //! Operator controls: list live runs, read step times, post announcements, drain the server.
 
-use crate::{episode::TimeSpent, refusal::Refusal, watchdog::Watchdog};
+use crate::{refusal::Refusal, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
+use parking_lot::{Mutex, MutexGuard};
 use std::{
     collections::BTreeMap,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 use tokio::{
@@ -47,6 +48,19 @@ struct Statistics {
     notice: String,
     /// Runs cancelled outside gRPC, with sessions still to end.
     cancelled: Vec<String>,
+}
+
+/// Time accounts, wall clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TimeSpent {
+    /// Simulation: motion, vision, sound.
+    pub simulation: Duration,
+    /// Observation encoding.
+    pub encoding: Duration,
+    /// Waiting for a simulation thread.
+    pub queue: Duration,
+    /// The agent's thinking, from the observation's departure to the action's arrival, without the round trip.
+    pub thinking: Duration,
 }
 
 #[derive(Debug, Default)]
@@ -153,7 +167,7 @@ impl Histogram {
 
 impl Control {
     fn statistics(&self) -> MutexGuard<'_, Statistics> {
-        self.0.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.statistics.lock()
     }
 
     /// Returns the watchdog over simulations.

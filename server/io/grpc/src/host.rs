@@ -1,14 +1,14 @@
 //! Interface to the application behind the gRPC server.
 
 use crate::{
-    control::Control,
-    episode::{Episode, HostedEpisode, Restored},
+    control::{Control, TimeSpent},
     limits::Limits,
     refusal::Refusal,
 };
 use avln_challenge::{Account, EpisodeOutcome, MethodInfo, PhaseInfo, Quota, RunState, RunStatus};
-use avln_episode::{EndReason, Order, Rules, Sensors, TimeLimits};
-use std::time::Duration;
+use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensors, TimeLimits};
+use avln_referee::{RefereeError, StepOutcome};
+use std::{io, time::Duration};
 
 /// The application behind the gRPC server. `Arena` implements it.
 ///
@@ -184,7 +184,6 @@ impl OpenRun {
 }
 
 /// A run interrupted by the last stop.
-#[derive(Debug)]
 pub struct Interrupted<E> {
     /// The run.
     pub open: OpenRun,
@@ -218,4 +217,91 @@ pub struct Digests {
     pub scorer: String,
     /// Phase rules, limits and settings.
     pub config: String,
+}
+
+/// A running episode: the agent-visible part of a [`Referee`](avln_referee::Referee).
+///
+/// `start`, `step` and `truncate` are called on simulation threads and may panic, which ends only this episode.
+pub trait Episode: Send + 'static {
+    /// Returns the mission.
+    fn mission(&self) -> &Mission;
+    /// Returns the rules.
+    fn rules(&self) -> &Rules;
+    /// Returns the observation before the first action.
+    fn start(&mut self) -> Observation;
+    /// Carries out an action.
+    ///
+    /// # Errors
+    /// If the episode is over.
+    fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError>;
+    /// Ends the episode from outside.
+    fn truncate(&mut self, reason: EndReason);
+    /// Returns the end reason; `None` while the episode is open.
+    fn end(&self) -> Option<EndReason>;
+    /// Returns the number of steps taken.
+    fn steps(&self) -> u32;
+    /// Returns a hash of the simulation state.
+    fn state_hash(&self) -> u64;
+}
+
+/// Episode log, from which a restarted server restores the episode.
+pub trait EpisodeLog: Send + 'static {
+    /// Records that an action is about to be carried out.
+    ///
+    /// # Errors
+    /// If it cannot be written. The episode is then a server fault.
+    fn acting(&mut self, step: u32) -> io::Result<()>;
+
+    /// Records an action, before the result is sent to the agent.
+    ///
+    /// # Errors
+    /// If it cannot be written. The episode is then a server fault.
+    fn acted(&mut self, acted: &Acted) -> io::Result<()>;
+
+    /// Records a restart of the agent's clock after a disconnect of `away`, because an observation had not arrived.
+    ///
+    /// # Errors
+    /// If it cannot be written. The episode continues.
+    fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()>;
+}
+
+/// Logged action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Acted {
+    /// Step number, from 1.
+    pub step: u32,
+    /// The action.
+    pub action: Action,
+    /// State hash after the action.
+    pub state_hash: u64,
+    /// The agent's thinking time.
+    pub thought: Duration,
+    /// Rest of the time bank.
+    pub bank_left: Duration,
+}
+
+/// An episode on its way from the host to a slot and back.
+pub struct HostedEpisode<E> {
+    /// Random name within the run, visible to the agent.
+    pub handle: String,
+    /// The episode.
+    pub episode: E,
+    /// The host's episode number, never sent to agents.
+    pub ticket: u64,
+    /// Action log.
+    pub log: Box<dyn EpisodeLog>,
+    /// Time accounts, zero at first.
+    pub time: TimeSpent,
+}
+
+/// An episode restored after a restart.
+pub struct Restored<E> {
+    /// Slot that played it.
+    pub slot: u32,
+    /// The episode.
+    pub hosted: HostedEpisode<E>,
+    /// Last observation and the action before it, which is `None` at the start.
+    pub last: (Observation, Option<Action>),
+    /// Rest of the time bank.
+    pub bank_left: Duration,
 }

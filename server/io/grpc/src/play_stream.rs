@@ -1,14 +1,13 @@
 //! Play stream: one run, several slots, from Hello to Goodbye.
 
 use crate::{
-    admission::{Admission, admit},
     attachment::{AttachmentEvent, StopReason},
     context::ServiceContext,
     control::{Drain, unix_ms},
     host::Host,
+    lifecycle::{self, Admission, admit},
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
-    reaper,
     refusal::{Failure, FaultSubject, Refusal},
     registry::SessionGuard,
     session::{Session, SlotRequest, stored_end},
@@ -206,7 +205,7 @@ impl<H: Host> PlayStream<H> {
         if let Some(notice) = notice {
             let _ = self.out.send(notice).await;
         }
-        if let Some(run_end) = reaper::end(&self.context, session, guard, reason).await? {
+        if let Some(run_end) = lifecycle::end(&self.context, session, guard, reason).await? {
             let _ = self.out.send(Frame::RunEnd(run_end)).await;
             return Ok(());
         }

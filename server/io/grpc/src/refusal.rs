@@ -4,6 +4,7 @@ use std::{
     fmt::Display,
     future::Future,
     hash::{BuildHasher, Hasher},
+    sync::Arc,
 };
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
@@ -163,12 +164,17 @@ impl From<Failure> for Status {
 }
 
 /// Calls the host. A panic becomes a server fault.
-pub(crate) async fn call_host<T: Send + 'static>(
+pub(crate) async fn call_host<H, T, F>(
     attempt: &'static str,
-    work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
-) -> Result<T, Failure> {
+    host: &Arc<H>,
+    call: impl FnOnce(Arc<H>) -> F,
+) -> Result<T, Failure>
+where
+    T: Send + 'static,
+    F: Future<Output = Result<T, Refusal>> + Send + 'static,
+{
     // In a task, so that a caller that hangs up does not cancel the work halfway.
-    match tokio::spawn(work.in_current_span()).await {
+    match tokio::spawn(call(host.clone()).in_current_span()).await {
         Ok(answer) => answer.map_err(Failure::from),
         Err(broken) => Err(ServerFault::log(attempt, broken).into()),
     }
@@ -198,7 +204,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_of_the_host_is_a_server_fault() {
-        let failure = call_host::<()>("test", async { panic!("secret") }).await.unwrap_err();
+        let failure =
+            call_host::<_, (), _>("test", &Arc::new(()), |_| async { panic!("secret") }).await.unwrap_err();
         assert_eq!(failure.reason(), Reason::Internal);
         assert!(!failure.message().contains("secret"));
     }

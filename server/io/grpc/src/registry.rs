@@ -6,9 +6,10 @@ use crate::{
     refusal::Refusal,
 };
 use avln_proto::v1::{self, Reason};
+use parking_lot::Mutex;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
 };
 use tokio::{
     sync::watch,
@@ -82,10 +83,6 @@ impl<S> SessionRegistry<S> {
         Arc::new(Self { entries: Mutex::new(entries), summary: watch::Sender::default(), limits })
     }
 
-    fn entries(&self) -> MutexGuard<'_, SessionEntries<S>> {
-        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Returns whether the server stops.
     pub(crate) fn is_shut(&self) -> bool {
         self.summary.borrow().is_shut
@@ -135,14 +132,14 @@ impl<S> SessionRegistry<S> {
     }
 
     fn request_stop(&self, run: &str, reason: StopReason) -> Option<watch::Receiver<()>> {
-        let entries = self.entries();
+        let entries = self.entries.lock();
         let entry = entries.by_run.get(run)?;
         entry.apply(AttachmentEvent::Stopped(reason));
         Some(entry.over.clone())
     }
 
     fn claim(self: &Arc<Self>, run: &str) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
-        let mut entries = self.entries();
+        let mut entries = self.entries.lock();
         // Under the same lock as `shut`: either this call is refused, or `shut` finds the entry and stops it.
         self.check_open()?;
         if entries.by_run.contains_key(run) {
@@ -175,7 +172,7 @@ impl<S> SessionRegistry<S> {
 
     /// Returns a run token's unary client, unless the session ends.
     pub(crate) fn unary_client(&self, token: &str) -> Option<Arc<UnaryClient<S>>> {
-        let entries = self.entries();
+        let entries = self.entries.lock();
         let entry = entries.by_run.get(entries.run_of_token.get(token)?)?;
         entry.unary.clone().filter(|_| *entry.attachment.borrow() == Attachment::Unary)
     }
@@ -185,7 +182,7 @@ impl<S> SessionRegistry<S> {
     /// The session does not identify the hand-over: one session passes through many of them, and a late call for an
     /// earlier one must not remove it.
     pub(crate) fn take_unclaimed(&self, run: &str, guard: u64) -> Option<Arc<S>> {
-        let mut entries = self.entries();
+        let mut entries = self.entries.lock();
         let is_unclaimed = entries.handed_over.get(run).is_some_and(|waiting| waiting.guard == guard);
         if is_unclaimed { entries.handed_over.remove(run).map(|waiting| waiting.session) } else { None }
     }
@@ -193,7 +190,7 @@ impl<S> SessionRegistry<S> {
     /// Admits no further session, stops all, and waits until they are over. Returns sessions between two connections.
     pub(crate) async fn shut(&self) -> Vec<Arc<S>> {
         {
-            let entries = self.entries();
+            let entries = self.entries.lock();
             self.summary.send_modify(|summary| summary.is_shut = true);
             for entry in entries.by_run.values() {
                 entry.apply(AttachmentEvent::Stopped(StopReason::Draining));
@@ -202,7 +199,7 @@ impl<S> SessionRegistry<S> {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.sessions == 0).await;
         // The connections that would have resumed these sessions are refused from now on.
-        let unclaimed = std::mem::take(&mut self.entries().handed_over);
+        let unclaimed = std::mem::take(&mut self.entries.lock().handed_over);
         unclaimed.into_values().map(|waiting| waiting.session).collect()
     }
 }
@@ -230,7 +227,7 @@ impl<S> SessionGuard<S> {
     /// Grants slots: the smaller of `wished` and the team's share, but at least 1 and at least `held`, the number needed for
     /// open episodes.
     pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         let share = entries.share(team, self.registry.limits.max_slots);
         let granted = wished.min(share).max(held).max(1);
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
@@ -242,7 +239,7 @@ impl<S> SessionGuard<S> {
 
     /// Records a change of the attachment.
     pub(crate) fn apply(&self, event: AttachmentEvent) {
-        if let Some(entry) = self.registry.entries().by_run.get(&self.run) {
+        if let Some(entry) = self.registry.entries.lock().by_run.get(&self.run) {
             entry.apply(event);
         }
     }
@@ -257,7 +254,7 @@ impl<S> SessionGuard<S> {
 
     /// Makes the session available to unary calls with this token.
     pub(crate) fn attach_unary(&self, token: &str, client: Arc<UnaryClient<S>>) {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         entries.run_of_token.insert(token.to_owned(), self.run.clone());
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
             entry.unary = Some(client);
@@ -269,7 +266,7 @@ impl<S> SessionGuard<S> {
     pub(crate) fn hand_over(self, session: Arc<S>) -> u64 {
         let guard = self.number;
         // Before the guard is dropped, which wakes that connection.
-        self.registry.entries().handed_over.insert(self.run.clone(), HandedOver { guard, session });
+        self.registry.entries.lock().handed_over.insert(self.run.clone(), HandedOver { guard, session });
         guard
     }
 
@@ -283,7 +280,7 @@ impl<S> SessionGuard<S> {
 
 impl<S> Drop for SessionGuard<S> {
     fn drop(&mut self) {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         if entries.by_run.get(&self.run).is_some_and(|entry| entry.guard == self.number) {
             entries.by_run.remove(&self.run);
             entries.run_of_token.retain(|_, run| *run != self.run);

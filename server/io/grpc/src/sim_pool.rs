@@ -1,16 +1,17 @@
 //! Thread pool for simulation.
 
 use crate::{
-    episode::{Episode, HostedEpisode},
+    host::{Episode, HostedEpisode},
     limits::Limits,
     refusal::ServerFault,
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
+use parking_lot::{Condvar, Mutex};
 use std::{
     collections::{BTreeMap, VecDeque},
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     thread,
     time::{Duration, Instant},
 };
@@ -75,17 +76,13 @@ impl SimPool {
         let token = Arc::new(CancelToken::default());
         let job = Job { limit, token: token.clone(), body: Box::new(body) };
         let PoolOwner(state) = &*self.0;
-        state.queue().jobs.push(team, job);
+        state.queue.lock().jobs.push(team, job);
         state.changed.notify_one();
         settle(limit, &token, result).await
     }
 }
 
 impl PoolState {
-    fn queue(&self) -> MutexGuard<'_, JobQueue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn spawn_worker(self: &Arc<Self>) {
         let state = self.clone();
         let spawned = thread::Builder::new().name("avln-simulate".to_owned()).spawn(move || state.work());
@@ -101,26 +98,26 @@ impl PoolState {
             let state = self.clone();
             let abandoned_team = team.clone();
             let replace = move || {
-                state.queue().jobs.done(&abandoned_team, limit);
+                state.queue.lock().jobs.done(&abandoned_team, limit);
                 state.spawn_worker();
             };
             // An abandoned thread was already replaced: it must not take another job.
             if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
                 return;
             }
-            self.queue().jobs.done(&team, begun.elapsed());
+            self.queue.lock().jobs.done(&team, begun.elapsed());
         }
     }
 
     fn next(&self) -> Option<(String, Job)> {
-        let mut queue = self.queue();
+        let mut queue = self.queue.lock();
         loop {
             if queue.is_closed {
                 return None;
             }
             match queue.jobs.take() {
                 Some(next) => return Some(next),
-                None => queue = self.changed.wait(queue).unwrap_or_else(PoisonError::into_inner),
+                None => self.changed.wait(&mut queue),
             }
         }
     }
@@ -128,7 +125,7 @@ impl PoolState {
 
 impl Drop for PoolOwner {
     fn drop(&mut self) {
-        self.0.queue().is_closed = true;
+        self.0.queue.lock().is_closed = true;
         self.0.changed.notify_all();
     }
 }

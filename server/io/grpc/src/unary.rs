@@ -1,11 +1,10 @@
 //! Unary calls: a session with a single slot, found by the run token.
 
 use crate::{
-    admission::{admit, check},
     attachment::StopReason,
     context::ServiceContext,
     host::Host,
-    reaper,
+    lifecycle::{self, admit, check},
     refusal::{Failure, ServerFault},
     registry::{SessionGuard, UnaryClient},
     session::{Session, SlotReply, SlotRequest},
@@ -121,7 +120,7 @@ async fn supervise<H: Host>(
         () = idle(&client, context.limits.unary_idle) => StopReason::Idle,
     };
     let reason = guard.ends(reason);
-    if let Err(failure) = reaper::end(&context, client.session.clone(), guard, reason).await {
+    if let Err(failure) = lifecycle::end(&context, client.session.clone(), guard, reason).await {
         tracing::warn!(why = failure.message(), "run not finished");
     }
 }

@@ -1,12 +1,13 @@
 //! Watchdog for work that may hang. The work runs on system threads outside the async runtime, with a time limit. A thread cannot
 //! be stopped from outside, so a thread that hangs is abandoned and counted.
 
+use parking_lot::{Condvar, Mutex};
 use std::{
     any::Any,
     collections::BTreeMap,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        Arc,
         atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering},
     },
     thread,
@@ -159,7 +160,7 @@ impl Watchdog {
         let key =
             self.enter(Instant::now() + limit, WatchedJob { token: token.clone(), then: Box::new(then) });
         work();
-        self.state().jobs().watched.remove(&key);
+        self.state().jobs.lock().watched.remove(&key);
         let was_abandoned = token.is_given_up();
         if was_abandoned {
             self.state().hanging.fetch_sub(1, Ordering::Relaxed);
@@ -173,7 +174,7 @@ impl Watchdog {
     }
 
     fn enter(&self, due: Instant, job: WatchedJob) -> (Instant, u64) {
-        let mut jobs = self.state().jobs();
+        let mut jobs = self.state().jobs.lock();
         jobs.next += 1;
         let key = (due, jobs.next);
         jobs.watched.insert(key, job);
@@ -188,13 +189,9 @@ impl Watchdog {
 }
 
 impl WatchdogState {
-    fn jobs(&self) -> MutexGuard<'_, WatchedJobs> {
-        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Abandons overdue jobs until the last clone of the watchdog is dropped.
     fn watch(&self) {
-        let mut jobs = self.jobs();
+        let mut jobs = self.jobs.lock();
         while !jobs.is_closed {
             let now = Instant::now();
             match jobs.watched.first_key_value().map(|(&(due, _), _)| due) {
@@ -203,14 +200,13 @@ impl WatchdogState {
                         // `then` runs without the lock: it may take long and use the watchdog itself.
                         drop(jobs);
                         self.give_up(job);
-                        jobs = self.jobs();
+                        jobs = self.jobs.lock();
                     }
                 }
                 Some(due) => {
-                    let waited = self.changed.wait_timeout(jobs, due - now);
-                    jobs = waited.unwrap_or_else(PoisonError::into_inner).0;
+                    self.changed.wait_until(&mut jobs, due);
                 }
-                None => jobs = self.changed.wait(jobs).unwrap_or_else(PoisonError::into_inner),
+                None => self.changed.wait(&mut jobs),
             }
         }
     }
@@ -230,7 +226,7 @@ impl WatchdogState {
 
 impl Drop for WatchdogOwner {
     fn drop(&mut self) {
-        self.0.jobs().is_closed = true;
+        self.0.jobs.lock().is_closed = true;
         self.0.changed.notify_one();
     }
 }

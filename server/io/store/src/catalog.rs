@@ -27,7 +27,7 @@ pub struct Scene {
 }
 
 /// A floor plan in the world frame (Y up), metres.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SceneMap {
     /// Building minimum corner: x, y, z.
     pub min: [f32; 3],

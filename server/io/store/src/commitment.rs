@@ -12,7 +12,7 @@ use serde::Serialize;
 use sqlx::{FromRow, Sqlite, Transaction};
 
 /// A phase's commitment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Commitment {
     /// BLAKE3 hash over the values, hex.
     pub commitment: String,

@@ -46,7 +46,7 @@ pub struct Rescored {
 }
 
 /// A run's stored means by another scorer than the first.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Rescore {
     /// Benchmark version.
     pub scorer: String,

@@ -7,7 +7,8 @@ use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit
 use avln_store::{
     EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
 };
-use serde::Serializer;
+use serde::Serialize;
+use serde_json::Value;
 use std::{collections::BTreeMap, fmt::Write};
 
 /// Text for a missing value.
@@ -18,16 +19,27 @@ pub(crate) fn url_encode(text: &str) -> String {
     askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
 }
 
-/// Serialises a time by RFC 3339.
-pub(crate) fn at<S: Serializer>(unix_ms: &i64, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(&rfc3339(*unix_ms))
+/// Returns `data` as JSON with a time `x_at` by RFC 3339 for every field `x_unix_ms`.
+pub(crate) fn with_named_times(data: &impl Serialize) -> serde_json::Result<Value> {
+    let mut value = serde_json::to_value(data)?;
+    name_times(&mut value);
+    Ok(value)
 }
 
-/// Serialises an optional time by RFC 3339.
-pub(crate) fn maybe_at<S: Serializer>(unix_ms: &Option<i64>, serializer: S) -> Result<S::Ok, S::Error> {
-    match unix_ms {
-        Some(unix_ms) => at(unix_ms, serializer),
-        None => serializer.serialize_none(),
+fn name_times(value: &mut Value) {
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(name_times),
+        Value::Object(fields) => {
+            for (mut name, mut value) in std::mem::take(fields) {
+                name_times(&mut value);
+                if let Some(stem) = name.strip_suffix("_unix_ms") {
+                    value = value.as_i64().map_or(Value::Null, |ms| rfc3339(ms).into());
+                    name = format!("{stem}_at");
+                }
+                fields.insert(name, value);
+            }
+        }
+        _ => {}
     }
 }
 
@@ -353,6 +365,7 @@ pub(crate) fn plural(count: &u32, noun: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     #[test]
     fn times_follow_the_calendar() {
@@ -362,6 +375,14 @@ mod tests {
         assert_eq!(rfc3339(4_107_542_400_000), "2100-03-01T00:00:00Z");
         assert_eq!(rfc3339(-1), "1969-12-31T23:59:59Z");
         assert_eq!(moment(1_795_266_906_000), "2026-11-21 13:15 UTC");
+    }
+
+    #[test]
+    fn times_are_rfc_3339_at_every_depth() {
+        let data = json!({ "finished_unix_ms": null, "runs": [{ "created_unix_ms": 1000, "n": 2 }] });
+        let expected =
+            json!({ "finished_at": null, "runs": [{ "created_at": "1970-01-01T00:00:01Z", "n": 2 }] });
+        assert_eq!(with_named_times(&data).expect("JSON"), expected);
     }
 
     #[test]

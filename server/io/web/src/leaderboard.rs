@@ -3,6 +3,7 @@
 use crate::{
     error::RequestError,
     format::{self, rfc3339, url_encode},
+    request::RequestContext,
 };
 use avln_episode::Order;
 use avln_scoring::{Key, Prominence};
@@ -128,12 +129,7 @@ impl LeaderboardParams {
         self.orders.unwrap_or(usual)
     }
 
-    pub(crate) fn query<'a>(
-        &self,
-        phase: &'a PhaseView,
-        order: Order,
-        now_unix_ms: i64,
-    ) -> LeaderboardQuery<'a> {
+    fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> LeaderboardQuery<'a> {
         LeaderboardQuery {
             phase: &phase.id,
             order,
@@ -147,6 +143,39 @@ impl LeaderboardParams {
                 senses: self.sensors.map(|filter| filter.map(|filter| filter == SensorFilter::With)),
             },
         }
+    }
+
+    pub(crate) async fn read(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+        order: Order,
+    ) -> Result<LeaderboardView, RequestError> {
+        let query = self.query(phase, order, context.now_unix_ms);
+        let view = context.reader.leaderboard(&context.viewer, &query).await?;
+        view.ok_or_else(|| RequestError::unknown("phase", phase.id.clone()))
+    }
+
+    /// Reads the leaderboards for all orders.
+    pub(crate) async fn read_all(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+    ) -> Result<Vec<LeaderboardView>, RequestError> {
+        let mut views = Vec::new();
+        for &order in &phase.orders {
+            views.push(self.read(context, phase, order).await?);
+        }
+        Ok(views)
+    }
+
+    /// Rejects a selection of columns, for responses with all columns.
+    pub(crate) fn reject_columns(&self) -> Result<(), RequestError> {
+        if self.columns.is_empty() {
+            return Ok(());
+        }
+        let message = "the API returns all columns; remove the parameter 'column'";
+        Err(RequestError::Invalid(message.to_owned()))
     }
 
     pub(crate) fn is_filtered(&self) -> bool {

@@ -10,7 +10,6 @@
 //! ```
 
 mod api;
-mod compression;
 mod error;
 mod format;
 mod freeze;
@@ -20,7 +19,6 @@ mod management;
 mod middleware;
 mod pages;
 mod plot;
-mod proxy;
 mod replay;
 mod replay_renderer;
 mod request;
@@ -34,11 +32,10 @@ pub use management::{
     ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
     TeamCredential,
 };
-pub use proxy::{ProxyRangeError, TrustedProxy};
 pub use replay_renderer::{
     RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest,
 };
-pub use server::{WebError, serve, serve_router};
+pub use server::{ProxyRangeError, TrustedProxy, WebError, serve, serve_router};
 
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, middleware::from_fn_with_state, routing::get};

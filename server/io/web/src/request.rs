@@ -1,7 +1,9 @@
-//! Request data: the viewer, and typed query parameters.
+//! Request data: viewer, page context, and typed query parameters.
 
 use crate::{error::RequestError, format::url_encode};
-use avln_store::{CompareView, Incomparable, Reader, RunList, Viewer};
+use avln_store::{
+    CompareView, EpisodeView, Incomparable, MissionsView, PhaseView, Reader, RunList, RunView, Viewer,
+};
 use axum::{
     extract::{FromRequestParts, Query},
     http::{header, request::Parts},
@@ -10,6 +12,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 use std::{
     convert::Infallible,
     fmt,
+    future::Future,
     time::{SystemTime, UNIX_EPOCH},
 };
 
@@ -38,6 +41,29 @@ impl FromRequestParts<Reader> for RequestContext {
     }
 }
 
+impl RequestContext {
+    pub(crate) async fn phase(&self, id: &str) -> Result<PhaseView, RequestError> {
+        let phase = self.reader.phase(&self.viewer, id, self.now_unix_ms).await?;
+        phase.ok_or_else(|| RequestError::unknown("phase", id))
+    }
+
+    pub(crate) async fn missions(&self, phase: &str) -> Result<MissionsView, RequestError> {
+        let missions = self.reader.missions(&self.viewer, phase).await?;
+        missions.ok_or_else(|| RequestError::unknown("public list of missions of phase", phase))
+    }
+
+    pub(crate) async fn run(&self, id: &str) -> Result<RunView, RequestError> {
+        let run = self.reader.run(&self.viewer, id).await?;
+        run.ok_or_else(|| RequestError::unknown("run", id))
+    }
+
+    pub(crate) async fn episode(&self, run: &str, ordinal: &str) -> Result<EpisodeView, RequestError> {
+        let unknown = || RequestError::unknown("episode", format!("{ordinal} of run {run}"));
+        let index = ordinal.parse().map_err(|_| unknown())?;
+        self.reader.episode(&self.viewer, run, index).await?.ok_or_else(unknown)
+    }
+}
+
 /// Returns the secret from an `Authorization: Bearer` header.
 fn bearer(value: &str) -> Option<&str> {
     let (scheme, secret) = value.split_once(' ')?;
@@ -47,6 +73,58 @@ fn bearer(value: &str) -> Option<&str> {
 pub(crate) fn now_unix_ms() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+tokio::task_local! {
+    // A task-local, because every page needs it and handlers have nothing else to do with it.
+    static CONTEXT: PageContext;
+}
+
+/// Parts of the page frame that depend on the visitor and the running arena.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PageContext {
+    pub(crate) menu: Menu,
+    /// The organiser's announcement; may be empty.
+    pub(crate) announcement: String,
+}
+
+impl PageContext {
+    pub(crate) fn current() -> Self {
+        CONTEXT.try_with(Self::clone).unwrap_or_default()
+    }
+
+    pub(crate) async fn scope<T>(self, handler: impl Future<Output = T>) -> T {
+        CONTEXT.scope(self, handler).await
+    }
+
+    pub(crate) fn sync_scope<T>(self, render: impl FnOnce() -> T) -> T {
+        CONTEXT.sync_scope(self, render)
+    }
+}
+
+/// The menu entry that depends on the visitor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Menu {
+    /// No entry: this server has no sign-in.
+    #[default]
+    Plain,
+    /// Sign-in.
+    Stranger,
+    /// The visitor's team page.
+    Team,
+    /// The organiser's pages.
+    Organiser,
+}
+
+impl Menu {
+    pub(crate) fn link(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            Self::Plain => None,
+            Self::Stranger => Some(("/sign-in", "Sign in")),
+            Self::Team => Some(("/me", "My page")),
+            Self::Organiser => Some(("/organise", "Organise")),
+        }
+    }
 }
 
 /// The gRPC server's port and transport.
@@ -125,9 +203,7 @@ impl CompareQuery {
             Some(Err(Incomparable::Hidden)) => Err(RequestError::Invalid(format!(
                 "the runs '{first}' and '{second}' cannot be compared: their phase hides the scores of single episodes"
             ))),
-            None => {
-                Err(RequestError::Unknown { what: "pair of runs", name: format!("{first} and {second}") })
-            }
+            None => Err(RequestError::unknown("pair of runs", format!("{first} and {second}"))),
         }
     }
 }
@@ -210,13 +286,8 @@ impl RunsQuery {
     pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, RequestError> {
         let before = self.before.as_deref();
         let list = reader.older_runs(viewer, self.phase.as_deref(), before, self.limit()?).await?;
-        list.ok_or_else(|| RequestError::Unknown { what: "run", name: before.unwrap_or_default().to_owned() })
+        list.ok_or_else(|| RequestError::unknown("run", before.unwrap_or_default()))
     }
-}
-
-/// Parses an episode index.
-pub(crate) fn ordinal(text: &str) -> Result<u32, RequestError> {
-    text.parse().map_err(|_| RequestError::Unknown { what: "episode", name: text.to_owned() })
 }
 
 #[cfg(test)]

@@ -1,16 +1,12 @@
 //! The air of a building on a grid: open cells and unobstructed steps between them.
 
-use avln_geom::{Aabb, Point3, RayMesh, Vector3};
+pub(crate) mod grid;
+
+use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
+use grid::Grid;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
-
-mod raster;
-
-/// Edge of a cell, metres.
-const CELL_M: f32 = 0.2;
-
-/// Limit on the number of cells; larger buildings get larger cells.
-const MAX_CELLS: f32 = 1.0e6;
 
 /// Smallest volume of room air, cubic metres, counting cells with six air neighbours. Smaller connected air
 /// is the inside of a wall, a slab or furniture.
@@ -26,78 +22,6 @@ pub(crate) struct Air {
     free_steps: Vec<[bool; 3]>,
 }
 
-/// A box of cubic cells; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
-#[derive(Clone, Debug)]
-pub(crate) struct Grid {
-    /// Centre of cell 0.
-    pub(crate) first_center: Point3<f32>,
-    pub(crate) cell_m: f32,
-    pub(crate) size: [usize; 3],
-}
-
-impl Grid {
-    fn new(bounds: Option<Aabb>) -> Self {
-        let finite = |bounds: &Aabb| bounds.size().iter().all(|edge_m| edge_m.is_finite());
-        let Some(bounds) = bounds.filter(finite) else {
-            return Self { first_center: Point3::origin(), cell_m: CELL_M, size: [0; 3] };
-        };
-        let edges = bounds.size();
-        let mut cell_m = CELL_M;
-        while edges.iter().map(|edge_m| (edge_m / cell_m).ceil().max(1.0)).product::<f32>() > MAX_CELLS {
-            cell_m *= 1.25;
-        }
-        let size = [edges.x, edges.y, edges.z].map(|edge_m| ((edge_m / cell_m) as usize).max(1));
-        let used = Vector3::from_fn(|axis, _| (size[axis] - 1) as f32 * cell_m);
-        Self { first_center: bounds.min + (edges - used) * 0.5, cell_m, size }
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.size.iter().product()
-    }
-
-    pub(crate) fn index(&self, cell: [usize; 3]) -> usize {
-        (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0]
-    }
-
-    pub(crate) fn cell(&self, index: usize) -> [usize; 3] {
-        let [size_x, size_y, _] = self.size;
-        [index % size_x, index / size_x % size_y, index / (size_x * size_y)]
-    }
-
-    pub(crate) fn center(&self, index: usize) -> Point3<f32> {
-        let cell = self.cell(index);
-        self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
-    }
-
-    /// Returns true if `point` is inside the grid.
-    pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
-        (0..3).all(|axis| {
-            let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
-            (0.0..self.size[axis] as f32).contains(&place)
-        })
-    }
-
-    /// Index distance between neighbours in direction `axis`.
-    pub(crate) fn stride(&self, axis: usize) -> usize {
-        [1, self.size[0], self.size[0] * self.size[1]][axis]
-    }
-
-    /// Returns the cells within `reach` cells of `point` (of the nearest cell if `point` is outside).
-    fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
-        if self.len() == 0 {
-            return Vec::new();
-        }
-        let ranges = [0, 1, 2].map(|axis| {
-            let position = ((point[axis] - self.first_center[axis]) / self.cell_m).round();
-            let middle = (position.max(0.0) as usize).min(self.size[axis] - 1);
-            middle.saturating_sub(reach)..=(middle + reach).min(self.size[axis] - 1)
-        });
-        let [xs, ys, zs] = ranges;
-        let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
-        rows.flat_map(|(y, z)| xs.clone().map(move |x| self.index([x, y, z]))).collect()
-    }
-}
-
 impl Air {
     /// Scans the surfaces of `scene`; `rays` must be built over the same triangles.
     pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>) -> Self {
@@ -106,8 +30,8 @@ impl Air {
         let mut free_steps = vec![[true; 3]; grid.len()];
         for triangle in 0..scene.mesh.triangles.len() {
             let corners = scene.corners(triangle);
-            raster::close_cells_near(&grid, &corners, &mut open);
-            raster::block_steps_through(&grid, &corners, &mut free_steps);
+            close_cells_near(&grid, &corners, &mut open);
+            block_steps_through(&grid, &corners, &mut free_steps);
         }
         let mut air = Self { rays, grid, in_room: open, free_steps };
         air.keep_rooms();
@@ -180,7 +104,7 @@ impl Air {
     }
 
     /// Returns a few room cells visible from `point`, nearest first.
-    pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
+    pub(crate) fn visible_cells(&self, point: &Point3<f32>) -> Vec<usize> {
         const ENOUGH: usize = 8;
         for reach in 1..=2 {
             let cells = self.room_cells(point, reach).into_iter();
@@ -242,5 +166,134 @@ impl Air {
             count += 1;
         }
         count
+    }
+}
+
+/// Cell centres within this distance of a surface belong to the surface, metres.
+const SKIN_M: f32 = 0.04;
+
+/// Closes the cells with a centre within the skin of the triangle.
+fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) {
+    let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
+    let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
+    for z in zs {
+        for y in ys.clone() {
+            for x in xs.clone() {
+                let cell = grid.index([x, y, z]);
+                open[cell] &= distance_squared(&grid.center(cell), corners) >= SKIN_M * SKIN_M;
+            }
+        }
+    }
+}
+
+/// Blocks the steps between neighbouring centres cut by the triangle.
+fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
+    for axis in 0..3 {
+        let across = [(axis + 1) % 3, (axis + 2) % 3];
+        let (Some(us), Some(vs)) =
+            (span(grid, corners, across[0], 1e-4), span(grid, corners, across[1], 1e-4))
+        else {
+            continue;
+        };
+        for u in us {
+            for v in vs.clone() {
+                block_column(grid, corners, axis, [u, v], free_steps);
+            }
+        }
+    }
+}
+
+/// Blocks the cut steps in a row of centres in direction `axis`; `column` contains the indices on the
+/// following two axes.
+fn block_column(
+    grid: &Grid,
+    corners: &[Point3<f32>; 3],
+    axis: usize,
+    column: [usize; 2],
+    free_steps: &mut [[bool; 3]],
+) {
+    let across = [(axis + 1) % 3, (axis + 2) % 3];
+    let line = [0, 1].map(|i| grid.first_center[across[i]] + column[i] as f32 * grid.cell_m);
+    let flat = corners.map(|corner| [corner[across[0]] - line[0], corner[across[1]] - line[1]]);
+    let Some(weights) = weights_at_origin(&flat) else { return };
+    let height: f32 = weights.iter().zip(corners).map(|(weight, corner)| weight * corner[axis]).sum();
+    let position = ((height - grid.first_center[axis]) / grid.cell_m).floor();
+    if position >= 0.0 && (position as usize) < grid.size[axis] {
+        let mut cell = [0; 3];
+        cell[axis] = position as usize;
+        (cell[across[0]], cell[across[1]]) = (column[0], column[1]);
+        free_steps[grid.index(cell)][axis] = false;
+    }
+}
+
+/// Barycentric weights of the origin in a flat triangle; `None` outside. Edges are inside with a small
+/// tolerance, so that no gap opens between adjacent triangles.
+fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
+    let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
+    let [a, b, c] = *corners;
+    let areas = [cross(b, c), cross(c, a), cross(a, b)];
+    let total: f32 = areas.iter().sum();
+    let weights = areas.map(|area| area / total);
+    (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
+}
+
+/// Returns the index range on `axis` within `margin_m` of the triangle's extent.
+fn span(
+    grid: &Grid,
+    corners: &[Point3<f32>; 3],
+    axis: usize,
+    margin_m: f32,
+) -> Option<RangeInclusive<usize>> {
+    let [a, b, c] = corners.map(|corner| corner[axis]);
+    let position = |at: f32| (at - grid.first_center[axis]) / grid.cell_m;
+    let low = position(a.min(b).min(c) - margin_m).ceil().max(0.0);
+    let high = position(a.max(b).max(c) + margin_m).floor().min(grid.size[axis] as f32 - 1.0);
+    (low <= high).then_some(low as usize..=high as usize)
+}
+
+/// Squared distance from `point` to the triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
+fn distance_squared(point: &Point3<f32>, corners: &[Point3<f32>; 3]) -> f32 {
+    let [a, b, c] = corners;
+    let (ab, ac) = (b - a, c - a);
+    let normal = ab.cross(&ac);
+    let area = normal.norm_squared();
+    let inside =
+        |from: &Point3<f32>, to: &Point3<f32>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;
+    if area > 0.0 && inside(a, b) && inside(b, c) && inside(c, a) {
+        let height = (point - a).dot(&normal);
+        return height * height / area;
+    }
+    let edges = [(a, ab), (b, c - b), (c, a - c)];
+    edges.iter().map(|(from, edge)| edge_distance_squared(point, from, edge)).fold(f32::INFINITY, f32::min)
+}
+
+fn edge_distance_squared(point: &Point3<f32>, from: &Point3<f32>, edge: &Vector3<f32>) -> f32 {
+    let offset = point - from;
+    let along = (offset.dot(edge) / edge.norm_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (offset - edge * along).norm_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_to_a_triangle_by_hand() {
+        let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]].map(Point3::from);
+        for (point, squared) in [
+            ([0.5, 0.5, 3.0], 9.0),
+            ([1.0, -2.0, 0.0], 4.0),
+            ([-3.0, -4.0, 0.0], 25.0),
+            ([2.0, 2.0, 0.0], 2.0),
+        ] {
+            assert!((distance_squared(&Point3::from(point), &corners) - squared).abs() < 1e-5, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_through_a_shared_edge_is_blocked_by_one_of_the_two() {
+        let (a, b) = ([[-1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]], [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]);
+        assert!(weights_at_origin(&a).is_some() || weights_at_origin(&b).is_some());
+        assert!(weights_at_origin(&[[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]]).is_none());
     }
 }

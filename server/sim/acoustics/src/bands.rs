@@ -16,11 +16,14 @@ pub(crate) const LOSS_TAPS: usize = 48;
 /// Loss per band in decibels; 0 is no loss.
 pub(crate) type BandLoss = [f32; BANDS];
 
+/// Loss of a silent band, decibels.
+pub(crate) const SILENT_DB: f32 = 100.0;
+
 /// Absorption of air at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels a metre (ISO 9613-1).
 const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297, 0.105];
 
 /// Asymptotic detour, metres: diffraction removes 25 dB from the 4 kHz band there, less from lower bands.
-const MOST_DETOUR_M: f32 = 0.68;
+const MAX_DETOUR_M: f32 = 0.68;
 
 /// Absorption of `length_m` metres of air.
 pub(crate) fn air_loss(length_m: f32) -> BandLoss {
@@ -34,7 +37,7 @@ pub(crate) fn air_loss(length_m: f32) -> BandLoss {
 /// Source: Kurze and Anderson (1971), "Sound attenuation by barriers", Applied Acoustics 4.
 pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
     let detour_m = detour_m.clamp(0.0, 1e3);
-    let deep = detour_m / MOST_DETOUR_M;
+    let deep = detour_m / MAX_DETOUR_M;
     let detour_m = detour_m / (1.0 + deep * deep * deep * deep).sqrt().sqrt();
     BAND_HZ.map(|frequency_hz| {
         let fresnel_number = 2.0 * detour_m * frequency_hz / SPEED_OF_SOUND_M_S;

@@ -23,9 +23,9 @@ pub(crate) struct Input {
     /// Spectra of the present window and of windows one, two … blocks earlier; `None` for silence.
     past: VecDeque<Option<Complexes>>,
     /// Number of stored spectra.
-    most: usize,
+    max_spectra: usize,
     /// Number of silent samples at the end.
-    quiet: usize,
+    silent: usize,
 }
 
 /// A filter pair for the two ears, and the spectra of its parts used so far.
@@ -36,8 +36,8 @@ pub(crate) struct Filter {
 
 impl Input {
     /// Number of silent samples at the end.
-    pub(crate) fn quiet_samples(&self) -> usize {
-        self.quiet
+    pub(crate) fn silent_samples(&self) -> usize {
+        self.silent
     }
 
     /// Returns true if the stored past is silent.
@@ -74,15 +74,20 @@ impl Convolver {
     }
 
     /// Upper limit of the bytes of an input with the two filters of a cross-fade.
-    pub(crate) fn most_bytes(&self, input: &Input) -> usize {
-        let (spectrum, taps) = (self.sum.byte_count(), 2 * input.most * self.block * size_of::<f32>());
-        size_of_val(input.recent.as_slice()) + 3 * input.most * spectrum + 2 * taps
+    pub(crate) fn max_bytes(&self, input: &Input) -> usize {
+        let (spectrum, taps) = (self.sum.byte_count(), 2 * input.max_spectra * self.block * size_of::<f32>());
+        size_of_val(input.recent.as_slice()) + 3 * input.max_spectra * spectrum + 2 * taps
     }
 
     /// Returns a silent input for filters of up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
-        let most = longest.div_ceil(self.block).max(1);
-        Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most, quiet: 0 }
+        let max_spectra = longest.div_ceil(self.block).max(1);
+        Input {
+            recent: vec![0.0; self.window],
+            past: VecDeque::with_capacity(max_spectra + 1),
+            max_spectra,
+            silent: 0,
+        }
     }
 
     pub(crate) fn filter(&self, taps: [Vec<f32>; 2]) -> Filter {
@@ -100,11 +105,11 @@ impl Convolver {
         input.recent.copy_within(block.len().., 0);
         let now = input.recent.len() - block.len();
         input.recent[now..].copy_from_slice(block);
-        let quiet = block.iter().rev().take_while(|sample| **sample == 0.0).count();
-        input.quiet = if quiet == block.len() { input.quiet + quiet } else { quiet };
+        let silent = block.iter().rev().take_while(|sample| **sample == 0.0).count();
+        input.silent = if silent == block.len() { input.silent + silent } else { silent };
         let is_silent = input.recent.iter().all(|sample| *sample == 0.0);
         input.past.push_front((!is_silent).then(|| self.spectrum([&input.recent, &[]])));
-        self.spare.extend(input.past.drain(input.most.min(input.past.len())..).flatten());
+        self.spare.extend(input.past.drain(input.max_spectra.min(input.past.len())..).flatten());
     }
 
     /// Returns the newest block of an input through both filters. Exactly zero if the filters reach no sound.
@@ -126,7 +131,7 @@ impl Convolver {
         let mut ears = [&self.sum.re, &self.sum.im].map(|ear| ear[from..].to_vec());
         for (ear, taps) in ears.iter_mut().zip(&filter.taps) {
             let reach = if taps.is_empty() { 0 } else { self.block + taps.len() - 1 };
-            ear.iter_mut().skip(reach.saturating_sub(input.quiet)).for_each(|sample| *sample = 0.0);
+            ear.iter_mut().skip(reach.saturating_sub(input.silent)).for_each(|sample| *sample = 0.0);
         }
         ears
     }

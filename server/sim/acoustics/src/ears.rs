@@ -1,10 +1,10 @@
 //! The signals at two ears of a moving listener with alternating sources.
 
+use crate::SAMPLE_RATE_HZ;
+use crate::clip::Clip;
 use crate::convolver::{Convolver, Filter, Input};
-use crate::impulse::ImpulseResponse;
-use crate::source::Heard;
-use crate::{Clip, SAMPLE_RATE_HZ, Source};
-use avln_geom::Point3;
+use crate::impulse::{ImpulseResponse, Listener};
+use crate::source::{Heard, Source};
 
 /// Cross-fade between two impulse responses of an emitter, samples: 50 ms.
 const CROSSFADE_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
@@ -28,15 +28,6 @@ pub struct Emitter {
     pub clip: Clip,
     /// Clip position at time 0, samples.
     pub offset_samples: usize,
-}
-
-/// A head.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Listener {
-    /// Its centre, world frame, metres.
-    pub position: Point3<f32>,
-    /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
-    pub heading_rad: f32,
 }
 
 /// The two ears of a listener during an episode, with the ringing sound.
@@ -85,8 +76,8 @@ impl Ears {
     }
 
     /// Upper limit of the bytes.
-    pub fn most_bytes(&self) -> usize {
-        let channels = self.channels.iter().map(|channel| self.convolver.most_bytes(&channel.dry));
+    pub fn max_bytes(&self) -> usize {
+        let channels = self.channels.iter().map(|channel| self.convolver.max_bytes(&channel.dry));
         self.convolver.byte_count() + channels.sum::<usize>()
     }
 
@@ -140,7 +131,7 @@ impl Channel {
 
     /// Renders this step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let only_rings = self.dry.quiet_samples() >= count + RINGING_SAMPLES;
+        let only_rings = self.dry.silent_samples() >= count + RINGING_SAMPLES;
         let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
         let (mut now, before) = match self.previous.take() {
             Some(before) if is_as_before(&before) => (before, None),

@@ -4,12 +4,16 @@
 //! of distance.
 
 use crate::air::Air;
-use crate::stored::{Reader, Writer};
-use crate::taut::tighten;
-use crate::ways::{APART_M, LONGER_M};
+use crate::cache::{Reader, Writer};
 use avln_geom::{Point3, RayMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+
+/// Separation of last bends below which two paths count as one, metres; from twice this they count as two.
+pub(crate) const APART_M: f32 = 0.5;
+
+/// Longest detour of a second path relative to the shortest, metres.
+pub(crate) const LONGER_M: f32 = 3.0;
 
 /// Shortest paths from a source.
 pub(crate) struct GeodesicField {
@@ -30,11 +34,11 @@ struct Corner {
 }
 
 /// A path through the air: listener, corners, source; two points if straight.
-pub(crate) type Way = Vec<Point3<f32>>;
+pub(crate) type AirPath = Vec<Point3<f32>>;
 
 /// Length of a path, metres.
-pub(crate) fn length_m(way: &[Point3<f32>]) -> f32 {
-    way.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
+pub(crate) fn length_m(path: &[Point3<f32>]) -> f32 {
+    path.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
 }
 
 /// Horizontal distance of two points, metres.
@@ -86,18 +90,18 @@ impl GeodesicField {
 
     /// Returns the shortest path from `listener` to the source, tight to 1 or 2 cm; `None` if unreachable.
     /// `near_cells` must be visible from the listener.
-    pub(crate) fn way(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<Way> {
-        let options = near_cells.iter().filter_map(|cell| self.way_by(air, listener, *cell));
-        let (_, mut way) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        tighten(air.rays(), &mut way);
-        Some(way)
+    pub(crate) fn path(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<AirPath> {
+        let options = near_cells.iter().filter_map(|cell| self.path_through(air, listener, *cell));
+        let (_, mut path) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        tighten(air.rays(), &mut path);
+        Some(path)
     }
 
     /// Returns the shortest tight path that passes obstacles on a different side than `first` and arrives
     /// from a different direction. `None` within a few additional metres.
-    pub(crate) fn second_way(&self, air: &Air, first: &[Point3<f32>]) -> Option<Way> {
-        const MOST_TRIED: usize = 32;
-        const MOST_TIGHTENED: usize = 3;
+    pub(crate) fn second_path(&self, air: &Air, first: &[Point3<f32>]) -> Option<AirPath> {
+        const MAX_TRIED: usize = 32;
+        const MAX_TIGHTENED: usize = 3;
         let mut bends: Vec<_> = self.other_bends(first).collect();
         bends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut tried: Vec<u32> = Vec::new();
@@ -107,14 +111,14 @@ impl GeodesicField {
             tried.extend(new.then_some(*bend));
             new
         });
-        let other = new.take(MOST_TRIED).filter(|bend| self.is_other(air.rays(), first, *bend));
-        let ways = other.take(MOST_TIGHTENED).map(|bend| {
-            let mut way: Way = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
-            tighten(air.rays(), &mut way);
-            way
+        let other = new.take(MAX_TRIED).filter(|bend| self.is_other(air.rays(), first, *bend));
+        let paths = other.take(MAX_TIGHTENED).map(|bend| {
+            let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
+            tighten(air.rays(), &mut path);
+            path
         });
-        let mut ways = ways;
-        ways.find(|way| way.len() > 2 && horizontal_m(&way[1], &first[1]) > APART_M)
+        let mut paths = paths;
+        paths.find(|path| path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M)
     }
 
     /// Returns true if two corners are on a vertical line.
@@ -161,15 +165,15 @@ impl GeodesicField {
     }
 
     /// The path through a cell and its length, metres.
-    fn way_by(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, Way)> {
+    fn path_through(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, AirPath)> {
         let last = self.last_corner[cell];
         let corner = *self.corners.get(last as usize)?;
-        let mut way = vec![*listener];
+        let mut path = vec![*listener];
         if !air.rays().is_clear(listener, &corner.point) {
-            way.push(air.grid().center(cell));
+            path.push(air.grid().center(cell));
         }
-        way.extend(self.chain(last));
-        Some((length_m(&way), way))
+        path.extend(self.chain(last));
+        Some((length_m(&path), path))
     }
 }
 
@@ -199,7 +203,7 @@ struct Search<'a> {
     distance_m: Vec<f32>,
     parent: Vec<u32>,
     /// Per cell: the last corner found to be invisible.
-    refuted: Vec<u32>,
+    rejected: Vec<u32>,
     /// Per cell: true if the parent is known to be visible.
     verified: Vec<bool>,
     closed: Vec<bool>,
@@ -216,7 +220,7 @@ impl<'a> Search<'a> {
             corner_of: vec![UNREACHED; cells],
             distance_m: vec![f32::INFINITY; cells],
             parent: vec![UNREACHED; cells],
-            refuted: vec![UNREACHED; cells],
+            rejected: vec![UNREACHED; cells],
             verified: vec![false; cells],
             closed: vec![false; cells],
             queue: BinaryHeap::new(),
@@ -261,7 +265,7 @@ impl<'a> Search<'a> {
         self.verified[cell] = true;
         let (air, parent) = (self.air, self.parent[cell]);
         for next in air.neighbours(cell) {
-            if !self.closed[next] && self.refuted[next] != parent {
+            if !self.closed[next] && self.rejected[next] != parent {
                 self.offer(next, parent, false);
             }
         }
@@ -270,7 +274,7 @@ impl<'a> Search<'a> {
     /// Replaces an invisible parent of `cell` by the best neighbour already reached, where the path then
     /// bends.
     fn fall_back(&mut self, cell: usize) {
-        self.refuted[cell] = self.parent[cell];
+        self.rejected[cell] = self.parent[cell];
         self.distance_m[cell] = f32::INFINITY;
         let air = self.air;
         let reached = air.neighbours(cell).filter(|next| self.closed[*next]);
@@ -291,5 +295,133 @@ impl<'a> Search<'a> {
             });
         }
         self.corner_of[cell]
+    }
+}
+
+/// Shortens `path` in place until it touches the edges, to 1 or 2 cm; both ends stay.
+///
+/// Redundant corners are dropped; the others move towards the line between their neighbours until they touch
+/// an obstacle, and on towards the next corner. A corner around two edges (the jambs of a thick wall) is
+/// split.
+fn tighten(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
+    sweep(rays, path);
+    let mut corner = 1;
+    while corner + 1 < path.len() {
+        let pair = cut(rays, [path[corner - 1], path[corner], path[corner + 1]]);
+        path.splice(corner..=corner, pair);
+        corner += 2;
+    }
+    sweep(rays, path);
+    sweep(rays, path);
+}
+
+fn sweep(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
+    let mut corner = 1;
+    while corner + 1 < path.len() {
+        if rays.is_clear(&path[corner - 1], &path[corner + 1]) {
+            path.remove(corner);
+        } else {
+            pull(rays, path, corner);
+            slide(rays, path, corner);
+            corner += 1;
+        }
+    }
+}
+
+/// Moves a corner towards the next, as far as it is visible from the previous corner: the path then leaves
+/// the previous corner exactly past the hiding edge.
+fn slide(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
+    let (before, from) = (path[corner - 1], path[corner]);
+    let leg = path[corner + 1] - from;
+    path[corner] = from + leg * largest_share(|share| rays.is_clear(&before, &(from + leg * share)));
+}
+
+/// Moves a corner towards the line between its neighbours, first vertically, then freely.
+fn pull(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
+    let (before, after) = (path[corner - 1], path[corner + 1]);
+    let leg = after - before;
+    for level_only in [true, false] {
+        let from = path[corner];
+        let along = (from - before).dot(&leg) / leg.norm_squared().max(f32::MIN_POSITIVE);
+        let mut offset = before + leg * along.clamp(0.0, 1.0) - from;
+        if level_only {
+            (offset.x, offset.z) = (0.0, 0.0);
+        }
+        let fits = |share: f32| {
+            let point = from + offset * share;
+            rays.is_clear(&before, &point) && rays.is_clear(&point, &after)
+        };
+        path[corner] = from + offset * largest_share(fits);
+    }
+}
+
+/// Two mutually visible points on the legs before and after a corner, as far from it as possible.
+fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32>; 2] {
+    let shorter_m = (before - corner).norm().min((after - corner).norm());
+    let towards = |end: &Point3<f32>, share: f32| {
+        let leg = end - corner;
+        corner + leg * (0.9 * share * shorter_m / leg.norm().max(f32::MIN_POSITIVE))
+    };
+    let ends = |share: f32| [towards(&before, share), towards(&after, share)];
+    let share = largest_share(|share| {
+        let [one, other] = ends(share);
+        rays.is_clear(&one, &other)
+    });
+    ends(share)
+}
+
+/// The largest share, to one part in 64, accepted by `fits`; 0 is assumed to fit.
+fn largest_share(fits: impl Fn(f32) -> bool) -> f32 {
+    if fits(1.0) {
+        return 1.0;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..6 {
+        let middle = 0.5 * (low + high);
+        if fits(middle) { low = middle } else { high = middle }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall from y = 0 up, 10 m high and wide, `thick_m` deep behind x = 0, that ends at z = 0.
+    fn wall(thick_m: f32) -> RayMesh {
+        let sheet = |x: f32| [(x, 0.0, 0.0), (x, 10.0, 0.0), (x, 10.0, 10.0), (x, 0.0, 10.0)];
+        let end = [(0.0, 0.0, 0.0), (thick_m, 0.0, 0.0), (thick_m, 10.0, 0.0), (0.0, 10.0, 0.0)];
+        let corners: Vec<_> = [sheet(0.0), sheet(thick_m), end].concat();
+        let corners: Vec<_> = corners.into_iter().map(|(x, y, z)| Point3::new(x, y, z)).collect();
+        let triangles: Vec<_> =
+            [0, 4, 8].iter().flat_map(|i| [[*i, i + 1, i + 2], [*i, i + 2, i + 3]]).collect();
+        RayMesh::new(&corners, &triangles)
+    }
+
+    fn length_m(path: &[Point3<f32>]) -> f32 {
+        path.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
+    }
+
+    #[test]
+    fn a_slack_way_comes_to_lie_against_one_edge_or_two() {
+        let (from, to) = (Point3::new(-2.0, 4.0, 1.5), Point3::new(2.5, 4.0, 2.0));
+        // Around the edge at x = 0, and with a second one at x = 0.5.
+        for (thick_m, taut_m) in [(0.001, 2.5 + 3.2016), (0.5, 2.5 + 0.5 + 2.8284)] {
+            let mut path = vec![from, Point3::new(0.1, 4.3, -0.3), to];
+            tighten(&wall(thick_m), &mut path);
+            assert!(
+                (-0.002..0.03).contains(&(length_m(&path) - taut_m)),
+                "{} m of {taut_m} m",
+                length_m(&path)
+            );
+        }
+    }
+
+    #[test]
+    fn a_bend_around_nothing_is_straightened() {
+        let mut path =
+            vec![Point3::new(-2.0, 1.0, -1.0), Point3::new(0.0, 3.0, -4.0), Point3::new(2.0, 1.0, -1.0)];
+        tighten(&wall(0.2), &mut path);
+        assert_eq!(path.len(), 2);
     }
 }

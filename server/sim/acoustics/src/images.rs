@@ -4,13 +4,13 @@
 //! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the existing sequences
 //! of planes, so that only those are evaluated.
 
-use crate::bands::{BANDS, BandLoss, air_loss, both};
+use crate::bands::{BANDS, BandLoss, SILENT_DB, air_loss, both};
+use crate::building::Building;
+use crate::cache::{Reader, Writer};
 use crate::impulse::Arrival;
 use crate::planes::{Plane, PlaneId};
-use crate::source::Building;
-use crate::stored::{Reader, Writer};
 use crate::surfaces::{SURFACE_BANDS, Surface};
-use crate::ways::SILENT_DB;
+use crate::unreflected::disc_point;
 use avln_geom::{Aabb, Point3, Vector3, angle};
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
@@ -21,14 +21,11 @@ pub(crate) const MAX_ORDER: usize = 3;
 /// Rays that search for sequences.
 const RAYS: usize = 32_768;
 
-/// Sequences met by fewer rays are left to the late energy.
-const LEAST_RAYS: u32 = 8;
+/// Sequences hits by fewer rays are left to the late energy.
+const MIN_RAYS: u32 = 8;
 
 /// Largest number of returned waves, strongest first.
 const MAX_ARRIVALS: usize = 40;
-
-/// Golden angle as a share of a turn, for a sunflower pattern (Vogel 1979).
-const GOLDEN_SHARE: f32 = 0.381_966;
 
 /// Mirror planes of a ray, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
@@ -49,27 +46,27 @@ struct Image {
 }
 
 /// Ray statistics of a sequence.
-struct Found {
+struct RayHits {
     rays: u32,
     /// Per mirror: bounds of the hits, and the longest path to them, metres.
-    met: [(Aabb, f32); MAX_ORDER],
+    hits: [(Aabb, f32); MAX_ORDER],
 }
 
-impl Default for Found {
+impl Default for RayHits {
     fn default() -> Self {
         let nowhere =
             Aabb { min: Point3::from([f32::INFINITY; 3]), max: Point3::from([f32::NEG_INFINITY; 3]) };
-        Self { rays: 0, met: [(nowhere, 0.0); MAX_ORDER] }
+        Self { rays: 0, hits: [(nowhere, 0.0); MAX_ORDER] }
     }
 }
 
-impl Found {
+impl RayHits {
     /// Adds a ray: its hit on every mirror and the path length in metres.
     fn add(&mut self, bounces: &[(Point3<f32>, f32)]) {
         self.rays += 1;
-        for ((lit, farthest_m), (point, way_m)) in self.met.iter_mut().zip(bounces) {
+        for ((lit, farthest_m), (point, path_m)) in self.hits.iter_mut().zip(bounces) {
             *lit = lit.including(point);
-            *farthest_m = farthest_m.max(*way_m);
+            *farthest_m = farthest_m.max(*path_m);
         }
     }
 }
@@ -82,8 +79,8 @@ impl Images {
         for ray in 0..if order == 0 { 0 } else { RAYS } {
             follow(building, outlet, angle::spread_direction(ray, RAYS), order, &mut found);
         }
-        let met = found.into_iter().filter(|(_, found)| found.rays >= LEAST_RAYS);
-        let images = met.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
+        let hits = found.into_iter().filter(|(_, found)| found.rays >= MIN_RAYS);
+        let images = hits.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
         Self { outlet: *outlet, images: images.collect() }
     }
 
@@ -129,7 +126,7 @@ impl Images {
         let heard = lit.filter_map(|image| {
             let most_db = -10.0 * libm::log10f((image.position - listener).norm_squared());
             let around = if most_db < loudest_db - FAINT_DB { &[] } else { around.as_slice() };
-            image.softly(building, &self.outlet, listener, around)
+            image.blurred(building, &self.outlet, listener, around)
         });
         let mut arrivals: Vec<_> = heard.collect();
         arrivals.sort_by(|a, b| strength_db(b).total_cmp(&strength_db(a)));
@@ -156,8 +153,7 @@ const RIM: usize = 4;
 fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
     const PLACES: usize = 14;
     let place = |index: usize| {
-        let radius_m = BLUR_M * ((index as f32 + 0.5) / PLACES as f32).sqrt();
-        let (sin, cos) = angle::sin_cos(TAU * GOLDEN_SHARE * index as f32);
+        let [cos, sin, radius_m] = disc_point(index, PLACES, BLUR_M);
         listener + Vector3::new(cos, 0.0, sin) * radius_m
     };
     let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
@@ -193,11 +189,11 @@ impl Image {
 }
 
 impl Image {
-    fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &Found) -> Self {
+    fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &RayHits) -> Self {
         let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
         // Approximate spacing of neighbouring rays; larger at grazing incidence.
         let spread = 2.0 * (2.0 * TAU / RAYS as f32).sqrt();
-        let lit = found.met.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
+        let lit = found.hits.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
         Self { sequence, position, lit }
     }
 
@@ -223,7 +219,7 @@ impl Image {
     }
 
     /// Returns the wave, scaled by the energy share at the points around the listener.
-    fn softly(
+    fn blurred(
         &self,
         building: &Building,
         outlet: &Point3<f32>,
@@ -308,28 +304,28 @@ fn mirror_loss(surface: &Surface) -> BandLoss {
     })
 }
 
-/// Adds the sequences met by a ray.
+/// Adds the sequences hits by a ray.
 fn follow(
     building: &Building,
     outlet: &Point3<f32>,
     mut direction: Vector3<f32>,
     order: usize,
-    found: &mut BTreeMap<Sequence, Found>,
+    found: &mut BTreeMap<Sequence, RayHits>,
 ) {
     let mut sequence = [None; MAX_ORDER];
     let mut bounces = [(*outlet, 0.0); MAX_ORDER];
-    let (mut from, mut way_m) = (*outlet, 0.0);
+    let (mut from, mut path_m) = (*outlet, 0.0);
     for bounce in 0..order {
-        let reach_m = building.settings.reach_m() - way_m;
+        let reach_m = building.settings.reach_m() - path_m;
         let Some(hit) = building.air.rays().cast(&from, &direction, reach_m) else { return };
         let Some(id) = building.planes.of(hit.triangle) else { return };
         if bounce > 0 && sequence[bounce - 1] == Some(id) {
             return;
         }
-        way_m += hit.distance;
+        path_m += hit.distance;
         let (plane, point) = (building.planes.plane(id), from + direction * hit.distance);
         sequence[bounce] = Some(id);
-        bounces[bounce] = (point, way_m);
+        bounces[bounce] = (point, path_m);
         found.entry(sequence).or_default().add(&bounces[..=bounce]);
         let side = -plane.normal.dot(&direction).signum();
         from = point + plane.normal * (side * (plane.slack_m + 1e-3));
@@ -341,7 +337,7 @@ fn follow(
 mod tests {
     use super::*;
     use crate::Settings;
-    use crate::testing::{self, Soup};
+    use crate::tests::{self as fixtures, Soup};
 
     const SURFACE: Surface = Surface {
         absorption: [0.1, 0.12, 0.15, 0.2, 0.3, 0.4],
@@ -350,7 +346,7 @@ mod tests {
     };
 
     fn building(soup: &Soup, reflection_order: usize) -> Building {
-        testing::building(soup, SURFACE, Settings { reflection_order, ..Settings::default() })
+        fixtures::building(soup, SURFACE, Settings { reflection_order, ..Settings::default() })
     }
 
     /// Offsets from the listener to all images of `source` in a box room up to `order`, nearest first (Allen and

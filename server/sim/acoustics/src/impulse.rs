@@ -1,9 +1,10 @@
 //! Conversion of arriving waves into an impulse response per ear.
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
-use crate::head::{HEAD_LEAD, HEAD_TAPS};
-use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
-use avln_geom::Vector3;
+use crate::building::Settings;
+use crate::head::filter::{HEAD_LEAD, HEAD_TAPS};
+use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+use avln_geom::{Point3, Vector3};
 use std::f32::consts::PI;
 
 /// Smallest source distance, metres; closer sources use it.
@@ -11,6 +12,15 @@ const MIN_DISTANCE_M: f32 = 0.1;
 
 /// Half the taps of the fractional delay filter.
 const DELAY_HALF_TAPS: usize = 16;
+
+/// A head.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Listener {
+    /// Its centre, world frame, metres.
+    pub position: Point3<f32>,
+    /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
+    pub heading_rad: f32,
+}
 
 /// A wave at the listener.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,15 +100,21 @@ fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TA
 
 /// Adds `taps` to `ear` from sample `start`, which may be fractional or negative (the run-up of a
 /// band-limited pulse before 0 is cut).
-fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, most_samples: usize) {
+fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
     let first = whole as i64 + 1 - DELAY_HALF_TAPS as i64;
-    let end = (first + (taps.len() + kernel.len()) as i64 - 1).clamp(0, most_samples as i64) as usize;
+    let end = first + (taps.len() + kernel.len()) as i64 - 1;
+    add_convolved(ear, &kernel, taps, first, end.clamp(0, max_samples as i64) as usize);
+}
+
+/// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, which may be negative, after
+/// extending `ear` to `end` samples. Samples outside of `ear` are dropped.
+pub(crate) fn add_convolved(ear: &mut Vec<f32>, factors: &[f32], taps: &[f32], first: i64, end: usize) {
     if ear.len() < end {
         ear.resize(end, 0.0);
     }
-    for (offset, factor) in kernel.iter().enumerate() {
+    for (offset, factor) in factors.iter().enumerate() {
         let from = first + offset as i64;
         let skipped = (-from).max(0) as usize;
         let target = ear.get_mut(from.max(0) as usize..).unwrap_or_default();

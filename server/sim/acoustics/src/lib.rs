@@ -8,6 +8,8 @@
 
 mod air;
 mod bands;
+mod building;
+mod cache;
 mod clip;
 mod convolver;
 mod ears;
@@ -18,26 +20,18 @@ mod impulse;
 mod late;
 mod measure;
 mod planes;
-mod settings;
-mod shelf;
 mod source;
-mod sphere;
-mod stored;
 mod surfaces;
-mod taut;
-#[cfg(test)]
-mod testing;
 mod transform;
-mod visibility;
-mod ways;
+mod unreflected;
 
+pub use building::Settings;
+pub use cache::{BuildingCache, SoundCache};
 pub use clip::{Bank, Clip, ClipPool, RecordingError};
-pub use ears::{Ears, Emitter, Listener};
+pub use ears::{Ears, Emitter};
 pub use head::{Head, HeadError, MeasuredHead};
-pub use impulse::ImpulseResponse;
+pub use impulse::{ImpulseResponse, Listener};
 pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
-pub use settings::Settings;
-pub use shelf::{SoundPlace, SoundShelf};
 pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 
@@ -46,3 +40,6 @@ pub const SAMPLE_RATE_HZ: u32 = 16_000;
 
 /// Speed of sound in air of 20 degrees Celsius, metres per second.
 pub const SPEED_OF_SOUND_M_S: f32 = 343.0;
+
+#[cfg(test)]
+mod tests;

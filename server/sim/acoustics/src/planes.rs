@@ -79,7 +79,7 @@ impl Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{Soup, scene};
+    use crate::tests::{Soup, scene};
     use avln_geom::Rng;
 
     fn planes_of(soup: &Soup) -> Planes {

@@ -73,7 +73,7 @@ impl Surface {
     }
 
     /// Reflected energy share in `band`, 0 to 1.
-    pub fn returned(&self, band: usize) -> f32 {
+    pub fn reflected(&self, band: usize) -> f32 {
         (1.0 - self.absorption[band] - self.transmission[band]).max(0.0)
     }
 }

@@ -1,6 +1,7 @@
 //! A discrete Fourier transform written for auto-vectorisation. Equal bits on every processor.
 
 use avln_simd::{Width, Work, run_at};
+use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Points of a wide stretch.
@@ -235,6 +236,60 @@ impl Work for Product<'_> {
     }
 }
 
+/// A transform of a power of two of points.
+pub(crate) struct Fourier {
+    /// `exp(-2 pi i k / points)` for the first half of k.
+    turns: Vec<Complex64>,
+}
+
+impl Fourier {
+    /// Plans a transform; `points` must be a power of two.
+    pub(crate) fn new(points: usize) -> Self {
+        let step_rad = TAU / points as f64;
+        Self { turns: (0..points / 2).map(|k| unit_phasor(k as f64 * step_rad).conj()).collect() }
+    }
+
+    /// Replaces values by `sum over n of values[n] exp(-2 pi i k n / points)`.
+    pub(crate) fn forward(&self, values: &mut [Complex64]) {
+        let points = values.len();
+        reverse_bits(values);
+        let mut half = 1;
+        while half < points {
+            let stride = points / (2 * half);
+            for pair in values.chunks_exact_mut(2 * half) {
+                let (low, high) = pair.split_at_mut(half);
+                for ((a, b), turn) in low.iter_mut().zip(high).zip(self.turns.iter().step_by(stride)) {
+                    let turned = *b * turn;
+                    (*a, *b) = (*a + turned, *a - turned);
+                }
+            }
+            half *= 2;
+        }
+    }
+
+    /// The opposite sign of the exponent; not divided by the number of points.
+    pub(crate) fn backward(&self, values: &mut [Complex64]) {
+        values.iter_mut().for_each(|value| *value = value.conj());
+        self.forward(values);
+        values.iter_mut().for_each(|value| *value = value.conj());
+    }
+}
+
+fn reverse_bits(values: &mut [Complex64]) {
+    let bits = values.len().trailing_zeros();
+    for index in 0..values.len() {
+        let other = index.reverse_bits().checked_shr(usize::BITS - bits).unwrap_or(0);
+        if index < other {
+            values.swap(index, other);
+        }
+    }
+}
+
+/// `exp(j angle)` with equal bits on every processor.
+pub(crate) fn unit_phasor(angle_rad: f64) -> Complex64 {
+    Complex64::new(libm::cos(angle_rad), libm::sin(angle_rad))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,6 +324,27 @@ mod tests {
             for (back, value) in back {
                 assert!((back / points as f32 - value).abs() < 1e-6, "{points} points: {back} and {value}");
             }
+        }
+    }
+
+    #[test]
+    fn fourier_equals_the_plain_sum() {
+        let mut rng = Rng::new(9);
+        for points in [1, 2, 8, 32] {
+            let values: Vec<_> = (0..points).map(|_| Complex64::new(rng.unit(), rng.unit())).collect();
+            let (mut there, fourier) = (values.clone(), Fourier::new(points));
+            fourier.forward(&mut there);
+            for (k, value) in there.iter().enumerate() {
+                let term = |(n, v): (usize, &Complex64)| {
+                    let turn = TAU * (k * n) as f64 / points as f64;
+                    v * Complex64::new(libm::cos(turn), -libm::sin(turn))
+                };
+                let plain: Complex64 = values.iter().enumerate().map(term).sum();
+                assert!((plain - value).norm() < 1e-12, "{points}: {plain} and {value}");
+            }
+            fourier.backward(&mut there);
+            let back = there.iter().zip(&values).map(|(a, b)| (a / points as f64 - b).norm());
+            assert!(back.fold(0.0, f64::max) < 1e-12);
         }
     }
 

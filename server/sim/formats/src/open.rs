@@ -2,7 +2,7 @@
 
 use crate::options::{ImportOptions, ImportReport};
 use crate::{files, gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
-use avln_scene::canonical::canonical;
+use avln_scene::digest::canonical;
 use avln_scene::{Scene, SceneError};
 use std::path::{Path, PathBuf};
 

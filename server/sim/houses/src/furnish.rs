@@ -1,21 +1,16 @@
 //! Furnishing of rooms: groups first, then single pieces, then wall, ceiling and small objects.
 
-mod bathroom;
 mod bedroom;
-mod corners;
 mod dining;
 mod extras;
-mod kitchen;
 mod living;
-mod service;
 mod tops;
 mod walls;
-mod work;
 
 use super::assembly::{Assembly, Piece};
-use super::furniture::Make;
+use super::furniture::*;
 use super::model::{Facet, Model, about};
-use super::plan::{CEILING_M, Plan, RoomKind, remainder};
+use super::plan::{CEILING_M, Plan, RoomKind, Window, remainder};
 use super::rect::{Rect, Side, common, turned};
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
@@ -59,6 +54,14 @@ enum Wish {
     Middle,
     /// Only on this wall, near this position.
     Facing(Side, f32),
+}
+
+/// A possible position of a piece at a wall.
+#[derive(Clone, Copy)]
+struct WallPlace {
+    side: Side,
+    start_m: f32,
+    cost: f32,
 }
 
 /// Gap between furniture and walls or lateral neighbours, metres.
@@ -220,20 +223,31 @@ impl Decorator<'_> {
     /// Places a piece with its back to a wall and `front_m` of free floor in front.
     fn stand(&mut self, piece: &Piece, wish: Wish, front_m: f32) -> Option<Spot> {
         let size = piece.size();
-        let mut places = self.wall_places(size.x, wish);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let claims: Vec<(Side, Claim)> = places
-            .into_iter()
-            .map(|(side, start, _)| (side, self.claim_at_wall(side, [start, start + size.x], size, front_m)))
-            .collect();
-        let claim = self.space.first_fit(claims.iter().map(|(_, claim)| *claim))?;
-        let (side, _) = claims.into_iter().find(|(_, other)| other.rect == claim.rect)?;
+        let places = self.wall_places(size.x, wish);
+        let (place, claim) = self.first_fit(&places, size, front_m)?;
         self.space.take(&claim);
-        Some(self.set(piece, side, &claim.rect, 0.0))
+        Some(self.set(piece, place.side, &claim.rect, 0.0))
     }
 
-    /// Wall positions every 5 cm: side, start, and a cost that is lowest at the preferred position.
-    fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<(Side, f32, f32)> {
+    /// The first of `places` with room for a piece of `size`.
+    fn first_fit(
+        &self,
+        places: &[WallPlace],
+        size: Vector3<f32>,
+        front_m: f32,
+    ) -> Option<(WallPlace, Claim)> {
+        let claim = |place: &WallPlace| {
+            let along = [place.start_m, place.start_m + size.x];
+            self.claim_at_wall(place.side, along, size, front_m)
+        };
+        let claims: Vec<Claim> = places.iter().map(claim).collect();
+        let fitting = self.space.first_fit(claims.iter().copied())?;
+        let index = claims.iter().position(|claim| claim.rect == fitting.rect)?;
+        Some((places[index], fitting))
+    }
+
+    /// Wall positions every 5 cm, the preferred ones first.
+    fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<WallPlace> {
         const STEP_M: f32 = 0.05;
         let mut places = Vec::new();
         for side in Side::ALL {
@@ -251,9 +265,10 @@ impl Decorator<'_> {
                     Wish::Facing(wanted, _) if wanted != side => continue,
                     Wish::Facing(_, place) => (start + length_m / 2.0 - place).abs(),
                 };
-                places.push((side, start, cost));
+                places.push(WallPlace { side, start_m: start, cost });
             }
         }
+        places.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         places
     }
 
@@ -329,7 +344,7 @@ impl Decorator<'_> {
 
     /// Places a rug around `center`, wide in the direction of `side`, if it fits.
     fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
-        let rug = super::furniture::floor::RUG.sized(self.taste, [width, 0.0, depth]);
+        let rug = textiles::RUG.sized(self.taste, [width, 0.0, depth]);
         let size = rug.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
         let rect = Rect::around(center, size_xz);

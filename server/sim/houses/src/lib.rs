@@ -14,10 +14,8 @@ mod reach;
 mod rect;
 mod shell;
 mod space;
-mod substance;
 mod taste;
 mod texture;
-mod tints;
 
 use assembly::Assembly;
 use avln_geom::Rng;
@@ -199,12 +197,9 @@ fn size(rng: &mut Rng, options: &HouseOptions) -> (usize, usize) {
     let (low, high) = (*options.rooms.start(), (*options.rooms.end()).max(*options.rooms.start()));
     let classes = SIZES.map(|(class, weight)| ((*class.start()).max(low)..=(*class.end()).min(high), weight));
     let classes: Vec<_> = classes.into_iter().filter(|(class, _)| !class.is_empty()).collect();
-    let mut left = rng.range(0.0, classes.iter().map(|(_, weight)| weight).sum());
-    let drawn = classes.into_iter().find(|(_, weight)| {
-        left -= weight;
-        left < 0.0
-    });
-    let (low, high) = drawn.map_or((low, high), |(class, _)| class.into_inner());
+    let weights: Vec<f32> = classes.iter().map(|(_, weight)| *weight).collect();
+    let drawn = taste::weighted(rng, &weights).map(|index| classes[index].0.clone());
+    let (low, high) = drawn.map_or((low, high), RangeInclusive::into_inner);
     let rooms = usize::from(low) + rng.below(usize::from(high - low) + 1);
     let (fewest, most) = (*options.storeys.start(), (*options.storeys.end()).min(2));
     let upper = if fewest < most { rng.chance(TWO_STOREYS) } else { fewest.min(most) == 2 };

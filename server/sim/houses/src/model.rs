@@ -1,15 +1,11 @@
 //! Shapes that furniture is built of, in the furniture's own frame: the base on y = 0, the front towards +z.
 
-mod prism;
-mod round;
-mod seen;
-mod soft;
-
 use super::paint::Paint;
 use super::rect::turned;
 use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
 use avln_scene::Lamp;
-pub(super) use seen::Facet;
+
+mod shapes;
 
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -53,14 +49,9 @@ impl Model {
 
     /// A box with sharp edges.
     pub(super) fn block(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
-        self.solid(x, y, z);
-        let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
-        self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
-        self.quad([p(1, 0, 0), p(0, 0, 0), p(0, 1, 0), p(1, 1, 0)], paint);
-        self.quad([p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)], paint);
-        self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
-        self.quad([p(0, 1, 1), p(1, 1, 1), p(1, 1, 0), p(0, 1, 0)], paint);
-        self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
+        self.slab(x, y, z, paint);
+        let p = |i: usize, k: usize| Point3::new(x[i], y[0], z[k]);
+        self.quad([p(0, 0), p(1, 0), p(1, 1), p(0, 1)], paint);
     }
 
     /// Remembers that a box is full.
@@ -173,6 +164,66 @@ pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) 
     Point2::new(u / tile_m, v / tile_m)
 }
 
+/// Distance in front of a face that must be solid to hide it, metres.
+const BEFORE_M: f32 = 0.002;
+
+impl Model {
+    /// The model without faces inside its own boxes.
+    pub(crate) fn seen(&self) -> Model {
+        let boxes: Vec<Aabb> = self.solids.iter().map(|solid| solid.grown(1e-4)).collect();
+        self.without(|face| {
+            let before = face.moved(BEFORE_M);
+            boxes.iter().any(|solid| before.iter().all(|point| solid.contains(point)))
+        })
+    }
+
+    /// The model without `hidden` triangles.
+    pub(crate) fn without(&self, hidden: impl Fn(&Facet) -> bool) -> Model {
+        let mut model = Model { solids: self.solids.clone(), lamps: self.lamps.clone(), ..Model::default() };
+        let mut moved: Vec<Option<u32>> = vec![None; self.corners.len()];
+        for &(corners, paint) in &self.triangles {
+            let points = corners.map(|corner| self.corners[corner as usize].position);
+            if Facet::of(points).is_some_and(|facet| !hidden(&facet)) {
+                let kept = corners.map(|corner| {
+                    *moved[corner as usize].get_or_insert_with(|| push(&mut model.corners, self, corner))
+                });
+                model.triangles.push((kept, paint));
+            }
+        }
+        model
+    }
+}
+
+/// A triangle in space.
+pub(crate) struct Facet {
+    points: [Point3<f32>; 3],
+    normal: Vector3<f32>,
+}
+
+impl Facet {
+    /// `None` for a triangle without area.
+    fn of(points: [Point3<f32>; 3]) -> Option<Self> {
+        let [a, b, c] = points;
+        let normal = (b - a).cross(&(c - a)).try_normalize(1e-12)?;
+        Some(Self { points, normal })
+    }
+
+    /// Corners moved by `distance_m` towards the visible side.
+    pub(crate) fn moved(&self, distance_m: f32) -> [Point3<f32>; 3] {
+        self.points.map(|point| point + self.normal * distance_m)
+    }
+
+    /// Returns true if the face points straight down below `height_m`.
+    pub(crate) fn is_underside(&self, height_m: f32) -> bool {
+        self.normal.y < -0.99 && self.points.iter().all(|point| point.y < height_m)
+    }
+}
+
+fn push(corners: &mut Vec<Corner>, from: &Model, corner: u32) -> u32 {
+    corners.push(from.corners[corner as usize]);
+    corners.len() as u32 - 1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -227,5 +278,17 @@ mod tests {
         assert_eq!((bounds.min, bounds.max), (Point3::new(10.0, 0.0, -1.0), Point3::new(13.0, 1.0, 1.0)));
         let turned = model.moved(3, Vector3::zeros());
         assert!(volume_m3(&turned) > 0.0);
+    }
+
+    #[test]
+    fn what_touches_inside_of_a_larger_face_is_left_out_and_all_else_stays() {
+        let mut model = Model::new();
+        model.block([-1.0, 1.0], [1.0, 1.1], [-1.0, 1.0], Paint::CHROME);
+        model.block([0.0, 0.1], [0.0, 1.0], [0.0, 0.1], Paint::CHROME);
+        let seen = model.seen();
+        assert_eq!((model.triangles.len(), seen.triangles.len()), (24, 22), "the top of the leg");
+        assert_eq!(seen.bounds(), model.bounds());
+        let turned = model.moved(1, Vector3::new(3.0, 0.0, 0.0)).seen();
+        assert_eq!(turned.triangles.len(), 22);
     }
 }

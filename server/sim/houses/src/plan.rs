@@ -1,7 +1,5 @@
 //! Floor plan: rooms, their positions, and their connections.
 
-mod deal;
-mod detours;
 mod layout;
 mod openings;
 mod outline;
@@ -186,13 +184,13 @@ impl Plan {
     /// Draws a plan with `count` rooms (at least 1) on one or two storeys, centred near the origin.
     pub(super) fn draw(rng: &Rng, count: usize, storeys: usize) -> Self {
         let mut best = Self::draw_once(rng, count, storeys);
-        let mut longest = detours::longest(&best);
+        let mut longest = openings::longest_detour(&best);
         for again in 1..DRAWS {
             if longest <= LONGEST_DETOUR {
                 break;
             }
             let other = Self::draw_once(&rng.fork(&format!("again {again}")), count, storeys);
-            let detour = detours::longest(&other);
+            let detour = openings::longest_detour(&other);
             (best, longest) = if detour < longest { (other, detour) } else { (best, longest) };
         }
         best

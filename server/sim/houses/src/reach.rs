@@ -1,15 +1,12 @@
 //! Reachability of rooms on a lattice of free floor, without a navmesh.
 
-use super::plan::{Opening, Plan, RoomKind, WALL_M};
-use super::rect::Rect;
+use super::plan::{Opening, Plan, RoomKind, WALL_M, around};
+use super::rect::{CELL_M, Lattice, Rect};
 use super::{floor_m, shell};
 use avln_scene::Object;
 
 /// Height range of obstacles above the floor, metres.
 const BODY_M: [f32; 2] = [0.2, 1.5];
-
-/// Edge of a lattice cell, metres.
-const CELL_M: f32 = 0.1;
 
 /// Standing area of a body and its connected parts.
 pub(super) struct Reach {
@@ -26,7 +23,8 @@ type Cell = usize;
 
 impl Reach {
     pub(super) fn of(plan: &Plan, objects: &[Object], radius_m: f32) -> Self {
-        let lattice = Lattice::around(plan);
+        let cells: Vec<Rect> = plan.rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
+        let lattice = Lattice::over(&around(&cells), 1, plan.storeys());
         let mut free = vec![false; lattice.count()];
         let mut rooms = Vec::new();
         for index in 0..plan.rooms.len() {
@@ -43,7 +41,7 @@ impl Reach {
             .filter(|&room| plan.rooms[room].kind == RoomKind::Stairs)
             .map(|room| rooms[room].as_slice())
             .collect();
-        let (piece_of, sizes) = lattice.pieces(&free, &stairs);
+        let (piece_of, sizes) = pieces(&lattice, &free, &stairs);
         Self { rooms, lattice, piece_of, sizes }
     }
 
@@ -113,82 +111,33 @@ fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], ra
     floor.into_iter().flat_map(|rect| lattice.cells_in(room.storey, rect)).filter(clear).collect()
 }
 
-/// Square cells over all storeys, storey by storey, row by row.
-struct Lattice {
-    origin: [f32; 2],
-    columns: usize,
-    rows: usize,
-    storeys: usize,
-}
-
-impl Lattice {
-    fn around(plan: &Plan) -> Self {
-        let cells: Vec<Rect> = plan.rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
-        let extent = super::plan::around(&cells);
-        let [columns, rows] = extent.size().map(|length| (length / CELL_M).ceil() as usize + 1);
-        Self { origin: [extent.x[0], extent.z[0]], columns, rows, storeys: plan.storeys() }
-    }
-
-    fn count(&self) -> usize {
-        self.columns * self.rows * self.storeys
-    }
-
-    fn center(&self, cell: Cell) -> [f32; 2] {
-        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
-        let at = |origin: f32, index: usize| origin + (index as f32 + 0.5) * CELL_M;
-        [at(self.origin[0], column), at(self.origin[1], row)]
-    }
-
-    /// Cells of a storey with centres in `rect`.
-    fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = Cell> + use<> {
-        let range = |span: [f32; 2], origin: f32, count: usize| {
-            let index =
-                |value: f32| ((value - origin) / CELL_M - 0.5).ceil().clamp(0.0, count as f32) as usize;
-            index(span[0])..index(span[1])
-        };
-        let columns = range(rect.x, self.origin[0], self.columns);
-        let rows = range(rect.z, self.origin[1], self.rows);
-        let (width, height) = (self.columns, self.rows);
-        rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
-    }
-
-    /// Connected parts of the free cells: part per cell, and part sizes. Cells in a `joined` group (stairs)
-    /// count as neighbours.
-    fn pieces(&self, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
-        let mut is_joined = vec![false; free.len()];
-        joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
-        let mut piece_of = vec![None; free.len()];
-        let mut sizes = Vec::new();
-        for start in 0..free.len() {
-            let mut open = vec![start];
-            let piece = sizes.len();
-            let mut size = 0;
-            while let Some(cell) = open.pop() {
-                if !free[cell] || piece_of[cell].is_some() {
-                    continue;
-                }
-                piece_of[cell] = Some(piece);
-                size += 1;
-                open.extend(self.neighbours(cell));
-                if is_joined[cell] {
-                    open.extend(joined.iter().flat_map(|group| group.iter()));
-                }
+/// Connected parts of the free cells: part per cell, and part sizes. Cells in a `joined` group (stairs)
+/// count as neighbours.
+fn pieces(lattice: &Lattice, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
+    let mut is_joined = vec![false; free.len()];
+    joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
+    let mut piece_of = vec![None; free.len()];
+    let mut sizes = Vec::new();
+    for start in 0..free.len() {
+        let mut open = vec![start];
+        let piece = sizes.len();
+        let mut size = 0;
+        while let Some(cell) = open.pop() {
+            if !free[cell] || piece_of[cell].is_some() {
+                continue;
             }
-            if size > 0 {
-                sizes.push(size);
+            piece_of[cell] = Some(piece);
+            size += 1;
+            open.extend(lattice.neighbours(cell));
+            if is_joined[cell] {
+                open.extend(joined.iter().flat_map(|group| group.iter()));
             }
         }
-        (piece_of, sizes)
+        if size > 0 {
+            sizes.push(size);
+        }
     }
-
-    fn neighbours(&self, cell: Cell) -> impl Iterator<Item = Cell> {
-        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
-        let left = (column > 0).then(|| cell - 1);
-        let right = (column + 1 < self.columns).then(|| cell + 1);
-        let above = (row > 0).then(|| cell - self.columns);
-        let below = (row + 1 < self.rows).then(|| cell + self.columns);
-        [left, right, above, below].into_iter().flatten()
-    }
+    (piece_of, sizes)
 }
 
 #[cfg(test)]

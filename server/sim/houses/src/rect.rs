@@ -1,3 +1,5 @@
+//! Rectangles on the floor, sides of a room, and lattices of floor cells.
+
 use avln_geom::{Aabb, Point3};
 
 /// A rectangle on the floor, metres in world x and z.
@@ -142,5 +144,58 @@ pub(super) fn turned(quarter: u8, [x, z]: [f32; 2]) -> [f32; 2] {
         1 => [z, -x],
         2 => [-x, -z],
         _ => [-z, x],
+    }
+}
+
+/// Edge of a lattice cell, metres.
+pub(super) const CELL_M: f32 = 0.1;
+
+/// Square cells over one or two storeys, storey by storey, row by row.
+pub(super) struct Lattice {
+    origin: [f32; 2],
+    columns: usize,
+    rows: usize,
+    storeys: usize,
+}
+
+impl Lattice {
+    /// Cells over `extent`, at least `margin` more than fit in either direction.
+    pub(super) fn over(extent: &Rect, margin: usize, storeys: usize) -> Self {
+        let [columns, rows] = extent.size().map(|length| (length / CELL_M).ceil() as usize + margin);
+        Self { origin: [extent.x[0], extent.z[0]], columns, rows, storeys }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.columns * self.rows * self.storeys
+    }
+
+    /// Centre of a cell, x and z.
+    pub(super) fn center(&self, cell: usize) -> [f32; 2] {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let at = |origin: f32, index: usize| origin + (index as f32 + 0.5) * CELL_M;
+        [at(self.origin[0], column), at(self.origin[1], row)]
+    }
+
+    /// Cells of a storey with centres in `rect`.
+    pub(super) fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = usize> + use<> {
+        let range = |span: [f32; 2], origin: f32, count: usize| {
+            let index =
+                |value: f32| ((value - origin) / CELL_M - 0.5).ceil().clamp(0.0, count as f32) as usize;
+            index(span[0])..index(span[1])
+        };
+        let columns = range(rect.x, self.origin[0], self.columns);
+        let rows = range(rect.z, self.origin[1], self.rows);
+        let (width, height) = (self.columns, self.rows);
+        rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
+    }
+
+    /// The up to four adjacent cells on the storey.
+    pub(super) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let left = (column > 0).then(|| cell - 1);
+        let right = (column + 1 < self.columns).then(|| cell + 1);
+        let above = (row > 0).then(|| cell - self.columns);
+        let below = (row + 1 < self.rows).then(|| cell + self.columns);
+        [left, right, above, below].into_iter().flatten()
     }
 }

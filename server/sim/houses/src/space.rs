@@ -1,7 +1,7 @@
 //! Used and free parts of a room.
 
 use super::plan::CEILING_M;
-use super::rect::{Rect, Side, common};
+use super::rect::{Lattice, Rect, Side, common};
 
 /// Depth that stays free on both sides of a door, metres.
 pub(super) const DOOR_CLEAR_M: f32 = 0.9;
@@ -169,68 +169,26 @@ const WHOLE_FLOOR: f32 = 0.92;
 /// Returns true if a disc of radius `radius_m` can move in `room` around `solids` between all `goals` and
 /// almost everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
-    let grid = Grid::new(room, solids, radius_m);
+    let lattice = Lattice::over(room, 0, 1);
+    let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
+    let is_free = |cell: usize| {
+        let place = lattice.center(cell);
+        walkable.distance_m(place) == 0.0 && solids.iter().all(|solid| solid.distance_m(place) >= radius_m)
+    };
+    let free: Vec<bool> = (0..lattice.count()).map(is_free).collect();
+    let inside = |cell: usize, zone: &Rect| free[cell] && zone.distance_m(lattice.center(cell)) == 0.0;
     let Some(first) = goals.first() else { return true };
-    let reached = grid.flood(first);
-    let count = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count() as f32;
-    let whole = count(&reached) >= WHOLE_FLOOR * count(&grid.free);
-    whole && goals.iter().all(|goal| grid.cells_in(goal).any(|cell| reached[cell]))
-}
-
-/// Square cells over a room, each free or blocked.
-struct Grid {
-    origin: [f32; 2],
-    counts: [usize; 2],
-    free: Vec<bool>,
-}
-
-const CELL_M: f32 = 0.1;
-
-impl Grid {
-    fn new(room: &Rect, solids: &[Rect], radius_m: f32) -> Self {
-        let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
-        let counts = room.size().map(|length| (length / CELL_M).ceil() as usize);
-        let mut grid = Self { origin: [room.x[0], room.z[0]], counts, free: vec![] };
-        let is_free = |cell: usize| {
-            let place = grid.center(cell);
-            walkable.distance_m(place) == 0.0
-                && solids.iter().all(|solid| solid.distance_m(place) >= radius_m)
-        };
-        grid.free = (0..counts[0] * counts[1]).map(is_free).collect();
-        grid
-    }
-
-    fn center(&self, cell: usize) -> [f32; 2] {
-        let (i, k) = (cell % self.counts[0], cell / self.counts[0]);
-        [self.origin[0] + (i as f32 + 0.5) * CELL_M, self.origin[1] + (k as f32 + 0.5) * CELL_M]
-    }
-
-    fn cells_in(&self, zone: &Rect) -> impl Iterator<Item = usize> {
-        (0..self.free.len()).filter(move |&cell| self.free[cell] && zone.distance_m(self.center(cell)) == 0.0)
-    }
-
-    /// Cells reachable from the first free cell in `zone`.
-    fn flood(&self, zone: &Rect) -> Vec<bool> {
-        let mut reached = vec![false; self.free.len()];
-        let mut open: Vec<usize> = self.cells_in(zone).take(1).collect();
-        while let Some(cell) = open.pop() {
-            if self.free[cell] && !reached[cell] {
-                reached[cell] = true;
-                open.extend(self.neighbours(cell));
-            }
+    let mut reached = vec![false; free.len()];
+    let mut open: Vec<usize> = (0..free.len()).find(|&cell| inside(cell, first)).into_iter().collect();
+    while let Some(cell) = open.pop() {
+        if free[cell] && !reached[cell] {
+            reached[cell] = true;
+            open.extend(lattice.neighbours(cell));
         }
-        reached
     }
-
-    fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
-        let (width, count) = (self.counts[0], self.free.len());
-        let column = cell % width;
-        let left = (column > 0).then(|| cell - 1);
-        let right = (column + 1 < width).then_some(cell + 1);
-        let below = cell.checked_sub(width);
-        let above = (cell + width < count).then_some(cell + width);
-        [left, right, below, above].into_iter().flatten()
-    }
+    let count = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count() as f32;
+    let whole = count(&reached) >= WHOLE_FLOOR * count(&free);
+    whole && goals.iter().all(|goal| (0..free.len()).any(|cell| reached[cell] && inside(cell, goal)))
 }
 
 #[cfg(test)]

@@ -1,14 +1,11 @@
 //! Small pictures: wood, tiles, cloth, wallpaper, stone, book spines, and art for walls.
 
-mod art;
-mod cloth;
-mod hard;
-mod noise;
-
 pub(super) use art::{Art, Medium, Motif};
-
+use avln_geom::Rng;
 use avln_scene::Texture;
-use noise::{Noise, SIZE};
+
+mod art;
+mod patterns;
 
 /// A texture pattern; all except art and books are grey and multiplied with a base colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -157,24 +154,49 @@ impl Pattern {
     /// Brightness of a texel, 0 to 1.
     fn shade(self, noise: &Noise, x: u32, y: u32) -> f32 {
         match self {
-            Self::Planks => hard::boards(noise, x, y, 16, 64),
-            Self::Parquet => hard::boards(noise, x, y, 16, 32),
-            Self::Grain => hard::grain(noise, x, y),
-            Self::Bamboo => hard::bamboo(noise, x, y),
-            Self::Wicker => hard::wicker(x, y),
-            Self::Tiles => hard::tiles(noise, x, y, [32, 32], 0),
-            Self::WallTiles => hard::tiles(noise, x, y, [32, 16], 16),
+            Self::Planks => patterns::boards(noise, x, y, 16, 64),
+            Self::Parquet => patterns::boards(noise, x, y, 16, 32),
+            Self::Grain => patterns::grain(noise, x, y),
+            Self::Bamboo => patterns::bamboo(noise, x, y),
+            Self::Wicker => patterns::wicker(x, y),
+            Self::Tiles => patterns::tiles(noise, x, y, [32, 32], 0),
+            Self::WallTiles => patterns::tiles(noise, x, y, [32, 16], 16),
             Self::Checker => [0.55, 1.0][((x / 32 + y / 32) % 2) as usize],
             Self::Plaster => 0.965 + 0.035 * noise.smooth(x, y, 4, 4),
-            Self::Brick => hard::tiles(noise, x, y, [32, 16], 16) - 0.12 * noise.smooth(x, y, 4, 4),
-            Self::Marble => hard::veins(noise, x, y),
-            Self::Concrete => hard::concrete(noise, x, y),
-            Self::Terrazzo => hard::terrazzo(noise, x, y),
+            Self::Brick => patterns::tiles(noise, x, y, [32, 16], 16) - 0.12 * noise.smooth(x, y, 4, 4),
+            Self::Marble => patterns::veins(noise, x, y),
+            Self::Concrete => patterns::concrete(noise, x, y),
+            Self::Terrazzo => patterns::terrazzo(noise, x, y),
             Self::Brushed => 0.9 + 0.1 * noise.smooth(x, y, 32, 1),
-            Self::Sheen => hard::sheen(x, y),
+            Self::Sheen => patterns::sheen(x, y),
             Self::Carpet => 0.88 + 0.12 * noise.at(x, y),
-            _ => cloth::shade(self, noise, x, y),
+            _ => patterns::shade(self, noise, x, y),
         }
+    }
+}
+
+/// Texels per side of a pattern.
+pub(super) const SIZE: u32 = 64;
+
+/// Repeatable noise on the texel grid, 0 to 1, that repeats with the picture.
+pub(super) struct Noise(Vec<f32>);
+
+impl Noise {
+    pub(super) fn new(seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        Self((0..SIZE * SIZE).map(|_| rng.unit() as f32).collect())
+    }
+
+    pub(super) fn at(&self, x: u32, y: u32) -> f32 {
+        self.0[((y % SIZE) * SIZE + x % SIZE) as usize]
+    }
+
+    /// Noise on a grid of `step_x` by `step_y` texels, linear in between.
+    pub(super) fn smooth(&self, x: u32, y: u32, step_x: u32, step_y: u32) -> f32 {
+        let split = |value: u32, step: u32| (value / step * step, (value % step) as f32 / step as f32);
+        let ((x0, fx), (y0, fy)) = (split(x, step_x), split(y, step_y));
+        let row = |y: u32| self.at(x0, y) * (1.0 - fx) + self.at(x0 + step_x, y) * fx;
+        row(y0) * (1.0 - fy) + row(y0 + step_y) * fy
     }
 }
 

@@ -1,6 +1,6 @@
 use crate::plane::{Lattice, Spot, turn};
 use crate::polygons::{NONE, Polygons};
-use crate::sight::{Eye, View, look};
+use crate::sight::{Eye, VisiblePart, look};
 use std::ops::Range;
 
 /// Slack of the tangent test, cells squared.
@@ -11,7 +11,7 @@ const SLACK: f64 = 1e-7;
 /// A shortest path on the mesh bends only at convex wall corners (Lozano-Pérez and Wesley 1979).
 pub(crate) struct Corners {
     lattice: Lattice,
-    corners: Vec<Corner>,
+    corners: Vec<WallCorner>,
     /// Corner at the start of every edge; `NONE` at other corners.
     at_edge: Vec<u32>,
     first_link: Vec<u32>,
@@ -20,7 +20,7 @@ pub(crate) struct Corners {
 
 /// A corner of the walls as seen from the floor.
 #[derive(Clone, Copy)]
-pub(crate) struct Corner {
+pub(crate) struct WallCorner {
     pub(crate) eye: Eye,
     /// Ground height, metres.
     pub(crate) height_m: f64,
@@ -37,7 +37,7 @@ pub(crate) struct Link {
     pub(crate) metres: f64,
 }
 
-impl Corner {
+impl WallCorner {
     /// Returns true if a path from `spot` can bend here: the wall is on a single side of the line through
     /// both.
     fn is_tangent(&self, spot: &Spot) -> bool {
@@ -72,7 +72,7 @@ impl Corners {
         self.corners.len()
     }
 
-    pub(crate) fn get(&self, corner: u32) -> &Corner {
+    pub(crate) fn get(&self, corner: u32) -> &WallCorner {
         &self.corners[corner as usize]
     }
 
@@ -91,7 +91,7 @@ impl Corners {
     pub(crate) fn in_view(
         &self,
         edges: Range<u32>,
-        view: &View,
+        view: &VisiblePart,
         place: (&Spot, f64),
         mut found: impl FnMut(Link),
     ) {
@@ -124,7 +124,7 @@ impl Corners {
 }
 
 /// Follows every wall end to the adjacent wall and returns the ends with a right turn.
-fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<Corner>, Vec<u32>) {
+fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<WallCorner>, Vec<u32>) {
     let edges = 0..polygons.edges(polygons.len() - 1).end;
     let mut at_edge = vec![NONE; edges.len()];
     let mut corners = Vec::new();
@@ -138,7 +138,7 @@ fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<Corner>, Vec
         if side < 0.0 || is_dead_end {
             fan.iter().for_each(|&edge| at_edge[edge as usize] = corners.len() as u32);
             let eye = Eye { spot, polygon: polygons.owner(leaving) };
-            corners.push(Corner { eye, height_m: height_m(leaving), before, after });
+            corners.push(WallCorner { eye, height_m: height_m(leaving), before, after });
         }
     }
     (corners, at_edge)
@@ -156,7 +156,7 @@ fn fan(polygons: &Polygons, wall: u32) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
     use avln_geom::Point3;
 
     #[test]

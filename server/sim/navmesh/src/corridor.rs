@@ -2,8 +2,8 @@
 //! and the string pulled tight through it (`findStraightPath`).
 
 use crate::plane::{Lattice, share_of_segment, turn};
-use crate::polygons::{Corner, NONE, Polygons};
-use crate::waiting::Waiting;
+use crate::polygons::{NONE, PolygonCorner, Polygons};
+use crate::route::QueueEntry;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -16,8 +16,8 @@ const SAME_M: f64 = 1.0 / 16384.0;
 
 /// An end of a path and its polygon.
 #[derive(Clone, Copy)]
-pub(crate) struct End {
-    pub(crate) place: Corner,
+pub(crate) struct CorridorEnd {
+    pub(crate) place: PolygonCorner,
     pub(crate) polygon: u32,
 }
 
@@ -26,50 +26,50 @@ pub(crate) struct End {
 pub(crate) fn corridor_m(
     polygons: &Polygons,
     lattice: &Lattice,
-    [from, to]: [End; 2],
-    [start, end]: [Corner; 2],
+    [from, to]: [CorridorEnd; 2],
+    [start, end]: [PolygonCorner; 2],
 ) -> Option<f64> {
-    let chain = Search::new(polygons, lattice, to).run(from)?;
+    let chain = CorridorSearch::new(polygons, lattice, to).run(from)?;
     let points = Pull { polygons, lattice, portals: &chain, end }.points(start);
-    let length = |leg: &[Corner]| apart_m(lattice, &leg[0], &leg[1]);
+    let length = |leg: &[PolygonCorner]| apart_m(lattice, &leg[0], &leg[1]);
     Some(points.windows(2).map(length).sum())
 }
 
-fn apart_m(lattice: &Lattice, a: &Corner, b: &Corner) -> f64 {
+fn apart_m(lattice: &Lattice, a: &PolygonCorner, b: &PolygonCorner) -> f64 {
     lattice.apart_m((&a.spot, a.height_m), (&b.spot, b.height_m))
 }
 
 /// Search state of a polygon: entry point and best path.
 #[derive(Clone, Copy)]
 struct Node {
-    place: Corner,
+    place: PolygonCorner,
     cost_m: f64,
     total_m: f64,
     /// The portal that it is entered by, as the polygon before it names it.
     portal: u32,
 }
 
-struct Search<'a> {
+struct CorridorSearch<'a> {
     polygons: &'a Polygons,
     lattice: &'a Lattice,
-    goal: End,
+    goal: CorridorEnd,
     nodes: Vec<Option<Node>>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
-impl<'a> Search<'a> {
-    fn new(polygons: &'a Polygons, lattice: &'a Lattice, goal: End) -> Self {
+impl<'a> CorridorSearch<'a> {
+    fn new(polygons: &'a Polygons, lattice: &'a Lattice, goal: CorridorEnd) -> Self {
         let nodes = vec![None; polygons.len() as usize];
         Self { polygons, lattice, goal, nodes, waiting: BinaryHeap::new() }
     }
 
     /// The portals from the polygon of `from` to the goal's.
-    fn run(mut self, from: End) -> Option<Vec<u32>> {
+    fn run(mut self, from: CorridorEnd) -> Option<Vec<u32>> {
         let total_m = HEURISTIC * apart_m(self.lattice, &from.place, &self.goal.place);
         self.nodes[from.polygon as usize] =
             Some(Node { place: from.place, cost_m: 0.0, total_m, portal: NONE });
-        self.waiting.push(Reverse(Waiting { metres: total_m, number: from.polygon }));
-        while let Some(Reverse(Waiting { metres: total_m, number: polygon })) = self.waiting.pop() {
+        self.waiting.push(Reverse(QueueEntry { metres: total_m, number: from.polygon }));
+        while let Some(Reverse(QueueEntry { metres: total_m, number: polygon })) = self.waiting.pop() {
             let node = self.nodes[polygon as usize]?;
             if total_m > node.total_m {
                 continue;
@@ -102,14 +102,14 @@ impl<'a> Search<'a> {
             };
             if known.is_none_or(|known| total_m < known.total_m) {
                 self.nodes[neighbour as usize] = Some(Node { place, cost_m, total_m, portal: edge });
-                self.waiting.push(Reverse(Waiting { metres: total_m, number: neighbour }));
+                self.waiting.push(Reverse(QueueEntry { metres: total_m, number: neighbour }));
             }
         }
     }
 
-    fn middle(&self, edge: u32) -> Corner {
+    fn middle(&self, edge: u32) -> PolygonCorner {
         let (a, b) = (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge)));
-        Corner { spot: a.spot + (b.spot - a.spot) * 0.5, height_m: 0.5 * (a.height_m + b.height_m) }
+        PolygonCorner { spot: a.spot + (b.spot - a.spot) * 0.5, height_m: 0.5 * (a.height_m + b.height_m) }
     }
 
     fn portals(&self, last: u32) -> Vec<u32> {
@@ -122,14 +122,14 @@ impl<'a> Search<'a> {
     }
 }
 
-fn begin(polygons: &Polygons, edge: u32) -> Corner {
-    Corner { spot: *polygons.from(edge), height_m: polygons.height_m(edge) }
+fn begin(polygons: &Polygons, edge: u32) -> PolygonCorner {
+    PolygonCorner { spot: *polygons.from(edge), height_m: polygons.height_m(edge) }
 }
 
 /// A side of the funnel: tip and portal.
 #[derive(Clone, Copy)]
 struct Side {
-    tip: Corner,
+    tip: PolygonCorner,
     portal: usize,
 }
 
@@ -138,11 +138,11 @@ struct Pull<'a> {
     polygons: &'a Polygons,
     lattice: &'a Lattice,
     portals: &'a [u32],
-    end: Corner,
+    end: PolygonCorner,
 }
 
 impl Pull<'_> {
-    fn points(&self, start: Corner) -> Vec<Corner> {
+    fn points(&self, start: PolygonCorner) -> Vec<PolygonCorner> {
         let mut points = vec![start];
         let (mut apex, mut right, mut left) =
             (start, Side { tip: start, portal: 0 }, Side { tip: start, portal: 0 });
@@ -169,14 +169,14 @@ impl Pull<'_> {
     }
 
     /// Right and left end of a portal; the end of the path follows the last portal.
-    fn portal(&self, at: usize) -> (Corner, Corner) {
+    fn portal(&self, at: usize) -> (PolygonCorner, PolygonCorner) {
         match self.portals.get(at) {
             Some(&edge) => (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge))),
             None => (self.end, self.end),
         }
     }
 
-    fn stands_at(&self, start: &Corner, right: &Corner, left: &Corner) -> bool {
+    fn stands_at(&self, start: &PolygonCorner, right: &PolygonCorner, left: &PolygonCorner) -> bool {
         let share = share_of_segment(&start.spot, &left.spot, &right.spot);
         let nearest = left.spot + (right.spot - left.spot) * share;
         (nearest - start.spot).norm() * f64::from(self.lattice.cell_m) < AT_PORTAL_M
@@ -186,10 +186,10 @@ impl Pull<'_> {
     /// `sign` is 1 for the right side and -1 for the left.
     fn narrow(
         &self,
-        apex: &Corner,
+        apex: &PolygonCorner,
         side: &mut Side,
         other: &Side,
-        next: Corner,
+        next: PolygonCorner,
         at: usize,
         sign: f64,
     ) -> Option<Side> {
@@ -204,11 +204,11 @@ impl Pull<'_> {
         None
     }
 
-    fn same(&self, a: &Corner, b: &Corner) -> bool {
+    fn same(&self, a: &PolygonCorner, b: &PolygonCorner) -> bool {
         apart_m(self.lattice, a, b) < SAME_M
     }
 
-    fn append(&self, points: &mut Vec<Corner>, point: Corner) {
+    fn append(&self, points: &mut Vec<PolygonCorner>, point: PolygonCorner) {
         if points.last().is_none_or(|last| !self.same(last, &point)) {
             points.push(point);
         }

@@ -1,12 +1,11 @@
 //! Habitat-compatible queries: projection, steps and path lengths as in habitat-sim's `PathFinder`. Sources:
 //! habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
 
-use crate::corridor::{End, corridor_m};
+use crate::corridor::{CorridorEnd, corridor_m};
 use crate::mesh::{NavMesh, NavPoint, Slide};
 use crate::plane::{Spot, share_of_segment};
-use crate::polygons::Corner;
+use crate::polygons::PolygonCorner;
 use crate::sight::Eye;
-use crate::stop::stop;
 use crate::surface::Surface;
 use avln_geom::Point3;
 
@@ -76,7 +75,7 @@ impl NavMesh {
         if are_same(&on_a, &on_b) {
             return Some(0.0);
         }
-        let ends = [&on_a, &on_b].map(|on| End { place: self.place(on), polygon: on.polygon });
+        let ends = [&on_a, &on_b].map(|on| CorridorEnd { place: self.place(on), polygon: on.polygon });
         let drawn = [self.place(&self.end_of_path(a, &on_a)), self.place(&self.end_of_path(b, &on_b))];
         corridor_m(&self.polygons, self.lattice(), ends, drawn)
     }
@@ -90,9 +89,9 @@ impl NavMesh {
         self.distance_m(&self.end_of_path(a, &on_a), &self.end_of_path(b, &on_b))
     }
 
-    fn place(&self, point: &NavPoint) -> Corner {
+    fn place(&self, point: &NavPoint) -> PolygonCorner {
         let position = point.position;
-        Corner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
+        PolygonCorner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
     }
 
     /// `point` itself above its polygon, otherwise the point on the polygon's rim at rim height.
@@ -161,4 +160,55 @@ impl NavMesh {
 fn are_same(a: &NavPoint, b: &NavPoint) -> bool {
     let least = a.position.coords.norm_squared().min(b.position.coords.norm_squared());
     (a.position - b.position).norm_squared() <= SAME * SAME * least
+}
+
+/// A wall segment in Detour's direction.
+#[derive(Clone, Copy)]
+struct Wall {
+    begin: Point3<f32>,
+    end: Point3<f32>,
+}
+
+impl Wall {
+    /// Parameter (0 to 1) of the wall point nearest to `target` in the plane, and the squared distance.
+    fn nearest(&self, target: &Point3<f32>) -> (f32, f32) {
+        let (along, to) = (self.end - self.begin, target - self.begin);
+        let length_squared = along.x * along.x + along.z * along.z;
+        let mut share = along.x * to.x + along.z * to.z;
+        if length_squared > 0.0 {
+            share /= length_squared;
+        }
+        let share = share.clamp(0.0, 1.0);
+        let (x, z) = (self.begin.x + share * along.x - target.x, self.begin.z + share * along.z - target.z);
+        (share, x * x + z * z)
+    }
+
+    /// Returns true if a ray in x from `place` crosses the wall.
+    fn crosses(&self, place: &Point3<f32>) -> bool {
+        let (a, b) = (&self.end, &self.begin);
+        (a.z > place.z) != (b.z > place.z) && place.x < (b.x - a.x) * (place.z - a.z) / (b.z - a.z) + a.x
+    }
+}
+
+/// The end of a step to `target` that a wall of `polygon` stopped; `None` for a polygon without walls.
+pub(crate) fn stop(mesh: &NavMesh, polygon: u32, target: &Point3<f32>) -> Option<Point3<f32>> {
+    let polygons = &mesh.polygons;
+    let wall = |edge: u32| {
+        let place = |edge: u32| mesh.lattice().corner(polygons.from(edge), polygons.height_m(edge) as f32);
+        Wall { begin: place(polygons.next(edge)), end: place(edge) }
+    };
+    let mut best: Option<(f32, f32, Wall)> = None;
+    for edge in polygons.edges(polygon).rev().filter(|&edge| polygons.twin(edge).is_none()) {
+        let (share, gap) = wall(edge).nearest(target);
+        if best.is_none_or(|(least, ..)| gap < least) {
+            best = Some((gap, share, wall(edge)));
+        }
+    }
+    let (_, share, Wall { begin, end }) = best?;
+    let mut place = begin + (end - begin) * share;
+    let crossed = polygons.edges(polygon).filter(|&edge| wall(edge).crosses(&place)).count();
+    if crossed % 2 == 1 {
+        place.y = mesh.surface.height_m(polygon, &mesh.lattice().spot(&place));
+    }
+    Some(place)
 }

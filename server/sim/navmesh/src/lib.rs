@@ -14,19 +14,13 @@
 //!
 //! *Never*: depends on missions or sounds; reads a clock, the environment or a file; iterates in hash order.
 
-mod body;
 mod corners;
 mod corridor;
-mod detail;
 mod detour;
-mod error;
-mod exits;
 mod field;
 mod habitat;
 mod islands;
-mod locate;
 mod mesh;
-mod outlook;
 mod plane;
 mod polygons;
 mod raster;
@@ -34,17 +28,33 @@ mod regions;
 mod route;
 mod settings;
 mod sight;
-mod stop;
 mod surface;
 mod voxels;
-mod waiting;
 mod walk;
 
-pub use body::Body;
 pub use detour::DetourError;
-pub use error::NavMeshError;
-pub use exits::{CornerWays, Exit, Exits, Places};
-pub use field::DistanceField;
+pub use field::{CornerWays, DistanceField, Exit, Exits, Outlook, Places};
 pub use mesh::{NavMesh, NavPoint, Slide};
-pub use outlook::Outlook;
-pub use settings::{Finish, NavMeshSettings};
+pub use settings::{Body, Finish, NavMeshError, NavMeshSettings};
+
+#[cfg(test)]
+mod fixtures {
+    use crate::plane::Spot;
+    use crate::polygons::{PolygonCorner, Polygons, RawPolygon};
+
+    /// A square with sides of 10 cells at a height, as outline and two triangles.
+    fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
+        let corner = |dx, dz| PolygonCorner { spot: Spot::new(x + dx, z + dz), height_m };
+        let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
+        let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
+        RawPolygon { corners, region: 1, detail }
+    }
+
+    /// An L of three squares (right of the origin, above the first, right of the first) and a separate square
+    /// 3 m above the first; the second is clockwise.
+    pub(crate) fn letter_l() -> Polygons {
+        let mut second = square(0.0, 10.0, 0.1);
+        second.corners.reverse();
+        Polygons::new(&[square(0.0, 0.0, 0.0), second, square(10.0, 0.0, 0.0), square(0.0, 0.0, 3.0)], 0.2)
+    }
+}

@@ -1,19 +1,12 @@
 use crate::corners::Corners;
-use crate::detail::Detail;
-use crate::detour::{self, DetourError};
-use crate::field::DistanceField;
 use crate::islands::Islands;
-use crate::locate::Bins;
-use crate::outlook::Outlook;
 use crate::plane::{Lattice, Spot};
-use crate::polygons::{Polygons, RawPolygon};
-use crate::route::route;
-use crate::settings::Cells;
+use crate::polygons::{Bins, Polygons, RawPolygon};
+use crate::settings::{Body, Cells, NavMeshError, NavMeshSettings};
 use crate::sight::Eye;
-use crate::surface::{Ground, Surface};
+use crate::surface::{Detail, Ground, Surface};
 use crate::voxels::{Voxels, voxelise};
 use crate::walk::{Step, walk};
-use crate::{Body, NavMeshError, NavMeshSettings};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_scene::Scene;
 
@@ -22,7 +15,7 @@ const ROUNDING_CELLS: f64 = 1e-4;
 /// Margin of the wall search around the centre of a step, besides half of its length, metres (Detour's).
 const STEP_RIM_M: f64 = 0.001;
 /// Corners that Recast shares between polygons are the same to the bit.
-const SHARED_M: f64 = 1e-6;
+pub(crate) const SHARED_M: f64 = 1e-6;
 
 /// A point on a [`NavMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,20 +109,9 @@ impl NavMesh {
         Ok(Self::assemble(parts, surface, max_gap_m, top_m))
     }
 
-    /// Reads a Detour navmesh saved by Habitat (`.navmesh`, set versions 1 and 2): walkable polygons,
-    /// heights, and body size.
-    ///
-    /// # Errors
-    /// If the bytes are invalid: the item, its offset and the expected value.
-    pub fn from_detour(bytes: &[u8]) -> Result<NavMesh, DetourError> {
-        let parts = detour::read(bytes)?;
-        let surface = Surface::Detail(Detail::new(&parts.raw));
-        Ok(Self::assemble(parts, surface, SHARED_M, f32::INFINITY))
-    }
-
     /// Joins polygons with a height difference of at most `max_gap_m` at the edge; those above `top_m` are
     /// roofs.
-    fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
+    pub(crate) fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
         let Parts { lattice, headroom_m, climb_m, raw } = parts;
         let polygons = Polygons::new(&raw, max_gap_m);
         let middles_m: Vec<_> = raw.iter().map(middle_m).collect();
@@ -249,53 +231,6 @@ impl NavMesh {
         Some(Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked })
     }
 
-    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
-    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
-    /// directions.
-    pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
-        if self.island_of(a) != self.island_of(b) {
-            return None;
-        }
-        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
-        route(self, a, b).map(|route| route.metres)
-    }
-
-    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
-    pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
-        if self.island_of(a) != self.island_of(b) {
-            return None;
-        }
-        let bends = route(self, a, b)?.bends;
-        let between = bends.into_iter().map(|corner| self.corner_position(corner));
-        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
-    }
-
-    /// Distances from `from` (outer) to `to` (inner), metres; `None` across islands. Much cheaper than single
-    /// queries: visibility is computed once per point.
-    pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
-        let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
-        let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
-        for target in to {
-            let field = self.field(&[(*target, 0.0)]);
-            for (row, outlook) in distances.iter_mut().zip(&outlooks) {
-                row.push(field.distance_from_m(self, outlook));
-            }
-        }
-        distances
-    }
-
-    /// Visibility of `point`, for many fields.
-    pub fn outlook(&self, point: &NavPoint) -> Outlook {
-        Outlook::new(self, point)
-    }
-
-    /// Distances to the nearest of `seeds`, with a weight in metres added per seed.
-    ///
-    /// Seeds with a non-finite weight are ignored.
-    pub fn field(&self, seeds: &[(NavPoint, f64)]) -> DistanceField {
-        DistanceField::new(self, seeds)
-    }
-
     /// The polygons of the mesh for maps: corners in order, in the world frame.
     pub fn polygons(&self) -> Vec<Vec<Point3<f32>>> {
         let corner = |polygon: u32, spot: &Spot| self.point(spot, polygon).position;
@@ -354,8 +289,4 @@ impl NavMesh {
 fn middle_m(polygon: &RawPolygon) -> f64 {
     let sum: f64 = polygon.corners.iter().map(|corner| corner.height_m).sum();
     sum / polygon.corners.len() as f64
-}
-
-fn order(point: &NavPoint) -> (u32, [u32; 3]) {
-    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

@@ -7,16 +7,16 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// A convex polygon before joining: corners in order, in either direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
-    pub(crate) corners: Vec<Corner>,
+    pub(crate) corners: Vec<PolygonCorner>,
     /// The patch of floor that it covers.
     pub(crate) region: u16,
     /// Triangles that cover it in the plane and define its heights; empty if the scene defines them.
-    pub(crate) detail: Vec<[Corner; 3]>,
+    pub(crate) detail: Vec<[PolygonCorner; 3]>,
 }
 
 /// A corner of a polygon or detail triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Corner {
+pub(crate) struct PolygonCorner {
     pub(crate) spot: Spot,
     pub(crate) height_m: f64,
 }
@@ -25,8 +25,8 @@ impl RawPolygon {
     /// Area of the triangles in space, square metres.
     pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
         let cell_m = f64::from(lattice.cell_m);
-        let area = |[a, b, c]: &[Corner; 3]| {
-            let side = |to: &Corner| {
+        let area = |[a, b, c]: &[PolygonCorner; 3]| {
+            let side = |to: &PolygonCorner| {
                 let flat = (to.spot - a.spot) * cell_m;
                 avln_geom::Vector3::new(flat.x, to.height_m - a.height_m, flat.y)
             };
@@ -44,7 +44,7 @@ impl RawPolygon {
     }
 
     /// Counter-clockwise corners without duplicates in the plane.
-    fn tidy(&self) -> Vec<Corner> {
+    fn tidy(&self) -> Vec<PolygonCorner> {
         let mut corners = self.corners.clone();
         corners.dedup_by_key(|corner| key(&corner.spot));
         while corners.len() > 1 && key(&corners[0].spot) == key(&corners[corners.len() - 1].spot) {
@@ -184,12 +184,12 @@ impl Polygons {
 }
 
 /// Pairs opposite edges on the same line: lowest edge first, with the twin nearest in height.
-fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
+fn twins(outlines: &[Vec<PolygonCorner>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
         .flat_map(|outline| (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()])))
         .collect();
-    let plan = |corner: &Corner| key(&corner.spot);
+    let plan = |corner: &PolygonCorner| key(&corner.spot);
     let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|((a, b), e)| (plan(a), plan(b), e)).collect();
     by_plan.sort_unstable();
     let mut twins = vec![NONE; ends.len()];
@@ -214,25 +214,91 @@ fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
     twins
 }
 
+/// Side of a bin, cells (0.5 m).
+const BIN_CELLS: f64 = 10.0;
+
+/// A grid of bins for polygon lookups.
+pub(crate) struct Bins {
+    columns: i64,
+    rows: i64,
+    first: Vec<u32>,
+    polygons: Vec<u32>,
+}
+
+impl Bins {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first.as_slice()) + size_of_val(self.polygons.as_slice())
+    }
+
+    /// Registers every polygon in all bins touched by its bounding rectangle.
+    pub(crate) fn new(polygons: &Polygons) -> Self {
+        let boxes: Vec<_> = (0..polygons.len()).map(|polygon| bounds(polygons.corners(polygon))).collect();
+        let reach = boxes.iter().fold((0, 0), |(x, y), b| (b.2.max(x), b.3.max(y)));
+        let (columns, rows) = (reach.0 + 1, reach.1 + 1);
+        let mut entries: Vec<(i64, u32)> = Vec::new();
+        for (&(x0, y0, x1, y1), polygon) in boxes.iter().zip(0..) {
+            entries.extend((y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (y * columns + x, polygon))));
+        }
+        entries.sort_unstable();
+        let first = (0..=rows * columns).map(|bin| entries.partition_point(|entry| entry.0 < bin) as u32);
+        Self {
+            columns,
+            rows,
+            first: first.collect(),
+            polygons: entries.iter().map(|entry| entry.1).collect(),
+        }
+    }
+
+    /// Polygons with a bounding rectangle in the bin of `spot`, ascending.
+    pub(crate) fn at(&self, spot: &Spot) -> &[u32] {
+        self.bin((spot.x / BIN_CELLS).floor() as i64, (spot.y / BIN_CELLS).floor() as i64)
+    }
+
+    /// Visits the polygons within `reach` cells of `spot`, roughly nearest first, with duplicates and some
+    /// beyond the reach. `visit` returns the new reach.
+    pub(crate) fn around(&self, spot: &Spot, mut reach: f64, mut visit: impl FnMut(u32) -> f64) {
+        let clamp = |value: f64, count: i64| ((value / BIN_CELLS).floor() as i64).clamp(0, count - 1);
+        let (x, y) = (clamp(spot.x, self.columns), clamp(spot.y, self.rows));
+        for ring in 0..self.columns.max(self.rows) {
+            if (ring - 1) as f64 * BIN_CELLS > reach {
+                return;
+            }
+            for (dx, dy) in ring_around(ring) {
+                for &polygon in self.bin(x + dx, y + dy) {
+                    reach = visit(polygon);
+                }
+            }
+        }
+    }
+
+    fn bin(&self, x: i64, y: i64) -> &[u32] {
+        if !(0..self.columns).contains(&x) || !(0..self.rows).contains(&y) {
+            return &[];
+        }
+        let bin = (y * self.columns + x) as usize;
+        &self.polygons[self.first[bin] as usize..self.first[bin + 1] as usize]
+    }
+}
+
+fn bounds(corners: &[Spot]) -> (i64, i64, i64, i64) {
+    let bin = |value: f64| (value / BIN_CELLS).floor() as i64;
+    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    (bin(min.x), bin(min.y), bin(max.x), bin(max.y))
+}
+
+/// The offsets at Chebyshev distance `ring`.
+fn ring_around(ring: i64) -> impl Iterator<Item = (i64, i64)> {
+    (-ring..=ring).flat_map(move |dy| {
+        let step = if dy.abs() == ring { 1 } else { (2 * ring).max(1) as usize };
+        (-ring..=ring).step_by(step).map(move |dx| (dx, dy))
+    })
+}
+
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-
-    /// A square with sides of 10 cells at a height, as outline and two triangles.
-    pub(crate) fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
-        let corner = |dx, dz| Corner { spot: Spot::new(x + dx, z + dz), height_m };
-        let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
-        let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
-        RawPolygon { corners, region: 1, detail }
-    }
-
-    /// An L of three squares (right of the origin, above the first, right of the first) and a separate square
-    /// 3 m above the first; the second is clockwise.
-    pub(crate) fn letter_l() -> Polygons {
-        let mut second = square(0.0, 10.0, 0.1);
-        second.corners.reverse();
-        Polygons::new(&[square(0.0, 0.0, 0.0), second, square(10.0, 0.0, 0.0), square(0.0, 0.0, 3.0)], 0.2)
-    }
+    use crate::fixtures::letter_l;
 
     #[test]
     fn neighbours_share_edges_and_storeys_do_not() {
@@ -259,5 +325,24 @@ pub(crate) mod tests {
         assert_eq!(polygons.nearest(0, &inside), inside);
         assert_eq!(polygons.nearest(0, &Spot::new(-2.0, 4.0)), Spot::new(0.0, 4.0));
         assert_eq!(polygons.nearest(0, &Spot::new(-2.0, -3.0)), Spot::new(0.0, 0.0));
+    }
+
+    #[test]
+    fn rings_have_eight_bins_a_step() {
+        assert_eq!(ring_around(0).collect::<Vec<_>>(), [(0, 0)]);
+        assert_eq!((ring_around(1).count(), ring_around(3).count()), (8, 24));
+    }
+
+    #[test]
+    fn a_bin_knows_its_polygons_and_far_spots_find_them() {
+        let bins = Bins::new(&letter_l());
+        assert_eq!(bins.at(&Spot::new(15.0, 5.0)), [0, 2, 3].as_slice());
+        assert!(bins.at(&Spot::new(-5.0, 5.0)).is_empty());
+        let mut seen = Vec::new();
+        bins.around(&Spot::new(1e6, -1e6), f64::INFINITY, |polygon| {
+            seen.push(polygon);
+            f64::INFINITY
+        });
+        assert!((0..4).all(|polygon| seen.contains(&polygon)));
     }
 }

@@ -4,24 +4,47 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
-use crate::waiting::Waiting;
-use std::cmp::Reverse;
+use avln_geom::Point3;
+use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
+impl NavMesh {
+    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
+    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
+    /// directions.
+    pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
+        route(self, a, b).map(|route| route.metres)
+    }
+
+    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
+    pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let bends = route(self, a, b)?.bends;
+        let between = bends.into_iter().map(|corner| self.corner_position(corner));
+        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
+    }
+}
+
 /// A way between two points.
-pub(crate) struct Route {
-    pub(crate) metres: f64,
+struct Route {
+    metres: f64,
     /// Bends in order, as corner indices.
-    pub(crate) bends: Vec<u32>,
+    bends: Vec<u32>,
 }
 
 /// An end of a path.
-struct End {
+struct RouteEnd {
     eye: Eye,
     height_m: f64,
 }
 
-impl End {
+impl RouteEnd {
     fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
         Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
     }
@@ -39,26 +62,26 @@ struct Reached {
 }
 
 /// The shortest route from `a` to `b`; `None` if unreachable.
-pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
-    let (a, b) = (End::new(mesh, a), End::new(mesh, b));
-    let mut search = Search::new(mesh, &b);
+fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
+    let (a, b) = (RouteEnd::new(mesh, a), RouteEnd::new(mesh, b));
+    let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
         return Some(Route { metres, bends: Vec::new() });
     }
     search.run()
 }
 
-struct Search<'a> {
+struct RouteSearch<'a> {
     mesh: &'a NavMesh,
-    goal: &'a End,
+    goal: &'a RouteEnd,
     /// Per corner: straight distance to the goal, infinite if not in view.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
-impl<'a> Search<'a> {
-    fn new(mesh: &'a NavMesh, goal: &'a End) -> Self {
+impl<'a> RouteSearch<'a> {
+    fn new(mesh: &'a NavMesh, goal: &'a RouteEnd) -> Self {
         let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
         look(&mesh.polygons, &goal.eye, |polygon, view| {
             mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
@@ -70,7 +93,7 @@ impl<'a> Search<'a> {
     }
 
     /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
-    fn start(&mut self, start: &End) -> Option<f64> {
+    fn start(&mut self, start: &RouteEnd) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
         look(&mesh.polygons, &start.eye, |polygon, view| {
@@ -88,13 +111,13 @@ impl<'a> Search<'a> {
         if metres < known.metres {
             *known = Reached { metres, from };
             let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
-            self.waiting.push(Reverse(Waiting { metres: at_least, number: corner }));
+            self.waiting.push(Reverse(QueueEntry { metres: at_least, number: corner }));
         }
     }
 
     fn run(mut self) -> Option<Route> {
         let mut best = (f64::INFINITY, NONE);
-        while let Some(Reverse(Waiting { metres: at_least, number: corner })) = self.waiting.pop() {
+        while let Some(Reverse(QueueEntry { metres: at_least, number: corner })) = self.waiting.pop() {
             if at_least >= best.0 {
                 break;
             }
@@ -119,4 +142,29 @@ impl<'a> Search<'a> {
         bends.reverse();
         bends
     }
+}
+
+/// A queue entry of a search (corner or polygon), ordered by cost, then by index.
+#[derive(PartialEq)]
+pub(crate) struct QueueEntry {
+    pub(crate) metres: f64,
+    pub(crate) number: u32,
+}
+
+impl Eq for QueueEntry {}
+
+impl PartialOrd for QueueEntry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for QueueEntry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.metres.total_cmp(&other.metres).then(self.number.cmp(&other.number))
+    }
+}
+
+fn order(point: &NavPoint) -> (u32, [u32; 3]) {
+    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

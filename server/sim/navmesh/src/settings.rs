@@ -1,5 +1,3 @@
-use crate::{Body, NavMeshError};
-
 /// Construction settings of a navmesh. The default is Habitat's (habitat-sim,
 /// `NavMeshSettings::setDefaults`): cells of 5 cm by 20 cm, regions of at least 20 x 20 cells, outlines
 /// within 1.3 cells of the raster, walls cut at 12 m.
@@ -120,6 +118,127 @@ impl Cells {
             edge_max: (settings.edge_max_m / cell_m) as u16,
         }
     }
+}
+
+/// The upright cylinder that walks. The default is Habitat's: radius 0.1 m, height 1.5 m, climb 0.2 m, slope 45 degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Body {
+    /// Distance from the centre to walls, metres, 0 to 2; rounded up to whole lattice cells of 5 cm, at least
+    /// one.
+    pub radius_m: f32,
+    /// Headroom that is needed, metres, 0.2 to 10.
+    pub height_m: f32,
+    /// The highest step that is walked, metres, 0 to 1.
+    pub climb_m: f32,
+    /// The steepest slope that is walked, degrees, 0 to 89.
+    pub slope_deg: f32,
+}
+
+impl Default for Body {
+    fn default() -> Self {
+        Self { radius_m: 0.1, height_m: 1.5, climb_m: 0.2, slope_deg: 45.0 }
+    }
+}
+
+impl Body {
+    /// Refuses measures outside of the ranges that the fields name.
+    pub(crate) fn check(&self) -> Result<(), NavMeshError> {
+        let checks = [
+            ("radius_m", self.radius_m, 0.0, 2.0),
+            ("height_m", self.height_m, 0.2, 10.0),
+            ("climb_m", self.climb_m, 0.0, 1.0),
+            ("slope_deg", self.slope_deg, 0.0, 89.0),
+        ];
+        for (field, value, low, high) in checks {
+            if !(low..=high).contains(&value) {
+                return Err(NavMeshError::Body { field, value, low, high });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Errors during the construction of a navmesh.
+#[derive(Debug, thiserror::Error)]
+pub enum NavMeshError {
+    /// A measure of the body is out of range.
+    #[error("the body's {field} is {value}; a navmesh can be built for {low} to {high}")]
+    Body {
+        /// The field of [`Body`](crate::Body).
+        field: &'static str,
+        /// The value.
+        value: f32,
+        /// The smallest value allowed.
+        low: f32,
+        /// The largest value allowed.
+        high: f32,
+    },
+    /// A setting is out of range.
+    #[error("the navmesh setting {field} is {value}; it can be {low} to {high}")]
+    Settings {
+        /// The field of [`NavMeshSettings`](crate::NavMeshSettings).
+        field: &'static str,
+        /// The value.
+        value: f32,
+        /// The smallest value allowed.
+        low: f32,
+        /// The largest value allowed.
+        high: f32,
+    },
+    /// The scene has no triangles.
+    #[error("scene `{scene}` has no triangles, so nobody can stand in it; check that its mesh was imported")]
+    Empty {
+        /// Name of the scene.
+        scene: String,
+    },
+    /// The scene's mesh is not a mesh.
+    #[error("the mesh of scene `{scene}` is broken: {what}; repair or re-export the file")]
+    Malformed {
+        /// Name of the scene.
+        scene: String,
+        /// The part, with value and limit.
+        what: String,
+    },
+    /// The scene is larger than the lattice can be.
+    #[error(
+        "scene `{scene}` measures {width_m:.1} x {height_m:.1} x {depth_m:.1} m; a navmesh covers at most {limit}: \
+         check the unit (metres) and remove far-away stray geometry"
+    )]
+    TooLarge {
+        /// Name of the scene.
+        scene: String,
+        /// Extent in x.
+        width_m: f32,
+        /// Extent in y.
+        height_m: f32,
+        /// Extent in z.
+        depth_m: f32,
+        /// Accepted range.
+        limit: String,
+    },
+    /// No surface is large, level and free enough.
+    #[error(
+        "scene `{scene}` has no floor for a body of radius {radius_m} m and height {height_m} m: no upward surface of \
+         1 square metre with that headroom; check that Y is up, the unit is metres and floors face upwards"
+    )]
+    NoFloor {
+        /// Name of the scene.
+        scene: String,
+        /// Radius of the body.
+        radius_m: f32,
+        /// Height of the body.
+        height_m: f32,
+    },
+    /// The polygon builder gave up.
+    #[error("cannot turn scene `{scene}` into walkable polygons: {stage} failed: {reason}")]
+    Voxels {
+        /// Name of the scene.
+        scene: String,
+        /// Step of the pipeline.
+        stage: &'static str,
+        /// Reason given by the library.
+        reason: String,
+    },
 }
 
 #[cfg(test)]

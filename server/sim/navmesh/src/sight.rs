@@ -21,12 +21,12 @@ pub(crate) struct Eye {
 
 /// The visible part of a polygon: all of it, or the part between two rays.
 #[derive(Clone, Copy)]
-pub(crate) enum View {
+pub(crate) enum VisiblePart {
     Whole,
     Between { eye: Spot, right: Spot, left: Spot },
 }
 
-impl View {
+impl VisiblePart {
     /// Returns true if a spot of the viewed polygon is visible.
     pub(crate) fn holds(&self, spot: &Spot) -> bool {
         match self {
@@ -47,12 +47,12 @@ struct Beam {
 }
 
 /// Calls `see` for every polygon visible from `eye`, once per path of portals.
-pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &View)) {
+pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &VisiblePart)) {
     let around = polygons_around(polygons, eye);
     let spot = &eye.spot;
     let mut beams = Vec::new();
     for &polygon in &around {
-        see(polygon, &View::Whole);
+        see(polygon, &VisiblePart::Whole);
         for edge in polygons.edges(polygon) {
             let (right, left) = (*polygons.from(edge), *polygons.to(edge));
             if let Some(entry) = polygons.twin(edge)
@@ -64,7 +64,7 @@ pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &Vie
         }
     }
     while let Some(Beam { entry, right, left }) = beams.pop() {
-        see(polygons.owner(entry), &View::Between { eye: *spot, right, left });
+        see(polygons.owner(entry), &VisiblePart::Between { eye: *spot, right, left });
         spread(polygons, spot, &Beam { entry, right, left }, &mut beams);
     }
 }
@@ -106,7 +106,7 @@ pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
 
     fn sees(eye: (f64, f64, u32), target: (f64, f64, u32)) -> bool {
         let eye = Eye { spot: Spot::new(eye.0, eye.1), polygon: eye.2 };

@@ -1,11 +1,10 @@
 //! Conversion of triangles to walkable polygons with `rerecast`.
 
 use crate::plane::Lattice;
-use crate::polygons::{Corner, RawPolygon};
+use crate::polygons::{PolygonCorner, RawPolygon};
 use crate::raster::rasterise;
 use crate::regions::divide;
-use crate::settings::Cells;
-use crate::{Finish, NavMeshError, NavMeshSettings};
+use crate::settings::{Cells, Finish, NavMeshError, NavMeshSettings};
 use avln_geom::angle::sin_cos;
 use avln_geom::{Aabb, Point2, Point3};
 use avln_scene::Scene;
@@ -247,7 +246,10 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     }
     let corner = |index: u16| {
         let [x, level, z] = mesh.vertices[usize::from(index)].to_array();
-        Corner { spot: Point2::new(f64::from(x), f64::from(z)), height_m: f64::from(lattice.height_m(level)) }
+        PolygonCorner {
+            spot: Point2::new(f64::from(x), f64::from(z)),
+            height_m: f64::from(lattice.height_m(level)),
+        }
     };
     let raw = mesh.polygons().enumerate().map(|(index, outline)| {
         let corners: Vec<_> = outline.map(corner).collect();
@@ -265,16 +267,16 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
 fn detail_triangles(
     detail: &DetailNavmesh,
     polygon: usize,
-    corners: &[Corner],
+    corners: &[PolygonCorner],
     lattice: &Lattice,
-) -> Vec<[Corner; 3]> {
+) -> Vec<[PolygonCorner; 3]> {
     let part = &detail.meshes[polygon];
     let place = |local: u8| match corners.get(usize::from(local)) {
         Some(corner) => *corner,
         None => {
             let sample = detail.vertices[part.base_vertex_index as usize + usize::from(local)];
             let point = Point3::new(sample.x, sample.y, sample.z);
-            Corner { spot: lattice.spot(&point), height_m: f64::from(point.y) }
+            PolygonCorner { spot: lattice.spot(&point), height_m: f64::from(point.y) }
         }
     };
     let first = part.base_triangle_index as usize;

@@ -83,7 +83,7 @@ fn holds(polygons: &Polygons, polygon: u32, spot: &Spot) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
     use avln_geom::Vector2;
 
     fn step(from: (f64, f64, u32), by: (f64, f64), slides: bool) -> Option<Walked> {

@@ -21,7 +21,7 @@ pub struct Camera {
 
 /// A camera image, row-major from the top-left.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Frame {
+pub struct CameraImage {
     /// Pixels in a row.
     pub width: u32,
     /// Rows.

@@ -19,7 +19,7 @@ mod renderer;
 mod shade;
 
 pub use avln_simd::Width;
-pub use camera::{Camera, Frame};
+pub use camera::{Camera, CameraImage};
 pub use model::{Model, ModelError};
 pub use noise::{DepthNoise, Noise, RgbNoise};
-pub use renderer::{Place, Renderer, Shelf};
+pub use renderer::{ModelCache, ModelCacheEntry, Renderer};

@@ -2,12 +2,9 @@
 //!
 //! Noise depends only on seed, image number and pixel, so it is equal on every platform and in every thread.
 
-mod depth;
-mod normal;
-mod rgb;
-
-use crate::Frame;
+use crate::camera::CameraImage;
 use avln_geom::Rng;
+use std::sync::LazyLock;
 
 /// The sensors' noise and the seed that it is drawn with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,15 +69,165 @@ impl RgbNoise {
 impl Noise {
     /// Adds noise for image number `index` to a frame with a depth range of `depth_max_m`, metres. A pixel
     /// without depth stays empty; noisy depth beyond the range becomes 0.
-    pub fn apply(&self, frame: &mut Frame, index: u64, depth_max_m: f32) {
+    pub fn apply(&self, frame: &mut CameraImage, index: u64, depth_max_m: f32) {
         let key = |sensor: u64| Rng::word(Rng::word(self.seed, sensor), index);
         match self.depth {
             DepthNoise::None => {}
-            DepthNoise::Redwood => depth::redwood(frame, key(0), depth_max_m),
+            DepthNoise::Redwood => redwood(frame, key(0), depth_max_m),
         }
         match self.rgb {
             RgbNoise::None => {}
-            RgbNoise::Gaussian => rgb::gaussian(frame, key(1)),
+            RgbNoise::Gaussian => gaussian(frame, key(1)),
         }
+    }
+}
+
+/// Deviation of the shift to the side, pixels.
+const SHIFT_PX: f32 = 0.25;
+/// Disparity at 1 m, pixels.
+const DISPARITY_PX_M: f32 = 35.13;
+/// Deviation of disparity, pixels.
+const DISPARITY_NOISE_PX: f32 = 1.0 / 36.0;
+/// Steps of disparity in a pixel.
+const STEPS_PER_PX: f32 = 8.0;
+/// Range of the model, metres.
+const REACH_M: f32 = 10.0;
+
+/// See [`DepthNoise::Redwood`].
+fn redwood(frame: &mut CameraImage, key: u64, depth_max_m: f32) {
+    let normal = Normal::table();
+    let (width, height) = (frame.width as usize, frame.height as usize);
+    let clean = std::mem::take(&mut frame.depth);
+    let noisy = |row: usize, column: usize| {
+        let pixel = row * width + column;
+        if clean[pixel] == 0.0 {
+            return 0.0;
+        }
+        let [right, down, of_disparity] = normal.three(key, pixel);
+        let (x, y) = (place(column, right, width), place(row, down, height));
+        let read_m = measured_m(clean[y * width + x], of_disparity);
+        if read_m <= depth_max_m { read_m } else { 0.0 }
+    };
+    frame.depth.reserve(clean.len());
+    for row in 0..height {
+        frame.depth.extend((0..width).map(|column| noisy(row, column)));
+    }
+}
+
+/// The even row or column that is read instead of `index`, of `count`.
+#[inline]
+fn place(index: usize, deviate: f32, count: usize) -> usize {
+    let shifted = (index as f32 + deviate * SHIFT_PX + 0.5) as u32 as usize;
+    shifted.min(count - 1) & !1
+}
+
+/// Depth from the rounded disparity; 0 for no depth.
+#[inline]
+fn measured_m(depth_m: f32, deviate: f32) -> f32 {
+    if depth_m <= 0.0 || depth_m >= REACH_M {
+        return 0.0;
+    }
+    let disparity_px = DISPARITY_PX_M / depth_m + deviate * DISPARITY_NOISE_PX;
+    let steps = (disparity_px * STEPS_PER_PX + 0.5) as u32;
+    if steps == 0 { 0.0 } else { DISPARITY_PX_M * STEPS_PER_PX / steps as f32 }
+}
+
+const BITS: u32 = 12;
+const COUNT: usize = 1 << BITS;
+
+/// Deviates of the normal distribution with mean 0 and deviation 1, drawn from a table of 4,096 equally likely values up
+/// to 3.67: their deviation is 0.999.
+struct Normal {
+    quantiles: Box<[f32; COUNT]>,
+}
+
+static NORMAL: LazyLock<Normal> = LazyLock::new(Normal::new);
+
+impl Normal {
+    /// The table, made once.
+    fn table() -> &'static Self {
+        &NORMAL
+    }
+
+    fn new() -> Self {
+        let mut quantiles = Box::new([0.0; COUNT]);
+        for index in COUNT / 2..COUNT {
+            let value = quantile((index as f64 + 0.5) / COUNT as f64) as f32;
+            quantiles[index] = value;
+            quantiles[COUNT - 1 - index] = -value;
+        }
+        Self { quantiles }
+    }
+
+    /// Three independent deviates for the place `index` of the stream of `key`.
+    #[inline]
+    fn three(&self, key: u64, index: usize) -> [f32; 3] {
+        let bits = Rng::word(key, index as u64);
+        [0, BITS, 2 * BITS].map(|shift| self.quantiles[(bits >> shift) as usize % COUNT])
+    }
+}
+
+/// The value that a normal deviate stays below with probability `share`, from 0.5 to 0.9999: halves an interval until it is
+/// below 2^-40.
+fn quantile(share: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 4.0);
+    for _ in 0..42 {
+        let middle = 0.5 * (low + high);
+        let below = 0.5 * libm::erfc(-middle * std::f64::consts::FRAC_1_SQRT_2);
+        if below < share { low = middle } else { high = middle }
+    }
+    low
+}
+
+/// Deviation of each channel, grey levels.
+const DEVIATION: f32 = 0.2 * 255.0;
+
+/// See [`RgbNoise::Gaussian`].
+fn gaussian(frame: &mut CameraImage, key: u64) {
+    let normal = Normal::table();
+    for (pixel, color) in frame.rgb.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+        for (channel, deviate) in color.iter_mut().zip(normal.three(key, pixel)) {
+            // The conversion to u8 clamps to 0 to 255.
+            *channel = (f32::from(*channel) + deviate * DEVIATION + 0.5) as u8;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_holds_the_quantiles_of_the_normal_distribution() {
+        // From printed tables.
+        for (share, value) in [(0.5, 0.0), (0.841_344_75, 1.0), (0.975, 1.959_964), (0.999, 3.090_232)] {
+            assert!((quantile(share) - value).abs() < 1e-5, "{share}");
+        }
+        let table = Normal::table();
+        assert!(table.quantiles.windows(2).all(|pair| pair[0] < pair[1]));
+        let moment = |power: i32| {
+            let sum: f64 = table.quantiles.iter().map(|value| f64::from(*value).powi(power)).sum();
+            sum / COUNT as f64
+        };
+        assert!(
+            moment(1).abs() < 1e-9
+                && (moment(2).sqrt() - 0.999).abs() < 1e-3
+                && (moment(4) - 3.0).abs() < 0.05
+        );
+        assert!((table.quantiles[COUNT - 1] - 3.67).abs() < 0.01);
+    }
+
+    #[test]
+    fn the_three_deviates_of_a_place_are_independent() {
+        let table = Normal::table();
+        let mut products = [0.0_f64; 4];
+        for index in 0..100_000 {
+            let [a, b, c] = table.three(5, index).map(f64::from);
+            let [next, ..] = table.three(5, index + 1).map(f64::from);
+            for (sum, product) in products.iter_mut().zip([a * b, a * c, b * c, a * next]) {
+                *sum += product / 100_000.0;
+            }
+        }
+        assert!(products.iter().all(|mean| mean.abs() < 0.015), "{products:?}");
     }
 }

@@ -1,8 +1,8 @@
-use crate::camera::{Camera, Frame};
+use crate::camera::{Camera, CameraImage};
 use crate::light::lit;
 use crate::model::Model;
 use crate::raster::{Raster, Scratch};
-use crate::shade::Developer;
+use crate::shade::Shader;
 use avln_geom::RayMesh;
 use avln_scene::{InstanceId, Scene, Texture};
 use avln_simd::{Width, run_at};
@@ -19,7 +19,7 @@ pub struct Renderer {
 }
 
 /// A persistent cache of models.
-pub trait Shelf: Send + Sync {
+pub trait ModelCache: Send + Sync {
     /// Returns the model stored as `name`, if present and intact.
     fn find(&self, name: &str) -> Option<Model>;
     /// Stores a model. Returns an equal model, possibly in shared memory.
@@ -28,9 +28,9 @@ pub trait Shelf: Send + Sync {
 
 /// A place on a shelf.
 #[derive(Clone)]
-pub struct Place {
+pub struct ModelCacheEntry {
     /// The shelf.
-    pub shelf: Arc<dyn Shelf>,
+    pub cache: Arc<dyn ModelCache>,
     /// A name that only scenes with the same content have.
     pub name: String,
 }
@@ -41,13 +41,13 @@ struct Source {
     /// Those that materials use instead of the scene's own.
     textures: Option<Arc<Vec<Texture>>>,
     rays: Arc<RayMesh>,
-    place: Option<Place>,
+    place: Option<ModelCacheEntry>,
 }
 
 impl Source {
     fn model(&self) -> Model {
-        let Some(Place { shelf, name }) = &self.place else { return self.build() };
-        shelf.find(name).unwrap_or_else(|| shelf.keep(name, self.build()))
+        let Some(ModelCacheEntry { cache, name }) = &self.place else { return self.build() };
+        cache.find(name).unwrap_or_else(|| cache.keep(name, self.build()))
     }
 
     fn build(&self) -> Model {
@@ -65,11 +65,11 @@ impl Renderer {
 
     /// Creates a renderer of `scene` with `textures` instead of its own and a model cache at `place`; `rays`
     /// contains the triangles in the same order. Textures are freed once the model exists.
-    pub fn shelved(
+    pub fn with_cache(
         scene: Arc<Scene>,
         textures: Vec<Texture>,
         rays: Arc<RayMesh>,
-        place: Option<Place>,
+        place: Option<ModelCacheEntry>,
     ) -> Self {
         Self::of(Source { scene, textures: Some(Arc::new(textures)), rays, place })
     }
@@ -104,26 +104,26 @@ impl Renderer {
 
     /// Renders `camera`. The first image takes longer, see [`Renderer::model`]. Surfaces are two-sided;
     /// texels below the alpha cutoff of the material are holes.
-    pub fn render(&self, camera: &Camera) -> Frame {
+    pub fn render(&self, camera: &Camera) -> CameraImage {
         self.render_with(camera, Width::Eight)
     }
 
     /// [`Renderer::render`] with vector instructions of at most this width; the frame is the same for all.
-    pub fn render_with(&self, camera: &Camera, width: Width) -> Frame {
-        let mut frame = Frame::empty(camera);
+    pub fn render_with(&self, camera: &Camera, width: Width) -> CameraImage {
+        let mut frame = CameraImage::empty(camera);
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let mut scratch = idle().pop().unwrap_or_default();
         let (view, lens) = (self.model().view(), camera.lens());
         scratch.screen.clear(camera.width as usize, camera.height as usize);
         run_at(width, Raster { view, lens, scratch: &mut scratch });
         let depth_max_m = camera.depth_max_m;
-        run_at(width, Developer { view, depth_max_m, scratch: &scratch, frame: &mut frame });
+        run_at(width, Shader { view, depth_max_m, scratch: &scratch, frame: &mut frame });
         idle().push(scratch);
         frame
     }
 }
 
-impl Frame {
+impl CameraImage {
     /// An empty image.
     fn empty(camera: &Camera) -> Self {
         let pixels = camera.width as usize * camera.height as usize;

@@ -1,8 +1,8 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, SoundPlace, SoundShelf, Source};
+use avln_acoustics::{Acoustics, Settings, BuildingCache, SoundCache, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, Frame, Place, Renderer, Shelf};
+use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
@@ -21,9 +21,9 @@ pub struct SceneAssets {
 }
 
 /// A persistent cache of render models and sound sources.
-pub trait Cache: Shelf + SoundShelf {}
+pub trait Cache: ModelCache + SoundCache {}
 
-impl<T: Shelf + SoundShelf> Cache for T {}
+impl<T: ModelCache + SoundCache> Cache for T {}
 
 /// A scene's name in a cache.
 #[derive(Clone)]
@@ -96,9 +96,10 @@ impl SceneAssets {
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let place =
-            cached.clone().map(|Cached { cache, name }| Place { shelf: cache as Arc<dyn Shelf>, name });
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
+        let place = cached
+            .clone()
+            .map(|Cached { cache, name }| ModelCacheEntry { cache: cache as Arc<dyn ModelCache>, name });
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), place);
         let surfaces = Surfaces::new(&scene);
         Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
@@ -116,7 +117,7 @@ impl SceneAssets {
     }
 
     /// Renders a camera image.
-    pub fn render(&self, camera: &Camera) -> Frame {
+    pub fn render(&self, camera: &Camera) -> CameraImage {
         self.renderer.render(camera)
     }
 
@@ -150,8 +151,8 @@ impl SceneAssets {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let place = self.cached.clone();
             let place =
-                place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).kept_at(place)
+                place.map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).with_cache(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }

@@ -2,7 +2,7 @@ use crate::SceneAssets;
 use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
-use avln_render::{Camera, Frame, Noise};
+use avln_render::{Camera, CameraImage, Noise};
 use std::sync::Arc;
 
 /// Largest distance of a start from the navmesh, metres.
@@ -26,7 +26,7 @@ pub struct WorldOptions {
     /// Samples that each ear hears in a step, at 16 kHz.
     pub samples_per_step: usize,
     /// The picture taken each step; `None` for none.
-    pub view: Option<View>,
+    pub view: Option<CameraView>,
     /// True to render audio.
     pub audio: bool,
     /// Head model.
@@ -37,7 +37,7 @@ pub struct WorldOptions {
 
 /// Size and angle of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
+pub struct CameraView {
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
@@ -83,7 +83,7 @@ pub struct Moved {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Senses {
     /// Camera image, if requested.
-    pub frame: Option<Frame>,
+    pub frame: Option<CameraImage>,
     /// `2 × samples_per_step` samples, the left ear first, if audio was asked for.
     pub audio: Option<Vec<f32>>,
 }
@@ -193,13 +193,13 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
-    fn look(&self, view: &View) -> Frame {
+    fn look(&self, view: &CameraView) -> CameraImage {
         let mut frame = self.assets.render(&self.camera(view));
         self.options.noise.apply(&mut frame, self.steps, self.options.depth_max_m);
         frame
     }
 
-    fn camera(&self, view: &View) -> Camera {
+    fn camera(&self, view: &CameraView) -> Camera {
         Camera {
             eye: self.eye(),
             world_from_camera: self.pose().rotation(),
@@ -223,7 +223,7 @@ impl World {
 
     /// Largest memory of the body in bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
-        self.ears.as_ref().map_or(0, Ears::most_bytes)
+        self.ears.as_ref().map_or(0, Ears::max_bytes)
     }
 
     /// Shared data of the building.
@@ -253,7 +253,7 @@ fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, Start
 
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
     let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
-        source: assets.source(&position).heard_by(&options.head),
+        source: assets.source(&position).with_head(&options.head),
         clip,
         offset_samples,
     };

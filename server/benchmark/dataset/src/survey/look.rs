@@ -2,7 +2,7 @@
 
 use crate::{cue::CueView, survey::options::SurveyOptions};
 use avln_scene::{InstanceId, colors};
-use avln_world::Frame;
+use avln_world::CameraImage;
 use std::{collections::BTreeMap, sync::LazyLock};
 
 /// Histogram bins: 12 hues with 2 saturations and 2 values, and 4 greys.
@@ -89,7 +89,7 @@ impl Look {
     /// Measures a frame; `None` if `instance` is invisible.
     pub(crate) fn of(
         view: CueView,
-        frame: &Frame,
+        frame: &CameraImage,
         instance: InstanceId,
         options: &SurveyOptions,
     ) -> Option<Self> {
@@ -125,7 +125,7 @@ impl Look {
 }
 
 /// Adds all pixels to the palettes of their instances.
-pub(crate) fn collect_colors(frame: &Frame, palettes: &mut BTreeMap<InstanceId, Palette>) {
+pub(crate) fn collect_colors(frame: &CameraImage, palettes: &mut BTreeMap<InstanceId, Palette>) {
     let runs = frame.instances.chunk_by(|a, b| a == b);
     let mut start = 0;
     for run in runs {
@@ -137,7 +137,7 @@ pub(crate) fn collect_colors(frame: &Frame, palettes: &mut BTreeMap<InstanceId, 
     }
 }
 
-fn others(frame: &Frame, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
+fn others(frame: &CameraImage, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
     let mut pixels = BTreeMap::new();
     for run in frame.instances.chunk_by(|a, b| a == b) {
         if run[0] != InstanceId::NONE && run[0] != instance {
@@ -147,13 +147,13 @@ fn others(frame: &Frame, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
     pixels
 }
 
-fn rgb_at(frame: &Frame, pixel: usize) -> [u8; 3] {
+fn rgb_at(frame: &CameraImage, pixel: usize) -> [u8; 3] {
     [frame.rgb[3 * pixel], frame.rgb[3 * pixel + 1], frame.rgb[3 * pixel + 2]]
 }
 
 /// Pixels of an instance.
 struct Mask<'a> {
-    frame: &'a Frame,
+    frame: &'a CameraImage,
     instance: InstanceId,
     count: u32,
     /// Bounding box: first and last column, first and last row.
@@ -162,7 +162,7 @@ struct Mask<'a> {
 }
 
 impl<'a> Mask<'a> {
-    fn of(frame: &'a Frame, instance: InstanceId) -> Option<Self> {
+    fn of(frame: &'a CameraImage, instance: InstanceId) -> Option<Self> {
         let width = frame.width as usize;
         let mut mask = Self { frame, instance, count: 0, columns: [width, 0], rows: [0, 0] };
         for (pixel, _) in frame.instances.iter().enumerate().filter(|(_, id)| **id == instance) {
@@ -289,7 +289,7 @@ mod tests {
             (corner[0]..corner[0] + 8).contains(&(i % 20)) && (corner[1]..corner[1] + 8).contains(&(i / 20))
         };
         let ids = (0..400).map(|i| if is_in(i) { InstanceId(7) } else { InstanceId(u32::from(i < 20)) });
-        let frame = Frame {
+        let frame = CameraImage {
             width: 20,
             height: 20,
             rgb: (0..400).flat_map(|i| if is_in(i) { inside } else { outside }).collect(),

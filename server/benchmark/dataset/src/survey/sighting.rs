@@ -12,7 +12,7 @@ use avln_episode::Rules;
 use avln_geom::{Point3, Pose};
 use avln_scene::{InstanceId, Object, categories};
 use avln_truth::Target;
-use avln_world::{Frame, SceneAssets};
+use avln_world::{CameraImage, SceneAssets};
 use std::collections::BTreeMap;
 
 /// Attempts before giving up on an invisible object.
@@ -21,7 +21,7 @@ const HOPELESS_LOOKS: usize = 4;
 /// Extra recognition check after the built-in thresholds, for example a detector.
 pub trait Verifier: Sync {
     /// True if `object` is recognisable in `frame`, which has passed the built-in thresholds.
-    fn recognises(&self, frame: &Frame, object: &Object) -> bool;
+    fn recognises(&self, frame: &CameraImage, object: &Object) -> bool;
 }
 
 /// Verifier without extra checks.
@@ -29,7 +29,7 @@ pub trait Verifier: Sync {
 pub struct ThresholdsOnly;
 
 impl Verifier for ThresholdsOnly {
-    fn recognises(&self, _: &Frame, _: &Object) -> bool {
+    fn recognises(&self, _: &CameraImage, _: &Object) -> bool {
         true
     }
 }

@@ -10,7 +10,7 @@ use avln_formats::open::open;
 use avln_geom::Point3;
 use avln_houses::{HouseOptions, Pool, house};
 use avln_scene::{InstanceId, Object};
-use avln_world::{Body, Camera, Frame, SceneAssets};
+use avln_world::{Body, Camera, CameraImage, SceneAssets};
 use std::{collections::BTreeMap, path::Path, sync::LazyLock};
 
 const MISSIONS: usize = 1500;
@@ -193,7 +193,7 @@ fn found(verifier: &dyn Verifier) -> Vec<Instance> {
     survey_with(&ASSETS, &Rules::paper(), &SurveyOptions::default(), verifier)
 }
 
-fn render(view: &CueView, side_px: u32) -> Frame {
+fn render(view: &CueView, side_px: u32) -> CameraImage {
     let rules = Rules::paper();
     let mut eye = view.pose.position;
     eye.y += rules.camera_height_m;
@@ -245,7 +245,7 @@ fn survey_is_deterministic() {
 struct Only(&'static str);
 
 impl Verifier for Only {
-    fn recognises(&self, frame: &Frame, object: &Object) -> bool {
+    fn recognises(&self, frame: &CameraImage, object: &Object) -> bool {
         assert!(frame.instances.contains(&object.id) && object.id != InstanceId::NONE);
         object.category == self.0
     }

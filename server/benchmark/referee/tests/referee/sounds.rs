@@ -34,7 +34,7 @@ fn one_voice() -> Bank {
         let sample = |n: usize| if n % 40 < 3 { level } else { -0.03 * level };
         Clip { name: name.to_owned(), samples: (0..16_000).map(sample).collect() }
     };
-    Bank::own(vec![clip("ticks", 0.1), clip("nothing", 0.0), clip("silence", 0.0)])
+    Bank::from_clips(vec![clip("ticks", 0.1), clip("nothing", 0.0), clip("silence", 0.0)])
 }
 
 /// An episode with only the first sounding target ahead audible.
@@ -138,12 +138,12 @@ fn every_pool_can_be_played_and_a_bank_that_is_too_small_is_refused() {
         assert!(energy(&referee.start()) > 0.0);
     }
     assert!(made_bank(&Sounds::Own(String::new())).is_none());
-    let two = Bank::own(Bank::default().clips().take(2).collect());
+    let two = Bank::from_clips(Bank::default().clips().take(2).collect());
     assert!(play(&Rules::paper(), truth(Order::Ordered), &two).is_ok());
     let refused =
         play(&Rules::distinct(), truth(Order::Ordered), &two).err().expect("three targets, two clips");
     assert!(refused.to_string().contains("need 3 clips per episode, the bank has 2"), "{refused}");
-    assert!(play(&Rules::paper(), truth(Order::Ordered), &Bank::own(Vec::new())).is_err());
+    assert!(play(&Rules::paper(), truth(Order::Ordered), &Bank::from_clips(Vec::new())).is_err());
 }
 
 #[test]

@@ -5,8 +5,7 @@ use super::{
     slot::{Slot, SlotContent},
 };
 use crate::{
-    episode::{Episode, HostedEpisode},
-    host::Host,
+    host::{Episode, Host, HostedEpisode},
     refusal::{Failure, FaultSubject, ServerFault, call_host},
     sim_pool::truncate,
     wire,
@@ -66,10 +65,12 @@ impl<H: Host> Slot<H> {
 
     /// Reports a lost episode to the host, which restarts it.
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let name = handle.to_owned();
-        if let Err(failure) = call_host("lose", async move { host.lose(&run, &name, ticket).await }).await {
+        if let Err(failure) =
+            call_host("lose", &self.session.host, |host| async move { host.lose(&run, &name, ticket).await })
+                .await
+        {
             tracing::error!(why = failure.message(), "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
@@ -112,9 +113,14 @@ impl<H: Host> Slot<H> {
         let episode = hosted.handle.clone();
         let step = hosted.episode.steps();
         let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
-        let stored = call_host("conclude", async move { host.conclude(&run, hosted).await }).await;
+        let stored =
+            call_host(
+                "conclude",
+                &self.session.host,
+                |host| async move { host.conclude(&run, hosted).await },
+            )
+            .await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
@@ -231,10 +237,10 @@ pub(crate) async fn stored_end<H: Host>(
     run: &str,
     known: &v1::SlotPosition,
 ) -> Result<Option<v1::EpisodeEnd>, Failure> {
-    let host = host.clone();
     let run = run.to_owned();
     let handle = known.episode.clone();
-    let stored = call_host("look up an episode", async move { host.ended(&run, &handle).await }).await?;
+    let stored =
+        call_host("look up an episode", host, |host| async move { host.ended(&run, &handle).await }).await?;
     Ok(stored.map(|end| v1::EpisodeEnd {
         slot: known.slot,
         episode: known.episode.clone(),

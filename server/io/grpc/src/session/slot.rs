@@ -2,14 +2,13 @@
 
 use super::{
     SessionContext, SlotEnding,
-    clock::ChessClock,
     playing::{
-        Audience, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead, same_episode,
+        Audience, ChessClock, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead,
+        same_episode,
     },
 };
 use crate::{
-    episode::{Acted, Episode, HostedEpisode, Restored},
-    host::Host,
+    host::{Acted, Episode, Host, HostedEpisode, Restored},
     refusal::{Failure, ServerFault, call_host},
     watchdog::CancelToken,
     wire,
@@ -199,12 +198,13 @@ impl<H: Host> Slot<H> {
         // Before the request: an episode that another slot returns meanwhile must wake this slot.
         let returned = self.session.progress.returned();
         self.session.progress.requested();
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let hosted =
-            call_host("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        let hosted = call_host("next episode", &self.session.host, |host| async move {
+            host.next_episode(&run, id, &sensors).await
+        })
+        .await;
         match hosted {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {

@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Two runs with equal phase and order, over common episodes.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct CompareView {
     /// The first run.
     pub first: RunLine,
@@ -26,7 +26,7 @@ pub struct CompareView {
 }
 
 /// An episode scored in both runs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PairView {
     /// Episode id inside the split.
     pub episode: String,

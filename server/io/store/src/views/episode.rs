@@ -20,7 +20,7 @@ use serde::Serialize;
 use sqlx::{Sqlite, Transaction, types::Json};
 
 /// A run's episode. Data hidden from the viewer is `None`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct EpisodeView {
     /// The run.
     pub run: RunLine,
@@ -43,7 +43,7 @@ pub struct EpisodeView {
 }
 
 /// A mission in words.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MissionView {
     /// Goal order.
     pub order: Order,
@@ -52,7 +52,7 @@ pub struct MissionView {
 }
 
 /// A mission's goal.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct GoalView {
     /// Cue kind.
     pub modality: Modality,
@@ -65,7 +65,7 @@ pub struct GoalView {
 }
 
 /// An episode's poses, actions and targets: world frame, Y up, metres, radians.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Replay {
     /// Episode id inside the split.
     pub episode: String,
@@ -100,7 +100,7 @@ pub struct Replay {
 }
 
 /// A Submit or a claiming Stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct SubmitMark {
     /// Step, counted from 1; also the path index.
     pub step: u32,
@@ -111,7 +111,7 @@ pub struct SubmitMark {
 }
 
 /// A target.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct TargetView {
     /// Instance category.
     pub category: String,

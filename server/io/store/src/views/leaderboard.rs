@@ -75,7 +75,7 @@ impl RowFilter {
 }
 
 /// A leaderboard: a phase's completed runs in which every episode counts.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LeaderboardView {
     /// The phase.
     pub phase: PhaseView,
@@ -104,10 +104,11 @@ pub struct LeaderboardView {
 }
 
 /// A leaderboard row.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LeaderboardRow {
     /// Rank and tie group; `None` for a reference, which has no rank.
     #[serde(flatten, serialize_with = "flat")]
+    #[schema(value_type = StandingFields)]
     pub standing: Option<Standing>,
     /// Team name.
     pub team: String,
@@ -139,22 +140,23 @@ pub struct LeaderboardRow {
     pub verified: bool,
 }
 
-/// Serialises rank, rank interval and tie group as row fields, null for a reference.
+/// Rank, rank interval and tie group as row fields; null for a reference.
+#[derive(Serialize, utoipa::ToSchema)]
+struct StandingFields {
+    rank: Option<u32>,
+    rank_low: Option<u32>,
+    rank_high: Option<u32>,
+    tie_group: Option<u32>,
+}
+
 fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Flat {
-        rank: Option<u32>,
-        rank_low: Option<u32>,
-        rank_high: Option<u32>,
-        tie_group: Option<u32>,
-    }
-    let flat = Flat {
+    let fields = StandingFields {
         rank: standing.map(|standing| standing.rank),
         rank_low: standing.map(|standing| standing.rank_low),
         rank_high: standing.map(|standing| standing.rank_high),
         tie_group: standing.map(|standing| standing.tie_group),
     };
-    flat.serialize(serializer)
+    fields.serialize(serializer)
 }
 
 impl Reader {

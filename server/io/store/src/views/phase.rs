@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 /// A phase on pages. Its existence and rules are public, unless it is restricted to some teams. Times are milliseconds since
 /// 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PhaseView {
     /// Id in URLs.
     pub id: String,
@@ -102,7 +102,7 @@ impl PhaseView {
 }
 
 /// Mission statistics for a phase.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MissionsView {
     /// Missions by goal count.
     pub goals: BTreeMap<u32, u32>,

@@ -21,7 +21,7 @@ use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// A run in a list. Times are milliseconds since 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunLine {
     /// Run id.
     pub run: String,
@@ -56,12 +56,11 @@ pub struct RunLine {
 }
 
 /// A run with episodes. Data hidden from the viewer is `None` or empty.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunView {
     /// The run.
     pub line: RunLine,
-    /// Method description.
-    #[serde(skip)]
+    /// The method with description, links, licence and external data.
     pub method: MethodInfo,
     /// True if the viewer sees the scores.
     pub scores_visible: bool,
@@ -94,7 +93,7 @@ pub struct RunView {
 }
 
 /// Goals with one modality.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ModalityView {
     /// The modality.
     pub modality: Modality,
@@ -107,7 +106,7 @@ pub struct ModalityView {
 }
 
 /// An episode in a run's list.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct EpisodeLine {
     /// Index in the run, from 0.
     pub ordinal: u32,

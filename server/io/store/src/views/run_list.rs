@@ -14,7 +14,7 @@ use serde::Serialize;
 use sqlx::{Sqlite, Transaction};
 
 /// A page in the run list.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunList {
     /// Runs, newest first.
     pub runs: Vec<RunLine>,

@@ -1,6 +1,6 @@
 //! CSV tables by RFC 4180: a header row, CRLF, and numbers in full precision.
 
-use super::json::{find_episode, find_leaderboard, find_leaderboards, find_missions, find_phase, find_run};
+use super::json::{find_leaderboard, find_leaderboards};
 use crate::{
     error::RequestError,
     format,
@@ -94,9 +94,7 @@ pub(super) async fn leaderboard(
     Path(id): Path<String>,
     params: LeaderboardParams,
 ) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
-    let order = params.order(&phase)?;
-    leaderboard_table(vec![find_leaderboard(&context, &phase, &params, order).await?])
+    leaderboard_table(vec![find_leaderboard(&context, &id, &params).await?])
 }
 
 pub(super) async fn leaderboards(
@@ -179,7 +177,7 @@ pub(super) async fn missions(
     Path(id): Path<String>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let view = find_missions(&context, &id).await?;
+    let view = context.missions(&id).await?;
     Row::<PropertyCount>::new()
         .value("property", |r| r.property.to_owned())
         .text("value", |r| &r.value)
@@ -251,7 +249,7 @@ pub(super) async fn episodes(
     Path(id): Path<String>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let view = find_run(&context, &id).await?;
+    let view = context.run(&id).await?;
     Row::<EpisodeLine>::new()
         .value("ordinal", |line| line.ordinal.to_string())
         .value("state", |line| line.state.as_str().to_owned())
@@ -276,12 +274,11 @@ struct StepRow {
 
 pub(super) async fn steps(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
+    Path((run, ordinal)): Path<(String, String)>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let replay = find_episode(&context, &run, &place).await?.replay;
-    let name = || format!("episode {place} of run {run}");
-    let replay = replay.ok_or_else(|| RequestError::Unknown { what: "replay", name: name() })?;
+    let unknown = || RequestError::unknown("replay", format!("episode {ordinal} of run {run}"));
+    let replay = context.episode(&run, &ordinal).await?.replay.ok_or_else(unknown)?;
     let rows = replay.path.iter().zip(moments(&replay));
     let rows: Vec<StepRow> = rows.map(|(&position, moment)| StepRow { position, moment }).collect();
     Row::<StepRow>::new()
@@ -306,13 +303,12 @@ pub(super) async fn steps(
 /// Serves the sound levels of each step.
 pub(super) async fn levels(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
+    Path((run, ordinal)): Path<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let view = find_episode(&context, &run, &place).await?;
-    let unknown =
-        || RequestError::Unknown { what: "sound", name: format!("of episode {place} of run {run}") };
+    let view = context.episode(&run, &ordinal).await?;
+    let unknown = || RequestError::unknown("sound", format!("of episode {ordinal} of run {run}"));
     let sound = queue.ok_or_else(unknown)?.sound(&view).await?.ok_or_else(unknown)?;
     let rows: Vec<(usize, StepLevels)> = sound.levels().iter().copied().enumerate().collect();
     Row::<(usize, StepLevels)>::new()

@@ -1,10 +1,9 @@
 //! Sessions: cookies, lifetime, and the middleware that identifies visitors.
 
-use super::{ActionOrigin, ManagementState, TeamCredential};
+use super::{ManagementState, TeamCredential};
 use crate::{
     error::RequestError,
-    pages::{Menu, PageContext},
-    request::now_unix_ms,
+    request::{Menu, PageContext, now_unix_ms},
 };
 use avln_store::{Holder, Reader, TokenHash, Viewer};
 use axum::{
@@ -65,15 +64,6 @@ impl SignedIn {
     }
 }
 
-/// A signed-in organiser. For other visitors the page does not exist.
-pub(crate) struct Organiser(pub(crate) SignedIn);
-
-impl Organiser {
-    pub(crate) fn origin(&self, reason: String) -> ActionOrigin {
-        ActionOrigin { token: self.0.holder.token.clone(), reason }
-    }
-}
-
 impl<S: Sync> FromRequestParts<S> for SignedIn {
     type Rejection = Response;
 
@@ -82,18 +72,6 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
         let path = parts.uri.path();
         let next = if is_management_page(path) { format!("?next={path}") } else { String::new() };
         signed_in.ok_or_else(|| Redirect::to(&format!("/sign-in{next}")).into_response())
-    }
-}
-
-impl<S: Sync> FromRequestParts<S> for Organiser {
-    type Rejection = Response;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Response> {
-        let signed_in = SignedIn::from_request_parts(parts, state).await?;
-        match signed_in.holder.viewer {
-            Viewer::Organiser => Ok(Self(signed_in)),
-            _ => Err(RequestError::NoPage.into_response()),
-        }
     }
 }
 

@@ -2,12 +2,11 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
     format::{self, url_encode},
     plot::{LEFT_PX, WIDTH_PX},
     replay::{ReplayView, SoundView, colour},
     replay_renderer::{EpisodeSound, MaybeRenderQueue, WINDOW_STEPS, size_px},
-    request::{self, ReplayQuery, RequestContext, StrictQuery},
+    request::{ReplayQuery, RequestContext, StrictQuery},
 };
 use askama::Template;
 use avln_store::{EpisodeView, TargetView};
@@ -35,14 +34,11 @@ struct EpisodePage {
 
 pub(super) async fn page(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
+    Path((run, ordinal)): Path<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     StrictQuery(query): StrictQuery<ReplayQuery>,
 ) -> Page {
-    let ordinal = request::ordinal(&place)?;
-    let view = context.reader.episode(&context.viewer, &run, ordinal).await?;
-    let unknown = || RequestError::Unknown { what: "episode", name: format!("{place} of run {run}") };
-    let view = view.ok_or_else(unknown)?;
+    let view = context.episode(&run, &ordinal).await?;
     let sound = render_sound(&queue, &view, query).await;
     render(&EpisodePage::new(view, query, queue.is_some(), sound))
 }

@@ -1,6 +1,6 @@
 //! Leaderboard pages: single order, all orders side by side, and embedded.
 
-use super::{Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
     format::{self, url_encode},
@@ -8,7 +8,6 @@ use crate::{
     request::RequestContext,
 };
 use askama::Template;
-use avln_episode::Order;
 use avln_scoring::{Direction, Key, Metric};
 use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, RunChoice, Visibility};
 use axum::{
@@ -74,7 +73,7 @@ pub(super) async fn page(
     Path(id): Path<String>,
     params: LeaderboardParams,
 ) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
+    let phase = context.phase(&id).await?;
     // A form sends empty fields: redirect to the canonical address, which can be shared.
     if params.has_blanks {
         let address = format!("/leaderboard/{}{}", url_encode(&id), params.address(&phase));
@@ -84,7 +83,7 @@ pub(super) async fn page(
         return Ok(all_orders(&context, phase, params).await?.into_response());
     }
     let order = params.order(&phase)?;
-    let view = read_leaderboard(&context, &phase, &params, order).await?;
+    let view = params.read(&context, &phase, order).await?;
     Ok(render(&LeaderboardPage::new(view, &params))?.into_response())
 }
 
@@ -93,31 +92,17 @@ pub(super) async fn embedded(
     Path(id): Path<String>,
     params: LeaderboardParams,
 ) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
+    let phase = context.phase(&id).await?;
     let order = params.order(&phase)?;
-    let page = LeaderboardPage::new(read_leaderboard(&context, &phase, &params, order).await?, &params);
+    let page = LeaderboardPage::new(params.read(&context, &phase, order).await?, &params);
     let address = page.controls.path() + &page.controls.query_string();
     let LeaderboardPage { shell, caption, view, .. } = page;
     let page = EmbeddedLeaderboard { title: shell.title, caption, address, view, columns: headline_keys() };
     Ok(render(&page)?.into_response())
 }
 
-/// Reads all entries.
-async fn read_leaderboard(
-    context: &RequestContext,
-    phase: &PhaseView,
-    params: &LeaderboardParams,
-    order: Order,
-) -> Result<LeaderboardView, RequestError> {
-    let query = params.query(phase, order, context.now_unix_ms);
-    context.reader.leaderboard(&context.viewer, &query).await?.ok_or(RequestError::NoPage)
-}
-
 async fn all_orders(context: &RequestContext, phase: PhaseView, params: LeaderboardParams) -> Page {
-    let mut views = Vec::new();
-    for &order in &phase.orders {
-        views.push(read_leaderboard(context, &phase, &params, order).await?);
-    }
+    let views = params.read_all(context, &phase).await?;
     let title = format!("{}: all orders of goals", phase.title);
     let shell = PageShell::new(title, SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let Some(first) = views.first() else { return Err(RequestError::NoPage) };

@@ -1,6 +1,6 @@
 //! Phase page: rules, mission statistics and floor plans.
 
-use super::{Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
     format::{self, url_encode},
@@ -42,7 +42,7 @@ pub(super) async fn page(
     Path(id): Path<String>,
     _: StrictQuery<NoParameters>,
 ) -> Page {
-    let phase = find_phase(&context, &id).await?;
+    let phase = context.phase(&id).await?;
     let shell =
         PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let missions = context.reader.missions(&context.viewer, &phase.id).await?;
@@ -262,7 +262,7 @@ pub(super) async fn scene(
     Path((phase, file)): Path<(String, String)>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let unknown = || RequestError::Unknown { what: "picture", name: file.clone() };
+    let unknown = || RequestError::unknown("picture", file.clone());
     let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;
     let index: Option<usize> = file.strip_suffix(".svg").and_then(|index| index.parse().ok());
     let name = index.and_then(|index| missions.scenes.into_keys().nth(index)).ok_or_else(unknown)?;

@@ -1,15 +1,16 @@
 //! Run pages: list, single run, comparison, badge.
 
-use super::{Menu, Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
     format::{self, url_encode},
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
     plot,
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, Menu, NoParameters, RequestContext, RunsQuery, StrictQuery},
 };
 use askama::Template;
+use avln_challenge::MethodInfo;
 use avln_episode::EndReason;
 use avln_scoring::{Key, Summary};
 use avln_store::{
@@ -73,14 +74,9 @@ pub(super) async fn one(
     Extension(feed): Extension<Arc<LiveFeed>>,
     _: StrictQuery<NoParameters>,
 ) -> Page {
-    let view = find_run(&context, &id).await?;
+    let view = context.run(&id).await?;
     let live = if view.line.state.is_open() { feed.run(&context, &id).await? } else { None };
     render(&RunPage::new(view, live))
-}
-
-async fn find_run(context: &RequestContext, id: &str) -> Result<RunView, RequestError> {
-    let view = context.reader.run(&context.viewer, id).await?;
-    view.ok_or_else(|| RequestError::Unknown { what: "run", name: id.to_owned() })
 }
 
 impl RunPage {
@@ -91,6 +87,20 @@ impl RunPage {
             .below("Runs", "/runs")
             .below(line.phase.clone(), leaderboard_address(line));
         Self { shell, view, live, keys: Key::ALL }
+    }
+
+    /// Returns what the team states about its method.
+    fn method_facts(&self) -> Vec<(&'static str, &str)> {
+        let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
+            &self.view.method;
+        let all = [
+            ("Method", description.as_str()),
+            ("Code", code_url),
+            ("Paper", paper_url),
+            ("Licence of the weights", weights_licence),
+            ("Other training data", external_data),
+        ];
+        all.into_iter().filter(|(_, text)| !text.is_empty()).collect()
     }
 
     fn groupings(&self) -> impl Iterator<Item = (&'static str, &[GroupView])> {
@@ -221,8 +231,8 @@ pub(super) async fn badge(
     Path(id): Path<String>,
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
-    let view = find_run(&context, &id).await?;
-    let phase = find_phase(&context, &view.line.phase).await?;
+    let view = context.run(&id).await?;
+    let phase = context.phase(&view.line.phase).await?;
     let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());
     let standing = standing_text(&context, &phase, &view).await?;
     let badge = Badge { subject: BadgeLabel::new(subject), standing: BadgeLabel::new(standing) };
@@ -243,9 +253,7 @@ async fn standing_text(
         _ if line.state.is_open() => return Ok(format!("{} of {} episodes", line.done, line.episodes)),
         _ => return Ok("not ranked".to_owned()),
     };
-    let query = LeaderboardParams::default().query(phase, line.order, context.now_unix_ms);
-    let leaderboard = context.reader.leaderboard(&context.viewer, &query).await?;
-    let rows = leaderboard.map(|leaderboard| leaderboard.rows).unwrap_or_default();
+    let rows = LeaderboardParams::default().read(context, phase, line.order).await?.rows;
     let standing = rows.iter().find(|row| row.run == line.run).and_then(|row| row.standing);
     let ranked = rows.iter().filter(|row| row.standing.is_some()).count();
     let rank = standing.map_or(String::new(), |standing| format!(", rank {} of {ranked}", standing.rank));

@@ -7,7 +7,7 @@ use axum::{
     body::Body,
     http::{Request, StatusCode, header},
 };
-use serde_json::Value;
+use serde_json::{Map, Value, json};
 
 #[tokio::test]
 async fn responses_match_their_description() {
@@ -43,45 +43,110 @@ async fn responses_match_their_description() {
 
 /// Checks that `value` has the fields of `schema` and no others, at every depth.
 fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
-    if let Some(reference) = schema["$ref"].as_str() {
-        let schema = document.pointer(reference.trim_start_matches('#')).expect("a schema");
-        return check(document, schema, value, &format!("{place} {reference}"));
+    if let Err(fault) = fits(document, schema, value) {
+        panic!("{place}{fault}");
     }
-    if let Some(choices) = schema["anyOf"].as_array() {
-        if !value.is_null() {
-            check(document, &choices[0], value, place);
-        }
-        return;
+}
+
+fn fits(document: &Value, schema: &Value, value: &Value) -> Result<(), String> {
+    let schema = resolved(document, schema);
+    if let Some(choices) = schema["oneOf"].as_array() {
+        let faults = choices.iter().map(|choice| fits(document, choice, value).err());
+        return faults.collect::<Option<Vec<_>>>().map_or(Ok(()), |faults| Err(faults.join(" or ")));
     }
-    match schema["type"].as_str() {
-        Some("integer") => assert!(value.is_u64() || value.is_i64(), "{place}: {value}"),
-        Some("number") => assert!(value.is_number(), "{place}: {value}"),
-        Some("string") => assert!(value.is_string(), "{place}: {value}"),
-        Some("boolean") => assert!(value.is_boolean(), "{place}: {value}"),
-        Some("array") => {
-            let items = value.as_array().unwrap_or_else(|| panic!("{place}: {value}"));
-            assert!(schema["items"].is_object(), "{place}: an array without item type");
-            items.iter().for_each(|item| check(document, &schema["items"], item, place));
+    if let Some(expected) = schema.get("const") {
+        return if expected == value { Ok(()) } else { Err(format!(": {value} is not {expected}")) };
+    }
+    if schema["enum"].as_array().is_some_and(|words| !words.contains(value)) {
+        return Err(format!(": {value} is not one of {}", schema["enum"]));
+    }
+    let kind = match value {
+        Value::Null => "null",
+        Value::Bool(_) => "boolean",
+        Value::Number(number) if number.is_f64() => "number",
+        Value::Number(_) => "integer",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) => "object",
+    };
+    let mut kinds = schema["type"].as_array().cloned().unwrap_or_else(|| vec![schema["type"].clone()]);
+    if kinds.contains(&json!("number")) {
+        kinds.push(json!("integer"));
+    }
+    if schema.get("allOf").is_none() && !kinds.contains(&json!(kind)) {
+        return Err(format!(": {value} is not {}", schema["type"]));
+    }
+    match value {
+        Value::Array(items) => items.iter().try_for_each(|item| {
+            fits(document, &schema["items"], item).map_err(|fault| format!("[]{fault}"))
+        }),
+        Value::Object(fields) => object_fits(document, schema, fields),
+        _ => Ok(()),
+    }
+}
+
+fn object_fits(document: &Value, schema: &Value, fields: &Map<String, Value>) -> Result<(), String> {
+    let (mut properties, mut required) = (Map::new(), Vec::new());
+    collect_properties(document, schema, &mut properties, &mut required);
+    if let Some(missing) = required.iter().find(|name| !fields.contains_key(name.as_str())) {
+        return Err(format!(": {missing} is missing"));
+    }
+    fields.iter().try_for_each(|(name, field)| {
+        let described = properties.get(name).unwrap_or(&schema["additionalProperties"]);
+        fits(document, described, field).map_err(|fault| format!(".{name}{fault}"))
+    })
+}
+
+/// Collects the properties of an object, whose parts may be in `allOf`.
+fn collect_properties(
+    document: &Value,
+    schema: &Value,
+    properties: &mut Map<String, Value>,
+    required: &mut Vec<String>,
+) {
+    let schema = resolved(document, schema);
+    for part in schema["allOf"].as_array().into_iter().flatten() {
+        collect_properties(document, part, properties, required);
+    }
+    properties.extend(schema["properties"].as_object().cloned().unwrap_or_default());
+    let names = schema["required"].as_array().into_iter().flatten();
+    required.extend(names.map(|name| name.as_str().expect("a name").to_owned()));
+}
+
+fn resolved<'a>(document: &'a Value, schema: &'a Value) -> &'a Value {
+    match schema["$ref"].as_str() {
+        Some(reference) => document.pointer(reference.trim_start_matches('#')).expect("a schema"),
+        None => schema,
+    }
+}
+
+#[tokio::test]
+async fn every_property_has_a_type() {
+    let document = Arena::new().await.get("/api/v1/openapi.json").await.json();
+    let schemas = document["components"]["schemas"].as_object().expect("schemas");
+    assert!(schemas.len() > 50, "{:?}", schemas.keys());
+    for (name, schema) in schemas {
+        assert_typed(schema, name);
+    }
+}
+
+fn assert_typed(schema: &Value, place: &str) {
+    let parts = ["allOf", "oneOf"].into_iter().filter_map(|key| schema[key].as_array());
+    let parts: Vec<&Value> = parts.flatten().collect();
+    parts.iter().for_each(|part| assert_typed(part, place));
+    let properties = schema["properties"].as_object();
+    for (name, property) in properties.into_iter().flatten() {
+        assert_typed(property, &format!("{place}.{name}"));
+    }
+    match (schema["type"].as_str(), schema["additionalProperties"].as_object()) {
+        (Some("object"), Some(_)) => assert_typed(&schema["additionalProperties"], place),
+        (Some("object"), None) => assert!(properties.is_some(), "{place} is an object without properties"),
+        (Some("array"), _) => assert_typed(&schema["items"], &format!("{place}[]")),
+        (Some(_), _) => {}
+        (None, _) => {
+            let is_typed = schema["type"].is_array() || schema["$ref"].is_string() || !parts.is_empty();
+            assert!(is_typed, "{place} has no type: {schema}");
         }
-        Some("object") => {
-            let fields = value.as_object().unwrap_or_else(|| panic!("{place}: {value}"));
-            let Some(properties) = schema["properties"].as_object() else {
-                let values = &schema["additionalProperties"];
-                assert!(values.is_object(), "{place}: an object without types");
-                return fields.values().for_each(|field| check(document, values, field, place));
-            };
-            let described: Vec<&String> = properties.keys().collect();
-            let required = schema["required"].as_array().expect("required fields");
-            assert!(fields.keys().all(|name| described.contains(&name)), "{place}: {fields:?}");
-            assert!(
-                required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))),
-                "{place}"
-            );
-            fields.iter().for_each(|(name, field)| {
-                check(document, &properties[name], field, &format!("{place}.{name}"));
-            });
-        }
-        _ => assert_eq!(&schema["const"], value, "{place}"),
     }
 }
 

@@ -142,12 +142,19 @@ impl Arena {
     async fn play(&self, run: &str, phase: &str, team: &str, method: &str, found: u32, episodes: u32) {
         let digests = BTreeMap::from([("benchmark".to_owned(), "abc123".to_owned())]);
         let order = Order::Unordered;
+        let method = MethodInfo {
+            description: "Follows <walls>".to_owned(),
+            code_url: "https://code.example/a?b=1&c=2".to_owned(),
+            paper_url: "javascript:alert(1)".to_owned(),
+            weights_licence: "MIT".to_owned(),
+            ..MethodInfo::new(method, "1.0")
+        };
         let new = NewRun {
             id: run,
             token: run,
             phase,
             team,
-            method: &MethodInfo::new(method, "1.0"),
+            method: &method,
             order,
             client_request_id: None,
             digests: &digests,

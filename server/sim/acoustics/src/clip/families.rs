@@ -1,9 +1,9 @@
 //! The families of clips.
 
-use super::synth::{
-    add, beats, hump, leveled, low_pass, pink, recur, resonate, samples, shaped, silence, sweep, white,
+use super::synthesis::{
+    add, beats, bell, buzz, hump, low_pass, normalized, note, pink, recur, resonate, samples, shaped,
+    silence, sweep, white,
 };
-use super::tones::{bell, buzz, note};
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 
@@ -11,21 +11,21 @@ use std::f32::consts::TAU;
 pub(super) struct Family {
     pub(super) name: &'static str,
     /// Generator of a loop of any level.
-    pub(super) make: fn(&mut Rng) -> Vec<f32>,
+    pub(super) generate: fn(&mut Rng) -> Vec<f32>,
 }
 
 /// All families.
 pub(super) const FAMILIES: [Family; 10] = [
-    Family { name: "pink-bursts", make: pink_bursts },
-    Family { name: "noise-bursts", make: noise_bursts },
-    Family { name: "claps", make: claps },
-    Family { name: "chirps", make: chirps },
-    Family { name: "babble", make: babble },
-    Family { name: "rattle", make: rattle },
-    Family { name: "gusts", make: gusts },
-    Family { name: "bells", make: bells },
-    Family { name: "notes", make: notes },
-    Family { name: "grains", make: grains },
+    Family { name: "pink-bursts", generate: pink_bursts },
+    Family { name: "noise-bursts", generate: noise_bursts },
+    Family { name: "claps", generate: claps },
+    Family { name: "chirps", generate: chirps },
+    Family { name: "babble", generate: babble },
+    Family { name: "rattle", generate: rattle },
+    Family { name: "gusts", generate: gusts },
+    Family { name: "bells", generate: bells },
+    Family { name: "notes", generate: notes },
+    Family { name: "grains", generate: grains },
 ];
 
 /// Regular bursts of pink noise, 3.5 to 7 per second.
@@ -73,7 +73,7 @@ fn claps(rng: &mut Rng) -> Vec<f32> {
 
 /// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with a rush of noise.
 fn chirps(rng: &mut Rng) -> Vec<f32> {
-    let noise = leveled(&pink(rng));
+    let noise = normalized(&pink(rng));
     let (low_hz, high_hz) = (rng.range(150.0, 240.0), rng.range(6400.0, 7500.0));
     let (rate_hz, rush) = (rng.range(5.0, 8.0), rng.range(0.5, 0.7));
     let manner = rng.below(3);
@@ -84,7 +84,7 @@ fn chirps(rng: &mut Rng) -> Vec<f32> {
         let length = samples(0.85 / rate_hz);
         // Nearly flat, to preserve both ends of the sweep.
         let envelope: Vec<f32> = hump(length, 0.2).iter().map(|height| (3.0 * height).min(1.0)).collect();
-        let tone = leveled(&sweep(from_hz, to_hz, length));
+        let tone = normalized(&sweep(from_hz, to_hz, length));
         add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
         add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, rush);
     }
@@ -161,7 +161,7 @@ fn gusts(rng: &mut Rng) -> Vec<f32> {
 
 /// Bells with gliding overtones, struck with a hiss.
 fn bells(rng: &mut Rng) -> Vec<f32> {
-    let noise = leveled(&white(rng));
+    let noise = normalized(&white(rng));
     let (rate_hz, ratio) = (rng.range(4.5, 7.0), rng.range(1.3, 2.9));
     let (low_hz, depth, hiss) = (rng.range(300.0, 600.0), rng.range(3.0, 6.0), rng.range(0.5, 0.9));
     let mut sound = silence();
@@ -169,7 +169,7 @@ fn bells(rng: &mut Rng) -> Vec<f32> {
         let length = samples(0.95 / rate_hz);
         let envelope = hump(length, 0.03);
         let pitch_hz = low_hz * libm::exp2f(rng.range(0.0, 1.0));
-        let tone = leveled(&bell(pitch_hz, ratio, depth, length));
+        let tone = normalized(&bell(pitch_hz, ratio, depth, length));
         add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
         add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, hiss);
     }
@@ -182,7 +182,7 @@ fn notes(rng: &mut Rng) -> Vec<f32> {
     const SCALE: [f32; 5] = [0.0, 2.0, 4.0, 7.0, 9.0];
     let mut breath = pink(rng);
     add(&mut breath, &white(rng), 0, 0.3);
-    let breath = leveled(&breath);
+    let breath = normalized(&breath);
     let (rate_hz, lowest_hz) = (rng.range(4.0, 6.5), rng.range(140.0, 260.0));
     let blown = rng.range(0.5, 1.0);
     let mut sound = silence();
@@ -191,7 +191,7 @@ fn notes(rng: &mut Rng) -> Vec<f32> {
         let envelope = hump(length, 0.06);
         let semitones = SCALE[rng.below(SCALE.len())];
         let pitch_hz = lowest_hz * libm::exp2f(semitones / 12.0);
-        add(&mut sound, &shaped(&leveled(&note(pitch_hz, length)), &envelope), start, 1.0);
+        add(&mut sound, &shaped(&normalized(&note(pitch_hz, length)), &envelope), start, 1.0);
         add(&mut sound, &shaped(&breath[rng.below(breath.len() / 2)..], &envelope), start, blown);
     }
     sound

@@ -1,10 +1,11 @@
 //! Measured heads.
 
-use super::sofa::{EarMeasurement, Measurements};
-use super::{DESIGN_POINTS, EarResponse, Filter, design_from, ear_axes, unit_phasor};
+use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::sofa::{EarMeasurement, HeadError, Measurements};
+use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
-use crate::late::HeardField;
-use crate::sphere::onset_delay_s;
+use crate::late::diffuse::HeardField;
+use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
@@ -30,44 +31,20 @@ const AFTER_PEAK_S: f64 = 0.008;
 const FINER: usize = 8;
 
 /// Bins normalised to the free-field level: the head is no obstacle there (188 to 1000 Hz).
-const CALM_BINS: std::ops::RangeInclusive<usize> = 3..=16;
-
-/// Errors of a head file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum HeadError {
-    /// A different format, or a damaged file.
-    #[error(
-        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
-    NoSofa,
-    /// A table is missing.
-    #[error(
-        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
-    Missing(&'static str),
-    /// A table has the wrong shape.
-    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
-    Shape(&'static str, String),
-    /// The sample rate is out of range.
-    #[error("{0} samples a second: 16000 to 400000 are read")]
-    Rate(f64),
-    /// The responses are silent.
-    #[error("both ears are silent: name a file of head-related impulse responses")]
-    Silent,
-}
+const LOW_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 
 /// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
 pub struct MeasuredHead {
     /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
     table: Vec<[Ear; 2]>,
     /// Response to diffuse sound, computed on first use.
-    heard_field: OnceLock<HeardField>,
+    pub(super) heard_field: OnceLock<HeardField>,
 }
 
 /// Response of an ear to a wave from a direction.
 #[derive(Clone, Debug, PartialEq)]
 struct Ear {
-    /// The wave front is tap [`super::HEAD_LEAD`].
+    /// The wave front is tap [`HEAD_LEAD`](super::filter::HEAD_LEAD).
     filter: Filter,
     /// Delay of the wave front relative to the head centre, seconds.
     delay_s: f64,
@@ -90,24 +67,19 @@ impl MeasuredHead {
         let mut analysis = Analysis::new(measured.rate_hz);
         let ears = measured.ears.iter().map(|ears| ears.each_ref().map(|ear| analysis.ear(ear)));
         let mut ears: Vec<[Ear; 2]> = ears.collect();
-        let power: f64 = analysis.calm_power / (2 * ears.len()) as f64;
+        let power: f64 = analysis.low_power / (2 * ears.len()) as f64;
         if power.is_nan() || power <= 0.0 {
             return Err(HeadError::Silent);
         }
         let gain = 1.0 / power.sqrt();
-        let late_s = mean_lateness_s(&measured.directions, &ears);
+        let lag_s = mean_lag_s(&measured.directions, &ears);
         for ear in ears.iter_mut().flatten() {
             ear.filter.iter_mut().for_each(|tap| *tap = (f64::from(*tap) * gain) as f32);
-            ear.delay_s -= late_s;
+            ear.delay_s -= lag_s;
         }
         let nodes = (0..UP).flat_map(|up| (0..AROUND).map(move |around| node_direction(up, around)));
         let table = nodes.map(|node| interpolated(&node, &measured.directions, &ears)).collect();
         Ok(Self { table, heard_field: OnceLock::new() })
-    }
-
-    /// Cell for the response to diffuse sound.
-    pub(crate) fn heard_field(&self) -> &OnceLock<HeardField> {
-        &self.heard_field
     }
 
     /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame).
@@ -127,7 +99,9 @@ impl MeasuredHead {
             ((up + 1) * AROUND + next, up_share * around_share),
         ];
         [0, 1].map(|ear| {
-            let ear = mixed(corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))));
+            let ear = weighted_sum(
+                corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))),
+            );
             EarResponse { filter: ear.filter, delay_s: ear.delay_s }
         })
     }
@@ -173,12 +147,12 @@ fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 
     let weight = |distance: f64| 1.0 / (distance.max(0.0) + SAME);
     let total: f64 = nearest.iter().map(|(distance, _)| weight(*distance)).sum();
     [0, 1].map(|ear| {
-        mixed(nearest.iter().map(|(distance, index)| (&ears[*index][ear], weight(*distance) / total)))
+        weighted_sum(nearest.iter().map(|(distance, index)| (&ears[*index][ear], weight(*distance) / total)))
     })
 }
 
-fn mixed<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
-    let mut sum = Ear { filter: [0.0; super::HEAD_TAPS], delay_s: 0.0 };
+fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
+    let mut sum = Ear { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
     for (ear, share) in parts {
         sum.filter.iter_mut().zip(&ear.filter).for_each(|(sum, tap)| *sum += share as f32 * tap);
         sum.delay_s += share * ear.delay_s;
@@ -187,14 +161,14 @@ fn mixed<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
 }
 
 /// Mean delay of the wave fronts relative to a sphere, seconds.
-fn mean_lateness_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
-    let lateness = directions.iter().zip(ears).flat_map(|(direction, ears)| {
+fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
+    let lags = directions.iter().zip(ears).flat_map(|(direction, ears)| {
         // At heading 0, ahead is -Z and left is -X.
         let world = Vector3::new(-direction.y as f32, direction.z as f32, -direction.x as f32);
         let sphere_s = ear_axes(0.0).map(|axis| onset_delay_s(f64::from(axis.dot(&world)), f64::INFINITY));
         [ears[0].delay_s - sphere_s[0], ears[1].delay_s - sphere_s[1]]
     });
-    lateness.sum::<f64>() / (2 * ears.len()) as f64
+    lags.sum::<f64>() / (2 * ears.len()) as f64
 }
 
 /// Separation of delay and shape.
@@ -203,31 +177,31 @@ struct Analysis {
     /// `exp(-j w)` per bin for one sample of the file.
     turns: Vec<Complex64>,
     planner: RealFftPlanner<f64>,
-    /// Sum over all responses of their mean power in [`CALM_BINS`].
-    calm_power: f64,
+    /// Sum over all responses of their mean power in [`LOW_BINS`].
+    low_power: f64,
 }
 
 impl Analysis {
     fn new(rate_hz: f64) -> Self {
         let turn = |bin: usize| unit_phasor(-TAU * bin_hz() * bin as f64 / rate_hz);
         let turns = (0..=DESIGN_POINTS / 2).map(turn).collect();
-        Self { rate_hz, turns, planner: RealFftPlanner::new(), calm_power: 0.0 }
+        Self { rate_hz, turns, planner: RealFftPlanner::new(), low_power: 0.0 }
     }
 
     fn ear(&mut self, measured: &EarMeasurement) -> Ear {
         let (first, taps) = around_peak(&measured.taps, self.rate_hz);
         let spectrum: Vec<Complex64> = self.turns.iter().map(|turn| fourier_sum(taps, *turn)).collect();
-        let power = spectrum[CALM_BINS].iter().map(Complex64::norm_sqr).sum::<f64>();
-        self.calm_power += power / CALM_BINS.count() as f64;
-        let front_s = self.front_s(&spectrum);
+        let power = spectrum[LOW_BINS].iter().map(Complex64::norm_sqr).sum::<f64>();
+        self.low_power += power / LOW_BINS.count() as f64;
+        let onset_s = self.onset_s(&spectrum);
         Ear {
-            filter: design_from(&spectrum, front_s),
-            delay_s: front_s + first as f64 / self.rate_hz + measured.delay_s,
+            filter: design_from(&spectrum, onset_s),
+            delay_s: onset_s + first as f64 / self.rate_hz + measured.delay_s,
         }
     }
 
     /// Time of the best match with the minimum-phase version, seconds after the first tap.
-    fn front_s(&mut self, spectrum: &[Complex64]) -> f64 {
+    fn onset_s(&mut self, spectrum: &[Complex64]) -> f64 {
         let minimum = self.minimum_phase(spectrum);
         let points = FINER * DESIGN_POINTS;
         let inverse = self.planner.plan_fft_inverse(points);

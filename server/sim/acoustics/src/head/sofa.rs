@@ -1,6 +1,5 @@
 //! Measured heads in SOFA files (AES69).
 
-use super::measured::HeadError;
 use avln_geom::Vector3;
 use sofar::hdf::{self, DataObject, ParsedHdf};
 use std::ops::RangeInclusive;
@@ -15,7 +14,31 @@ const TAPS: RangeInclusive<usize> = 8..=16_384;
 const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
 /// Longest separate delay, seconds.
-const MOST_DELAY_S: f64 = 0.1;
+const MAX_DELAY_S: f64 = 0.1;
+
+/// Errors of a head file.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum HeadError {
+    /// A different format, or a damaged file.
+    #[error(
+        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    NoSofa,
+    /// A table is missing.
+    #[error(
+        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    Missing(&'static str),
+    /// A table has the wrong shape.
+    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
+    Shape(&'static str, String),
+    /// The sample rate is out of range.
+    #[error("{0} samples a second: 16000 to 400000 are read")]
+    Rate(f64),
+    /// The responses are silent.
+    #[error("both ears are silent: name a file of head-related impulse responses")]
+    Silent,
+}
 
 /// Content of a file.
 pub(super) struct Measurements {
@@ -136,7 +159,7 @@ fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadErr
 /// Per direction: delays of both ears, in file order.
 fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
     let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
-    let most = MOST_DELAY_S * rate_hz;
+    let most = MAX_DELAY_S * rate_hz;
     let in_range = delays.values.iter().all(|delay| delay.abs() <= most);
     let row = |direction: usize| match delays.sizes[..] {
         [1, 2] => Some([delays.values[0], delays.values[1]]),

@@ -1,21 +1,25 @@
 //! Cells of open air that collect late energy. No cell crosses a wall.
 
+use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
 /// Edge of a block in voxels, and its limit.
 const BLOCK: usize = 3;
-const MOST_BLOCK: usize = 24;
+const MAX_BLOCK: usize = 24;
+
+/// Largest memory of the energy of a source, bytes.
+const MAX_BYTES: usize = 6 << 20;
 
 /// No cell.
-pub(super) const NOWHERE: u32 = u32::MAX;
+pub(super) const NO_CELL: u32 = u32::MAX;
 
 /// Blocks of air, divided at blocked voxel steps.
 ///
 /// Blocks are twice as high as wide. Voxels near surfaces belong to no cell, so that the cell volume is exact
 /// and no energy is counted on the wrong side of a wall.
 pub(crate) struct Cells {
-    /// Per air voxel: its cell, or [`NOWHERE`].
+    /// Per air voxel: its cell, or [`NO_CELL`].
     cell_of: Vec<u32>,
     cells: Vec<Cell>,
     /// Voxels per block in x, y, z.
@@ -26,7 +30,7 @@ pub(crate) struct Cells {
     first_in_block: Vec<u32>,
 }
 
-/// A connected part of a block.
+/// A connected add_block of a block.
 struct Cell {
     /// The voxel nearest to the centre.
     middle: u32,
@@ -34,13 +38,14 @@ struct Cell {
 }
 
 impl Cells {
-    /// Divides the air into at most `most` cells.
-    pub(crate) fn new(air: &Air, most: usize) -> Self {
+    /// Divides the air, with the energy for responses of `response_s` seconds within [`MAX_BYTES`].
+    pub(crate) fn new(air: &Air, response_s: f32) -> Self {
+        let most = MAX_BYTES / (slices::count(response_s).max(1) * CHANNELS * size_of::<u16>());
         let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
         let mut edge = BLOCK;
         loop {
             let cells = Self::with_blocks(air, &whole, [edge, 2 * edge, edge]);
-            if cells.len() <= most || edge >= MOST_BLOCK {
+            if cells.len() <= most || edge >= MAX_BLOCK {
                 return cells;
             }
             edge += 1;
@@ -51,23 +56,23 @@ impl Cells {
         let size = air.grid().size;
         let blocks = [0, 1, 2].map(|axis| size[axis].div_ceil(block[axis]));
         let mut cells = Self {
-            cell_of: vec![NOWHERE; whole.len()],
+            cell_of: vec![NO_CELL; whole.len()],
             cells: Vec::new(),
             block,
             blocks,
             first_in_block: vec![0],
         };
         for index in 0..blocks.iter().product() {
-            cells.part(air, whole, index);
+            cells.add_block(air, whole, index);
             cells.first_in_block.push(cells.cells.len() as u32);
         }
         cells
     }
 
     /// Creates the cells of a block.
-    fn part(&mut self, air: &Air, whole: &[bool], index: usize) {
+    fn add_block(&mut self, air: &Air, whole: &[bool], index: usize) {
         for voxel in self.voxels(air, index) {
-            if whole[voxel] && self.cell_of[voxel] == NOWHERE {
+            if whole[voxel] && self.cell_of[voxel] == NO_CELL {
                 let members = self.flood(air, whole, index, voxel);
                 let middle = nearest_to_mean(air, &members) as u32;
                 self.cells.push(Cell { middle, voxels: members.len() as u32 });
@@ -85,7 +90,7 @@ impl Cells {
             next += 1;
             for neighbour in air.neighbours(voxel) {
                 let inside = whole[neighbour] && self.block_of(air.grid().cell(neighbour)) == index;
-                if inside && self.cell_of[neighbour] == NOWHERE {
+                if inside && self.cell_of[neighbour] == NO_CELL {
                     self.cell_of[neighbour] = cell;
                     members.push(neighbour);
                 }
@@ -122,7 +127,7 @@ impl Cells {
             + size_of_val(self.first_in_block.as_slice())
     }
 
-    /// The cell of an air voxel; [`NOWHERE`] near surfaces.
+    /// The cell of an air voxel; [`NO_CELL`] near surfaces.
     pub(super) fn of_voxel(&self, voxel: usize) -> u32 {
         self.cell_of[voxel]
     }
@@ -187,7 +192,7 @@ impl Cells {
     /// The cell of the nearest voxel with a cell, behind as few surfaces as possible.
     fn nearest(&self, air: &Air, point: &Point3<f32>) -> Option<usize> {
         const FAR_M: f32 = 2.0;
-        let start = air.clear_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
+        let start = air.visible_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
         if (air.grid().center(start) - point).norm() > FAR_M {
             return None;
         }
@@ -197,7 +202,7 @@ impl Cells {
         const ENOUGH: usize = 4096;
         while let Some(&voxel) = seen.get(next).filter(|_| next < ENOUGH) {
             next += 1;
-            if self.cell_of[voxel] != NOWHERE {
+            if self.cell_of[voxel] != NO_CELL {
                 return Some(self.cell_of[voxel] as usize);
             }
             for neighbour in air.neighbours(voxel) {

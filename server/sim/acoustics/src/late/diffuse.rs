@@ -1,9 +1,10 @@
 //! Head responses to diffuse sound.
 
-use super::noise::{Diffuse, Noise};
+use super::noise::{DiffuseResponse, Noise};
+use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
-use crate::head::{EarResponse, HEAD_LEAD, HEAD_TAPS};
-use crate::{Head, SAMPLE_RATE_HZ};
+use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS};
+use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -16,10 +17,7 @@ const DIRECTIONS: usize = 256;
 const FREQUENCIES: usize = 65;
 
 /// Roll-off frequency of the filters, hertz.
-const MOST_PROBED_HZ: f64 = 6000.0;
-
-/// Distance of plane waves, metres.
-pub(super) const FAR_M: f32 = 1e6;
+const MAX_PROBED_HZ: f64 = 6000.0;
 
 /// The response of a head to late energy.
 pub(crate) struct HeardField {
@@ -29,19 +27,8 @@ pub(crate) struct HeardField {
 }
 
 impl HeardField {
-    /// Returns the response of `head`, computed on first use.
-    pub(crate) fn of(head: &Head) -> &Self {
-        static SPHERE: OnceLock<HeardField> = OnceLock::new();
-        static OMNI: OnceLock<HeardField> = OnceLock::new();
-        let place = match head {
-            Head::Sphere => &SPHERE,
-            Head::Omni => &OMNI,
-            Head::Measured(measured) => measured.heard_field(),
-        };
-        place.get_or_init(|| Self::new(|direction| head.ears(direction, 0.0, FAR_M)))
-    }
-
-    fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
+    /// Averages over all directions. `ears` returns the responses to a wave from a direction.
+    pub(crate) fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
         let known = diffuse_field(&ears);
         let noise = Noise::new(|frequency_hz| between(&known, frequency_hz));
         let mut energy = [0.0; BANDS];
@@ -87,7 +74,7 @@ fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
 /// Cosine and sine of every probe at every tap.
 fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
     let frequencies = BAND_HZ.iter().flat_map(|center| {
-        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MOST_PROBED_HZ))
+        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MAX_PROBED_HZ))
     });
     let wave = |frequency_hz: f64| {
         let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
@@ -97,7 +84,7 @@ fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
 }
 
 /// Response of both ears to plane waves from all directions, by frequency.
-fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
+fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<DiffuseResponse> {
     let (mut energy, mut likeness) = ([0.0; FREQUENCIES], [0.0; FREQUENCIES]);
     for index in 0..DIRECTIONS {
         let [left, right] = ears(&angle::spread_direction(index, DIRECTIONS)).map(|ear| spectrum(&ear));
@@ -106,7 +93,7 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
             likeness[k] += (left * right.conj()).re;
         }
     }
-    let mean = |(energy, likeness): (f64, f64)| Diffuse {
+    let mean = |(energy, likeness): (f64, f64)| DiffuseResponse {
         energy: energy / DIRECTIONS as f64,
         coherence: if energy > 0.0 { (likeness / energy).clamp(-1.0, 1.0) } else { 1.0 },
     };
@@ -117,7 +104,7 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
 fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     const TURN: usize = 2 * (FREQUENCIES - 1);
     let step_hz = f64::from(SAMPLE_RATE_HZ) / TURN as f64;
-    let phasor = |turns: f64| Complex64::new(libm::cos(TAU * turns), -libm::sin(TAU * turns));
+    let phasor = |turns: f64| unit_phasor(TAU * turns).conj();
     let turns: [Complex64; TURN] = std::array::from_fn(|k| phasor(k as f64 / TURN as f64));
     std::array::from_fn(|k| {
         let tap = |n: usize| turns[k * (n + TURN - HEAD_LEAD) % TURN] * f64::from(ear.filter[n]);
@@ -125,21 +112,23 @@ fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     })
 }
 
-fn between(known: &[Diffuse], frequency_hz: f64) -> Diffuse {
+fn between(known: &[DiffuseResponse], frequency_hz: f64) -> DiffuseResponse {
     let place = frequency_hz * (2 * (FREQUENCIES - 1)) as f64 / f64::from(SAMPLE_RATE_HZ);
     let low = (place as usize).min(FREQUENCIES - 2);
     let share = (place - low as f64).clamp(0.0, 1.0);
-    let mix = |of: fn(&Diffuse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
-    Diffuse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
+    let mix = |of: fn(&DiffuseResponse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
+    DiffuseResponse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::head::Head;
+    use crate::head::filter::FAR_M;
 
     #[test]
     fn a_wave_from_the_left_is_louder_at_the_left_ear() {
-        let field = HeardField::of(&Head::Sphere);
+        let field = Head::Sphere.heard_field();
         let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
         let [left, right] = ears.map(|ear| field.tilt(&ear));
         for band in 2..BANDS {

@@ -4,17 +4,14 @@
 //! noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by repeated division by the envelope and restoration
 //! of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
 
-use super::envelope::BLOCK;
-use super::fourier::Fourier;
-use super::lags::Lags;
+use super::decorrelation::{Lags, PERIOD};
+use super::slices::BLOCK;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
+use crate::transform::{Fourier, unit_phasor};
 use avln_geom::Rng;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
-
-/// Period of the noise, samples: about a second. A power of two.
-pub(super) const PERIOD: usize = 16_384;
 
 /// Iterations of envelope flattening.
 const ROUNDS: usize = 12;
@@ -25,9 +22,9 @@ const BORDER_OCTAVES: f64 = 0.25;
 /// Lowest frequency, hertz; lower frequencies are inaudible.
 const LOWEST_HZ: f64 = 40.0;
 
-/// Diffuse-field response of a head at a frequency.
+/// DiffuseResponse-field response of a head at a frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Diffuse {
+pub(super) struct DiffuseResponse {
     /// Energy at an ear relative to the free field.
     pub(super) energy: f64,
     /// Real part of the interaural coherence, -1 to 1.
@@ -44,13 +41,13 @@ pub(super) struct Noise {
 
 impl Noise {
     /// Creates noise for ears with the diffuse-field response `diffuse` (by frequency in hertz).
-    pub(super) fn new(diffuse: impl Fn(f64) -> Diffuse) -> Self {
+    pub(super) fn new(diffuse: impl Fn(f64) -> DiffuseResponse) -> Self {
         let mut noise = Self::silent();
         for band in 0..BANDS {
-            let ears = Pair::new(band, &diffuse, &mut Rng::new(band as u64).fork("ears"));
+            let ears = EarPair::new(band, &diffuse, &mut Rng::new(band as u64).fork("ears"));
             [noise.left[band], noise.right[band]] = ears.samples();
-            let everywhere = |_| Diffuse { energy: 1.0, coherence: 1.0 };
-            let point = Pair::new(band, everywhere, &mut Rng::new(band as u64).fork("point"));
+            let everywhere = |_| DiffuseResponse { energy: 1.0, coherence: 1.0 };
+            let point = EarPair::new(band, everywhere, &mut Rng::new(band as u64).fork("point"));
             [noise.point[band], _] = point.samples();
         }
         noise
@@ -63,15 +60,15 @@ impl Noise {
 }
 
 /// Half sum and half difference of two ears' noise in a band, as positive-frequency spectra.
-struct Pair {
+struct EarPair {
     sum: Vec<Complex64>,
     difference: Vec<Complex64>,
     sum_size: Vec<f64>,
     difference_size: Vec<f64>,
 }
 
-impl Pair {
-    fn new(band: usize, diffuse: impl Fn(f64) -> Diffuse, rng: &mut Rng) -> Self {
+impl EarPair {
+    fn new(band: usize, diffuse: impl Fn(f64) -> DiffuseResponse, rng: &mut Rng) -> Self {
         let bins = 1 + highest_bin(band);
         let mut pair = Self {
             sum: Vec::new(),
@@ -81,13 +78,12 @@ impl Pair {
         };
         for bin in 0..bins {
             let frequency_hz = bin as f64 * f64::from(SAMPLE_RATE_HZ) / PERIOD as f64;
-            let Diffuse { energy, coherence } = diffuse(frequency_hz);
+            let DiffuseResponse { energy, coherence } = diffuse(frequency_hz);
             let energy = energy * PERIOD as f64 * band_energy(band, frequency_hz);
             pair.sum_size.push((0.5 * energy * (1.0 + coherence).max(0.0)).sqrt());
             pair.difference_size.push((0.5 * energy * (1.0 - coherence).max(0.0)).sqrt());
             for spectrum in [&mut pair.sum, &mut pair.difference] {
-                let turn = TAU * rng.unit();
-                spectrum.push(Complex64::new(libm::cos(turn), libm::sin(turn)));
+                spectrum.push(unit_phasor(TAU * rng.unit()));
             }
         }
         let coherence = |bin: usize| {
@@ -95,13 +91,13 @@ impl Pair {
             let is_there = bin < bins && band_energy(band, frequency_hz) > 0.0;
             is_there.then(|| diffuse(frequency_hz).coherence)
         };
-        pair.resize();
-        pair.even_out(coherence);
+        pair.restore_magnitudes();
+        pair.flatten_envelopes(coherence);
         pair
     }
 
     /// Restores the magnitudes of the spectra, without the phases.
-    fn resize(&mut self) {
+    fn restore_magnitudes(&mut self) {
         let sizes = [(&mut self.sum, &self.sum_size), (&mut self.difference, &self.difference_size)];
         for (spectrum, sizes) in sizes {
             for (value, size) in spectrum.iter_mut().zip(sizes) {
@@ -112,7 +108,7 @@ impl Pair {
     }
 
     /// Flattens the envelopes of both ears as far as the spectra allow.
-    fn even_out(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
+    fn flatten_envelopes(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
         // The envelope of a band needs at most twice as many points as bins.
         let points = (2 * self.sum.len()).next_power_of_two().min(PERIOD);
         let (fourier, lags) = (Fourier::new(points), Lags::new(points, coherence));
@@ -123,13 +119,13 @@ impl Pair {
                 ear.iter_mut().for_each(|value| *value /= value.norm_sqr().sqrt().max(f64::MIN_POSITIVE));
                 ear
             });
-            lags.even_out(&mut ears);
+            lags.decorrelate(&mut ears);
             ears.iter_mut().for_each(|ear| fourier.forward(ear));
             let [left, right] = ears;
             for (bin, (sum, difference)) in self.sum.iter_mut().zip(&mut self.difference).enumerate() {
                 (*sum, *difference) = (left[bin] + right[bin], left[bin] - right[bin]);
             }
-            self.resize();
+            self.restore_magnitudes();
         }
     }
 
@@ -186,8 +182,8 @@ fn rise(octaves: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn plain(_: f64) -> Diffuse {
-        Diffuse { energy: 1.0, coherence: 0.3 }
+    fn plain(_: f64) -> DiffuseResponse {
+        DiffuseResponse { energy: 1.0, coherence: 0.3 }
     }
 
     #[test]

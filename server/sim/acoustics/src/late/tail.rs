@@ -1,13 +1,14 @@
 //! Rendering of late energy at two ears.
 
-use super::diffuse::{FAR_M, HeardField};
-use super::directed;
-use super::envelope::{BLOCK, Density, Envelope};
-use super::field::{Echo, Slice};
-use super::noise::{Noise, PERIOD};
+use super::decorrelation::PERIOD;
+use super::diffuse::HeardField;
+use super::noise::Noise;
+use super::slices::{BLOCK, Density, Echo, Envelope, Slice};
 use crate::bands::BANDS;
-use crate::impulse::ImpulseResponse;
-use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
+use crate::building::Settings;
+use crate::head::filter::{EarResponse, FAR_M, HEAD_LEAD, HEAD_TAPS};
+use crate::impulse::{ImpulseResponse, Listener, add_convolved};
+use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::Vector3;
 
 /// Inaudible energy relative to the direct wave at 1 m: -140 dB.
@@ -31,7 +32,7 @@ pub(crate) fn add_tail(
     if echo.slices.is_empty() {
         return;
     }
-    let heard = HeardField::of(&settings.head);
+    let heard = settings.head.heard_field();
     let end = settings.response_samples();
     let start = ((first_m / SPEED_OF_SOUND_M_S * SAMPLE_RATE_HZ as f32) as usize).min(end);
     let envelope = Envelope::new(echo.slices.len(), start, end);
@@ -40,7 +41,7 @@ pub(crate) fn add_tail(
         slices.iter().enumerate().map(|(i, slice)| envelope.density(i, slice)).collect();
     let [left, right] = shares(&slices, listener, settings, heard);
     add_diffuse(response, &envelope, &densities, [&left, &right], &heard.noise);
-    directed::add(response, &envelope, &slices, &densities, listener, settings, &heard.noise);
+    add_directed(response, &envelope, &slices, &densities, listener, settings, &heard.noise);
 }
 
 /// Directional share of the sound in a slice, 0 to 1.
@@ -137,4 +138,79 @@ fn add_block(
         }
     }
     samples.iter_mut().zip(sums).for_each(|(sample, sum)| *sample += sum);
+}
+
+/// Smallest energy share of a slice with a direction.
+const MIN_SHARE: f32 = 1e-3;
+
+/// Taps of the fractional shift of a filter.
+const MOVE_TAPS: usize = 4;
+
+/// Adds the directional part of every slice as noise through the filters of both ears.
+fn add_directed(
+    response: &mut ImpulseResponse,
+    envelope: &Envelope,
+    slices: &[Slice],
+    densities: &[Density],
+    listener: &Listener,
+    settings: &Settings,
+    noise: &Noise,
+) {
+    let energy = |slice: &Slice| slice.energy.iter().sum::<f32>();
+    let least = MIN_SHARE * slices.iter().map(energy).sum::<f32>();
+    for (index, slice) in slices.iter().enumerate().take(DIRECTED) {
+        let share = directed_share(slice);
+        if share == 0.0 || share * energy(slice) <= least {
+            continue;
+        }
+        let samples = envelope.samples_of(index);
+        let sound = slice_sound(envelope, index, &densities[index].map(|density| density * share), noise);
+        let ears = settings.head.ears(&-slice.flow.normalize(), listener.heading_rad, FAR_M);
+        for (ear, filter) in [&mut response.left, &mut response.right].into_iter().zip(&ears) {
+            add_filtered(ear, &sound, samples.start, filter, settings.response_samples());
+        }
+    }
+}
+
+/// Noise of a slice, rising from the centre of the previous slice and falling to the centre of the next.
+fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noise) -> Vec<f32> {
+    let samples = envelope.samples_of(index);
+    // Neighbouring slices overlap and use independent noise, so that their energies add.
+    let first = samples.start + (index % 2) * PERIOD / 2;
+    let mut sound = vec![0.0_f32; samples.len()];
+    for band in (0..BANDS).filter(|band| density[*band] > 0.0) {
+        let gain = (density[band] / SAMPLE_RATE_HZ as f32).sqrt();
+        let noise = (0..samples.len()).map(|offset| noise.point[band][(first + offset) % PERIOD]);
+        sound.iter_mut().zip(noise).for_each(|(sum, noise)| *sum += gain * noise);
+    }
+    for (sample, value) in samples.zip(&mut sound) {
+        *value *= envelope.share(index, sample).sqrt();
+    }
+    sound
+}
+
+/// Adds `sound`, which passes the head centre from sample `first`, as heard by the ear.
+fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, max_samples: usize) {
+    let delay = filter.delay_s * f64::from(SAMPLE_RATE_HZ);
+    let whole = libm::floor(delay);
+    let taps = moved(&filter.filter, (delay - whole) as f32);
+    let start = first as i64 + whole as i64 - HEAD_LEAD as i64 - 1;
+    let end = start + (sound.len() + taps.len()) as i64;
+    add_convolved(ear, sound, &taps, start, end.clamp(0, max_samples as i64) as usize);
+}
+
+/// The filter delayed by one sample and `fraction` (0 to 1): Lagrange interpolation with four taps.
+fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAPS] {
+    let d = 1.0 + fraction;
+    let weights = [
+        -(d - 1.0) * (d - 2.0) * (d - 3.0) / 6.0,
+        d * (d - 2.0) * (d - 3.0) / 2.0,
+        -d * (d - 1.0) * (d - 3.0) / 2.0,
+        d * (d - 1.0) * (d - 2.0) / 6.0,
+    ];
+    let mut taps = [0.0; HEAD_TAPS + MOVE_TAPS];
+    for (shift, weight) in weights.iter().enumerate() {
+        taps[shift..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += weight * tap);
+    }
+    taps
 }

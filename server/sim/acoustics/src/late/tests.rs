@@ -1,18 +1,19 @@
 //! Late energy against theory: Eyring, Sabine, diffuse fields.
 
-use super::field::{Echo, Slice};
-use super::trace::{CHANNELS, trace};
-use super::{LateField, add_tail};
+use super::LateField;
+use super::slices::{self, CHANNELS, Echo, Slice, middle_s};
+use super::tail::add_tail;
+use super::trace::trace;
 use crate::bands::BANDS;
+use crate::building::{Building, Settings};
+use crate::head::Head;
 use crate::images::Images;
-use crate::impulse::ImpulseResponse;
-use crate::source::Building;
+use crate::impulse::{ImpulseResponse, Listener};
 use crate::surfaces::{SURFACE_BANDS, Surface};
-use crate::testing::{Soup, scene};
-use crate::{Head, Listener, SPEED_OF_SOUND_M_S, Settings, Surfaces};
-use avln_geom::{Point3, RayMesh, Vector3};
+use crate::tests::{Soup, building};
+use crate::{SPEED_OF_SOUND_M_S, interaural_delay_s};
+use avln_geom::{Point3, Vector3};
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 const SIZE_M: [f32; 3] = [6.0, 3.0, 5.0];
 
@@ -27,12 +28,6 @@ fn settings(rays: usize) -> Settings {
 
 fn room(surface: Surface, settings: Settings) -> Building {
     building(&Soup::room(SIZE_M, 1), surface, settings)
-}
-
-fn building(soup: &Soup, surface: Surface, settings: Settings) -> Building {
-    let scene = scene(soup);
-    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-    Building::new(&scene, rays, Surfaces::uniform(&scene, surface), settings)
 }
 
 fn field(building: &Building, source: [f32; 3]) -> LateField {
@@ -54,11 +49,11 @@ fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> 
 }
 
 fn mid_s(bin: usize) -> f64 {
-    0.5 * f64::from(super::bins::start_s(bin) + super::bins::start_s(bin + 1))
+    f64::from(middle_s(bin))
 }
 
 fn width_s(bin: usize) -> f64 {
-    f64::from(super::bins::start_s(bin + 1) - super::bins::start_s(bin))
+    f64::from(slices::start_s(bin + 1) - slices::start_s(bin))
 }
 
 /// Seconds for 60 dB, from a straight line through the decibels between two times.
@@ -104,7 +99,7 @@ fn energy_is_kept_where_nothing_absorbs() {
     let building = room(surface(0.0, 0.5), settings(6000));
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
-    let bins = super::bins::count(1.0);
+    let bins = slices::count(1.0);
     let tally = trace(&building, &source, &images, 1, bins);
     assert_eq!(tally.lost_share, 0.0);
     let counted: f32 =
@@ -246,6 +241,6 @@ fn what_comes_from_one_side_is_heard_from_there() {
         assert!(level_db > 3.0, "{level_db} dB");
     }
     let early = ImpulseResponse { left: response.left[..1200].into(), right: response.right[..1200].into() };
-    let lead_s = crate::interaural_delay_s(&early).expect("sound at both ears");
+    let lead_s = interaural_delay_s(&early).expect("sound at both ears");
     assert!((500e-6..800e-6).contains(&lead_s), "{lead_s} s");
 }

@@ -16,14 +16,14 @@ struct Tolerance {
     reach: i32,
     distance_m: f32,
     /// Smallest area of a plane, square metres.
-    least_m2: f32,
+    min_m2: f32,
 }
 
 /// Half a degree and 4 mm.
-const EXACT: Tolerance = Tolerance { cosine: 0.999_96, reach: 1, distance_m: 0.004, least_m2: 0.25 };
+const EXACT: Tolerance = Tolerance { cosine: 0.999_96, reach: 1, distance_m: 0.004, min_m2: 0.25 };
 
 /// Eighteen degrees and 4 cm: bumps of a few millimetres tilt small triangles.
-const BUMPY: Tolerance = Tolerance { cosine: 0.951, reach: 11, distance_m: 0.04, least_m2: 0.5 };
+const BUMPY: Tolerance = Tolerance { cosine: 0.951, reach: 11, distance_m: 0.04, min_m2: 0.5 };
 
 /// Direction cells per half axis.
 const HALF: i32 = 32;
@@ -104,18 +104,18 @@ impl<'a> Fitter<'a> {
 
     /// Examines every direction with enough free surface, largest first.
     fn search(&mut self, tolerance: &Tolerance) {
-        let least_m2 = 0.25 * tolerance.least_m2;
+        let min_m2 = 0.25 * tolerance.min_m2;
         let mut cells: Vec<_> = self.used_cells().map(|cell| (self.free_m2(cell), cell)).collect();
-        cells.retain(|(area_m2, _)| *area_m2 >= least_m2);
+        cells.retain(|(area_m2, _)| *area_m2 >= min_m2);
         cells.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        let mut looked = vec![false; self.first_of.len()];
+        let mut searched = vec![false; self.first_of.len()];
         for (_, cell) in cells {
-            while !looked[cell as usize] && self.free_m2(cell) >= least_m2 {
+            while !searched[cell as usize] && self.free_m2(cell) >= min_m2 {
                 let direction = self.direction(cell, tolerance);
-                looked[cell as usize] = !self.look_along(&direction, tolerance);
+                searched[cell as usize] = !self.extract_planes(&direction, tolerance);
                 let sides = [direction, -direction];
                 let near = sides.iter().flat_map(|side| cells_around(side, tolerance.reach / 2));
-                near.for_each(|near| looked[near as usize] |= near != cell);
+                near.for_each(|near| searched[near as usize] |= near != cell);
             }
         }
     }
@@ -162,7 +162,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// Extracts the planes perpendicular to `direction`. Returns true if there were any.
-    fn look_along(&mut self, direction: &Vector3<f32>, tolerance: &Tolerance) -> bool {
+    fn extract_planes(&mut self, direction: &Vector3<f32>, tolerance: &Tolerance) -> bool {
         let mut row: Vec<_> = self
             .facing(direction, tolerance)
             .into_iter()
@@ -173,18 +173,18 @@ impl<'a> Fitter<'a> {
         let mut layers: Vec<_> = row
             .chunk_by(|a, b| layer(a.0) == layer(b.0))
             .map(|layer| (layer.iter().map(|(_, facet)| self.facets[*facet].area_m2).sum::<f32>(), layer))
-            .filter(|(area_m2, _)| *area_m2 >= 0.25 * tolerance.least_m2)
+            .filter(|(area_m2, _)| *area_m2 >= 0.25 * tolerance.min_m2)
             .collect();
         layers.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1[0].0.total_cmp(&b.1[0].0)));
         let mut any = false;
         for (_, layer) in layers {
-            any |= self.take(&row, layer, direction, tolerance);
+            any |= self.take_plane(&row, layer, direction, tolerance);
         }
         any
     }
 
     /// Fits a plane to the free facets of `layer` and takes all matching facets of the row.
-    fn take(
+    fn take_plane(
         &mut self,
         row: &[(f32, usize)],
         layer: &[(f32, usize)],
@@ -209,7 +209,7 @@ impl<'a> Fitter<'a> {
         let plane = self.fitted(&inside(&first), &first.normal);
         let members = inside(&plane);
         let area_m2 = members.iter().map(|facet| self.facets[*facet].area_m2).sum::<f32>();
-        if area_m2 < tolerance.least_m2 {
+        if area_m2 < tolerance.min_m2 {
             return false;
         }
         let number = self.found.len() as u32;

@@ -3,7 +3,7 @@
 use avln_formats::glb;
 use avln_geom::{Aabb, Point2, Point3, Rng};
 use avln_houses::{HouseOptions, house};
-use avln_scene::canonical::canonical;
+use avln_scene::digest::canonical;
 use avln_scene::digest::digest;
 use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 

@@ -1,6 +1,5 @@
 //! Objects on top of furniture.
 
-use super::super::furniture::{beds, clothes, decor, lights, plants, towels};
 use super::*;
 
 impl Decorator<'_> {
@@ -49,8 +48,8 @@ impl Decorator<'_> {
             (&plants::SMALL_PLANT, 2.2),
             (&decor::STATUE, 1.0),
             (&lights::TABLE_LAMP, 0.8),
-            (&clothes::FOLDED, 0.3),
-            (&towels::TOWEL_PILE, 0.2),
+            (&textiles::FOLDED, 0.3),
+            (&textiles::TOWEL_PILE, 0.2),
         ];
         let wanted = self.count(0, most);
         for _ in 0..wanted {

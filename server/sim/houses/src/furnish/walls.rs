@@ -1,7 +1,5 @@
 //! Objects on walls and ceilings: windows, front door, pictures, towels, coats, lamps.
 
-use super::super::furniture::{clothes, lights, openings, towels};
-use super::super::plan::Window;
 use super::*;
 
 impl Decorator<'_> {
@@ -65,10 +63,9 @@ impl Decorator<'_> {
     pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
         const MARGIN_M: f32 = 0.07;
         let size = piece.size();
-        let mut places = self.wall_places(size.x + 2.0 * MARGIN_M, wish);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let (side, middle) = places.into_iter().find_map(|(side, start, _)| {
-            let along = [start, start + size.x + 2.0 * MARGIN_M];
+        let places = self.wall_places(size.x + 2.0 * MARGIN_M, wish);
+        let (side, middle) = places.into_iter().find_map(|WallPlace { side, start_m, .. }| {
+            let along = [start_m, start_m + size.x + 2.0 * MARGIN_M];
             let patch = Patch { along, y: [base_m - MARGIN_M, base_m + size.y + MARGIN_M] };
             self.space.wall_is_free(side, &patch).then_some((side, (along[0] + along[1]) / 2.0))
         })?;
@@ -103,14 +100,12 @@ impl Decorator<'_> {
     /// Hangs a deep piece at a free wall above free floor.
     pub(super) fn hang_somewhere(&mut self, piece: &Piece, base_m: f32) -> Option<Spot> {
         let size = piece.size();
-        let mut places = self.wall_places(size.x, Wish::Anywhere);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let fitting = places.into_iter().find(|&(side, start, _)| {
-            let claim = self.claim_at_wall(side, [start, start + size.x], size, 0.0);
+        let places = self.wall_places(size.x, Wish::Anywhere);
+        let place = places.into_iter().find(|&WallPlace { side, start_m, .. }| {
+            let claim = self.claim_at_wall(side, [start_m, start_m + size.x], size, 0.0);
             self.space.fits(&Claim { y: [base_m, base_m + size.y], ..claim })
-        });
-        let (side, start, _) = fitting?;
-        self.hang_deep(piece, base_m, side, start + size.x / 2.0)
+        })?;
+        self.hang_deep(piece, base_m, place.side, place.start_m + size.x / 2.0)
     }
 
     /// Adds a row of equal pictures at eye height.
@@ -129,7 +124,7 @@ impl Decorator<'_> {
     /// Towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
-            let towel = towels::TOWEL.any(self.taste);
+            let towel = textiles::TOWEL.any(self.taste);
             let base = 1.42 - towel.size().y / 2.0;
             self.hang(&towel, base, Wish::Anywhere);
         }
@@ -138,7 +133,7 @@ impl Decorator<'_> {
     /// Clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
-            let coat = clothes::HANGING.any(self.taste);
+            let coat = textiles::HANGING.any(self.taste);
             self.hang_somewhere(&coat, 1.78 - coat.size().y);
         }
     }

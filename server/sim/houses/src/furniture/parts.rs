@@ -2,6 +2,11 @@
 
 use super::*;
 
+/// A point of the piece's frame, metres.
+pub(super) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
+    Point3::new(x, y, z)
+}
+
 /// Four square legs under a top, `inset` from its edges.
 pub(super) fn legs(
     m: &mut Model,
@@ -21,8 +26,8 @@ pub(super) fn legs(
 pub(super) fn splayed_legs(m: &mut Model, [width, depth]: [f32; 2], height: f32, radius: f32, paint: Paint) {
     let (x, z) = (width / 2.0 - radius, depth / 2.0 - radius);
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let foot = Point3::new(sx * x, 0.0, sz * z);
-        let top = Point3::new(sx * x * 0.72, height, sz * z * 0.72);
+        let foot = point(sx * x, 0.0, sz * z);
+        let top = point(sx * x * 0.72, height, sz * z * 0.72);
         m.rod(foot, top, radius, paint);
     }
 }
@@ -45,8 +50,8 @@ pub(super) fn pedestal(m: &mut Model, radius: f32, height: f32, paint: Paint) {
 pub(super) fn crossed_legs(m: &mut Model, [w, d]: [f32; 2], height: f32, radius: f32, paint: Paint) {
     for x in [-w / 2.0 + radius, w / 2.0 - radius] {
         let z = d / 2.0 - radius;
-        m.rod(Point3::new(x, 0.0, -z), Point3::new(x, height, z), radius, paint);
-        m.rod(Point3::new(x, 0.0, z), Point3::new(x, height, -z), radius, paint);
+        m.rod(point(x, 0.0, -z), point(x, height, z), radius, paint);
+        m.rod(point(x, 0.0, z), point(x, height, -z), radius, paint);
     }
 }
 

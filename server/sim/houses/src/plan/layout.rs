@@ -1,8 +1,7 @@
 //! Room positions: storeys of arms around hallways, or a single row in the smallest houses.
 
-use super::deal::{self, Piece};
-use super::programme::{self, Unit};
-use super::skeleton::{Frame, Skeleton, Wanted};
+use super::programme::{self, CutRoom, RoomUnit};
+use super::skeleton::{HouseFrame, Skeleton, Wanted};
 use super::{Outline, Rect, Room, RoomKind, WALL_M, around};
 use avln_geom::Rng;
 
@@ -66,8 +65,8 @@ fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
         by_storey = programme::by_storey(rng, by_storey[0].clone());
     }
     by_storey.iter_mut().for_each(|units| programme::fit(units, STOREY_M2[1]));
-    let rooms_m2 = by_storey[0].iter().map(Unit::total_m2).sum::<f32>().max(STOREY_M2[0]);
-    let frame = Frame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
+    let rooms_m2 = by_storey[0].iter().map(RoomUnit::total_m2).sum::<f32>().max(STOREY_M2[0]);
+    let frame = HouseFrame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
     let mut rooms = Vec::new();
     for (storey, units) in by_storey[..storeys].iter().enumerate() {
         let skeleton = frame.storey(if storey == 0 { wings } else { upper_wings }, storey == 0);
@@ -103,7 +102,7 @@ fn fill(
     rooms: &mut Vec<Room>,
     storey: usize,
     skeleton: &Skeleton,
-    units: &[Unit],
+    units: &[RoomUnit],
 ) -> Option<()> {
     if units.len() < skeleton.blocks.len() {
         return None;
@@ -111,9 +110,9 @@ fn fill(
     for &(kind, cell) in &skeleton.passages {
         rooms.push(Room { kind, storey, cells: vec![cell], host: None });
     }
-    let deal = deal::deal(rng, &skeleton.blocks, units);
+    let deal = programme::deal(rng, &skeleton.blocks, units);
     for (block, members) in skeleton.blocks.iter().zip(&deal) {
-        for Piece { kind, cells, host } in deal::cut(rng, block, members, units) {
+        for CutRoom { kind, cells, host } in programme::cut(rng, block, members, units) {
             let host = (host > 0).then(|| rooms.len() - host);
             rooms.push(Room { kind, storey, cells, host });
         }

@@ -34,7 +34,7 @@ pub(super) struct Skeleton {
 
 /// Common dimensions of the storeys, metres.
 #[derive(Clone, Debug)]
-pub(super) struct Frame {
+pub(super) struct HouseFrame {
     hall: f32,
     rows: [f32; 2],
     length: f32,
@@ -86,7 +86,7 @@ pub(super) struct Wanted {
     pub(super) stairs: bool,
 }
 
-impl Frame {
+impl HouseFrame {
     /// Draws a frame; `None` when the draw does not come out well.
     pub(super) fn draw(rng: &mut Rng, wanted: Wanted) -> Option<Self> {
         let deep = if wanted.rooms_m2 < 60.0 { [3.3, 4.0] } else { [3.8, 4.8] };

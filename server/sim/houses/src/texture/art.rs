@@ -40,16 +40,10 @@ pub(crate) enum Medium {
 }
 
 impl Motif {
-    pub(crate) const ALL: [Motif; 8] = [
-        Self::Circles,
-        Self::Squares,
-        Self::Lines,
-        Self::Mountains,
-        Self::Portrait,
-        Self::Flowers,
-        Self::Waves,
-        Self::Rays,
-    ];
+    pub(crate) const ALL: [Motif; 8] = {
+        use Motif::*;
+        [Circles, Squares, Lines, Mountains, Portrait, Flowers, Waves, Rays]
+    };
 }
 
 const SIZE: u32 = 64;
@@ -188,21 +182,11 @@ impl Medium {
             Self::Oil => [1.0, 0.96, 0.98, 0.94][((x + y * 3) / 2 % 4) as usize],
             Self::Print => 1.0,
             Self::Weaving => [0.88, 1.0][((x / 2 + y / 2) % 2) as usize],
-            Self::Panel => {
-                if y % 16 == 0 {
-                    0.75
-                } else {
-                    0.97
-                }
-            }
+            Self::Panel if y % 16 == 0 => 0.75,
+            Self::Panel => 0.97,
             Self::Plate => [0.92, 1.0, 0.96][(y % 3) as usize],
-            Self::Glaze => {
-                if x % 16 == 0 || y % 16 == 0 {
-                    0.8
-                } else {
-                    1.0
-                }
-            }
+            Self::Glaze if x % 16 == 0 || y % 16 == 0 => 0.8,
+            Self::Glaze => 1.0,
         };
         let [r, g, b] = rgb.map(|value| (f32::from(value) * shade).round() as u8);
         [r, g, b, 255]

@@ -1,10 +1,9 @@
 //! A tile: header, corners, polygons, links, detail meshes, detail corners and detail triangles.
 
-use super::DetourError;
-use super::bytes::Reader;
+use super::{DetourError, Reader};
 use crate::mesh::Parts;
 use crate::plane::{Lattice, Spot, turn};
-use crate::polygons::{Corner, RawPolygon};
+use crate::polygons::{PolygonCorner, RawPolygon};
 use avln_geom::Point3;
 
 const TILE_MAGIC: &[u8; 4] = b"VAND";
@@ -51,7 +50,7 @@ struct Part {
     triangles: usize,
 }
 
-pub(super) fn read(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
+pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
     let header = header(&mut reader)?;
     let corners_at = reader.at();
     let places = corners(&mut reader, "a corner", header.corners)?;
@@ -230,21 +229,24 @@ impl Tile<'_> {
         Ok(RawPolygon { corners, region: 0, detail })
     }
 
-    fn corner(&self, [x, y, z]: [f32; 3]) -> Corner {
-        Corner { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
+    fn corner(&self, [x, y, z]: [f32; 3]) -> PolygonCorner {
+        PolygonCorner { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
     }
 
     /// A corner of a polygon, put back on the lattice that f32 moved it off.
-    fn on_lattice(&self, place: [f32; 3]) -> Corner {
+    fn on_lattice(&self, place: [f32; 3]) -> PolygonCorner {
         let corner = self.corner(place);
         let snap =
             |value: f64| if (value - value.round()).abs() < ROUNDING_CELLS { value.round() } else { value };
-        Corner { spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)), ..corner }
+        PolygonCorner {
+            spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)),
+            ..corner
+        }
     }
 }
 
 /// Returns true if the outline turns to a single side, except for rounding, and once.
-fn is_convex(corners: &[Corner]) -> bool {
+fn is_convex(corners: &[PolygonCorner]) -> bool {
     let spot = |index: usize| &corners[index % corners.len()].spot;
     let turns: Vec<_> = (0..corners.len()).map(|i| turn(spot(i), spot(i + 1), spot(i + 2))).collect();
     let area: f64 = (2..corners.len()).map(|i| turn(spot(0), spot(i - 1), spot(i))).sum();

@@ -93,7 +93,7 @@ fn a_cut_box_stays_closed_and_keeps_its_faces() {
         apart.triangles.push([first + 2, first, first + 1]);
     }
     for mesh in [&whole, &apart] {
-        let cut = cut::cut(mesh);
+        let cut = super::cut(mesh);
         let edges = edges(&cut);
         assert!(cut.triangles.len() > 500 && edges.values().all(|&count| count == 2));
         for [from, to] in edges.keys().map(|ends| ends.map(|end| Point3::from(end.map(f32::from_bits)))) {
@@ -120,7 +120,7 @@ fn edges_without_an_end_stay_whole() {
     for far in [1e4, f32::INFINITY, f32::NAN] {
         let mut mesh = Mesh::default();
         add_box(&mut mesh, [0.0; 3], [far; 3], false);
-        assert_eq!(cut::cut(&mesh).triangles, mesh.triangles);
+        assert_eq!(cut(&mesh).triangles, mesh.triangles);
         let lit = light(&Scene { mesh, ..scene(vec![bulb(1.0, 1.0, 1.0)]) });
         assert_eq!(lit.triangles.len(), 12);
     }

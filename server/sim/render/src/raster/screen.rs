@@ -14,7 +14,7 @@ pub(crate) struct Screen {
     /// Reciprocal planar depth of the nearest hit, 1/metres; 0 for none.
     pub(crate) nearness: Vec<f32>,
     /// Shading record of the hit triangle; undefined without a hit.
-    pub(crate) swatch: Vec<u32>,
+    pub(crate) record: Vec<u32>,
     /// Tiles in a row.
     columns: usize,
     /// Per tile: lower bound of the reciprocal depth of its farthest hit; 0 while a pixel is empty.
@@ -43,7 +43,7 @@ impl Screen {
         for row in self.nearness.chunks_exact_mut(self.stride).take(height) {
             row[..width].fill(0.0);
         }
-        self.swatch.resize(rows * self.stride, 0);
+        self.record.resize(rows * self.stride, 0);
         let tiles = self.columns * (rows / SIDE);
         self.far.clear();
         self.far.resize(tiles, 0.0);
