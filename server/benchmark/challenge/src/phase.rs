@@ -1,9 +1,10 @@
 use crate::{CommitmentValues, word::words};
 use avln_episode::{FeedbackRule, Modality, Order, Sensors, TimeLimits};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A group with access to scores or replays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {
     /// Everybody.
@@ -17,7 +18,7 @@ words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser
 
 /// A phase's state at a given time. It decides over new runs; a started run has full wall time in every state. A run
 /// without wall time ends with the phase.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {
     /// Runs cannot start yet.
@@ -35,18 +36,7 @@ words!(PhaseState, "phase state", {
 
 /// Selection rule for the leaderboard run of a team's method.
 #[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    Hash,
-    Serialize,
-    Deserialize,
-    utoipa::ToSchema,
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum RunChoice {

@@ -2,11 +2,9 @@
 
 pub(crate) use avln_store::calendar::rfc3339;
 
-use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
+use avln_episode::{Encoding, EndReason, Order, Sensors};
 use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
-use avln_store::{
-    EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
-};
+use avln_store::{EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, RunState, Visibility};
 use serde::Serialize;
 use serde_json::Value;
 use std::{collections::BTreeMap, fmt::Write};
@@ -186,23 +184,6 @@ pub(crate) fn order(order: &Order) -> &'static str {
     }
 }
 
-/// Selected run per method.
-pub(crate) fn pick(pick: &RunChoice) -> &'static str {
-    match pick {
-        RunChoice::Best => "best",
-        RunChoice::Latest => "latest",
-    }
-}
-
-/// Reference kind.
-pub(crate) fn reference(reference: &Reference) -> &'static str {
-    match reference {
-        Reference::Baseline => "baseline",
-        Reference::Oracle => "oracle",
-        Reference::Human => "human",
-    }
-}
-
 /// The rank with its interval. It contains only digits, so it needs no escaping.
 pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
     match standing {
@@ -218,15 +199,6 @@ pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
 pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
     let runs = plural(&row.runs_count, "run");
     if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
-}
-
-/// Goal cue kind.
-pub(crate) fn modality(modality: &Modality) -> &'static str {
-    match modality {
-        Modality::Category => "category",
-        Modality::Description => "description",
-        Modality::Image => "image",
-    }
 }
 
 /// Run state.

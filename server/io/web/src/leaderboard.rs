@@ -2,7 +2,7 @@
 
 use crate::{
     error::RequestError,
-    format::{self, rfc3339, url_encode},
+    format::{rfc3339, url_encode},
     request::RequestContext,
 };
 use avln_episode::Order;
@@ -97,7 +97,9 @@ impl LeaderboardParams {
             "order" if value == "both" => self.orders = Some(Orders::Both),
             "order" => self.orders = parse(name, value)?.map(Orders::One),
             "sort" => self.sort = parse(name, value)?,
-            "pick" => self.pick = parse_pick(value)?,
+            "pick" => {
+                self.pick = choice(name, value, [("best", RunChoice::Best), ("latest", RunChoice::Latest)])?
+            }
             "q" => value.trim().clone_into(&mut self.search),
             "team" => value.clone_into(&mut self.team),
             "as_of" => self.as_of_unix_ms = parse_day(value)?,
@@ -106,7 +108,8 @@ impl LeaderboardParams {
                 let sensor = SENSOR_PARAMS.iter().position(|sensor| *sensor == other);
                 let sensor =
                     sensor.ok_or_else(|| RequestError::Invalid(format!("unknown parameter '{other}'")))?;
-                self.sensors[sensor] = parse_sensor_filter(value)?;
+                let filters = [("with", SensorFilter::With), ("without", SensorFilter::Without)];
+                self.sensors[sensor] = choice(name, value, filters)?;
             }
         }
         Ok(())
@@ -201,7 +204,7 @@ impl LeaderboardParams {
             add("sort", key.as_str());
         }
         if let Some(pick) = self.pick.filter(|pick| *pick != phase.ranking.entry) {
-            add("pick", format::pick(&pick));
+            add("pick", pick.as_str());
         }
         for (name, value) in [("q", &self.search), ("team", &self.team)] {
             if !value.is_empty() {
@@ -240,24 +243,15 @@ fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-fn parse_pick(value: &str) -> Result<Option<RunChoice>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "best" => Ok(Some(RunChoice::Best)),
-        "latest" => Ok(Some(RunChoice::Latest)),
-        other => Err(RequestError::Invalid(format!("pick must be best or latest, not '{other}'"))),
+/// Finds a value by its word; `None` if it is empty.
+fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<Option<T>, RequestError> {
+    if value.is_empty() {
+        return Ok(None);
     }
-}
-
-fn parse_sensor_filter(value: &str) -> Result<Option<SensorFilter>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "with" => Ok(Some(SensorFilter::With)),
-        "without" => Ok(Some(SensorFilter::Without)),
-        other => {
-            Err(RequestError::Invalid(format!("rgb, depth and audio must be with or without, not '{other}'")))
-        }
-    }
+    let [first, second] = choices.map(|(word, _)| word);
+    let wrong = || RequestError::Invalid(format!("{name} must be {first} or {second}, not '{value}'"));
+    let found = choices.into_iter().find(|(word, _)| *word == value);
+    found.map(|(_, choice)| Some(choice)).ok_or_else(wrong)
 }
 
 /// Parses a day such as `2026-07-01` and returns its last millisecond.
@@ -265,18 +259,15 @@ fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
     if value.is_empty() {
         return Ok(None);
     }
-    let parts: Vec<&str> = value.split('-').collect();
-    let end = match parts[..] {
-        [year, month, day] => year
-            .parse()
-            .ok()
-            .zip(month.parse().ok())
-            .zip(day.parse().ok())
-            .and_then(|((year, month), day)| calendar::unix_ms(year, month, day, LAST_SECOND)),
-        _ => None,
+    let end = || {
+        let mut parts = value.split('-');
+        let mut next = || parts.next()?.parse::<u16>().ok();
+        let (year, month, day) = (next()?, next()?, next()?);
+        parts.next().is_none().then_some(())?;
+        calendar::unix_ms(year, u8::try_from(month).ok()?, u8::try_from(day).ok()?, LAST_SECOND)
     };
     let wrong = || RequestError::Invalid(format!("as_of must be a day such as 2026-07-01, not '{value}'"));
-    end.map(|end| Some(end + 999)).ok_or_else(wrong)
+    end().map(|end| Some(end + 999)).ok_or_else(wrong)
 }
 
 pub(crate) fn day(unix_ms: i64) -> String {

@@ -3,13 +3,12 @@
 use crate::{
     error::RequestError,
     format::{self, NOTHING, with_named_times},
-    request::{NoParameters, RequestContext, StrictQuery, now_unix_ms},
+    request::{NoParameters, PathOnly, RequestContext, StrictQuery, now_unix_ms},
     server::{MAX_CONNECTIONS, Streaming},
 };
 use avln_store::{LiveRun, RunState};
 use axum::{
     Extension,
-    extract::Path,
     http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header},
     response::{
         IntoResponse, Response,
@@ -247,10 +246,9 @@ impl LiveFeed {
 /// Streams a run's state.
 pub(crate) async fn run(
     context: RequestContext,
-    Path(id): Path<String>,
+    PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
     headers: HeaderMap,
-    _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
     subscribe(Subscription { feed, context, run: Some(id) }, &headers).await
 }

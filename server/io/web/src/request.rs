@@ -5,7 +5,7 @@ use avln_store::{
     CompareView, EpisodeView, Incomparable, MissionsView, PhaseView, Reader, RunList, RunView, Viewer,
 };
 use axum::{
-    extract::{FromRequestParts, Query},
+    extract::{FromRequestParts, Path, Query},
     http::{header, request::Parts},
 };
 use serde::{Deserialize, de::DeserializeOwned};
@@ -176,6 +176,19 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
             Ok(Query(parameters)) => Ok(Self(parameters)),
             Err(error) => Err(RequestError::Invalid(error.body_text())),
         }
+    }
+}
+
+/// Path parameters of an address without query.
+pub(crate) struct PathOnly<T>(pub(crate) T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for PathOnly<T> {
+    type Rejection = RequestError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, RequestError> {
+        StrictQuery::<NoParameters>::from_request_parts(parts, state).await?;
+        let path = Path::from_request_parts(parts, state).await;
+        path.map(|Path(path)| Self(path)).map_err(|error| RequestError::of_status(error.status()))
     }
 }
 

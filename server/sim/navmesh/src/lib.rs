@@ -35,16 +35,16 @@ mod walk;
 pub use detour::DetourError;
 pub use field::{CornerWays, DistanceField, Exit, Exits, Outlook, Places};
 pub use mesh::{NavMesh, NavPoint, Slide};
-pub use settings::{Body, Finish, NavMeshError, NavMeshSettings};
+pub use settings::{Body, Finish, NavMeshError, NavMeshSettings, OutOfRange};
 
 #[cfg(test)]
 mod fixtures {
-    use crate::plane::Spot;
-    use crate::polygons::{PolygonCorner, Polygons, RawPolygon};
+    use crate::plane::{LatticePoint, Spot};
+    use crate::polygons::{Polygons, RawPolygon};
 
     /// A square with sides of 10 cells at a height, as outline and two triangles.
     fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
-        let corner = |dx, dz| PolygonCorner { spot: Spot::new(x + dx, z + dz), height_m };
+        let corner = |dx, dz| LatticePoint { spot: Spot::new(x + dx, z + dz), height_m };
         let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
         let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
         RawPolygon { corners, region: 1, detail }

@@ -7,7 +7,7 @@ use crate::{
     leaderboard::LeaderboardParams,
     replay::{Moment, moments},
     replay_renderer::{MaybeRenderQueue, StepLevels},
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
@@ -174,8 +174,7 @@ fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<Ordered
 
 pub(super) async fn missions(
     context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
+    PathOnly(id): PathOnly<String>,
 ) -> Result<Response, RequestError> {
     let view = context.missions(&id).await?;
     Row::<PropertyCount>::new()
@@ -246,8 +245,7 @@ pub(super) async fn runs(
 
 pub(super) async fn episodes(
     context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
+    PathOnly(id): PathOnly<String>,
 ) -> Result<Response, RequestError> {
     let view = context.run(&id).await?;
     Row::<EpisodeLine>::new()
@@ -274,8 +272,7 @@ struct StepRow {
 
 pub(super) async fn steps(
     context: RequestContext,
-    Path((run, ordinal)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
 ) -> Result<Response, RequestError> {
     let unknown = || RequestError::unknown("replay", format!("episode {ordinal} of run {run}"));
     let replay = context.episode(&run, &ordinal).await?.replay.ok_or_else(unknown)?;
@@ -303,9 +300,8 @@ pub(super) async fn steps(
 /// Serves the sound levels of each step.
 pub(super) async fn levels(
     context: RequestContext,
-    Path((run, ordinal)): Path<(String, String)>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
-    _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("of episode {ordinal} of run {run}"));

@@ -5,7 +5,7 @@ use crate::{
     error::RequestError,
     format::with_named_times,
     leaderboard::LeaderboardParams,
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, NoParameters, PathOnly, RequestContext, RunsQuery, StrictQuery},
     server::Streaming,
 };
 use avln_store::{EpisodeLine, LeaderboardView, LogAccess, MissionsView, PhaseView, Quota, RunView};
@@ -75,11 +75,7 @@ pub(super) struct Phase {
     phase: PhaseView,
 }
 
-pub(super) async fn phase(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn phase(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Phase { phase: context.phase(&id).await? })
 }
 
@@ -88,11 +84,7 @@ pub(super) struct Missions {
     missions: MissionsView,
 }
 
-pub(super) async fn missions(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Missions { missions: context.missions(&id).await? })
 }
 
@@ -140,11 +132,7 @@ pub(super) async fn runs(
     respond(&query.list(&context.reader, &context.viewer).await?)
 }
 
-pub(super) async fn run(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn run(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&context.run(&id).await?)
 }
 
@@ -154,28 +142,22 @@ pub(super) struct Episodes {
     episodes: Vec<EpisodeLine>,
 }
 
-pub(super) async fn episodes(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     let RunView { line, episodes, .. } = context.run(&id).await?;
     respond(&Episodes { run: line.run, episodes })
 }
 
 pub(super) async fn episode(
     context: RequestContext,
-    Path((run, ordinal)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
 ) -> JsonResponse {
     respond(&context.episode(&run, &ordinal).await?)
 }
 
 pub(super) async fn log(
     context: RequestContext,
-    Path(run): Path<String>,
+    PathOnly(run): PathOnly<String>,
     Extension(logs): Extension<Option<SignedLogs>>,
-    _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
     let unknown = || RequestError::unknown("log of run", run.clone());
     match context.reader.log_access(&context.viewer, &run).await? {

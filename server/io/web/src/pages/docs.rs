@@ -4,11 +4,10 @@ use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
     format,
-    request::{GrpcAddress, NoParameters, StrictQuery},
+    request::{GrpcAddress, NoParameters, PathOnly, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
-use axum::extract::Path;
 use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
 use std::sync::LazyLock;
 
@@ -99,7 +98,7 @@ pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters
     render(&DocsPage { shell, grpc_address, keys: Key::ALL, documents, decisions })
 }
 
-pub(super) async fn document(Path(slug): Path<String>, _: StrictQuery<NoParameters>) -> Page {
+pub(super) async fn document(PathOnly(slug): PathOnly<String>) -> Page {
     let found = DOCUMENTS.iter().find(|document| document.slug == slug);
     let document = found.ok_or(RequestError::unknown("document", slug))?;
     let shell = PageShell::new(document.title.clone(), SiteSection::Docs).below("How to take part", "/docs");

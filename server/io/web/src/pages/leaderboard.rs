@@ -226,7 +226,7 @@ fn caption(view: &LeaderboardView) -> String {
         format::plural(&view.phase.scenes, "scene"),
         format::metric(&view.key),
         format::better(&view.direction),
-        format::pick(&view.pick),
+        view.pick,
         as_of(view),
         scorers(&view.rows),
     )
@@ -240,7 +240,7 @@ fn orders_caption(views: &[LeaderboardView], controls: &LeaderboardControls) -> 
         counts.join("; "),
         format::metric(&controls.key),
         format::better(&controls.key.direction()),
-        format::pick(&controls.pick),
+        controls.pick,
         views.first().map_or_else(String::new, as_of),
     )
 }

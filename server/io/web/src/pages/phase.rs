@@ -5,7 +5,7 @@ use crate::{
     error::RequestError,
     format::{self, url_encode},
     replay::plan,
-    request::{GrpcAddress, NoParameters, RequestContext, StrictQuery},
+    request::{GrpcAddress, PathOnly, RequestContext},
 };
 use askama::Template;
 use avln_episode::{
@@ -13,7 +13,6 @@ use avln_episode::{
 };
 use avln_store::{MissionsView, PhaseView, QuotaLimits};
 use axum::{
-    extract::Path,
     http::header,
     response::{IntoResponse, Response},
 };
@@ -39,8 +38,7 @@ type Row = (&'static str, String);
 pub(super) async fn page(
     context: RequestContext,
     grpc_address: GrpcAddress,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
+    PathOnly(id): PathOnly<String>,
 ) -> Page {
     let phase = context.phase(&id).await?;
     let shell =
@@ -232,9 +230,7 @@ fn counted<K>(counts: &BTreeMap<K, u32>, name: impl Fn(&K) -> String) -> Vec<(St
 fn modalities(missions: &MissionsView) -> Vec<(String, u32)> {
     let all = [Modality::Category, Modality::Description, Modality::Image];
     let count = |modality: &Modality| missions.modalities.get(modality.as_str()).copied();
-    all.iter()
-        .filter_map(|modality| Some((format::modality(modality).to_owned(), count(modality)?)))
-        .collect()
+    all.iter().filter_map(|modality| Some((modality.as_str().to_owned(), count(modality)?))).collect()
 }
 
 fn lengths(reference_m: &[f64]) -> Vec<(String, u32)> {
@@ -259,8 +255,7 @@ fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
 /// Serves a scene's floor plan, `INDEX.svg`.
 pub(super) async fn scene(
     context: RequestContext,
-    Path((phase, file)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
+    PathOnly((phase, file)): PathOnly<(String, String)>,
 ) -> Result<Response, RequestError> {
     let unknown = || RequestError::unknown("picture", file.clone());
     let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;

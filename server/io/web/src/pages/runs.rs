@@ -7,7 +7,7 @@ use crate::{
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
     plot,
-    request::{CompareQuery, Menu, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, Menu, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
 use askama::Template;
 use avln_challenge::MethodInfo;
@@ -18,7 +18,6 @@ use avln_store::{
 };
 use axum::{
     Extension,
-    extract::Path,
     http::header,
     response::{IntoResponse, Response},
 };
@@ -70,9 +69,8 @@ struct RunPage {
 
 pub(super) async fn one(
     context: RequestContext,
-    Path(id): Path<String>,
+    PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
-    _: StrictQuery<NoParameters>,
 ) -> Page {
     let view = context.run(&id).await?;
     let live = if view.line.state.is_open() { feed.run(&context, &id).await? } else { None };
@@ -228,8 +226,7 @@ struct BadgeLabel {
 
 pub(super) async fn badge(
     context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
+    PathOnly(id): PathOnly<String>,
 ) -> Result<Response, RequestError> {
     let view = context.run(&id).await?;
     let phase = context.phase(&view.line.phase).await?;

@@ -1,6 +1,6 @@
 //! Replay sound: the audible goals in words, and the sound levels.
 
-use super::{plots::Plot, timeline::Moment};
+use super::{Plot, timeline::Moment};
 use crate::{
     plot::{Curve, Curves, round_ticks},
     replay_renderer::{EpisodeSound, StepLevels, window_of},

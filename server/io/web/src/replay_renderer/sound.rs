@@ -3,14 +3,13 @@
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
     error::RequestError,
-    request::{NoParameters, RequestContext, StrictQuery},
+    request::{PathOnly, RequestContext},
 };
 use avln_episode::Sensors;
 use avln_store::EpisodeView;
 use axum::{
     Extension,
     body::Bytes,
-    extract::Path,
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
@@ -127,10 +126,9 @@ pub(super) fn request_for(view: &EpisodeView) -> Option<SoundRequest> {
 /// Serves the sound file `FIRST-LAST.wav`.
 pub(crate) async fn sound(
     context: RequestContext,
-    Path((run, ordinal, file)): Path<(String, String, String)>,
+    PathOnly((run, ordinal, file)): PathOnly<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     headers: HeaderMap,
-    _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("{file} of episode {ordinal} of run {run}"));

@@ -5,13 +5,11 @@ mod mtl;
 #[cfg(test)]
 mod tests;
 
-use crate::files;
-use crate::files::{Checked, neighbour, scene_name};
+use crate::files::{self, Checked, ImportReport, neighbour, scene_name};
 use crate::images::ImageSet;
 use crate::named_model::{Model, category_of_name, scene_of_named_model};
 use crate::obj::mtl::MtlMaterial;
-use crate::options::{ImportOptions, ImportReport, UpAxis};
-use crate::world_frame::{FileFrame, UpConvention, check_size};
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_geom::{Point2, Point3};
 use avln_scene::limits::{MAX_ENTRIES, MAX_FILE_BYTES, MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use avln_scene::{InstanceId, Material, Mesh, Scene, SceneError, polygon};
@@ -19,22 +17,10 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Imports a file. Y is up, unless the shape of the building contradicts it.
+/// Imports a file. Y is up, unless the shape of the building contradicts it. Errors name the line.
 ///
 /// A missing library or image is replaced by plain grey or a checker, with a warning.
-///
-/// # Errors
-/// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`], with the line, if it is damaged, has no
-/// surfaces, or cannot be in metres.
-pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(path, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,

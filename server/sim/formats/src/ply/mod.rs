@@ -1,15 +1,11 @@
 //! Stanford polygon files (PLY 1.0), text or binary, with vertex colours, texture coordinates and object numbers.
 
 mod tables;
-#[cfg(test)]
-mod tests;
 
-use crate::files;
-use crate::files::{Checked, scene_name};
+use crate::files::{self, Checked, ImportReport, scene_name};
 use crate::images::ImageSet;
-use crate::options::{ImportOptions, ImportReport, UpAxis};
 use crate::ply::tables::PlyTables;
-use crate::world_frame::{FileFrame, UpConvention, check_size};
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, SceneError, polygon};
 use std::path::Path;
@@ -29,20 +25,8 @@ pub(crate) struct Ply {
 }
 
 /// Imports a file as a scene without instances, because PLY files have no names for them. Z is up, unless the shape of the
-/// building contradicts it.
-///
-/// # Errors
-/// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`], with line or byte, if it is damaged, has no
-/// surfaces, or cannot be in metres.
-pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(path, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+/// building contradicts it. Errors name line or byte.
+pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,

@@ -1,7 +1,6 @@
 //! Vertices and faces in a PLY file; `ply-rs-bw` reads the header and each row.
 
-use crate::files::Checked;
-use crate::options::ImportReport;
+use crate::files::{Checked, ImportReport};
 use avln_geom::{Point2, Point3};
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
@@ -98,9 +97,10 @@ impl PlyTables {
             std::array::from_fn(|channel| 255.0 / scale_of(RED + channel).unwrap_or(1.0));
         let mut objects = has(OBJECT).then(Vec::new);
         for index in 0..element.count {
-            let place = rows.place();
+            let start = rows.position();
             let VertexRow { values } = rows.next(element)?;
             self.positions.push(position(&values).ok_or_else(|| {
+                let place = rows.place(start);
                 format!("{place}: vertex {index} has no usable position; repair the mesh in a 3D editor")
             })?);
             let uv = |value: f64| if value.abs() <= MAX_UV { value as f32 } else { 0.0 };
@@ -133,15 +133,17 @@ impl PlyTables {
         let mut triangles = 0;
         let mut degenerate = 0;
         for index in 0..element.count {
-            let place = rows.place();
+            let start = rows.position();
             let row: FaceRow = rows.next(element)?;
             let corners = row.corners.len();
             if corners > MAX_POLYGON {
+                let place = rows.place(start);
                 return Err(format!(
                     "{place}: face {index} has {corners} corners, at most {MAX_POLYGON} are read"
                 ));
             }
             if let Some(corner) = row.negative {
+                let place = rows.place(start);
                 return Err(format!(
                     "{place}: face {index} refers to vertex {corner}; export the file again"
                 ));
@@ -213,24 +215,31 @@ struct RowCursor<'a> {
 }
 
 impl RowCursor<'_> {
-    fn place(&self) -> RowPlace {
-        match self.encoding {
-            Encoding::Ascii => RowPlace::Line(self.line),
-            _ => RowPlace::Byte(self.size - self.rest.len()),
-        }
+    /// Position of the next row: a line number, or a byte offset in a binary file.
+    fn position(&self) -> usize {
+        if self.encoding == Encoding::Ascii { self.line } else { self.size - self.rest.len() }
+    }
+
+    /// A position in words, for errors.
+    fn place(&self, position: usize) -> String {
+        let unit = if self.encoding == Encoding::Ascii { "line" } else { "byte" };
+        format!("{unit} {position}")
     }
 
     fn next<R: PropertyAccess>(&mut self, element: &ElementDef) -> Checked<R> {
-        let start = self.place();
+        let start = self.position();
         let parser = Parser::<R>::new();
         let row = match self.encoding {
             Encoding::Ascii => parser.read_ascii_element(self.text_line()?, element),
             Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.rest, element),
             Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.rest, element),
         };
-        row.map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => format!("{start}: {ENDS_EARLY}"),
-            _ => format!("{start}: {}; export the file again", in_one_line(&error)),
+        row.map_err(|error| {
+            let place = self.place(start);
+            match error.kind() {
+                ErrorKind::UnexpectedEof => format!("{place}: {ENDS_EARLY}"),
+                _ => format!("{place}: {}; export the file again", in_one_line(&error)),
+            }
         })
     }
 
@@ -274,7 +283,7 @@ impl RowCursor<'_> {
         if element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1) {
             return Err(format!(
                 "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
-                self.place(),
+                self.place(self.position()),
                 element.count,
                 element.name,
                 self.rest.len()
@@ -284,22 +293,6 @@ impl RowCursor<'_> {
             return Err(format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"));
         }
         Ok(())
-    }
-}
-
-/// Row position, for errors.
-#[derive(Clone, Copy)]
-enum RowPlace {
-    Line(usize),
-    Byte(usize),
-}
-
-impl std::fmt::Display for RowPlace {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Line(number) => write!(formatter, "line {number}"),
-            Self::Byte(offset) => write!(formatter, "byte {offset}"),
-        }
     }
 }
 

@@ -1,12 +1,9 @@
 //! A house's objects, as boxes.
 
-use crate::files::{Checked, malformed, read_regular};
+use crate::files::{Checked, ImportReport, malformed, read_regular};
 use crate::named_model::category_of_name;
-use crate::options::ImportReport;
-use crate::procthor::house::{
-    HouseMesh, ProcthorHouse, ProcthorObject, Rotation, UnityVector, finite_box, world,
-};
 use crate::procthor::shell::ProcthorRoom;
+use crate::procthor::{HouseMesh, ProcthorHouse, ProcthorObject, Rotation, UnityVector, finite_box, world};
 use avln_geom::{Aabb, Point3, Vector3};
 use avln_scene::colors::PALETTE;
 use avln_scene::describe::{Meaning, Surfaces, meaning};

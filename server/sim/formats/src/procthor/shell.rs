@@ -1,10 +1,7 @@
 //! Floors, ceilings, and walls with holes for doors and windows.
 
-use crate::files::Checked;
-use crate::options::ImportReport;
-use crate::procthor::house::{
-    HouseMesh, MaterialName, Opening, ProcthorHouse, RoomEntry, Wall, finite_box, world,
-};
+use crate::files::{Checked, ImportReport};
+use crate::procthor::{HouseMesh, MaterialName, Opening, ProcthorHouse, RoomEntry, Wall, finite_box, world};
 use avln_geom::{Aabb, Point2, Point3, Vector3};
 use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{InstanceId, polygon};
