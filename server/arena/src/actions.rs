@@ -5,19 +5,19 @@ use avln_store::{
     AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
 };
 
-/// Why something was not done.
+/// Failures of an action.
 #[derive(Debug)]
 pub enum ActionFailure {
-    /// It cannot be done.
+    /// A refusal.
     Refused {
-        /// Why.
+        /// Reason.
         words: String,
-        /// Alternative; may be empty.
+        /// Next step; may be empty.
         hint: &'static str,
     },
-    /// The store refused, or failed.
+    /// A store error.
     Store(StoreError),
-    /// The system failed.
+    /// A system error.
     System(String),
 }
 
@@ -46,7 +46,7 @@ impl From<ActionFailure> for Failure {
     }
 }
 
-/// A line for the audit list.
+/// Returns an entry for the audit list.
 pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote {
     let (actor, what, reason) = (actor.to_owned(), what.to_owned(), reason.to_owned());
     AuditNote { actor, subject, what, reason, ..AuditNote::default() }
@@ -61,11 +61,11 @@ pub struct TokenRequest<'a> {
     pub name: &'a str,
     /// Team; `None` for an organiser.
     pub team: Option<&'a str>,
-    /// From when it is void; `None` for never.
+    /// Expiry time, Unix milliseconds; `None` if the token never expires.
     pub expires_unix_ms: Option<i64>,
 }
 
-/// Admits a team, or an admitted team again, and creates an account token.
+/// Admits a new or former team and returns an account token.
 ///
 /// # Errors
 /// If the name is invalid, or the database fails.
@@ -93,10 +93,10 @@ pub async fn admit(
     Ok(secret)
 }
 
-/// Makes a token, with a line in the audit list.
+/// Issues a token, with an audit entry.
 ///
 /// # Errors
-/// When the name cannot be used, the team is unknown or the database refuses.
+/// If the name is invalid, the team is unknown, or the database fails.
 pub async fn issue(
     store: &Store,
     request: &TokenRequest<'_>,
@@ -105,7 +105,7 @@ pub async fn issue(
 ) -> Result<String, ActionFailure> {
     let TokenRequest { kind, name, team, expires_unix_ms } = *request;
     if name.chars().count() > 64 || name.chars().any(char::is_control) {
-        return Err(ActionFailure::refused("the name of a token takes at most 64 printable characters", ""));
+        return Err(ActionFailure::refused("a token name has at most 64 printable characters", ""));
     }
     let secret = random_token(kind)?;
     let token = NewToken { secret: &secret, kind, name, team, expires_unix_ms };
@@ -117,7 +117,7 @@ pub async fn issue(
     Ok(secret)
 }
 
-/// Word for a scope, in token prefixes and the audit list.
+/// Returns the word for a scope in token prefixes and audit entries.
 fn word(kind: TokenScope) -> &'static str {
     match kind {
         TokenScope::Participant => "account",
@@ -131,10 +131,10 @@ fn random_token(kind: TokenScope) -> Result<String, ActionFailure> {
     new_token(word(kind)).map_err(|error| ActionFailure::System(error.to_string()))
 }
 
-/// Changes when runs may start in a phase, with lines in the audit list by an actor and for a reason.
+/// Changes the schedule of a phase, with audit entries.
 ///
 /// # Errors
-/// When the phase is unknown or the database refuses.
+/// If the phase is unknown, or the database fails.
 pub async fn reschedule(
     store: &Store,
     id: &str,
@@ -151,7 +151,7 @@ pub async fn reschedule(
     Ok(after)
 }
 
-/// Sets or removes the verified mark of a run; returns a message.
+/// Sets or removes the verified mark; returns a message.
 ///
 /// # Errors
 /// If the run is unknown or open, or the database fails.
@@ -167,7 +167,7 @@ pub async fn verify(
     Ok(format!("run {run} is {word}{}", as_before(changed)))
 }
 
-/// Disqualifies a run with a public reason, or reinstates it; returns a message.
+/// Disqualifies a run, or reinstates it; returns a message. The reason is public.
 ///
 /// # Errors
 /// If the run is unknown, or the database fails.
@@ -190,7 +190,7 @@ fn as_before(changed: bool) -> &'static str {
     if changed { "" } else { ", as before" }
 }
 
-/// Word for the state of a reopened phase.
+/// Returns the word for the state after a resume.
 pub fn state_word(state: PhaseState) -> &'static str {
     match state {
         PhaseState::Upcoming => "not open before its date",

@@ -1,4 +1,4 @@
-//! Admin server and its client: metrics, live status, announcements, drain. It listens on this machine only.
+//! Admin server and client: metrics, live status, announcements, drain.
 
 use crate::{Arena, Failure, fault_count, now_unix_ms};
 use avln_grpc::{Control, Histogram, SlotState, Snapshot};
@@ -22,19 +22,19 @@ use std::{
 };
 use tokio::{net::TcpStream, time::timeout};
 
-/// Most bytes of a request: a reason or a notice.
+/// Largest request, bytes.
 const MAX_BODY_BYTES: usize = 16 << 10;
-/// Most characters of a reason or a notice.
+/// Largest reason or notice, characters.
 const MAX_TEXT_CHARS: usize = 500;
-/// Most minutes that open episodes can be given.
+/// Longest drain, minutes.
 const MAX_DRAIN_MINUTES: u32 = 24 * 60;
 
 /// State of the admin server.
 #[derive(Clone)]
 pub struct AdminState {
-    /// Hosted phases and live runs.
+    /// Arena.
     pub arena: Arc<Arena>,
-    /// Read access to the store.
+    /// Reader for tokens and counts.
     pub reader: Reader,
 }
 
@@ -47,38 +47,38 @@ impl AdminState {
 /// Live status.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Status {
-    /// Reason of a drain, if draining.
+    /// Reason for the drain, if draining.
     pub draining: Option<String>,
     /// Announcement; may be empty.
     pub notice: String,
-    /// Slots with an episode.
+    /// Slots in play.
     pub slots: Vec<Slot>,
-    /// Steps since the server started.
+    /// Steps since the server start.
     pub steps: u64,
-    /// Bytes of scenes that are ready.
+    /// Total size, bytes.
     pub scene_bytes: usize,
-    /// Hanging simulator threads; several of them block new runs.
+    /// Hanging simulator threads; several block new runs.
     pub hanging: usize,
 }
 
-/// A slot with an episode.
+/// A slot in play.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Slot {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// Number of the slot.
+    /// Slot number.
     pub slot: u32,
     /// Steps taken.
     pub step: u32,
 }
 
-/// A wish to stop.
+/// A drain request.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drain {
-    /// Why, for agents and people.
+    /// Reason, for agents and visitors.
     pub reason: String,
-    /// Grace period for open episodes.
+    /// Time for open episodes.
     pub minutes: u32,
 }
 
@@ -86,11 +86,11 @@ pub struct Drain {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Notice {
-    /// For agents and people; empty: none.
+    /// Text for agents and visitors; an empty text removes the announcement.
     pub text: String,
 }
 
-/// Routes of the admin server. All except `/metrics` require an organiser token.
+/// Returns the routes. All except `/metrics` require an organiser token.
 pub fn router(state: AdminState) -> Router {
     let guarded = Router::new()
         .route("/v1/status", get(status))
@@ -104,7 +104,7 @@ pub fn router(state: AdminState) -> Router {
         .with_state(state)
 }
 
-/// Why something was not done.
+/// A refusal with its HTTP status.
 struct AdminError(StatusCode, String);
 
 impl IntoResponse for AdminError {
@@ -139,7 +139,7 @@ async fn organisers_only(
     match viewer {
         Some(Viewer::Organiser) => Ok(next.run(request).await),
         _ => {
-            let words = "only an organiser's token opens this door; send authorization: Bearer TOKEN";
+            let words = "an organiser token is needed; send authorization: Bearer TOKEN";
             Err(AdminError(StatusCode::UNAUTHORIZED, words.to_owned()))
         }
     }
@@ -178,7 +178,7 @@ async fn drain(
     let reason = printable("reason", reason.trim())?;
     if reason.is_empty() || minutes > MAX_DRAIN_MINUTES {
         let words =
-            format!("a drain has a reason and 0 to {MAX_DRAIN_MINUTES} minutes; got {minutes} minutes");
+            format!("a drain needs a reason and 0 to {MAX_DRAIN_MINUTES} minutes, but has {minutes}");
         return Err(AdminError(StatusCode::UNPROCESSABLE_ENTITY, words));
     }
     let patience = Duration::from_secs(60 * u64::from(minutes));
@@ -208,20 +208,20 @@ fn printable(what: &str, text: &str) -> Result<String, AdminError> {
     Err(AdminError(StatusCode::UNPROCESSABLE_ENTITY, words))
 }
 
-/// Longest wait for an answer.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(10);
-/// Largest answer, bytes.
+/// Largest reply, bytes.
 const MAX_REPLY_BYTES: usize = 4 << 20;
 
-/// AdminReply of the admin server.
+/// A reply from the admin server.
 pub struct AdminReply {
     /// HTTP status.
     pub status: StatusCode,
-    /// The words.
+    /// Body.
     pub body: Bytes,
 }
 
-/// Requests `path` from the admin server at `server`, like `http://127.0.0.1:50052`, with an optional `body`.
+/// Requests `path` from the admin server at `server`, such as `http://127.0.0.1:50052`, with an optional
+/// `body`.
 ///
 /// # Errors
 /// If the server does not answer.
@@ -235,9 +235,9 @@ pub async fn ask(
         Failure::run(format!("{server}{path}: {problem}"))
             .hinted("--server is the address that `avln serve` was given with --admin, http://127.0.0.1:50052 unless told otherwise; from another machine go through: ssh -L 50052:127.0.0.1:50052 HOST")
     };
-    let address: Uri = server.parse().map_err(|error| failed(format!("it is no address: {error}")))?;
+    let address: Uri = server.parse().map_err(|error| failed(format!("the address is invalid: {error}")))?;
     let (Some("http"), Some(authority)) = (address.scheme_str(), address.authority()) else {
-        return Err(failed("it is no address like http://127.0.0.1:50052".to_owned()));
+        return Err(failed("the address is not like http://127.0.0.1:50052".to_owned()));
     };
     let method = if body.is_some() { Method::POST } else { Method::GET };
     let request = Request::builder()
@@ -251,7 +251,7 @@ pub async fn ask(
     let place = (authority.host().trim_matches(['[', ']']).to_owned(), authority.port_u16().unwrap_or(80));
     match timeout(REPLY_TIMEOUT, send(place, request)).await {
         Ok(answer) => answer.map_err(|error| failed(error.to_string())),
-        Err(_) => Err(failed("no answer in ten seconds".to_owned())),
+        Err(_) => Err(failed("no reply within ten seconds".to_owned())),
     }
 }
 
@@ -268,27 +268,27 @@ async fn send(place: (String, u16), request: Request<Full<Bytes>>) -> Result<Adm
     Ok(AdminReply { status, body })
 }
 
-/// All metrics.
+/// Writes all metrics in the Prometheus text format 0.0.4.
 fn metrics_page(arena: &Arena, census: &Census) -> String {
     let snapshot = arena.control().snapshot();
     let mut page = MetricsPage::default();
     page.family("avln_info", "gauge", "Version of the server.");
     page.line("avln_info", &format!("version=\"{}\"", env!("CARGO_PKG_VERSION")), 1);
-    page.family("avln_draining", "gauge", "Whether the server is about to stop.");
+    page.family("avln_draining", "gauge", "1 if the server is draining.");
     page.line("avln_draining", "", u8::from(arena.control().draining().is_some()));
     add_stored(&mut page, census);
     add_live(&mut page, &snapshot);
-    page.family("avln_scene_bytes", "gauge", "Memory of scenes that are ready.");
+    page.family("avln_scene_bytes", "gauge", "Memory of prepared scenes.");
     page.line("avln_scene_bytes", "", arena.scene_bytes());
     let watchdog = arena.control().watchdog();
-    page.family("avln_hanging", "gauge", "Threads that were given up and still simulate.");
+    page.family("avln_hanging", "gauge", "Abandoned threads that still simulate.");
     page.line("avln_hanging", "", watchdog.hanging());
-    page.family("avln_given_up_total", "counter", "Simulations that were given up since the server started.");
+    page.family("avln_given_up_total", "counter", "Abandoned simulations since the server start.");
     page.line("avln_given_up_total", "", watchdog.given_up());
     page.family(
         "avln_faults_total",
         "counter",
-        "Failures of the server's own, such as of its database, since it started.",
+        "Server faults, such as database failures, since the server start.",
     );
     page.line("avln_faults_total", "", fault_count());
     page.0
@@ -314,19 +314,19 @@ fn add_live(page: &mut MetricsPage, snapshot: &Snapshot) {
     runs.dedup();
     page.family("avln_sessions", "gauge", "Runs with an open episode.");
     page.line("avln_sessions", "", runs.len());
-    page.family("avln_open_episodes", "gauge", "Slots that hold an episode.");
+    page.family("avln_open_episodes", "gauge", "Slots with an episode.");
     page.line("avln_open_episodes", "", snapshot.slots.len());
-    page.family("avln_steps_total", "counter", "Steps since the server started.");
+    page.family("avln_steps_total", "counter", "Steps since the server start.");
     page.line("avln_steps_total", "", snapshot.steps);
     page.family(
         "avln_episodes_ended_total",
         "counter",
-        "Episodes that ended since the server started, by end reason.",
+        "Ended episodes since the server start, by end reason.",
     );
     for (end, count) in &snapshot.ends {
         page.line("avln_episodes_ended_total", &format!("end=\"{end}\""), count);
     }
-    page.family("avln_step_seconds", "histogram", "What a step took, by part.");
+    page.family("avln_step_seconds", "histogram", "Step time by part.");
     for (part, histogram) in &snapshot.parts {
         page.histogram("avln_step_seconds", part, histogram);
     }
@@ -366,7 +366,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buckets_are_cumulative_and_end_with_all() {
+    fn buckets_are_cumulative() {
         let mut histogram = Histogram::default();
         (histogram.counts[0], histogram.counts[3], histogram.counts[15]) = (1, 2, 4);
         histogram.sum_s = 250.5;

@@ -7,19 +7,18 @@ use avln_referee::Referee;
 use avln_world::SceneAssets;
 use std::{sync::Arc, time::Duration};
 
-/// Default memory for open episodes of a session, MiB: sixteen scans, or a hundred houses.
+/// Default memory for a session's open episodes, MiB: sixteen scans, or a hundred houses.
 pub const SESSION_MEMORY_MIB: u32 = 4096;
 
-/// Bytes per pixel from renderer to wire: colour, depth and instance as rendered, observed, encoded and
-/// queued.
+/// Bytes per pixel for colour, depth and instance in rendering, observation, encoding and queue.
 const BYTES_PER_PIXEL: usize = 40;
 
 /// Resource limits of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Memory for its open episodes, MiB: scenes (counted once), sound sources, ears and frames.
+    /// Memory for open episodes, MiB: scenes (counted once), sound sources, ears and frames.
     pub session_memory_mib: u32,
-    /// Longest preparation of an episode; longer ones count as hanging.
+    /// Longest episode preparation; longer ones count as hanging.
     pub preparation: Duration,
 }
 
@@ -34,7 +33,7 @@ impl Budget {
         (self.session_memory_mib as usize).saturating_mul(1 << 20)
     }
 
-    /// Rejects a memory use above the limit.
+    /// Rejects a size above the limit.
     fn check(&self, bytes: usize) -> Result<(), Refusal> {
         if bytes <= self.session_bytes() {
             return Ok(());
@@ -46,17 +45,17 @@ impl Budget {
         Err(Refusal::new(Reason::SimFault, message))
     }
 
-    /// Rejects a scene file larger than the limit before it is read.
+    /// Rejects a scene file above the limit.
     pub(crate) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
         self.check(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 }
 
-/// Memory of an open episode.
+/// Memory use of an open episode.
 #[derive(Clone)]
 pub(crate) struct MemoryUse {
     pub(crate) scene: Arc<SceneAssets>,
-    /// Bytes apart from the scene: ears and frames.
+    /// Bytes without the scene: ears and frames.
     pub(crate) own_bytes: usize,
 }
 
@@ -68,15 +67,15 @@ impl MemoryUse {
 }
 
 impl Arena {
-    /// Rejects an episode that would exceed the memory of its session.
+    /// Rejects an episode beyond the session memory.
     pub(crate) fn check_memory(&self, run: &str, new: &MemoryUse) -> Result<(), Refusal> {
         let uses = self.open_episodes().memory_of(run).cloned().chain([new.clone()]).collect();
-        // After the lock: the sizes of scenes take time.
+        // Without the lock: measuring scenes takes time.
         self.budget.check(bytes_of(uses))
     }
 }
 
-/// Bytes of episodes; scenes that several of them play count once.
+/// Adds up the bytes; shared scenes count once.
 fn bytes_of(mut uses: Vec<MemoryUse>) -> usize {
     let own: usize = uses.iter().map(|memory| memory.own_bytes).sum();
     uses.sort_by_key(|memory| Arc::as_ptr(&memory.scene));
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_counts_once_and_what_each_episode_has_for_itself_each_time() {
+    fn shared_scenes_count_once() {
         let (a, b) = (scene(1), scene(2));
         let memory = |scene: &Arc<SceneAssets>| MemoryUse { scene: scene.clone(), own_bytes: 1000 };
         let one = bytes_of(vec![memory(&a)]);
@@ -112,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_the_size_the_limit_and_the_option() {
+    fn refusals_name_size_limit_and_option() {
         let budget = Budget { session_memory_mib: 2, ..Budget::default() };
         assert_eq!(budget.check(2 << 20), Ok(()));
         let refused = budget.check((2 << 20) + 1).unwrap_err();

@@ -20,60 +20,59 @@ use std::{
 /// Default size limit, GiB: a hundred scans, a thousand procedural houses or 3,500 sound sources.
 const BUDGET_GIB: u32 = 4;
 
-/// File with a different limit, GiB in digits.
+/// File with another limit, GiB in digits.
 const LIMIT_FILE: &str = "limit_gib";
 
-/// Hash prefix of files without an internal hash, bytes.
+/// Length of the hash at the start of sound files, bytes. Models contain their own.
 const HASH_BYTES: usize = 32;
 
-/// A folder of render models and sound sources. A file is written under a temporary name, moved into place
-/// when complete, and never modified.
+/// A folder of render models and sound sources. Files are never modified: a complete file is renamed into
+/// place.
 pub struct CacheFolder {
     folder: PathBuf,
     budget_bytes: u64,
     /// True after the first warning about unwritable files.
-    complained: AtomicBool,
+    warned: AtomicBool,
 }
 
 impl CacheFolder {
-    /// Path of the cache in a data folder.
+    /// Cache path in a data folder.
     pub const IN_DATA: &str = "cache/scenes";
 
-    /// Creates the cache in `folder` (created on first use) with the limit of [`CacheFolder::limit`], by
-    /// default 4 GiB. The least recently used files are evicted first.
+    /// Opens the cache in `folder`, created on first use, with the stored limit or 4 GiB.
     pub fn at(folder: &Path) -> Self {
         Self::with_budget(folder, u64::from(limit_gib(folder)) << 30)
     }
 
-    /// Lets the cache in `folder` take `gib` GiB from now on, for all programs that start from now on.
+    /// Stores the limit for all programs that start later, GiB.
     ///
     /// # Errors
-    /// When the folder cannot be written.
+    /// If the folder is not writable.
     pub fn limit(folder: &Path, gib: u32) -> Result<(), Failure> {
         let written =
             fs::create_dir_all(folder).and_then(|()| fs::write(folder.join(LIMIT_FILE), gib.to_string()));
         written.map_err(|error| {
-            let message = format!("cannot set the size of the cache in {}: {error}", folder.display());
-            Failure::data(message).hinted("give the folder write permission")
+            let message = format!("cannot store the cache limit in {}: {error}", folder.display());
+            Failure::data(message).hinted("add write permission")
         })
     }
 
-    /// Bytes of all files together, at most.
+    /// Returns the size limit, bytes.
     pub fn budget_bytes(&self) -> u64 {
         self.budget_bytes
     }
 
-    /// [`CacheFolder::at`], with another limit.
+    /// Opens the cache with another limit.
     pub fn with_budget(folder: &Path, budget_bytes: u64) -> Self {
-        Self { folder: folder.to_owned(), budget_bytes, complained: AtomicBool::new(false) }
+        Self { folder: folder.to_owned(), budget_bytes, warned: AtomicBool::new(false) }
     }
 
-    /// The cache of an existing data folder; optional commands do not create it.
+    /// Returns the cache of an existing data folder. Commands with an optional cache create no folder.
     pub fn of_data(data: &Path) -> Option<Arc<dyn Cache>> {
         data.is_dir().then(|| Arc::new(Self::at(&data.join(Self::IN_DATA))) as Arc<dyn Cache>)
     }
 
-    /// Path of the model `name`. Program versions have separate files.
+    /// Returns the model path. Program versions have separate files.
     fn model_path(&self, name: &str) -> PathBuf {
         self.folder.join(format!("{name}-{}.model", Model::VERSION))
     }
@@ -82,9 +81,10 @@ impl CacheFolder {
         self.folder.join(format!("{name}.sound"))
     }
 
-    /// Writes the file `path` with `bytes` bytes.
+    /// Writes the file `path` of `bytes` bytes.
     fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
+        // Before the write, so that the folder never exceeds its limit.
         self.make_room(bytes)?;
         let random = runs::random_hex().map_err(io::Error::other)?;
         let unfinished = self.folder.join(format!("{random}.part"));
@@ -96,7 +96,7 @@ impl CacheFolder {
         written
     }
 
-    /// Deletes files, those that were used least recently first, until `bytes` more fit.
+    /// Deletes the least recently used files until `bytes` more fit.
     fn make_room(&self, bytes: u64) -> io::Result<()> {
         let mut files = self.files()?;
         let mut sum = files.iter().map(|file| file.bytes).sum::<u64>().saturating_add(bytes);
@@ -112,7 +112,7 @@ impl CacheFolder {
         Ok(())
     }
 
-    /// All files of this kind of folder, those that were left unfinished too.
+    /// Lists all cache files, including unfinished ones.
     fn files(&self) -> io::Result<Vec<CachedFile>> {
         let is_ours = |path: &PathBuf| {
             path.extension().is_some_and(|end| end == "model" || end == "sound" || end == "part")
@@ -121,16 +121,16 @@ impl CacheFolder {
         Ok(paths.filter(is_ours).filter_map(CachedFile::at).collect())
     }
 
-    /// Warns once that nothing is cached.
-    fn complain(&self, error: &io::Error) {
-        if !self.complained.swap(true, Ordering::Relaxed) {
+    /// Warns about an unwritable folder, once.
+    fn warn_once(&self, error: &io::Error) {
+        if !self.warned.swap(true, Ordering::Relaxed) {
             let folder = self.folder.display();
-            tracing::warn!(%folder, %error, "cannot store prepared scenes, so each start prepares them; give the folder write permission and space");
+            tracing::warn!(%folder, %error, "cannot store prepared scenes, so every start prepares them again; check write permission and free space");
         }
     }
 }
 
-/// GiB that the cache in `folder` may take.
+/// Reads the limit, GiB.
 fn limit_gib(folder: &Path) -> u32 {
     let path = folder.join(LIMIT_FILE);
     let Ok(text) = fs::read_to_string(&path) else { return BUDGET_GIB };
@@ -141,7 +141,7 @@ fn limit_gib(folder: &Path) -> u32 {
     })
 }
 
-/// A file, ordered by when it was last used.
+/// A file, ordered by its last use.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct CachedFile {
     used: SystemTime,
@@ -150,7 +150,7 @@ struct CachedFile {
 }
 
 impl CachedFile {
-    /// The file at `path`; `None` when it has just gone.
+    /// Reads the metadata; `None` if another process has deleted the file.
     fn at(path: PathBuf) -> Option<Self> {
         let about = fs::metadata(&path).ok()?;
         Some(Self { used: about.modified().unwrap_or(SystemTime::UNIX_EPOCH), bytes: about.len(), path })
@@ -177,7 +177,7 @@ impl ModelCache for CacheFolder {
         match written.and_then(|()| Mapped::open(&path)) {
             Ok(bytes) => Model::read(bytes).unwrap_or(model),
             Err(error) => {
-                self.complain(&error);
+                self.warn_once(&error);
                 model
             }
         }
@@ -197,7 +197,7 @@ impl SoundCache for CacheFolder {
         };
         let content = bytes.split_off(HASH_BYTES.min(bytes.len()));
         if blake3::hash(&content).as_bytes()[..] != bytes[..] {
-            discard(&path, "its bytes are not those that were written");
+            discard(&path, "the content does not fit its hash");
             return None;
         }
         touch(&path);
@@ -214,12 +214,12 @@ impl SoundCache for CacheFolder {
             file.write_all(bytes)
         };
         if let Err(error) = self.write(&self.sound_path(name), count, content) {
-            self.complain(&error);
+            self.warn_once(&error);
         }
     }
 }
 
-/// Updates the access time. If that fails, the file may be evicted earlier, which affects no result.
+/// Marks a file as used. After a failure it may be evicted earlier, which affects no result.
 fn touch(path: &Path) {
     let _ = File::open(path).and_then(|file| file.set_modified(SystemTime::now()));
 }
@@ -253,7 +253,7 @@ mod tests {
         Some(Arc::new(CacheFolder::at(folder)))
     }
 
-    /// All bytes of some pictures of the house, as a server takes them.
+    /// Renders four pictures of the house and returns their bytes.
     fn pictures(cache: Option<Arc<dyn Cache>>) -> Vec<Vec<u8>> {
         let cached = cache.map(|cache| Cached { cache, name: digest(&HOUSE) });
         let assets = SceneAssets::prepare_cached(HOUSE.clone(), &Body::default(), cached).expect("a house");
@@ -280,7 +280,7 @@ mod tests {
         frame.rgb.iter().copied().chain(depth).chain(ids).collect()
     }
 
-    /// Names of the files in a folder.
+    /// Lists file names.
     fn names(folder: &Path) -> Vec<String> {
         let entries =
             fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").file_name());
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_holds_for_all_who_open_the_folder_later() {
+    fn stored_limit_applies_to_later_programs() {
         let folder = folder();
         let path = folder.path().join("cache");
         assert_eq!(CacheFolder::at(&path).budget_bytes(), 4 << 30);
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_the_same_from_models_that_are_made_kept_and_found() {
+    fn cached_models_render_identical_pictures() {
         let folder = folder();
         let first: Vec<_> = PLAIN.iter().map(|picture| picture[..3 * 64 * 48].to_vec()).collect();
         assert!(first.iter().any(|rgb| rgb.iter().any(|&value| value != first[0][0])), "something is seen");
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn processes_that_keep_the_same_model_at_once_do_not_disturb_each_other() {
+    fn concurrent_writers_store_one_model() {
         let folder = folder();
         let taken: Vec<_> = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..3).map(|_| scope.spawn(|| pictures(cache(folder.path())))).collect();
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_replaced() {
+    fn damaged_models_are_replaced() {
         let folder = folder();
         let models = CacheFolder::at(folder.path());
         assert_eq!(pictures(cache(folder.path())), *PLAIN);
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn models_stay_in_memory_where_no_folder_can_be_made() {
+    fn unwritable_folder_keeps_models_in_memory() {
         let folder = folder();
         let file = folder.path().join("a file");
         fs::write(&file, b"no folder").expect("a file");
@@ -358,12 +358,12 @@ mod tests {
         let models = CacheFolder::at(&file.join("models"));
         assert!(models.find("house").is_none());
         models.keep("house", Model::default());
-        assert!(models.complained.load(Ordering::Relaxed));
+        assert!(models.warned.load(Ordering::Relaxed));
         assert_eq!(fs::read(&file).expect("the file"), b"no folder");
     }
 
     #[test]
-    fn files_that_were_used_least_recently_make_room() {
+    fn least_recently_used_files_are_evicted() {
         let folder = folder();
         let bytes = Model::default().byte_count() as u64;
         let models = CacheFolder::with_budget(folder.path(), 3 * bytes);
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_data_folder_is_not_made_for_its_models() {
+    fn missing_data_folder_is_not_created() {
         let folder = folder();
         assert!(CacheFolder::of_data(&folder.path().join("none")).is_none());
         assert!(CacheFolder::of_data(folder.path()).is_some());
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn sounds_come_back_as_they_were_kept_or_not_at_all() {
+    fn damaged_sounds_are_never_returned() {
         let folder = folder();
         let sounds = CacheFolder::at(folder.path());
         assert!(sounds.load_sound("kitchen").is_none());

@@ -1,4 +1,5 @@
-//! Management actions of signed-in users, and live status for visitors. The audit list names the token prefix of each action.
+//! Management actions for signed-in users, and live status for visitors. Audit entries contain the prefix of
+//! the user's token.
 
 use crate::{
     Arena,
@@ -13,15 +14,14 @@ use avln_web::{
 };
 use std::{fmt, sync::Arc, time::Duration};
 
-/// Limit of valid tokens per team: several per person of a large team.
+/// Largest number of valid tokens per team: several per member.
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
-/// The office of a running server.
+/// The management of a running server.
 pub(crate) struct ArenaManagement(Arc<Arena>);
 
 impl ArenaManagement {
-    /// The office of `arena`.
     pub(crate) fn new(arena: Arc<Arena>) -> Self {
         Self(arena)
     }
@@ -29,7 +29,7 @@ impl ArenaManagement {
 
 impl fmt::Debug for ArenaManagement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("ArenaOffice")
+        f.write_str("ArenaManagement")
     }
 }
 
@@ -87,7 +87,7 @@ async fn act(arena: &Arena, member: &TeamCredential, action: TeamAction) -> Answ
         TeamAction::RevokeToken { id } => {
             let revoked = note(&actor, format!("token {id}"), "revoked", "");
             arena.store().revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
-            done(format!("Token {id} is void now."))
+            done(format!("Token {id} is revoked."))
         }
         TeamAction::CancelRun { run } => cancel(arena, member, &actor, &run).await,
     }
@@ -107,8 +107,8 @@ async fn issue(
     };
     let held = tokens.iter().filter(|t| is_own(&t.team) && holds(t.revoked_ms, t.expires_ms)).count();
     if held >= MOST_TOKENS {
-        let words = format!("the team has {held} tokens that hold, the most at a time");
-        return Err(ActionFailure::refused(words, "take one back that nobody needs"));
+        let words = format!("the team has {held} valid tokens, the largest number");
+        return Err(ActionFailure::refused(words, "revoke an unused token first"));
     }
     let asked = days.map(|days| now + i64::from(days) * DAY_MS);
     let request = TokenRequest {
@@ -120,7 +120,7 @@ async fn issue(
     let secret = actions::issue(store, &request, actor, now).await?;
     let until =
         request.expires_unix_ms.map_or_else(String::new, |moment| format!(" until {}", rfc3339(moment)));
-    Ok(ActionOutcome { message: format!("A token was made that holds{until}."), secret: Some(secret) })
+    Ok(ActionOutcome { message: format!("The token is valid{until}."), secret: Some(secret) })
 }
 
 async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) -> Answer {
@@ -157,7 +157,7 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
                 note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &origin.reason);
             let granted = AuditNote { after: Some(format!("{runs} runs")), ..granted };
             arena.store().grant(&grant, granted, now_unix_ms()).await?;
-            done(format!("Team {team} has {runs} runs more in phase {phase}."))
+            done(format!("Team {team} has {runs} more runs in phase {phase}."))
         }
         OrganiserAction::Verify { run, verified } => {
             let words = actions::verify(arena.store(), &run, verified, (&actor, &origin.reason)).await?;
@@ -187,7 +187,7 @@ async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     })
 }
 
-/// A message as a sentence for pages.
+/// Converts a message to a sentence.
 fn sentence(words: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
@@ -200,7 +200,7 @@ async fn rule_phase(arena: &Arena, actor: &str, reason: &str, action: OrganiserA
         OrganiserAction::Pause(id) => {
             let words = reason.to_owned();
             reschedule(store, &id, (actor, reason), |schedule| schedule.paused = Some(words)).await?;
-            done(format!("Phase {id} is paused; runs that were started go on."))
+            done(format!("Phase {id} is paused; started runs continue."))
         }
         OrganiserAction::Resume(id) => {
             let change = |schedule: &mut avln_store::Schedule| {
@@ -211,18 +211,18 @@ async fn rule_phase(arena: &Arena, actor: &str, reason: &str, action: OrganiserA
         }
         OrganiserAction::Close(id) => {
             reschedule(store, &id, (actor, reason), |schedule| schedule.closed = true).await?;
-            done(format!("Phase {id} is closed; its results stay."))
+            done(format!("Phase {id} is closed; its results remain."))
         }
         OrganiserAction::Reveal(id) => {
             let revealed = note(actor, format!("phase {id}"), "revealed", reason);
             store.reveal_phase(&id, revealed, now_unix_ms()).await?;
-            done(format!("What phase {id} had committed to is published."))
+            done(format!("The committed values of phase {id} are published."))
         }
-        other => Err(ActionFailure::System(format!("{other:?} is no action on a phase"))),
+        other => Err(ActionFailure::System(format!("{other:?} is not a phase action"))),
     }
 }
 
-/// Live status of the gRPC server.
+/// Live status from the gRPC server.
 #[derive(Clone, Debug)]
 pub(crate) struct ControlStatus(pub(crate) Control);
 

@@ -100,7 +100,7 @@ fn render_sound(
     Ok(sound)
 }
 
-/// Appends the sound of a step without padding.
+/// Appends a step's sound without padding.
 fn append(sound: &mut RenderedSound, observation: Observation) -> Result<(), RenderError> {
     let audio = observation.audio.unwrap_or_default();
     let (left, right) = audio.split_at(audio.len() / 2);

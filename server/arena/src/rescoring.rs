@@ -11,7 +11,7 @@ use avln_truth::{EpisodeTruth, Record};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A scoring function with its version.
+/// A versioned scoring function.
 #[derive(Clone, Copy, Debug)]
 pub struct Scorer {
     /// Benchmark version; equal versions give equal scores.
@@ -21,24 +21,24 @@ pub struct Scorer {
 }
 
 impl Scorer {
-    /// The scorer of this build.
+    /// This build's scorer.
     pub const OURS: Self = Self { version: BENCHMARK_VERSION, score };
 }
 
-/// A run by two scorers.
+/// Two scores of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// The run.
+    /// Run id.
     pub run: String,
     /// Method.
     pub method: String,
-    /// Version of the benchmark that scored it when it was played.
+    /// Benchmark version of the original score.
     pub scorer_before: String,
-    /// Scorer of the new metrics.
+    /// Benchmark version of the new score.
     pub scorer_after: String,
-    /// Episodes that count.
+    /// Number of counted episodes.
     pub episodes: usize,
-    /// Changed episodes by position.
+    /// Indices of changed episodes.
     pub changed: Vec<u32>,
     /// Original summary; `None` without counted episodes.
     pub before: Option<Summary>,
@@ -49,14 +49,14 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Returns true if a benchmark version gave two results, which indicates an unknown change.
+    /// Returns true if equal versions disagree, a sign of an unversioned change.
     pub fn contradicts(&self) -> bool {
         self.scorer_before == self.scorer_after && !self.changed.is_empty()
     }
 }
 
-/// Rescores a run. The original scores stay; new scores are stored by scorer version, unless that version
-/// scored the run first.
+/// Rescores a run. The original scores stay; the new ones are stored under the scorer's version, unless that
+/// version scored the run first.
 ///
 /// # Errors
 /// If facts were pruned, the phase is unknown, or the database fails.
@@ -96,10 +96,10 @@ pub async fn rescore(
     })
 }
 
-/// Memory for scenes while runs are checked, bytes.
+/// Memory for scenes, bytes.
 const SCENE_BYTES: usize = 1 << 30;
 
-/// Replays episodes of a phase without sensors, which do not affect the outcome.
+/// A replayer for a phase, without sensors: they do not affect the outcome.
 pub struct Replayer {
     phase: HostedPhase,
     scenes: SceneCache,
@@ -107,7 +107,7 @@ pub struct Replayer {
 }
 
 impl Replayer {
-    /// Opens a phase with an order for replay.
+    /// Opens a phase for replay.
     ///
     /// # Errors
     /// If the phase is unknown, or its split is unreadable.
@@ -133,7 +133,7 @@ impl Replayer {
         })
     }
 
-    /// Replays an episode; returns its metrics if it ended and counts.
+    /// Replays an episode; returns its metrics if it has ended and counts.
     ///
     /// # Errors
     /// If a state differs from the log.

@@ -17,7 +17,7 @@ use std::{
     sync::Arc,
 };
 
-/// The scenes and missions of a new split.
+/// A new split.
 #[derive(Clone, Debug)]
 pub struct NewSplit {
     /// Name of the split.
@@ -28,20 +28,20 @@ pub struct NewSplit {
     pub scenes: Vec<PathBuf>,
     /// Missions per scene.
     pub missions: usize,
-    /// Seed of houses and missions.
+    /// Seed for houses and missions.
     pub seed: u64,
-    /// Name of the rule set.
+    /// Rule set.
     pub rules: String,
 }
 
-/// The settings of a new or changed phase.
+/// Settings of a new or changed phase.
 #[derive(Clone, Debug)]
 pub struct NewPhase {
     /// Id, used in URLs and by agents.
     pub id: String,
-    /// Name of the split.
+    /// Split name.
     pub split: String,
-    /// Folder of the data set that contains the split; `None` for a split of the data folder.
+    /// Data set folder; `None` for a split in the data folder.
     pub dataset: Option<PathBuf>,
     /// Heading on pages; the id if `None`.
     pub title: Option<String>,
@@ -49,24 +49,24 @@ pub struct NewPhase {
     pub scores: Visibility,
     /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Name of the rule set; that of the split if `None`.
+    /// Rule set; by default the split's.
     pub rules: Option<String>,
-    /// The clips of targets: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
+    /// Target clips: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
     pub sounds: Option<String>,
-    /// SOFA file of a measured head; a sphere if `None`.
+    /// SOFA file with a measured head; a sphere if `None`.
     pub head: Option<PathBuf>,
-    /// Feedback to a Submit; that of the rule set if `None`.
+    /// Feedback to a Submit; by default the rule set's.
     pub feedback: Option<FeedbackRule>,
     /// Runs per team; unlimited if `None`.
     pub quota: Option<u32>,
-    /// Largest number of episodes that a run may play in parallel.
+    /// Largest number of parallel episodes.
     pub max_slots: u32,
     /// Largest side of a picture, pixels.
     pub max_side: u32,
 }
 
 impl NewPhase {
-    /// A public phase on the split `split` of the data folder, with the rules and sounds of the split.
+    /// Returns a public phase with the rules and sounds of its split.
     pub fn public(id: &str, split: &str) -> Self {
         Self {
             id: id.to_owned(),
@@ -94,7 +94,7 @@ pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> R
     Ok(actions::admit(store, name, reference, now_unix_ms()).await?)
 }
 
-/// Makes a split, saves and registers it. `report` receives a line per scene.
+/// Makes, saves and registers a split. `report` receives a line per scene.
 ///
 /// # Errors
 /// If a scene cannot be used or the data folder cannot be written.
@@ -113,7 +113,7 @@ pub async fn make_split(
     Ok(split)
 }
 
-/// Builds the scenes in order and draws missions in each.
+/// Builds the scenes in order and draws their missions.
 fn build_split(
     new: &NewSplit,
     cache: &Arc<dyn Cache>,
@@ -138,7 +138,7 @@ fn build_split(
     Ok((split, maps))
 }
 
-/// Names and sources of the scenes: the given files, or procedural houses by seed.
+/// Returns names and sources: the given files, or procedural houses by seed.
 fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> {
     if !new.scenes.is_empty() {
         return new.scenes.iter().map(|path| file_source(&new.name, path)).collect();
@@ -155,7 +155,7 @@ fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> 
 fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failure> {
     let path = path.canonicalize().map_err(|error| {
         Failure::scene(format!("cannot find scene {}: {error}", path.display()))
-            .hinted("name a .glb or .gltf file, or the folder of a scene with its semantics")
+            .hinted("name a .glb or .gltf file, or the folder of a scene")
     })?;
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
@@ -205,7 +205,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     Ok(phase)
 }
 
-/// Returns the clips of targets for a share name or a folder of recordings; by default the share of the split's pool.
+/// Returns the target clips for a share or a folder of recordings; by default the share of the split's pool.
 ///
 /// # Errors
 /// If the folder of recordings is unusable.
@@ -224,7 +224,7 @@ pub fn sounds_for_phase(
     })
 }
 
-/// Returns the share of the pool that all houses of a split are furnished from.
+/// Returns the share for the pool of a split's houses.
 fn sounds_of_pool(split: &SplitFolder) -> Sounds {
     let of = |scene: &SceneLine| match scene.source {
         SceneSource::Procedural { pool: Pool::Train, .. } => Sounds::Train,
@@ -232,12 +232,12 @@ fn sounds_of_pool(split: &SplitFolder) -> Sounds {
         SceneSource::Procedural { pool: Pool::Test, .. } => Sounds::Test,
         SceneSource::File { .. } => Sounds::All,
     };
-    // Test clips must not occur in training: a split of one pool plays only the clips of that pool.
+    // Test clips must not occur in training, so a split with one pool plays only the clips of that pool.
     let first = split.scenes().first().map_or(Sounds::All, of);
     if split.scenes().iter().all(|scene| of(scene) == first) { first } else { Sounds::All }
 }
 
-/// Rejects a phase whose sound bank has too few clips for one of its episodes.
+/// Rejects a bank with too few clips for an episode.
 pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
     let targets = phase.episodes.iter().map(|episode| episode.goals.len()).max().unwrap_or(0);
     let found = data.bank(&phase.rules.sounds)?.len();
@@ -245,11 +245,11 @@ pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failu
     if found >= needed {
         return Ok(());
     }
-    let message = format!("rules '{}' need {needed} clips, but the folder has {found}", phase.rules.name);
+    let message = format!("rules '{}' need {needed} clips, but the bank has {found}", phase.rules.name);
     Err(Failure::data(message).hinted("add recordings, or omit --sounds"))
 }
 
-/// Returns the rule set `name`, or that of the split. The two may differ only in noise and clips.
+/// Returns the rule set `name`, by default the split's. The two may differ only in noise and clips.
 pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
     let Some(name) = name else { return Ok(of_split) };
     let rules = Rules::named(name).map_err(Failure::scene)?;
@@ -257,13 +257,13 @@ pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rul
         return Ok(rules);
     }
     let message = format!(
-        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise and clips",
+        "rule set '{name}' and the split's '{}' differ in more than noise and clips",
         of_split.name
     );
     Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
 }
 
-/// Stores a split and its scenes; missing maps are added when a scene is first played.
+/// Stores a split and its scenes. Missing maps follow when a scene is first played.
 ///
 /// # Errors
 /// If the database fails.
@@ -287,10 +287,10 @@ pub async fn register_split(
     Ok(store.upsert_split(&row).await?)
 }
 
-/// The episodes of a split as a phase lists them.
+/// Lists a split's episodes for a phase.
 ///
 /// # Errors
-/// When a file of the split cannot be used.
+/// If a file is invalid.
 pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure> {
     let mut episodes = Vec::with_capacity(split.mission_count());
     for scene in split.scenes() {
@@ -314,10 +314,10 @@ fn goal_text(goal: PublicGoal) -> GoalText {
     }
 }
 
-/// The rule set that a split was made for.
+/// Returns a split's rule set.
 ///
 /// # Errors
-/// When this version does not know it.
+/// If this version does not have it.
 pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
     Rules::named(split.rules()).map_err(|error| {
         Failure::scene(format!("split '{name}': {error}"))

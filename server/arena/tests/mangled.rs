@@ -1,16 +1,16 @@
-//! Damaged files: every file of `corpus/` is read as is, and with random changes, cuts and insertions.
+//! Damaged files: every file in `corpus/` is read unchanged, and with random changes, cuts and insertions.
 //! Readers may reject or accept, but must not panic or use much memory.
 //!
-//! Files of past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
+//! Files from past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
 //! tries by a hundred.
 
 use avln_arena::{audio, challenge::ChallengeFile, runlog::History};
 use avln_geom::Rng;
 use std::path::{Path, PathBuf};
 
-/// Copies of each file that are tried.
+/// Damaged copies per file.
 const COPIES: usize = 400;
-/// Memory limit of all readers, MiB; files of the corpus are a thousandth of it.
+/// Memory limit, MiB; corpus files are a thousand times smaller.
 const MOST_MIB: u64 = 256;
 
 /// Typical traps for readers.

@@ -8,7 +8,7 @@ fn folder() -> TempDir {
     tempfile::tempdir().expect("a folder for temporary files")
 }
 
-/// A second and a half of two tones, -1 to 1.
+/// A sound with two tones, 1.5 s, -1 to 1.
 fn tones(rate_hz: u32) -> Vec<f32> {
     let turn = |frequency_hz: f32, n: usize| TAU * (frequency_hz * n as f32 / rate_hz as f32).fract();
     let sample = |n: usize| 0.3 * turn(440.0, n).sin() + 0.3 * turn(2500.0, n).sin();
@@ -33,7 +33,7 @@ fn wav(path: &Path, rate_hz: u32, channels: u16, bits: u16) {
     writer.finalize().expect("written");
 }
 
-/// The largest difference of two clips of the same length.
+/// Returns the largest difference between two clips.
 fn difference(a: &Clip, b: &Clip) -> f32 {
     assert_eq!(a.samples.len(), b.samples.len(), "{} and {}", a.name, b.name);
     a.samples.iter().zip(b.samples.iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
@@ -68,7 +68,7 @@ fn all_formats_decode_to_the_same_clip() {
     }
 }
 
-/// Error for a folder with this file only.
+/// Returns the error for a folder with this file only.
 fn refusal(name: &str, bytes: &[u8]) -> String {
     let folder = folder();
     fs::write(folder.path().join(name), bytes).expect("written");
@@ -164,10 +164,10 @@ fn stored_banks_are_exact_and_checked() {
 
 // A writer of FLAC files (RFC 9639) without compression: mono, constant blocks, no prediction.
 
-/// Samples of a block.
+/// Samples per block.
 const BLOCK: usize = 4096;
 
-/// The file of `samples`, -1 to 1, in `bits` of 16 or 24.
+/// Encodes `samples`, -1 to 1, with 16 or 24 `bits`.
 fn flac_bytes(samples: &[f32], rate_hz: u32, bits: u32) -> Vec<u8> {
     let mut file = b"fLaC".to_vec();
     // The only and last metadata block: stream info, 34 bytes.
@@ -232,7 +232,7 @@ impl Bits {
     }
 }
 
-/// The cyclic redundancy check of `width` bits.
+/// Returns a cyclic redundancy check with `width` bits.
 fn checksum(bytes: &[u8], polynomial: u64, width: u32) -> u64 {
     let top = 1 << (width - 1);
     bytes.iter().fold(0, |sum, &byte| {

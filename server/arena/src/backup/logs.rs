@@ -1,4 +1,4 @@
-//! Run logs in a backup, truncated to the state of the database copy, and pruning of old logs and records.
+//! Run logs in backups, and pruning of old logs and records.
 
 use crate::{
     Failure,
@@ -15,7 +15,7 @@ use std::{
     path::Path,
 };
 
-/// Adds the logs of `runs` from `folder`.
+/// Adds the runs' logs.
 pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Result<(), Failure> {
     for run in runs {
         let path = folder.join(format!("{}.log", run.id));
@@ -38,10 +38,10 @@ pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Resu
     Ok(())
 }
 
-/// Length of a log before the first episode issued after the database copy.
+/// Returns the log length known to the database copy, bytes: up to the first episode issued after the copy.
 ///
-/// The log is read after the database, so it is at least as new. Known episodes may have more steps, as after
-/// a crash. An unknown episode would start twice after the server issues it again.
+/// The log is at least as new as the copy. For known episodes, more steps do no harm, as after a crash. An
+/// unknown episode would begin twice, because the restored server issues it again.
 fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usize, String)> {
     let history = History::parse(log)?;
     let (mut left, mut known) = (attempts.clone(), 0);
@@ -57,42 +57,42 @@ fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usiz
     Ok(known)
 }
 
-/// The runs to prune, and the extent.
+/// Options for pruning.
 #[derive(Clone, Copy, Debug)]
 pub struct PruneOptions {
-    /// Days since the end of a run.
+    /// Minimum days since a run's end.
     pub older_than_days: u32,
-    /// Delete records and ground truth too: the runs can no longer be replayed or rescored.
+    /// Also delete records and ground truth; the runs cannot be replayed or rescored then.
     pub records: bool,
-    /// Count only.
+    /// Only count.
     pub dry_run: bool,
 }
 
 impl PruneOptions {
-    /// Returns the moment before which a run must have ended, Unix milliseconds.
+    /// Returns the latest end of pruned runs, Unix milliseconds.
     pub fn cutoff_ms(&self, now_unix_ms: i64) -> i64 {
         const DAY_MS: i64 = 86_400_000;
         now_unix_ms - i64::from(self.older_than_days) * DAY_MS
     }
 }
 
-/// Numbers of deleted items; in a dry run, of items to delete.
+/// Counts of deleted items; in a dry run, of items to delete.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pruned {
-    /// Runs that ended before the cutoff.
+    /// Ended runs.
     pub runs: usize,
     /// Run logs.
     pub logs: u32,
-    /// Total size of the run logs, bytes.
+    /// Total log size, bytes.
     pub bytes: u64,
     /// Episode records; 0 unless requested.
     pub records: u64,
 }
 
-/// Deletes logs, and on request records, of runs that ended before the cutoff; adds entries to the audit list.
+/// Deletes logs, and on request records, for runs before the cutoff; adds audit entries.
 ///
 /// # Errors
-/// If the data folder cannot be used or a file cannot be removed.
+/// If the data folder is unusable or a file cannot be removed.
 pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Result<Pruned, Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
@@ -126,7 +126,7 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
     Ok(pruned)
 }
 
-/// Removes a file, or only measures it in a dry run. Returns its size in bytes; `None` if missing.
+/// Removes a file, except in a dry run. Returns its size, bytes; `None` if missing.
 fn remove(path: &Path, dry_run: bool) -> io::Result<Option<u64>> {
     match path.metadata() {
         Ok(file) if dry_run => Ok(Some(file.len())),
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_ends_before_what_the_database_does_not_know() {
+    fn logs_end_before_unknown_episodes() {
         let folder = tempfile::tempdir().unwrap();
         let logs = RunLogs::at(folder.path());
         let (run, phase) = ("run_1".to_owned(), "practice".to_owned());

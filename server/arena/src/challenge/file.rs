@@ -13,46 +13,46 @@ use std::{
 };
 use toml::{
     de::{DeTable, DeValue},
-    value::{Date, Datetime, Offset, Time},
+    value::Datetime,
 };
 
-/// The file of a challenge.
+/// A challenge file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChallengeFile {
-    /// Splits of data sets elsewhere, by the name that they get here.
+    /// Splits in other data sets, by local name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub splits: BTreeMap<String, SplitSource>,
-    /// The phases, in the order in which they are shown.
+    /// Phases in display order.
     #[serde(default)]
     pub phases: Vec<PhaseFile>,
 }
 
-/// Location of a split outside the data folder.
+/// The location of a split outside the data folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SplitSource {
-    /// Folder of the data set; seen from the file when it is relative.
+    /// Data set folder, relative to the file.
     pub dataset: PathBuf,
-    /// Name of the split in it.
+    /// Split name in the data set.
     pub split: String,
 }
 
-/// A phase of the file. Defaults are those of the types or of [`Phase::new`].
+/// A phase. Defaults come from the types or [`Phase::new`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhaseFile {
-    /// Id in URLs and requests.
+    /// Id for URLs and requests.
     pub id: String,
     /// Heading on pages; the id by default.
     #[serde(default)]
     pub title: Option<String>,
-    /// Text for people.
+    /// Description on pages.
     #[serde(default)]
     pub description: String,
-    /// The split that is played.
+    /// Split.
     pub split: String,
-    /// The rule set; the split's by default.
+    /// Rule set; the split's by default.
     #[serde(default)]
     pub rules: Option<String>,
     /// Sound bank: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
@@ -61,58 +61,58 @@ pub struct PhaseFile {
     /// Head model: `sphere` (default), `kept:DIGEST` or a SOFA file.
     #[serde(default)]
     pub head: Option<String>,
-    /// Feedback to a Submit; by default that of the rule set.
+    /// Feedback to a Submit; the rule set's by default.
     #[serde(default)]
     pub feedback: Option<FeedbackRule>,
-    /// Orders that a run may choose; both by default.
+    /// Permitted orders; both by default.
     #[serde(default)]
     pub orders: Option<Vec<Order>>,
-    /// Sensors that agents may ask for; all by default.
+    /// Permitted sensors; all by default.
     #[serde(default)]
     pub sensors: Option<Vec<Sensor>>,
-    /// From when runs may start; at once by default.
+    /// Opening time; at once by default.
     #[serde(default)]
     pub opens: Option<Datetime>,
-    /// From when no more; never by default.
+    /// Closing time; never by default.
     #[serde(default)]
     pub closes: Option<Datetime>,
     /// Visibility of scores.
     pub scores: Visibility,
     /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Episodes that a run may play side by side.
+    /// Largest number of parallel episodes.
     #[serde(default)]
     pub max_slots: Option<u32>,
     /// Largest side of a picture, pixels.
     #[serde(default)]
     pub max_side: Option<u32>,
-    /// Gives each run an order of its own; by default where replays are not public.
+    /// Random episode order per run; by default if replays are not public.
     #[serde(default)]
     pub shuffle: Option<bool>,
-    /// The draw of a run's episodes; all of them by default.
+    /// Draw of a run's episodes; all by default.
     #[serde(default)]
     pub sample: Option<Sample>,
-    /// Only the organiser runs agents, in a sandbox without access to anything but the server.
+    /// Sandboxed runs by the organiser only.
     #[serde(default)]
     pub sealed: bool,
-    /// Encodings that agents may ask for though they change values; by default those only that change none.
+    /// Permitted lossy encodings; none by default.
     #[serde(default)]
     pub encodings: Encodings,
-    /// Number of runs that a team may start.
+    /// Runs per team.
     #[serde(default)]
     pub quota: QuotaLimits,
-    /// Wall time that agents have.
+    /// Wall-time limits.
     #[serde(default)]
     pub time: TimeLimits,
-    /// Ranking of runs.
+    /// Ranking.
     #[serde(default)]
     pub ranking: Ranking,
-    /// Teams that may play.
+    /// Admitted teams.
     #[serde(default)]
     pub teams: Admission,
 }
 
-/// A sensor that agents may ask for.
+/// A sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sensor {
@@ -124,40 +124,40 @@ pub enum Sensor {
     Audio,
 }
 
-/// Prefix of names of recordings and heads in the data folder: the digest follows.
+/// Prefix for recordings and heads in the data folder, before the digest.
 pub(super) const KEPT: &str = "kept:";
 
 impl ChallengeFile {
-    /// Reads the text of a file.
+    /// Parses a file.
     ///
     /// # Errors
-    /// When it is not TOML, or a key is unknown, missing or of another type; the fault tells the line.
+    /// If it is not TOML, or a key is unknown, missing or invalid.
     pub fn parse(text: &str) -> Result<Self, Fault> {
         toml::from_str(text).map_err(|error| Fault::of_toml(text, &error))
     }
 
-    /// The file that has these phases and leaves nothing out.
+    /// Returns the complete file for these phases.
     pub fn of(phases: &[Phase]) -> Self {
         Self { splits: BTreeMap::new(), phases: phases.iter().map(PhaseFile::of).collect() }
     }
 
-    /// The text of the file.
+    /// Returns the text.
     ///
     /// # Errors
-    /// When a value cannot be written in TOML.
+    /// If TOML cannot represent a value.
     pub fn text(&self) -> Result<String, toml::ser::Error> {
         toml::to_string_pretty(self)
     }
 }
 
-/// `value` as JSON, with moments as RFC 3339 writes them.
+/// Converts a value to JSON, with times by RFC 3339.
 pub fn json(value: &impl Serialize) -> Value {
     let mut json = serde_json::to_value(value).unwrap_or_default();
     name_moments(&mut json);
     json
 }
 
-/// Field name of a datetime serialised by the TOML library.
+// The TOML library serialises a datetime as an object with this single field.
 const MOMENT: &str = "$__toml_private_datetime";
 
 fn name_moments(value: &mut Value) {
@@ -172,7 +172,7 @@ fn name_moments(value: &mut Value) {
 }
 
 impl PhaseFile {
-    /// The complete entry of this phase.
+    /// Returns the complete entry for a phase.
     pub fn of(phase: &Phase) -> Self {
         let Sensors { rgb, depth, audio, width, height, encodings, .. } = phase.sensors;
         let sensors = [(rgb, Sensor::Rgb), (depth, Sensor::Depth), (audio, Sensor::Audio)];
@@ -215,7 +215,7 @@ fn sounds_word(sounds: &Sounds) -> String {
     }
 }
 
-/// The word for the head that is no file.
+/// Word for the head without a file.
 pub(super) const SPHERE: &str = "sphere";
 
 fn head_word(head: &HeadRule) -> String {
@@ -225,40 +225,34 @@ fn head_word(head: &HeadRule) -> String {
     }
 }
 
-/// A moment as TOML has it; `None` beyond the year 9999.
+/// Converts a timestamp; `None` beyond the year 9999.
 fn datetime(unix_ms: i64) -> Option<Datetime> {
     calendar::rfc3339(unix_ms).parse().ok()
 }
 
-/// Milliseconds since 1970-01-01 UTC of an RFC 3339 text; `None` if invalid.
+/// Parses an RFC 3339 time in whole seconds; Unix milliseconds.
 pub fn moment_of(text: &str) -> Option<i64> {
-    let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = text.parse().ok()? else {
-        return None;
-    };
-    moment(date, time, offset)
+    // By the TOML library, so that command line and file accept the same spellings.
+    timestamp(&text.parse().ok()?)
 }
 
-/// Time of a key in the file.
-pub(super) fn unix_ms(written: Option<&Datetime>, place: KeyPath<'_>) -> Result<Option<i64>, Fault> {
+/// Converts a time in the file; Unix milliseconds.
+pub(super) fn unix_ms(written: Option<&Datetime>, path: KeyPath<'_>) -> Result<Option<i64>, Fault> {
     let Some(written) = written else { return Ok(None) };
-    let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = written else {
-        return Err(place.fault(format!("{written} does not say date, time and offset from UTC")));
-    };
-    let moment = moment(*date, *time, *offset);
-    moment.map(Some).ok_or_else(|| place.fault(format!("{written} is no moment of the calendar")))
+    if written.date.is_none() || written.time.is_none() || written.offset.is_none() {
+        return Err(path.fault(format!("{written} needs date, time and offset from UTC")));
+    }
+    let moment = timestamp(written).ok_or_else(|| path.fault(format!("{written} is not a valid time")))?;
+    Ok(Some(moment))
 }
 
-fn moment(date: Date, time: Time, offset: Offset) -> Option<i64> {
-    let minutes = match offset {
-        Offset::Z => 0,
-        Offset::Custom { minutes } => i64::from(minutes),
-    };
-    let seconds =
-        u32::from(time.hour) * 3600 + u32::from(time.minute) * 60 + u32::from(time.second.unwrap_or(0));
-    Some(calendar::unix_ms(date.year, date.month, date.day, seconds)? - minutes * 60_000)
+/// Converts a time with date and offset; fractions of seconds are dropped.
+fn timestamp(written: &Datetime) -> Option<i64> {
+    let moment: jiff::Timestamp = written.to_string().parse().ok()?;
+    Some(1000 * moment.as_millisecond().div_euclid(1000))
 }
 
-/// An accepted line for each key.
+/// A valid line per key.
 pub(super) const EXAMPLES: [(&str, &str); 47] = [
     ("phases", "[[phases]]"),
     ("splits", "[splits.hidden]"),
@@ -309,28 +303,28 @@ pub(super) const EXAMPLES: [(&str, &str); 47] = [
     ("deny", "teams = { deny = [\"last year's winner\"] }"),
 ];
 
-/// A fault of the file.
+/// A fault in a challenge file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// Bytes of the text that are wrong; `None` while only `path` is known.
+    /// Wrong bytes; `None` if only the path is known.
     span: Option<Range<usize>>,
-    /// Key by key from the top of the file.
+    /// Keys from the top.
     path: Vec<String>,
-    said: String,
+    problem: String,
 }
 
-/// A key of a file.
+/// A key.
 #[derive(Clone, Copy, Debug)]
 pub struct KeyPath<'a> {
-    /// Key by key from the top of the file; numbers count from 0 in lists.
+    /// Keys from the top, and list indices from 0.
     pub path: &'a [&'a str],
 }
 
 impl KeyPath<'_> {
-    /// Something is wrong with the value of the key.
-    pub fn fault(&self, said: impl fmt::Display) -> Fault {
+    /// Returns a fault at this key.
+    pub fn fault(&self, problem: impl fmt::Display) -> Fault {
         let path = self.path.iter().map(|&step| step.to_owned()).collect();
-        Fault { span: None, path, said: said.to_string() }
+        Fault { span: None, path, problem: problem.to_string() }
     }
 }
 
@@ -338,26 +332,26 @@ impl Fault {
     /// Converts a TOML error.
     pub(super) fn of_toml(text: &str, error: &toml::de::Error) -> Self {
         let span = error.span().unwrap_or(0..text.len().min(1));
-        Self { span: Some(span), path: Vec::new(), said: error.message().trim().to_owned() }
+        Self { span: Some(span), path: Vec::new(), problem: error.message().trim().to_owned() }
     }
 
-    /// Line in `text`, from 1.
+    /// Returns the line number, from 1.
     fn line(&self, text: &str) -> usize {
         let span = self.span.clone().or_else(|| find(text, &self.path)).unwrap_or(0..0);
         let before = text.get(..span.start).unwrap_or(text);
         before.matches('\n').count() + 1
     }
 
-    /// Message for people: file, line, value, problem and a valid example.
+    /// Returns the message: file, line, value, problem and a valid example.
     pub fn explain(&self, file: &Path, text: &str) -> Failure {
         const SHOWN: usize = 120;
         let line = self.line(text);
         let written: String =
             text.lines().nth(line - 1).unwrap_or_default().trim().chars().take(SHOWN).collect();
         let key = self.path.last().map_or("", String::as_str);
-        let message = format!("{}, line {line}: `{}`: {}", file.display(), written, self.said);
+        let message = format!("{}, line {line}: `{}`: {}", file.display(), written, self.problem);
         let failure = Failure::data(message);
-        match example(key).or_else(|| example_in(&self.said)).or_else(|| example_in(&written)) {
+        match example(key).or_else(|| example_in(&self.problem)).or_else(|| example_in(&written)) {
             Some(example) => failure.hinted(format!("for example: {example}")),
             None => failure.hinted("docs/challenge.toml is an example with every key"),
         }
@@ -368,14 +362,14 @@ fn example(key: &str) -> Option<&'static str> {
     EXAMPLES.iter().find(|(name, _)| *name == key).map(|(_, example)| *example)
 }
 
-/// The example of the first key that `words` names: in a message between backticks, in a line before `=`.
+/// Returns the example for the first key in `words`: between backticks in a message, before `=` in a line.
 fn example_in(words: &str) -> Option<&'static str> {
     let quoted = words.split('`').skip(1).step_by(2);
     let assigned = words.split_once('=').map(|(key, _)| key.trim());
     assigned.into_iter().chain(quoted).find_map(example)
 }
 
-/// Position of a key, or of its parent if missing.
+/// Returns the position of a key, or of its parent if missing.
 fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
     let table = DeTable::parse(text).ok()?;
     let mut span = None;

@@ -11,13 +11,13 @@ use std::collections::BTreeMap;
 mod file;
 mod plan;
 
-/// Actor of the command line for the audit list.
+/// Returns the command line's actor for audit entries.
 pub fn actor() -> String {
     let user = std::env::var("USER").ok().filter(|user| !user.trim().is_empty());
     user.map_or_else(|| "command line".to_owned(), |user| format!("{user} at the command line"))
 }
 
-/// Audit notes on a phase change by `actor`; empty without differences.
+/// Returns the audit entries for a phase change; none without differences.
 pub fn notes(actor: &str, before: Option<&Phase>, after: &Phase, reason: &str) -> Vec<AuditNote> {
     let subject = format!("phase {}", after.id);
     let note = |what: &str, before: Option<String>, after: Option<String>| AuditNote {
@@ -42,7 +42,7 @@ pub fn notes(actor: &str, before: Option<&Phase>, after: &Phase, reason: &str) -
     notes
 }
 
-/// Settings of a phase by key, without unset ones.
+/// Returns a phase's settings by key, without unset ones.
 fn settings(phase: &Phase) -> BTreeMap<String, String> {
     let mut settings = BTreeMap::new();
     flatten("", &json(&PhaseFile::of(phase)), &mut settings);
@@ -54,7 +54,6 @@ fn settings(phase: &Phase) -> BTreeMap<String, String> {
     settings
 }
 
-/// Digest of the episode list.
 fn episode_digest(phase: &Phase) -> String {
     let ids = phase.episodes.iter().map(|episode| episode.episode.as_str());
     avln_store::pool_digest(&phase.split, ids)[..16].to_owned()
@@ -88,19 +87,19 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_change_is_noted_by_key_and_no_change_is_not() {
+    fn changes_are_noted_by_key() {
         let before = Phase::new("practice", "val", Rules::paper(), vec![]);
         assert_eq!(notes("ada", Some(&before), &before, ""), []);
         let mut after = before.clone();
         after.quotas.day = Some(3);
         after.schedule.opens_unix_ms = Some(0);
-        let told: Vec<_> = notes("ada", Some(&before), &after, "start")
+        let noted: Vec<_> = notes("ada", Some(&before), &after, "start")
             .into_iter()
             .map(|n| (n.what, n.before, n.after))
             .collect();
         let moment = "1970-01-01T00:00:00Z".to_owned();
         assert_eq!(
-            told,
+            noted,
             [("opens".to_owned(), None, Some(moment)), ("quota.day".to_owned(), None, Some("3".to_owned()))]
         );
         assert_eq!(notes("ada", None, &after, "")[0].what, "made");
@@ -116,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn the_example_of_the_documentation_has_three_phases_and_every_key() {
+    fn documented_example_has_every_key() {
         let file = ChallengeFile::parse(EXAMPLE).expect("a file");
         let ids: Vec<_> = file.phases.iter().map(|phase| phase.id.as_str()).collect();
         assert_eq!(ids, ["practice", "standard", "challenge"]);
@@ -126,7 +125,7 @@ mod tests {
         }
     }
 
-    /// A phase with all settings.
+    /// Returns a phase with all settings.
     fn every_setting() -> Phase {
         let mut phase = Phase::new("every", "val", Rules::paper(), vec![]);
         phase.schedule.opens_unix_ms = Some(1_767_225_600_000);
@@ -139,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_is_read_again_as_it_was() {
+    fn shown_files_parse_to_the_same_value() {
         let shown = ChallengeFile::of(&[every_setting()]);
         let text = shown.text().expect("TOML");
         assert!(text.contains("opens = 2026-01-01T00:00:00Z"), "{text}");
@@ -147,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_file_is_refused_with_line_value_and_an_accepted_example() {
+    fn refusals_show_line_value_and_a_valid_example() {
         let cases = [
             ("id = 7\n", 1, "`phases`"),
             (&format!("{SMALL}max_slot = 4\n"), 6, "max_slot"),
@@ -161,18 +160,18 @@ mod tests {
             (&format!("{SMALL}title = \"open\n"), 6, "title = \"Practice\""),
         ];
         for (text, line, named) in cases {
-            let said = refused(text);
-            assert!(said.contains(&format!("challenge.toml, line {line}: ")), "{text}: {said}");
-            assert!(said.contains(named), "{text}: {said}");
+            let message = refused(text);
+            assert!(message.contains(&format!("challenge.toml, line {line}: ")), "{text}: {message}");
+            assert!(message.contains(named), "{text}: {message}");
         }
     }
 
     #[test]
-    fn a_fault_of_sense_names_the_line_of_its_key_or_of_what_it_belongs_to() {
+    fn faults_show_the_line_of_the_nearest_key() {
         let text = format!("{SMALL}\n{SMALL}quota = {{ day = 0 }}\n");
         let line = |path: &[&str]| {
-            let said = KeyPath { path }.fault("is wrong").explain(Path::new("c.toml"), &text).to_string();
-            said.split_once(", line ")
+            let message = KeyPath { path }.fault("is wrong").explain(Path::new("c.toml"), &text).to_string();
+            message.split_once(", line ")
                 .and_then(|(_, rest)| rest.split_once(':'))
                 .map(|(line, _)| line.to_owned())
         };
@@ -184,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn every_example_of_a_line_is_accepted() {
+    fn every_example_line_is_accepted() {
         for (key, example) in EXAMPLES {
             let text = match key {
                 "phases" => SMALL.to_owned(),
@@ -208,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_rfc_3339() {
+    fn times_follow_rfc_3339() {
         assert_eq!(moment_of("1970-01-02T00:00:00Z"), Some(86_400_000));
         assert_eq!(moment_of("1970-01-02T01:30:00+01:30"), Some(86_400_000));
         assert_eq!(moment_of("2026-02-29T00:00:00Z"), None);
@@ -217,13 +216,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_file_breaks_the_reader(text in ".{0,300}", at in 0..EXAMPLE.len(), cut in 0..40_usize) {
+        fn random_files_are_parsed_or_refused(text in ".{0,300}", at in 0..EXAMPLE.len(), cut in 0..40_usize) {
             let start = EXAMPLE.floor_char_boundary(at);
             let end = EXAMPLE.floor_char_boundary((at + cut).min(EXAMPLE.len())).max(start);
             for file in [text.clone(), format!("{}{text}{}", &EXAMPLE[..start], &EXAMPLE[end..])] {
                 if let Err(fault) = ChallengeFile::parse(&file) {
-                    let said = fault.explain(Path::new("challenge.toml"), &file).to_string();
-                    prop_assert!(said.starts_with("challenge.toml, line "), "{}", said);
+                    let message = fault.explain(Path::new("challenge.toml"), &file).to_string();
+                    prop_assert!(message.starts_with("challenge.toml, line "), "{}", message);
                 }
             }
         }

@@ -20,35 +20,35 @@ use std::{
     path::Path,
 };
 
-/// Turns a file into changes of a data folder.
+/// Computes and applies the changes by a challenge file.
 pub struct Planner<'a> {
-    /// The data folder.
+    /// Data folder.
     pub data: &'a DataFolder,
     /// Database.
     pub store: &'a Store,
-    /// Base folder of relative paths.
+    /// Base folder for relative paths.
     pub base: &'a Path,
-    /// Why it is changed, for the audit list; may be empty.
+    /// Reason for audit entries; may be empty.
     pub reason: &'a str,
 }
 
 /// Changes by a file.
 #[derive(Debug, Default)]
 pub struct ChallengeChanges {
-    /// Splits to be taken in: name and source.
+    /// New splits: name and source.
     splits: Vec<(String, SplitSource)>,
-    /// Phases that are new or differ.
+    /// New or changed phases.
     phases: Vec<Phase>,
-    /// Audit notes on the differences.
+    /// Audit entries for the differences.
     pub notes: Vec<AuditNote>,
-    /// Phases of the data folder that the file leaves out; they stay as they are.
+    /// Phases missing in the file; they stay unchanged.
     pub left_out: Vec<String>,
 }
 
 /// Errors of planning.
 #[derive(Debug)]
 pub enum PlanError {
-    /// Something in the file is wrong.
+    /// A fault in the file.
     File(Fault),
     /// Any other failure.
     Other(Failure),
@@ -73,7 +73,7 @@ impl From<avln_store::StoreError> for PlanError {
 }
 
 impl Planner<'_> {
-    /// Computes the changes by a file. Only recordings named in the file are written, to the data folder.
+    /// Computes the changes. Writes nothing except imported recordings and heads.
     ///
     /// # Errors
     /// If a value is invalid, or the data folder is unreadable.
@@ -102,10 +102,10 @@ impl Planner<'_> {
         Ok(plan)
     }
 
-    /// Carries a plan out. Phases and notes are written together or not at all.
+    /// Applies the changes; phases and audit entries in a single transaction.
     ///
     /// # Errors
-    /// When a split cannot be taken in or the database refuses.
+    /// If a split cannot be linked, or the database fails.
     pub async fn apply(&self, plan: ChallengeChanges) -> Result<(), Failure> {
         for (name, source) in &plan.splits {
             self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;
@@ -121,14 +121,14 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// The splits that the file names, opened.
+    /// Opens the splits named in the file.
     fn splits(&self, file: &ChallengeFile) -> Result<BTreeMap<String, SplitFolder>, Fault> {
         let mut open = BTreeMap::new();
         for (name, SplitSource { dataset, split }) in &file.splits {
-            let place = KeyPath { path: &["splits", name] };
-            check_name("split", name).map_err(|failure| place.fault(one_line(&failure)))?;
+            let path = KeyPath { path: &["splits", name] };
+            check_name("split", name).map_err(|failure| path.fault(one_line(&failure)))?;
             let folder = SplitFolder::open(&self.base.join(dataset), split);
-            open.insert(name.clone(), folder.map_err(|failure| place.fault(one_line(&failure)))?);
+            open.insert(name.clone(), folder.map_err(|failure| path.fault(one_line(&failure)))?);
         }
         Ok(open)
     }
@@ -151,8 +151,8 @@ impl Planner<'_> {
             return Ok(());
         };
         if self.store.has_runs(&old.id).await? {
-            let said = "the phase has runs, which fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
-            return Err(conversion.fault(key, said).into());
+            let problem = "existing runs fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
+            return Err(conversion.fault(key, problem).into());
         }
         Ok(())
     }
@@ -178,13 +178,13 @@ struct PhaseConversion<'a> {
 }
 
 impl PhaseConversion<'_> {
-    fn fault(&self, key: &str, said: impl std::fmt::Display) -> Fault {
+    fn fault(&self, key: &str, problem: impl std::fmt::Display) -> Fault {
         let mut path = vec!["phases", self.index];
         path.extend(key.split('.'));
-        KeyPath { path: &path }.fault(said)
+        KeyPath { path: &path }.fault(problem)
     }
 
-    /// The phase of the entry; a manual start is taken from the previous version.
+    /// Returns the phase. Pause and closing by hand come from the previous version.
     fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, PlanError> {
         let entry = self.entry;
         check_name("phase", &entry.id).map_err(|failure| self.fault("id", one_line(&failure)))?;
@@ -230,7 +230,7 @@ impl PhaseConversion<'_> {
         if (least..=most).contains(&value) {
             return Ok(value);
         }
-        Err(self.fault(key, format!("{value} is not {least} to {most}")))
+        Err(self.fault(key, format!("{value} is outside of {least} to {most}")))
     }
 
     fn check_texts(&self) -> Result<(), Fault> {
@@ -288,7 +288,7 @@ impl PhaseConversion<'_> {
         let orders = self.entry.orders.clone().unwrap_or_else(|| vec![Order::Ordered, Order::Unordered]);
         let different: BTreeSet<_> = orders.iter().map(|order| order.as_str()).collect();
         if orders.is_empty() || different.len() != orders.len() {
-            return Err(self.fault("orders", "name one order or both, each once"));
+            return Err(self.fault("orders", "list one or both orders, without repetition"));
         }
         Ok(orders)
     }
@@ -297,7 +297,7 @@ impl PhaseConversion<'_> {
         let all = vec![Sensor::Rgb, Sensor::Depth, Sensor::Audio];
         let wanted = self.entry.sensors.clone().unwrap_or(all);
         if wanted.is_empty() {
-            return Err(self.fault("sensors", "name one sensor or more"));
+            return Err(self.fault("sensors", "list at least one sensor"));
         }
         let has = |sensor| wanted.contains(&sensor);
         let (rgb, depth, audio) = (has(Sensor::Rgb), has(Sensor::Depth), has(Sensor::Audio));
@@ -312,7 +312,7 @@ impl PhaseConversion<'_> {
         if let (Some(opens), Some(closes)) = (opens, closes)
             && opens >= closes
         {
-            return Err(self.fault("closes", "the phase closes before it opens"));
+            return Err(self.fault("closes", "the phase would close before it opens"));
         }
         let by_hand = old.map(|old| old.schedule.clone()).unwrap_or_default();
         Ok(Schedule { opens_unix_ms: opens, closes_unix_ms: closes, ..by_hand })
@@ -328,7 +328,7 @@ impl PhaseConversion<'_> {
             ("quota.uncharged", quota.uncharged),
         ];
         match limits.into_iter().find(|(_, limit)| *limit == Some(0)) {
-            Some((key, _)) => Err(self.fault(key, "0 lets nobody play; leave it out for any number of runs")),
+            Some((key, _)) => Err(self.fault(key, "0 permits no run; omit the key for any number of runs")),
             None => Ok(quota),
         }
     }
@@ -336,9 +336,9 @@ impl PhaseConversion<'_> {
     fn time(&self) -> Result<avln_episode::TimeLimits, Fault> {
         let time = self.entry.time;
         if time.disconnect_s > time.disconnect_total_s {
-            let said =
-                "one lost connection cannot be away for longer than all of a run's (disconnect_total_s)";
-            return Err(self.fault("time.disconnect_s", said));
+            let problem =
+                "a single disconnection cannot last longer than all in total (disconnect_total_s)";
+            return Err(self.fault("time.disconnect_s", problem));
         }
         Ok(time)
     }
@@ -347,11 +347,11 @@ impl PhaseConversion<'_> {
         let teams = &self.entry.teams;
         for (key, names) in [("teams.allow", &teams.allow), ("teams.deny", &teams.deny)] {
             if names.iter().any(|name| name.trim().is_empty()) {
-                return Err(self.fault(key, "a team without a name"));
+                return Err(self.fault(key, "a team name is empty"));
             }
         }
         match teams.allow.iter().find(|name| teams.deny.contains(name)) {
-            Some(both) => Err(self.fault("teams.deny", format!("team '{both}' is allowed and denied"))),
+            Some(both) => Err(self.fault("teams.deny", format!("team '{both}' is both allowed and denied"))),
             None => Ok(teams.clone()),
         }
     }
@@ -367,24 +367,24 @@ impl PhaseConversion<'_> {
     }
 }
 
-/// Two phases cannot share an id.
+/// Rejects repeated ids.
 fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
     let mut seen = BTreeSet::new();
     for (index, entry) in file.phases.iter().enumerate() {
         if !seen.insert(&entry.id) {
-            let place = KeyPath { path: &["phases", &index.to_string(), "id"] };
-            return Err(place.fault(format!("'{}' is the id of an earlier phase", entry.id)));
+            let path = KeyPath { path: &["phases", &index.to_string(), "id"] };
+            return Err(path.fault(format!("'{}' is already the id of another phase", entry.id)));
         }
     }
     Ok(())
 }
 
-/// Positions of the phases: unchanged if the order is equal, otherwise counted from 0.
+/// Returns the positions: unchanged for the same order, otherwise counted from 0.
 fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
-    let place = |id: &str| before.iter().position(|phase| phase.id == id);
-    let known: Vec<usize> = file.phases.iter().map_while(|entry| place(&entry.id)).collect();
+    let path = |id: &str| before.iter().position(|phase| phase.id == id);
+    let known: Vec<usize> = file.phases.iter().map_while(|entry| path(&entry.id)).collect();
     let new = &file.phases[known.len()..];
-    let kept = known.is_sorted() && new.iter().all(|entry| place(&entry.id).is_none());
+    let kept = known.is_sorted() && new.iter().all(|entry| path(&entry.id).is_none());
     if !kept {
         return (0..file.phases.len() as u32).collect();
     }
@@ -393,7 +393,7 @@ fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
     old.chain((next..).take(new.len())).collect()
 }
 
-/// A failure and its hint in a line.
+/// Joins message and hint on one line.
 fn one_line(failure: &Failure) -> String {
     failure.to_string().replace('\n', "; ")
 }

@@ -19,47 +19,47 @@ mod seal;
 
 pub use seal::Passphrase;
 
-/// Size limit of a data set file, bytes: missions of a scene take some megabytes.
+/// Largest file, bytes: a scene's missions take some megabytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 
-/// File locations of a data set.
+/// The files of a data set.
 #[derive(Clone, Debug)]
 pub struct DatasetFiles {
     root: PathBuf,
 }
 
 impl DatasetFiles {
-    /// The data set in `root`, existing or not.
+    /// Opens the data set in `root`, existing or not.
     pub fn at(root: &Path) -> Self {
         Self { root: root.to_owned() }
     }
 
-    /// Root folder.
+    /// Returns the folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Path of `dataset.json`.
+    /// Returns the path of `dataset.json`.
     pub fn manifest_path(&self) -> PathBuf {
         self.root.join("dataset.json")
     }
 
-    /// Path of the scene list of a split.
+    /// Returns the path of a scene list.
     pub fn scenes_path(&self, split: &str) -> PathBuf {
         self.root.join(split).join("scenes.jsonl")
     }
 
-    /// Path of the public missions of a scene.
+    /// Returns the path of a scene's public missions.
     pub fn missions_path(&self, split: &str, scene: &str) -> PathBuf {
         self.root.join(split).join("missions").join(format!("{scene}.jsonl"))
     }
 
-    /// Path of the ground truth of a scene.
+    /// Returns the path of a scene's ground truth.
     pub fn sealed_path(&self, split: &str, scene: &str) -> PathBuf {
         self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
     }
 
-    /// Returns true if the data set is complete.
+    /// Returns true for a complete data set.
     pub fn is_complete(&self) -> bool {
         self.manifest_path().is_file()
     }
@@ -67,7 +67,7 @@ impl DatasetFiles {
     /// Reads the manifest.
     ///
     /// # Errors
-    /// If it is missing, or of another version.
+    /// If it is missing or has another version.
     pub fn manifest(&self) -> Result<Manifest, Failure> {
         let path = self.manifest_path();
         let bytes = read(&path).map_err(|failure| {
@@ -77,7 +77,7 @@ impl DatasetFiles {
             .map_err(DatasetError::from)?)
     }
 
-    /// Reads the scene list of a split.
+    /// Reads a scene list.
     ///
     /// # Errors
     /// If it is unreadable, or differs from the manifest digest.
@@ -86,7 +86,7 @@ impl DatasetFiles {
         self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
     }
 
-    /// The scenes that the list of a split names.
+    /// Parses a scene list.
     fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
         let name = self.scenes_path(&split.name).display().to_string();
         let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
@@ -94,7 +94,7 @@ impl DatasetFiles {
         Ok(scenes)
     }
 
-    /// Returns `true` if the scene list of a split is sealed, and with it the rest.
+    /// Returns true if a split is sealed.
     ///
     /// # Errors
     /// If the list cannot be read.
@@ -102,7 +102,7 @@ impl DatasetFiles {
         Ok(seal::is_sealed(&read_as_is(&self.scenes_path(split))?))
     }
 
-    /// Writes the scene list of a split and returns its line in the manifest.
+    /// Writes a scene list; returns the split's manifest line.
     ///
     /// # Errors
     /// If the folder cannot be written.
@@ -121,10 +121,10 @@ impl DatasetFiles {
         write_whole(&self.manifest_path(), &manifest_bytes(manifest)?)
     }
 
-    /// Writes the statistics, as numbers and as a page.
+    /// Writes the statistics as JSON and as a page; returns the page's path.
     ///
     /// # Errors
-    /// When the folder cannot be written.
+    /// If the folder cannot be written.
     pub fn write_statistics(&self, name: &str, splits: &[(String, Statistics)]) -> Result<PathBuf, Failure> {
         let numbers: BTreeMap<_, _> =
             splits.iter().map(|(split, numbers)| (split.as_str(), numbers)).collect();
@@ -135,7 +135,7 @@ impl DatasetFiles {
         Ok(page)
     }
 
-    /// Seals missions, truth and scene list of a split in place. Already sealed files stay unchanged.
+    /// Seals missions, truth and scene list in place; sealed files stay unchanged.
     ///
     /// # Errors
     /// If the split is unknown, a file is sealed with another passphrase, or a file is not writable.
@@ -166,7 +166,7 @@ impl DatasetFiles {
         Ok(sealed)
     }
 
-    /// Writes an in-memory split as a data set.
+    /// Writes a split as a data set.
     ///
     /// # Errors
     /// If the folder is not writable.
@@ -192,19 +192,19 @@ impl DatasetFiles {
     }
 }
 
-/// Counts of newly and previously sealed files.
+/// File counts after sealing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sealed {
-    /// Sealed now.
+    /// Newly sealed files.
     pub now: usize,
-    /// Sealed before.
+    /// Previously sealed files.
     pub before: usize,
 }
 
-/// Checks a name of a scene or split: names become file names.
+/// Checks a scene or split name: names become file names.
 ///
 /// # Errors
-/// If the name has other characters than letters, digits, `-`, `_` and `.`, or is too long.
+/// If it has other characters than letters, digits, `-`, `_` and `.`, or is too long.
 pub fn check_plain(name: &str) -> Result<(), Failure> {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
     if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
@@ -216,7 +216,7 @@ pub fn check_plain(name: &str) -> Result<(), Failure> {
     )))
 }
 
-/// Reads a file of a data set; sealed files are decrypted in memory.
+/// Reads a data set file; sealed files are decrypted in memory.
 ///
 /// # Errors
 /// If the file cannot be read, is too large, or there is no key.
@@ -230,13 +230,13 @@ fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
     let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
     std::fs::File::open(path).and_then(limited).map_err(|error| Failure::file("read", path, error))?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        let message = format!("{} is larger than the {MAX_FILE_BYTES} bytes that are read", path.display());
+        let message = format!("{} is larger than {MAX_FILE_BYTES} bytes", path.display());
         return Err(Failure::data(message));
     }
     Ok(bytes)
 }
 
-/// Writes a file under another name and renames it: a file with this name is always complete.
+/// Writes a file under another name and renames it, so that it is always complete.
 ///
 /// # Errors
 /// If the folder cannot be written.
@@ -254,7 +254,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 /// Number of scenes with cached missions.
 const CACHED_SCENES: usize = 16;
 
-/// A split on disk: the scene list is in memory, missions are read per scene on demand.
+/// A split on disk. Missions are read per scene on demand.
 pub struct SplitFolder {
     files: DatasetFiles,
     /// Name of the split in its data set.
@@ -270,7 +270,7 @@ pub struct SplitFolder {
 }
 
 impl SplitFolder {
-    /// Opens a split of the data set in `root` and reads the scene list.
+    /// Opens a split and reads its scene list.
     ///
     /// # Errors
     /// If the data set or split is missing, or its files differ from the manifest.
@@ -297,47 +297,47 @@ impl SplitFolder {
         })
     }
 
-    /// Name of the rule set under which it was made.
+    /// Returns the rule set's name.
     pub fn rules(&self) -> &str {
         &self.rules
     }
 
-    /// Digest of everything in it.
+    /// Returns the digest over all files.
     pub fn digest(&self) -> &str {
         &self.digest
     }
 
-    /// Name of the split in its data set.
+    /// Name in the data set.
     pub fn name(&self) -> &str {
         &self.split
     }
 
-    /// Returns true if its files need a passphrase.
+    /// Returns true if the files need a passphrase.
     pub fn is_sealed(&self) -> bool {
         self.is_sealed
     }
 
-    /// Mission count.
+    /// Returns the mission count.
     pub fn mission_count(&self) -> usize {
         self.missions
     }
 
-    /// Scenes.
+    /// Returns the scenes.
     pub fn scenes(&self) -> &[SceneLine] {
         &self.scenes
     }
 
-    /// Specification of the scene `name`.
+    /// Returns the specification of a scene.
     pub fn scene(&self, name: &str) -> Option<SceneSpec> {
         self.by_name.get(name).map(|&index| self.scenes[index].spec())
     }
 
-    /// Returns true if `id` can be a mission of `scene`, without reading files.
+    /// Returns true if `id` can be a mission in `scene`; reads no files.
     pub fn may_hold(&self, scene: &str, id: &str) -> bool {
         self.by_name.contains_key(scene) && scene_of(id) == Some(scene)
     }
 
-    /// Public part of the missions of a scene.
+    /// Reads the public part of a scene's missions.
     ///
     /// # Errors
     /// If its file is invalid.
@@ -347,7 +347,7 @@ impl SplitFolder {
         Ok(read_missions(File { name: &name, bytes: &bytes }, &scene.name).map_err(DatasetError::from)?)
     }
 
-    /// Missions of a scene, both parts.
+    /// Reads both parts of a scene's missions.
     ///
     /// # Errors
     /// If its files are invalid.
@@ -361,7 +361,7 @@ impl SplitFolder {
         Ok(read_scene(scene, public, sealed).map_err(DatasetError::from)?)
     }
 
-    /// The mission `id`; `None` if unknown.
+    /// Returns a mission; `None` if unknown.
     ///
     /// # Errors
     /// If the files of its scene are invalid.
@@ -371,10 +371,10 @@ impl SplitFolder {
         Ok(episodes.iter().find(|episode| episode.id == id).cloned())
     }
 
-    /// The whole split in memory.
+    /// Loads all missions.
     ///
     /// # Errors
-    /// When a file cannot be used.
+    /// If a file is invalid.
     pub fn load(&self) -> Result<Split, Failure> {
         let mut episodes = Vec::new();
         for scene in &self.scenes {
@@ -385,7 +385,7 @@ impl SplitFolder {
     }
 }
 
-/// The scene that a mission's id names: all before the last `-`.
+/// Returns the scene in a mission id: the part before the last `-`.
 fn scene_of(id: &str) -> Option<&str> {
     id.rsplit_once('-').map(|(scene, _)| scene)
 }

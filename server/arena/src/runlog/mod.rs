@@ -1,9 +1,9 @@
-//! Run logs: append-only records of runs, for restart and verification.
+//! Run logs: append-only records for restart and verification.
 //!
-//! `DATA/runs/<run>.log` is text with a line per [`Entry`]: 32 hexadecimal digits, a space, and the entry as
-//! JSON. The digits are the first 16 bytes of a BLAKE3 hash over the digits of the previous line and the JSON
-//! of this line, so changed, removed or inserted lines are detectable. An incomplete last line was
-//! interrupted by a crash and is ignored.
+//! `DATA/runs/<run>.log` is a text file with a line per [`Entry`]: 32 hexadecimal digits, a space, and the
+//! entry as JSON. The digits are the first 16 bytes of a BLAKE3 hash over the previous line's digits and this
+//! line's JSON. This detects changed, removed and inserted lines. An incomplete last line was interrupted by
+//! a crash and is ignored.
 
 use avln_episode::{Action, EndReason, Order, Sensors};
 use avln_scoring::Metrics;
@@ -15,64 +15,63 @@ pub use writer::{RunLog, RunLogs, SigningKey, SlotLog, is_signed};
 mod history;
 mod writer;
 
-/// Digits of the hash in front of each line.
+/// Number of hash digits per line.
 const DIGITS: usize = 32;
 
-/// The digits in front of a line, after those of the line before; none before the first.
+/// Returns a line's digits; `before` is empty for the first line.
 fn link(before: &str, json: &str) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(before.as_bytes()).update(b"\n").update(json.as_bytes());
     hasher.finalize().to_hex()[..DIGITS].to_owned()
 }
 
-/// A line of a run log. Times are milliseconds since 1970-01-01 UTC (`_ms`) or durations in microseconds
-/// (`_us`).
+/// A line. Times are Unix milliseconds (`_ms`) or microseconds (`_us`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Entry {
-    /// The first line: whose log it is, and what was in force.
+    /// First line: run and versions.
     Run {
-        /// Version of this format.
+        /// Format version.
         format: u32,
-        /// Id of the run.
+        /// Run id.
         run: String,
-        /// Id of its phase.
+        /// Phase id.
         phase: String,
-        /// Success criterion.
+        /// Order of goals.
         order: Order,
-        /// Digests and versions by name, as the store keeps them.
+        /// Digests and versions by name.
         digests: BTreeMap<String, String>,
-        /// When the log was begun.
+        /// Creation time.
         at_ms: i64,
     },
-    /// An episode was handed out to a slot.
+    /// An episode was issued.
     Began {
         /// The slot.
         slot: u32,
         /// The name that the agent sees.
         handle: String,
-        /// Place in the run's list, from 0.
+        /// Index in the run, from 0.
         ordinal: u32,
-        /// Id of the episode inside the split.
+        /// Episode id in the split.
         episode: String,
-        /// Sensors of the agent.
+        /// Requested sensors.
         sensors: Sensors,
         /// When.
         at_ms: i64,
     },
-    /// The slot's episode took a step.
+    /// A step was taken.
     Acted {
         /// The slot.
         slot: u32,
         /// Number of the step, counted from 1.
         step: u32,
-        /// The action.
+        /// Action.
         action: Action,
-        /// Hash of the state that it led to, 16 hexadecimal digits.
+        /// Hash of the new state, 16 hexadecimal digits.
         state: String,
-        /// For how long the agent thought.
+        /// Thinking time.
         thought_us: u64,
-        /// Remaining time bank of the episode.
+        /// Remaining time bank.
         bank_us: u64,
         /// When.
         at_ms: i64,
@@ -82,7 +81,7 @@ pub enum Entry {
     RestoreStarted {
         /// The slot.
         slot: u32,
-        /// The name that the agent sees.
+        /// Handle, visible to the agent.
         handle: String,
         /// When.
         at_ms: i64,
@@ -100,48 +99,48 @@ pub enum Entry {
     StepAttempted {
         /// The slot.
         slot: u32,
-        /// Number of the step, counted from 1.
+        /// Step number, from 1.
         step: u32,
         /// When.
         at_ms: i64,
     },
-    /// An observation did not arrive, and the clock of its answer began again.
+    /// An observation was lost, and its answer time restarted.
     ClockRestarted {
         /// The slot.
         slot: u32,
-        /// Step of the observation.
+        /// Step number of the observation.
         step: u32,
-        /// For how long the connection was away.
+        /// Disconnection time.
         away_us: u64,
         /// When.
         at_ms: i64,
     },
-    /// The run is over, and the server stands for the lines before.
+    /// The run has ended, and the server signs the lines before.
     Signed {
-        /// The digits in front of the line before.
+        /// Digits of the previous line.
         head: String,
-        /// The server's public key, hexadecimal.
+        /// Server's public key, hexadecimal.
         key: String,
-        /// Ed25519 signature over the digits, hexadecimal.
+        /// Ed25519 signature over `head`, hexadecimal.
         signature: String,
     },
-    /// The episode is over and scored; the store is told next.
+    /// The episode has ended with a score; the database entry follows.
     Ended {
-        /// The slot.
+        /// Slot.
         slot: u32,
-        /// The name that the agent saw.
+        /// Handle, visible to the agent.
         handle: String,
-        /// Why it ended.
+        /// End reason.
         end: EndReason,
-        /// Score of the episode.
+        /// Score.
         metrics: Box<Metrics>,
-        /// When.
+        /// Time.
         at_ms: i64,
     },
 }
 
 impl Entry {
-    /// Version of the format that this program writes.
+    /// Format version for new logs.
     pub const FORMAT: u32 = 1;
 }
 
@@ -173,7 +172,7 @@ mod tests {
         Acted { step, action, state_hash: u64::from(step) << 60 | 5, thought, bank_left }
     }
 
-    /// A log with two slots: two steps and one step.
+    /// Writes a log with two slots: two steps and one step.
     fn written(folder: &Path) -> RunLogs {
         let logs = RunLogs::at(folder);
         let log = logs.open("run_1", first).unwrap();
@@ -189,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn written_entries_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let logs = written(folder.path());
         logs.sync();
@@ -204,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_was_not_finished_counts_for_nothing_and_is_written_over() {
+    fn incomplete_last_line_is_ignored_and_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = written(folder.path()).path("run_1");
         let whole = std::fs::read(&path).unwrap();
@@ -221,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_was_changed_left_out_or_put_in_is_found() {
+    fn changed_removed_and_inserted_lines_are_detected() {
         let folder = tempfile::tempdir().unwrap();
         let bytes = std::fs::read(written(folder.path()).path("run_1")).unwrap();
         let text = String::from_utf8(bytes).unwrap();
@@ -239,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn deaths_of_the_server_are_counted_until_the_episode_comes_further() {
+    fn server_crashes_count_until_the_next_step() {
         let folder = tempfile::tempdir().unwrap();
         let logs = written(folder.path());
         let log = logs.open("run_1", first).unwrap();
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_out_of_turn_are_no_history() {
+    fn steps_out_of_order_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let logs = RunLogs::at(folder.path());
         let log = logs.open("run_1", first).unwrap();
@@ -269,19 +268,19 @@ mod tests {
         SlotLog { log: log.clone(), slot: 0, restored: false }.acted(&acted(2, Action::Stop)).unwrap();
         let (line, what) = logs.history("run_1").unwrap().expect("a log").episodes().unwrap_err();
         assert_eq!(line, 3);
-        assert!(what.contains("step 2 of slot 0 is out of turn"), "{what}");
+        assert!(what.contains("step 2 of slot 0 is out of order"), "{what}");
     }
 
     #[test]
-    fn a_log_of_another_format_is_not_read() {
+    fn other_formats_are_refused() {
         let entry = serde_json::to_string(&first()).unwrap().replace("\"format\":1", "\"format\":9");
         let line = format!("{} {entry}\n", link("", &entry));
         let (number, what) = History::parse(line.as_bytes()).unwrap_err();
-        assert_eq!((number, what.as_str()), (1, "format 9 is not known, 1 is"));
+        assert_eq!((number, what.as_str()), (1, "format 9 is not supported, only 1"));
     }
 
     #[test]
-    fn no_bytes_do_harm() {
+    fn random_changes_cause_no_panic() {
         let folder = tempfile::tempdir().unwrap();
         let whole = std::fs::read(written(folder.path()).path("run_1")).unwrap();
         let mut state = 1_u64;

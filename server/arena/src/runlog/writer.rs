@@ -19,23 +19,23 @@ use std::{
 };
 use tempfile::NamedTempFile;
 
-/// The run logs of a data folder.
+/// The run logs in a folder.
 #[derive(Debug)]
 pub struct RunLogs {
     folder: PathBuf,
     open: Mutex<BTreeMap<String, Arc<RunLog>>>,
 }
 
-/// The log of a run, open for writing.
+/// An open run log.
 #[derive(Debug)]
 pub struct RunLog {
     path: PathBuf,
     end: Mutex<End>,
-    /// True if lines may not be on disk yet.
+    /// True for lines that may not be on disk yet.
     dirty: AtomicBool,
 }
 
-/// Position of the next line.
+/// State after the last line.
 #[derive(Debug)]
 struct End {
     file: File,
@@ -44,22 +44,22 @@ struct End {
 }
 
 impl RunLogs {
-    /// The logs in `folder`, which is made when the first is written.
+    /// Opens the logs in `folder`, created on first use.
     pub fn at(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), open: Mutex::default() }
     }
 
-    /// Folder of the logs.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Path of the log of `run`.
+    /// Returns the path for a run.
     pub fn path(&self, run: &str) -> PathBuf {
         self.folder.join(format!("{run}.log"))
     }
 
-    /// History of `run`; `None` without a log.
+    /// Reads a run's history; `None` without a log.
     ///
     /// # Errors
     /// If the log is unreadable or modified.
@@ -68,7 +68,7 @@ impl RunLogs {
         if path.exists() { History::read(&path).map(Some) } else { Ok(None) }
     }
 
-    /// Opens the log of `run` for writing; `first` creates the first entry of a new log.
+    /// Opens a run's log for writing; `first` creates the first entry.
     ///
     /// # Errors
     /// If it cannot be read or written.
@@ -82,7 +82,7 @@ impl RunLogs {
         Ok(log)
     }
 
-    /// Signs the log of `run`, if it exists and has changed since the last signature.
+    /// Signs a run's log, if it has lines since the last signature.
     ///
     /// # Errors
     /// If it cannot be read or written, with the reason.
@@ -106,7 +106,7 @@ impl RunLogs {
         drop(open);
         for log in logs {
             if let Err(error) = log.sync() {
-                tracing::error!(path = %log.path.display(), %error, "cannot write a run log to the disk");
+                tracing::error!(path = %log.path.display(), %error, "cannot sync a run log to disk");
             }
         }
     }
@@ -125,7 +125,7 @@ impl RunLog {
         let history = if path.exists() { History::read(path)? } else { History::default() };
         let options = OpenOptions::new().create(true).write(true).truncate(false).open(path);
         let mut file = options.map_err(failed)?;
-        // The rest of a line that was being written when the server died.
+        // A line that a server crash interrupted is removed: the next line must follow the hash chain.
         file.set_len(history.whole_bytes).map_err(failed)?;
         file.seek(SeekFrom::End(0)).map_err(failed)?;
         let end = End { file, bytes: history.whole_bytes, head: history.head };
@@ -136,7 +136,7 @@ impl RunLog {
         Ok(log)
     }
 
-    /// Signs the lines so far.
+    /// Signs all lines.
     ///
     /// # Errors
     /// If the signature cannot be written or synced.
@@ -147,11 +147,11 @@ impl RunLog {
         self.sync()
     }
 
-    /// Writes an entry. When this returns, it survives the death of this process; with the next [`RunLog::sync`], that of the
-    /// machine.
+    /// Writes an entry. It survives a crash of the process, and after the next [`RunLog::sync`] a crash of
+    /// the machine.
     ///
     /// # Errors
-    /// When it cannot be written; the log is then as it was.
+    /// If it cannot be written; the log is then unchanged.
     pub fn write(&self, entry: &Entry) -> io::Result<()> {
         let json = serde_json::to_string(entry)?;
         let mut end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
@@ -169,7 +169,7 @@ impl RunLog {
         Ok(())
     }
 
-    /// Syncs to disk.
+    /// Syncs the lines to disk.
     ///
     /// # Errors
     /// If the sync fails.
@@ -182,14 +182,14 @@ impl RunLog {
     }
 }
 
-/// Log of a slot.
+/// The log of a slot.
 #[derive(Debug)]
 pub struct SlotLog {
-    /// The run's log.
+    /// Run log.
     pub log: Arc<RunLog>,
-    /// The slot.
+    /// Slot.
     pub slot: u32,
-    /// True if the episode was restored and has had no action since.
+    /// True for a restored episode before its first action.
     pub restored: bool,
 }
 
@@ -223,14 +223,14 @@ fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
 }
 
-/// Bytes of the secret from which the key is made.
+/// Secret key size, bytes.
 const SEED_BYTES: usize = 32;
 
 /// The server's Ed25519 key (RFC 8032).
 pub struct SigningKey(Ed25519KeyPair);
 
 impl SigningKey {
-    /// The key in the file `path`, created if missing, readable by the owner only.
+    /// Reads a key, or creates it, readable by its owner only.
     ///
     /// # Errors
     /// If the file cannot be read or created, or does not contain exactly 32 bytes.
@@ -242,7 +242,7 @@ impl SigningKey {
         }
     }
 
-    /// Creates a key atomically. If another program creates a key at the same time, the first one wins.
+    /// Creates a key. If programs create it at the same time, the first one wins.
     fn make(path: &Path) -> io::Result<Self> {
         let mut seed = [0; SEED_BYTES];
         getrandom::fill(&mut seed).map_err(io::Error::other)?;
@@ -264,12 +264,12 @@ impl SigningKey {
         pair.map(Self).map_err(damaged)
     }
 
-    /// The public half, hexadecimal.
+    /// Returns the public key, hexadecimal.
     pub fn public(&self) -> String {
         hex::encode(self.0.public_key())
     }
 
-    /// A signature over `head`, the digits of a log's last line, hexadecimal.
+    /// Returns the signature over `head`, a line's digits, hexadecimal.
     pub fn sign(&self, head: &str) -> String {
         hex::encode(self.0.sign(head.as_bytes()))
     }
@@ -281,7 +281,7 @@ impl std::fmt::Debug for SigningKey {
     }
 }
 
-/// Returns true if `signature` of `public` over `head` is valid; key and signature are hexadecimal.
+/// Returns true for a valid signature of `public` over `head`; key and signature are hexadecimal.
 pub fn is_signed(public: &str, head: &str, signature: &str) -> bool {
     let (Ok(public), Ok(signature)) = (hex::decode(public), hex::decode(signature)) else { return false };
     UnparsedPublicKey::new(&ED25519, public).verify(head.as_bytes(), &signature).is_ok()
@@ -292,7 +292,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_is_kept_and_signs_the_same_again() {
+    fn stored_key_signs_identically() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("signing.key");
         let (made, found) = (SigningKey::at(&path).unwrap(), SigningKey::at(&path).unwrap());
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_that_make_it_at_the_same_time_have_the_same() {
+    fn concurrent_programs_share_one_key() {
         for _ in 0..50 {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("signing.key");
@@ -322,7 +322,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn nobody_else_can_read_it() {
+    fn key_file_is_private() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("signing.key");

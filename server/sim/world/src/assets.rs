@@ -1,5 +1,5 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, BuildingCache, SoundCache, Source};
+use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
@@ -150,9 +150,10 @@ impl SceneAssets {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let place = self.cached.clone();
-            let place =
-                place.map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).with_cache(place)
+            let place = place
+                .map(|Cached { cache, name }| BuildingCache { cache: cache as Arc<dyn SoundCache>, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
+                .with_cache(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }
