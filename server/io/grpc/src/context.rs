@@ -2,7 +2,7 @@ use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
     refusal::{Failure, Refusal, call_host},
-    registry::SessionRegistry,
+    registry::{SessionGuard, SessionRegistry},
     session::{Opening, Session},
     sim_pool::SimPool,
     watchdog::Watchdog,
@@ -12,7 +12,7 @@ use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
 use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tonic::metadata::MetadataMap;
+use tonic::{Response, Status, metadata::MetadataMap};
 
 /// State shared by all gRPC services.
 pub(crate) struct ServiceContext<H: Host> {
@@ -24,26 +24,14 @@ pub(crate) struct ServiceContext<H: Host> {
     watchers: Arc<Semaphore>,
 }
 
-impl<H: Host> Clone for ServiceContext<H> {
-    fn clone(&self) -> Self {
-        Self {
-            host: self.host.clone(),
-            limits: self.limits.clone(),
-            registry: self.registry.clone(),
-            pool: self.pool.clone(),
-            watchdog: self.watchdog.clone(),
-            watchers: self.watchers.clone(),
-        }
-    }
-}
-
 impl<H: Host> ServiceContext<H> {
-    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Self {
+    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Arc<Self> {
         let limits = Arc::new(limits);
         let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
         let watchers = Arc::new(Semaphore::new(limits.max_watchers));
-        Self { host, registry: SessionRegistry::new(limits.clone()), limits, pool, watchdog, watchers }
+        let registry = SessionRegistry::new(limits.clone());
+        Arc::new(Self { host, registry, limits, pool, watchdog, watchers })
     }
 
     /// Refuses new runs while too many simulations hang.
@@ -108,6 +96,12 @@ impl<H: Host> ServiceContext<H> {
         }))
     }
 }
+
+/// The right to play a run's session.
+pub(crate) type RunGuard<H> = SessionGuard<Session<H>>;
+
+/// A reply to a gRPC call.
+pub(crate) type Reply<T> = Result<Response<T>, Status>;
 
 /// Returns a call's bearer token.
 pub(crate) fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {

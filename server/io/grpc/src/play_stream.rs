@@ -2,14 +2,13 @@
 
 use crate::{
     attachment::{AttachmentEvent, StopReason},
-    context::ServiceContext,
+    context::{RunGuard, ServiceContext},
     control::{Drain, unix_ms},
     host::Host,
-    lifecycle::{self, Admission, admit},
+    lifecycle::Admission,
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
     refusal::{Failure, FaultSubject, Refusal},
-    registry::SessionGuard,
     session::{Session, SlotRequest, stored_end},
 };
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
@@ -20,7 +19,7 @@ use tracing::Instrument;
 
 /// One Play stream.
 pub(crate) struct PlayStream<H: Host> {
-    pub(crate) context: ServiceContext<H>,
+    pub(crate) context: Arc<ServiceContext<H>>,
     pub(crate) token: String,
     pub(crate) inbound: Streaming<v1::PlayRequest>,
     pub(crate) out: Outbound,
@@ -54,12 +53,12 @@ impl<H: Host> PlayStream<H> {
 
     async fn play(&mut self) -> Result<(), Failure> {
         let hello = self.hello().await?;
-        match admit(&self.context, &self.token, &hello, Limits::MAX_SLOTS).await {
+        match self.context.admit(&self.token, &hello, Limits::MAX_SLOTS).await {
             Ok(admission) => {
                 let span = tracing::error_span!("session", run = admission.open.run);
                 self.attach(admission, &hello.known).instrument(span).await
             }
-            Err(over) if hello.resume && over.reason() == Reason::RunOver => {
+            Err(over) if hello.resume && over.reason == Reason::RunOver => {
                 let run = self.context.any_run(&self.token).await?.run;
                 self.report_results(&run, &hello.known).await
             }
@@ -98,7 +97,7 @@ impl<H: Host> PlayStream<H> {
     async fn read(
         &mut self,
         session: &Session<H>,
-        guard: &mut SessionGuard<Session<H>>,
+        guard: &mut RunGuard<H>,
         deadline: RunDeadline,
     ) -> StreamEnd {
         let out = self.out.clone();
@@ -185,7 +184,7 @@ impl<H: Host> PlayStream<H> {
     async fn finish(
         &self,
         session: Arc<Session<H>>,
-        guard: SessionGuard<Session<H>>,
+        guard: RunGuard<H>,
         end: StreamEnd,
     ) -> Result<(), Failure> {
         let reason = guard.ends(end.reason);
@@ -205,7 +204,7 @@ impl<H: Host> PlayStream<H> {
         if let Some(notice) = notice {
             let _ = self.out.send(notice).await;
         }
-        if let Some(run_end) = lifecycle::end(&self.context, session, guard, reason).await? {
+        if let Some(run_end) = self.context.end(session, guard, reason).await? {
             let _ = self.out.send(Frame::RunEnd(run_end)).await;
             return Ok(());
         }

@@ -3,7 +3,7 @@
 use crate::{
     host::{Episode, HostedEpisode},
     limits::Limits,
-    refusal::ServerFault,
+    refusal::Failure,
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
@@ -154,18 +154,18 @@ impl SimClient {
         mut hosted: HostedEpisode<E>,
         limit: Duration,
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(HostedEpisode<E>, Result<T, ServerFault>), ServerFault> {
+    ) -> Result<(HostedEpisode<E>, Result<T, Failure>), Failure> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, limit, move |token| {
             let begun = Instant::now();
             // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
             let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
-            let result = result.map_err(|panic| ServerFault::simulator("simulate", panic_message(&*panic)));
+            let result = result.map_err(|panic| Failure::simulator("simulate", panic_message(&*panic)));
             hosted.time.queue += begun - queued;
             hosted.time.simulation += begun.elapsed();
             (hosted, result)
         });
-        done.await.map_err(|lost| ServerFault::simulator("simulate", lost))
+        done.await.map_err(|lost| Failure::simulator("simulate", lost))
     }
 }
 
@@ -173,7 +173,7 @@ impl SimClient {
 pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
     // After an earlier panic the simulator may be in any state, and this call may panic too.
     if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
-        ServerFault::simulator("truncate", panic_message(&*panic));
+        Failure::simulator("truncate", panic_message(&*panic));
     }
 }
 

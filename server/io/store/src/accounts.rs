@@ -1,7 +1,6 @@
 use crate::{
     audit::{AuditNote, add_notes},
-    column::{Word, value},
-    database::Store,
+    database::{Store, Word, value},
     error::StoreError,
 };
 use avln_challenge::{Reference, TokenScope};
@@ -34,9 +33,10 @@ pub struct NewToken<'a> {
 }
 
 /// A valid token.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, FromRow)]
 pub struct Token {
     /// Granted rights.
+    #[sqlx(try_from = "String")]
     pub kind: TokenScope,
     /// Owning team; `None` for an organiser's token.
     pub team: Option<String>,
@@ -45,6 +45,7 @@ pub struct Token {
     /// Name given by the owner; may be empty.
     pub name: String,
     /// Expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
+    #[sqlx(rename = "expires_ms")]
     pub expires_unix_ms: Option<i64>,
 }
 
@@ -82,11 +83,8 @@ pub enum TokenState {
 
 #[derive(FromRow)]
 struct TokenRow {
-    kind: Word<TokenScope>,
-    name: String,
-    team: Option<String>,
-    run: Option<String>,
-    expires_ms: Option<i64>,
+    #[sqlx(flatten)]
+    token: Token,
     revoked_ms: Option<i64>,
 }
 
@@ -94,7 +92,7 @@ impl Store {
     /// Adds a team. A repeated call with the same `reference` has no effect.
     ///
     /// # Errors
-    /// If a team with this name has another `reference`, or the database fails.
+    /// If a team with this name has another `reference`.
     pub async fn create_team(
         &self,
         name: &str,
@@ -112,9 +110,6 @@ impl Store {
     }
 
     /// Returns the team called `name`.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn team(&self, name: &str) -> Result<Option<Team>, StoreError> {
         let select = "SELECT reference FROM teams WHERE name = $1";
         let found: Option<Option<Word<Reference>>> =
@@ -125,7 +120,7 @@ impl Store {
     /// Stores a secret's hash. A repeated call has no effect.
     ///
     /// # Errors
-    /// If the team is unknown or the database fails.
+    /// If the team is unknown.
     pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<(), StoreError> {
         if let Some(team) = token.team
             && self.team(team).await?.is_none()
@@ -138,26 +133,17 @@ impl Store {
     }
 
     /// Returns a secret's state at `now_unix_ms`.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn find_token(&self, secret: &str, now_unix_ms: i64) -> Result<TokenState, StoreError> {
         find_token(&self.read, &TokenHash::of(secret), now_unix_ms).await
     }
 
     /// Revokes all tokens of `team`, including run tokens. Returns their count.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn revoke_tokens(&self, team: &str, now_unix_ms: i64) -> Result<u64, StoreError> {
         let update = "UPDATE tokens SET revoked_ms = $1 WHERE team = $2 AND revoked_ms IS NULL";
         Ok(sqlx::query(update).bind(now_unix_ms).bind(team).execute(&self.write).await?.rows_affected())
     }
 
     /// Returns all team and organiser tokens, newest first. Run tokens are not listed.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn tokens(&self) -> Result<Vec<TokenLine>, StoreError> {
         read_tokens(&self.read, None).await
     }
@@ -165,7 +151,7 @@ impl Store {
     /// Revokes the token with [`TokenLine::id`] `id`. A second call has no effect.
     ///
     /// # Errors
-    /// If there is no such token or the database fails.
+    /// If there is no such token.
     pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
         self.revoke(id, None, note, now_unix_ms).await
     }
@@ -173,7 +159,7 @@ impl Store {
     /// Revokes a token as [`Store::revoke_token`] does, if it belongs to `team`.
     ///
     /// # Errors
-    /// If the team has no such token or the database fails.
+    /// If the team has no such token.
     pub async fn revoke_own_token(
         &self,
         team: &str,
@@ -269,16 +255,8 @@ pub(crate) async fn find_token(
     if row.revoked_ms.is_some() {
         return Ok(TokenState::Revoked);
     }
-    if row.expires_ms.is_some_and(|expires| expires <= now_unix_ms) {
-        return Ok(TokenState::Expired);
-    }
-    Ok(TokenState::Valid(Token {
-        kind: row.kind.0,
-        team: row.team,
-        run: row.run,
-        name: row.name,
-        expires_unix_ms: row.expires_ms,
-    }))
+    let is_expired = row.token.expires_unix_ms.is_some_and(|expires| expires <= now_unix_ms);
+    Ok(if is_expired { TokenState::Expired } else { TokenState::Valid(row.token) })
 }
 
 /// Returns a team's reference kind; `None` for a competing team.

@@ -2,14 +2,13 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    column::Word,
-    database::Store,
+    database::{Store, word},
     error::StoreError,
     phases::{Phase, read_heads, read_phases},
 };
-use avln_challenge::{Charge, Quota, RunGrant, RunState, RunUse, quotas};
+use avln_challenge::{Charge, Quota, RunGrant, RunUse, quotas};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::{FromRow, Row, Sqlite, Transaction, sqlite::SqliteRow};
 
 /// A person in a phase's team.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
@@ -39,7 +38,7 @@ impl Store {
     /// Approves a team for a phase, or withdraws the approval. Returns whether that changed anything.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, or the database fails.
+    /// If the phase or the team is unknown.
     pub async fn approve(
         &self,
         phase: &str,
@@ -68,7 +67,7 @@ impl Store {
     /// Adds a person to a team. Returns whether that changed anything.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, the person is in another team, or the database fails.
+    /// If the phase or the team is unknown, or the person is in another team.
     pub async fn add_member(
         &self,
         member: &Member,
@@ -101,9 +100,6 @@ impl Store {
     }
 
     /// Removes a person from a team. Returns whether that changed anything.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn remove_member(
         &self,
         member: &Member,
@@ -122,9 +118,6 @@ impl Store {
     }
 
     /// Returns a team's members, by phase and person.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn members(&self, team: &str) -> Result<Vec<Member>, StoreError> {
         let select = "SELECT phase, team, person FROM members WHERE team = $1 ORDER BY phase, person";
         Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
@@ -133,7 +126,7 @@ impl Store {
     /// Grants runs to a team beyond the quota.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, or the database fails.
+    /// If the phase or the team is unknown.
     pub async fn grant(
         &self,
         grant: &NewGrant<'_>,
@@ -153,7 +146,7 @@ impl Store {
     /// Returns a team's quotas in a phase, or in all visible phases.
     ///
     /// # Errors
-    /// If the phase is unknown or hidden from the team, or the database fails.
+    /// If the phase is unknown or hidden from the team.
     pub async fn quotas(
         &self,
         team: &str,
@@ -215,29 +208,16 @@ pub(crate) async fn check_admission(
     }
 }
 
-#[derive(FromRow)]
-struct UseRow {
-    id: String,
-    state: Word<RunState>,
-    created_ms: i64,
-    scored: u32,
-    given_up: u32,
-    server_faults: u32,
-    stepped: bool,
-}
-
-impl From<UseRow> for RunUse {
-    fn from(row: UseRow) -> Self {
-        Self {
-            run: row.id,
-            state: row.state.0,
-            created_unix_ms: row.created_ms,
-            scored: row.scored,
-            given_up: row.given_up,
-            server_faults: row.server_faults,
-            stepped: row.stepped,
-        }
-    }
+fn run_use(row: SqliteRow) -> Result<RunUse, sqlx::Error> {
+    Ok(RunUse {
+        run: row.try_get("id")?,
+        state: word(&row, "state")?,
+        created_unix_ms: row.try_get("created_ms")?,
+        scored: row.try_get("scored")?,
+        given_up: row.try_get("given_up")?,
+        server_faults: row.try_get("server_faults")?,
+        stepped: row.try_get("stepped")?,
+    })
 }
 
 /// Returns a run's charge.
@@ -283,9 +263,8 @@ async fn read_uses(
          EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.metrics ->> '$.steps' > 0) AS stepped \
          FROM runs r JOIN run_summaries s ON s.run = r.id \
          WHERE r.team = $1 AND r.phase = $2 AND ($3 IS NULL OR r.id = $3) ORDER BY r.created_ms, r.id";
-    let rows: Vec<UseRow> =
-        sqlx::query_as(select).bind(team).bind(phase).bind(run).fetch_all(&mut **tx).await?;
-    Ok(rows.into_iter().map(RunUse::from).collect())
+    let select = sqlx::query(select).bind(team).bind(phase).bind(run).try_map(run_use);
+    Ok(select.fetch_all(&mut **tx).await?)
 }
 
 async fn read_grants(

@@ -44,18 +44,12 @@ pub struct AuditLine {
 
 impl Store {
     /// Returns the audit list, oldest line first.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn audit(&self) -> Result<Vec<AuditLine>, StoreError> {
         let select = "SELECT id, at_ms, actor, subject, what, before, after, reason FROM audit ORDER BY id";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
     /// Adds a line to the audit list.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn add_audit_note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         add_notes(&mut tx, &[note], now_unix_ms).await?;
@@ -63,9 +57,6 @@ impl Store {
     }
 
     /// Returns the newest audit line's id, 0 for an empty list. It grows with every change by an organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn newest_audit_id(&self) -> Result<i64, StoreError> {
         Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM audit").fetch_one(&self.read).await?)
     }

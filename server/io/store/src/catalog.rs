@@ -41,7 +41,7 @@ impl Store {
     /// Adds a split. A repeated call has no effect.
     ///
     /// # Errors
-    /// If a split with this name has another digest, or the database fails.
+    /// If a split with this name has another digest.
     pub async fn upsert_split(&self, split: &Split) -> Result<(), StoreError> {
         let insert = "INSERT INTO splits (name, digest, scenes, episodes) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
         sqlx::query(insert)
@@ -57,17 +57,11 @@ impl Store {
     }
 
     /// Returns all split names.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn split_names(&self) -> Result<Vec<String>, StoreError> {
         Ok(sqlx::query_scalar("SELECT name FROM splits ORDER BY name").fetch_all(&self.read).await?)
     }
 
     /// Returns a split's digest; `None` if there is no split with this name.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn split_digest(&self, name: &str) -> Result<Option<String>, StoreError> {
         let select = "SELECT digest FROM splits WHERE name = $1";
         Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
@@ -76,7 +70,7 @@ impl Store {
     /// Adds a scene or replaces the map. A map without polygons never replaces a stored one.
     ///
     /// # Errors
-    /// If a scene with this name has another digest, or the database fails.
+    /// If a scene with this name has another digest.
     pub async fn upsert_scene(&self, scene: &Scene) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         let select = "SELECT digest FROM scenes WHERE name = $1";

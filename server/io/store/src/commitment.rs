@@ -51,7 +51,7 @@ impl Store {
     /// if the phase was already committed to the same episodes, or has runs.
     ///
     /// # Errors
-    /// If the phase is unknown or the database fails.
+    /// If the phase is unknown.
     pub async fn commit_phase(
         &self,
         phase: &str,
@@ -90,7 +90,7 @@ impl Store {
     /// Publishes the values behind a phase's commitment. The first call counts.
     ///
     /// # Errors
-    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed, or the database fails.
+    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed.
     pub async fn reveal_phase(
         &self,
         phase: &str,
@@ -120,9 +120,6 @@ impl Store {
     }
 
     /// Returns a phase's commitment; `None` before it is made.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn commitment(&self, phase: &str) -> Result<Option<Commitment>, StoreError> {
         let mut tx = self.read.begin().await?;
         read_commitment(&mut tx, phase).await

@@ -1,11 +1,10 @@
 //! Episode assignment and results.
 
 use crate::{
-    column::{Word, value},
     commitment::read_key,
-    database::Store,
+    database::{Store, Word, value},
     error::StoreError,
-    packed,
+    facts::pack,
     runs::{Run, read_run},
     scores::{add_to_totals, complete_run, count_fault},
 };
@@ -89,13 +88,6 @@ pub(crate) struct WrittenResult {
 }
 
 #[derive(FromRow)]
-struct StatusRow {
-    state: Word<EpisodeState>,
-    end_reason: Option<Word<EndReason>>,
-    metrics: Option<Json<Metrics>>,
-}
-
-#[derive(FromRow)]
 struct AttemptRow {
     ordinal: i64,
     state: Word<EpisodeState>,
@@ -107,7 +99,7 @@ impl Store {
     /// phase without a secret it is `handle`, a random name.
     ///
     /// # Errors
-    /// If the run is unknown, over or past the deadline, the handle was used before, or the database fails.
+    /// If the run is unknown, over or past the deadline, or the handle was used before.
     pub async fn assign_next_episode(
         &self,
         run: &str,
@@ -139,9 +131,6 @@ impl Store {
     }
 
     /// Returns the next episode for [`Store::assign_next_episode`], by id.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn next_pending(&self, run: &str) -> Result<Option<String>, StoreError> {
         let select =
             "SELECT episode FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
@@ -153,7 +142,7 @@ impl Store {
     /// attempts.
     ///
     /// # Errors
-    /// If no such episode is running or the database fails; the transaction is rolled back then.
+    /// If no such episode is running. The transaction is rolled back on errors.
     pub async fn record_result(
         &self,
         result: &EpisodeResult<'_>,
@@ -169,7 +158,7 @@ impl Store {
     /// Completes a run if all episodes are over. An incomplete run is not changed.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
+    /// If the run is unknown.
     pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
         let mut tx = self.begin().await?;
         complete_run(&mut tx, run, now_unix_ms).await?;
@@ -179,34 +168,25 @@ impl Store {
     }
 
     /// Returns all running episodes by run and handle. After a restart these are the interrupted ones.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn running_episodes(&self) -> Result<Vec<RunningEpisode>, StoreError> {
         let select = "SELECT run, handle, episode FROM episodes WHERE state = 'running' ORDER BY run, handle";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
     /// Returns an attempt's status; `None` if there is none, or a later attempt replaced it.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>, StoreError> {
         let select = "SELECT state, end_reason, metrics FROM episodes WHERE run = $1 AND handle = $2";
-        let row: Option<StatusRow> =
+        let row: Option<(Word<_>, Option<Word<_>>, Option<Json<_>>)> =
             sqlx::query_as(select).bind(run).bind(handle).fetch_optional(&self.read).await?;
-        Ok(row.map(|row| EpisodeStatus {
-            state: row.state.0,
-            end: value(row.end_reason),
-            metrics: row.metrics.map(|Json(metrics)| metrics),
+        Ok(row.map(|(Word(state), end, metrics)| EpisodeStatus {
+            state,
+            end: value(end),
+            metrics: metrics.map(|Json(metrics)| metrics),
         }))
     }
 
     /// Returns an attempt lost by the server to the pending episodes; after three attempts the episode is abandoned. Returns
     /// false, without changes, if the attempt is not running.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn reopen_episode(
         &self,
         run: &str,
@@ -325,7 +305,7 @@ async fn write_facts(
         .bind(result.run)
         .bind(ordinal)
         .bind(&digest)
-        .bind(packed::pack(result.record))
+        .bind(pack(result.record))
         .execute(&mut **tx)
         .await?;
     Ok(())

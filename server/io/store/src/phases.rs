@@ -2,8 +2,7 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    column::Word,
-    database::Store,
+    database::{Store, json, word},
     error::StoreError,
 };
 use avln_challenge::{
@@ -12,7 +11,7 @@ use avln_challenge::{
 use avln_episode::{Order, Rules, Sensors, TimeLimits};
 use avln_scoring::Key;
 use serde::{Deserialize, Serialize};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, Row, Sqlite, Transaction, sqlite::SqliteRow, types::Json};
 
 /// A playable part of the challenge: missions, rules, limits and result visibility.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,59 +123,35 @@ impl Phase {
     }
 }
 
-#[derive(FromRow)]
-struct PhaseRow {
-    id: String,
-    title: String,
-    description: String,
-    position: u32,
-    split: String,
-    rules: Json<Rules>,
-    orders: Json<Vec<Order>>,
-    sensors: Json<Sensors>,
-    scores: Word<Visibility>,
-    replays: Word<Visibility>,
-    max_slots: u32,
-    state: String,
-    opens_ms: Option<i64>,
-    closes_ms: Option<i64>,
-    paused: Option<String>,
-    quotas: Json<QuotaLimits>,
-    time: Json<TimeLimits>,
-    ranking: Json<Ranking>,
-    admission: Json<Admission>,
-    sampling: Json<Sampling>,
-    sealed: bool,
-}
-
-impl PhaseRow {
-    fn into_phase(self, episodes: Vec<PhaseEpisode>) -> Phase {
-        Phase {
-            id: self.id,
-            title: self.title,
-            description: self.description,
-            position: self.position,
-            split: self.split,
-            rules: self.rules.0,
-            orders: self.orders.0,
-            sensors: self.sensors.0,
-            scores: self.scores.0,
-            replays: self.replays.0,
-            max_slots: self.max_slots,
+impl FromRow<'_, SqliteRow> for Phase {
+    /// Reads a row, without episodes.
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            title: row.try_get("title")?,
+            description: row.try_get("description")?,
+            position: row.try_get("position")?,
+            split: row.try_get("split")?,
+            rules: json(row, "rules")?,
+            orders: json(row, "orders")?,
+            sensors: json(row, "sensors")?,
+            scores: word(row, "scores")?,
+            replays: word(row, "replays")?,
+            max_slots: row.try_get("max_slots")?,
             schedule: Schedule {
-                opens_unix_ms: self.opens_ms,
-                closes_unix_ms: self.closes_ms,
-                paused: self.paused,
-                closed: self.state == CLOSED,
+                opens_unix_ms: row.try_get("opens_ms")?,
+                closes_unix_ms: row.try_get("closes_ms")?,
+                paused: row.try_get("paused")?,
+                closed: row.try_get::<&str, _>("state")? == CLOSED,
             },
-            quotas: self.quotas.0,
-            time: self.time.0,
-            ranking: self.ranking.0,
-            admission: self.admission.0,
-            sampling: self.sampling.0,
-            sealed: self.sealed,
-            episodes,
-        }
+            quotas: json(row, "quotas")?,
+            time: json(row, "time")?,
+            ranking: json(row, "ranking")?,
+            admission: json(row, "admission")?,
+            sampling: json(row, "sampling")?,
+            sealed: row.try_get("sealed")?,
+            episodes: Vec::new(),
+        })
     }
 }
 
@@ -188,7 +163,7 @@ impl Store {
     /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling.
     ///
     /// # Errors
-    /// If the split or a scene is unknown, runs fix a changed value, or the database fails.
+    /// If the split or a scene is unknown, or runs fix a changed value.
     pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<(), StoreError> {
         self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
     }
@@ -214,25 +189,19 @@ impl Store {
     /// Returns the phase called `id`.
     ///
     /// # Errors
-    /// If there is none ([`StoreError::Unknown`]) or the database fails.
+    /// If there is none ([`StoreError::Unknown`]).
     pub async fn phase(&self, id: &str) -> Result<Phase, StoreError> {
         let mut tx = self.read.begin().await?;
         read_phases(&mut tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
     }
 
     /// Returns all phases in the organiser's order.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn phases(&self) -> Result<Vec<Phase>, StoreError> {
         let mut tx = self.read.begin().await?;
         read_phases(&mut tx, None).await
     }
 
     /// Returns whether the phase has runs.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn has_runs(&self, phase: &str) -> Result<bool, StoreError> {
         let mut tx = self.read.begin().await?;
         has_runs(&mut tx, phase).await
@@ -348,11 +317,10 @@ pub(crate) async fn read_heads(
     id: Option<&str>,
 ) -> Result<Vec<PhaseHead>, StoreError> {
     let counts = "SELECT COUNT(*), COUNT(DISTINCT scene) FROM phase_episodes WHERE phase = $1";
-    let rows = read_rows(tx, id).await?;
-    let mut heads = Vec::with_capacity(rows.len());
-    for row in rows {
-        let (episodes, scenes) = sqlx::query_as(counts).bind(&row.id).fetch_one(&mut **tx).await?;
-        heads.push(PhaseHead { phase: row.into_phase(vec![]), episodes, scenes });
+    let mut heads = Vec::new();
+    for phase in read_rows(tx, id).await? {
+        let (episodes, scenes) = sqlx::query_as(counts).bind(&phase.id).fetch_one(&mut **tx).await?;
+        heads.push(PhaseHead { phase, episodes, scenes });
     }
     Ok(heads)
 }
@@ -362,16 +330,14 @@ pub(crate) async fn read_phases(
     tx: &mut Transaction<'_, Sqlite>,
     id: Option<&str>,
 ) -> Result<Vec<Phase>, StoreError> {
-    let rows = read_rows(tx, id).await?;
-    let mut phases = Vec::with_capacity(rows.len());
-    for row in rows {
-        let episodes = read_phase_episodes(tx, &row.id).await?;
-        phases.push(row.into_phase(episodes));
+    let mut phases = read_rows(tx, id).await?;
+    for phase in &mut phases {
+        phase.episodes = read_phase_episodes(tx, &phase.id).await?;
     }
     Ok(phases)
 }
 
-async fn read_rows(tx: &mut Transaction<'_, Sqlite>, id: Option<&str>) -> Result<Vec<PhaseRow>, StoreError> {
+async fn read_rows(tx: &mut Transaction<'_, Sqlite>, id: Option<&str>) -> Result<Vec<Phase>, StoreError> {
     let select = "SELECT id, title, description, position, split, rules, orders, sensors, scores, replays, \
          max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, sealed \
          FROM phases WHERE $1 IS NULL OR id = $1 ORDER BY position, created_ms, id";

@@ -53,7 +53,7 @@ impl Store {
     ///
     /// # Errors
     /// If the phase or team is unknown, the team is not admitted, the phase is not open, does not allow the order or requires
-    /// a sealed run, a quota is used up, the request id belongs to a different request, or the database fails.
+    /// a sealed run, a quota is used up, or the request id belongs to a different request.
     pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
         if self.team(new.team).await?.is_none() {
             return Err(StoreError::unknown("team", new.team));

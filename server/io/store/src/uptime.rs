@@ -31,9 +31,6 @@ struct UptimeRow {
 
 impl Store {
     /// Records that the server is alive. After a crash, the downtime starts at the last heartbeat.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn record_heartbeat(&self, now_unix_ms: i64) -> Result<(), StoreError> {
         let upsert = "INSERT INTO uptime (id, alive_ms) VALUES (1, $1) \
                       ON CONFLICT (id) DO UPDATE SET alive_ms = excluded.alive_ms";
@@ -43,9 +40,6 @@ impl Store {
 
     /// Records in the audit list that the server drains for maintenance, which lasts until the next
     /// [`Store::credit_downtime`]. The first call counts.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn record_drain(&self, reason: &str, now_unix_ms: i64) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         // A second announcement must not shorten the maintenance.
@@ -64,9 +58,6 @@ impl Store {
     /// Extends deadlines by the downtime when a server starts. A crash extends open runs' deadlines. An announced
     /// maintenance ([`Store::record_drain`]) counts from the announcement, and extends closing times as well.
     /// Every change is an audit line.
-    ///
-    /// # Errors
-    /// If the database fails; the transaction is rolled back then.
     pub async fn credit_downtime(&self, now_unix_ms: i64) -> Result<DowntimeCredit, StoreError> {
         let mut tx = self.begin().await?;
         let select = "SELECT alive_ms, drain_ms, drain_reason FROM uptime";
@@ -93,9 +84,6 @@ impl Store {
 
     /// Moves all open runs' deadlines by `by_ms` after the system clock was set: the remaining time is unchanged.
     /// Counts runs.
-    ///
-    /// # Errors
-    /// If the database fails; the transaction is rolled back then.
     pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64, StoreError> {
         let mut tx = self.begin().await?;
         let runs = extend_runs(&mut tx, by_ms, "the clock was set", now_unix_ms).await?;

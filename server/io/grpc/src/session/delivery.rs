@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     host::{Episode, Host, HostedEpisode},
-    refusal::{Failure, FaultSubject, ServerFault, call_host},
+    refusal::{Failure, FaultSubject, call_host},
     sim_pool::truncate,
     wire,
 };
@@ -19,11 +19,11 @@ impl<H: Host> Slot<H> {
     pub(super) async fn failed_to_start(
         &mut self,
         mut hosted: HostedEpisode<H::Episode>,
-        fault: ServerFault,
+        fault: Failure,
     ) -> Result<SlotReply, Failure> {
         truncate(&mut hosted, EndReason::ServerFault);
         self.conclude(hosted).await;
-        Err(fault.into())
+        Err(fault)
     }
 
     /// Ends an episode after a failed step. Other episodes are not affected.
@@ -32,7 +32,7 @@ impl<H: Host> Slot<H> {
         mut hosted: HostedEpisode<H::Episode>,
         last: LastStep,
         act: &v1::Act,
-        fault: ServerFault,
+        fault: Failure,
     ) -> SlotReply {
         self.report_fault(&hosted.handle, act.step, fault).await;
         truncate(&mut hosted, EndReason::ServerFault);
@@ -47,7 +47,7 @@ impl<H: Host> Slot<H> {
         ticket: u64,
         last: LastStep,
         act: &v1::Act,
-        fault: ServerFault,
+        fault: Failure,
     ) -> SlotReply {
         self.report_fault(handle, act.step, fault).await;
         self.mark_lost(handle, ticket).await;
@@ -56,10 +56,10 @@ impl<H: Host> Slot<H> {
         SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end: Some(end) }))
     }
 
-    async fn report_fault(&mut self, episode: &str, step: u32, fault: ServerFault) {
+    async fn report_fault(&mut self, episode: &str, step: u32, fault: Failure) {
         if let Audience::Stream(out) = &self.audience {
             let subject = FaultSubject { slot: Some(self.id), episode, step };
-            let _ = out.send(Frame::Fault(Failure::from(fault).frame(subject, false))).await;
+            let _ = out.send(Frame::Fault(fault.frame(subject, false))).await;
         }
     }
 
@@ -71,7 +71,7 @@ impl<H: Host> Slot<H> {
             call_host("lose", &self.session.host, |host| async move { host.lose(&run, &name, ticket).await })
                 .await
         {
-            tracing::error!(why = failure.message(), "cannot withdraw a hanging episode");
+            tracing::error!(why = failure.message, "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
     }
@@ -125,7 +125,7 @@ impl<H: Host> Slot<H> {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
             Err(failure) => {
-                tracing::error!(episode, why = failure.message(), "episode not stored");
+                tracing::error!(episode, why = failure.message, "episode not stored");
                 (EndReason::ServerFault, None)
             }
         };

@@ -8,7 +8,7 @@ use crate::{
     host::{Host, Interrupted, Restored},
     limits::Limits,
     outbound::Outbound,
-    refusal::{Failure, Refusal, ServerFault},
+    refusal::{Failure, Refusal},
     sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
@@ -252,7 +252,7 @@ impl<H: Host> Session<H> {
         let tasks = std::mem::take(&mut *self.tasks.lock());
         for task in tasks {
             if let Err(broken) = task.await {
-                ServerFault::log("end a slot", broken);
+                Failure::server("end a slot", broken);
             }
         }
         self.report(Control::closed);

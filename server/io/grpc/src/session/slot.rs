@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     host::{Acted, Episode, Host, HostedEpisode, Restored},
-    refusal::{Failure, ServerFault, call_host},
+    refusal::{Failure, call_host},
     watchdog::CancelToken,
     wire,
 };
@@ -243,7 +243,7 @@ impl<H: Host> Slot<H> {
             Ok(started) => started,
             Err(fault) => {
                 self.mark_lost(&handle, ticket).await;
-                return Err(fault.into());
+                return Err(fault);
             }
         };
         let first = match first {
@@ -262,14 +262,14 @@ impl<H: Host> Slot<H> {
         Ok(SlotReply::Start(Box::new(start)))
     }
 
-    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
+    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), Failure> {
         let bytes = start.encoded_len() as u64;
         let limit = self.session.frame_bytes;
         if bytes <= limit {
             return Ok(());
         }
         // Welcome announced the limit to the client, which may refuse larger frames: this is a fault of the server.
-        Err(ServerFault::log("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
+        Err(Failure::server("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
     }
 
     fn observation(
@@ -342,7 +342,7 @@ impl<H: Host> Slot<H> {
             Ok(result) => result,
             Err(fault) => return Ok(self.timed_out(&handle, ticket, last, act, fault).await),
         };
-        let refused = |error: String| ServerFault::simulator("step", error);
+        let refused = |error: String| Failure::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
             Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
             Err(fault) => Ok(self.broken(hosted, last, act, fault).await),

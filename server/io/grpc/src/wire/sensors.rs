@@ -2,7 +2,7 @@
 
 use crate::{
     host::ClientRange,
-    refusal::{Refusal, ServerFault},
+    refusal::{Failure, Refusal},
 };
 use avln_episode::{Encoding, Encodings, Sensors};
 use avln_proto::v1::{self, Reason, SensorKind};
@@ -119,7 +119,7 @@ pub(super) fn pack(values: SensorValues, wanted: Encoding, sensors: &Sensors) ->
         Ok(bytes) => (encoding, bytes),
         Err(error) => {
             // Tensors carry their encoding, so a client can read the raw values: a logged fault costs no episode.
-            ServerFault::log("pack an observation", error);
+            Failure::server("pack an observation", error);
             (v1::Encoding::Raw, raw(values))
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::{
     catalog::SceneMap,
-    column::value,
+    database::value,
     error::StoreError,
     facts::{Facts, read_facts},
     phases::read_heads,
@@ -131,9 +131,6 @@ pub struct TargetView {
 
 impl Reader {
     /// Returns a run's episode; `None` if there is none visible to the viewer.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
     pub async fn episode(
         &self,
         viewer: &Viewer,

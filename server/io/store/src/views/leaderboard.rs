@@ -1,7 +1,7 @@
 //! Leaderboards.
 
 use crate::{
-    column::{Word, value},
+    database::{Word, value},
     error::StoreError,
     phases::{Phase, read_heads},
     runs::Run,
@@ -161,9 +161,6 @@ fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::
 
 impl Reader {
     /// Returns a leaderboard; `None` if the phase is unknown or hidden from the viewer.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
     pub async fn leaderboard(
         &self,
         viewer: &Viewer,

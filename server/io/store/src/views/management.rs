@@ -71,18 +71,12 @@ const MAX_GRANTS: u32 = 50;
 
 impl Reader {
     /// Returns the viewer with the token `secret` at `now_unix_ms`; `None` without a valid team or organiser token.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>, StoreError> {
         let holder = self.holder(&TokenHash::of(secret), now_unix_ms).await?;
         Ok(holder.map(|holder| holder.viewer))
     }
 
     /// Returns a token's owner at `now_unix_ms`; `None` without a valid team or organiser token.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn holder(&self, token: &TokenHash, now_unix_ms: i64) -> Result<Option<Holder>, StoreError> {
         let TokenState::Valid(found) = find_token(&self.pool, token, now_unix_ms).await? else {
             return Ok(None);
@@ -101,9 +95,6 @@ impl Reader {
     }
 
     /// Returns the tokens of the viewer's team, newest first; empty for other viewers.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn own_tokens(&self, viewer: &Viewer) -> Result<Vec<TokenLine>, StoreError> {
         match viewer {
             Viewer::Team(team) => read_tokens(&self.pool, Some(team)).await,
@@ -112,9 +103,6 @@ impl Reader {
     }
 
     /// Returns all teams at `now_unix_ms`; empty for viewers other than the organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn teams(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<TeamsView, StoreError> {
         if *viewer != Viewer::Organiser {
             return Ok(TeamsView::default());
@@ -131,9 +119,6 @@ impl Reader {
     }
 
     /// Returns the newest `limit` audit lines before the line `before`; empty for viewers other than the organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn audit(
         &self,
         viewer: &Viewer,

@@ -1,13 +1,11 @@
 //! Database views for pages. Every view is built for a [`Viewer`] and omits all data hidden from that viewer.
 
-pub(crate) mod compare;
 pub(crate) mod episode;
-pub(crate) mod group;
 pub(crate) mod leaderboard;
 pub(crate) mod management;
 pub(crate) mod phase;
 pub(crate) mod run;
-pub(crate) mod run_list;
+pub(crate) mod runs;
 
 use crate::{
     database::{Store, ViewCache},
@@ -96,9 +94,6 @@ impl Reader {
     }
 
     /// Counts runs and episodes by state.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn census(&self) -> Result<Census, StoreError> {
         let mut tx = self.snapshot().await?;
         let runs = sqlx::query_as("SELECT state, COUNT(*) FROM runs GROUP BY state ORDER BY state");

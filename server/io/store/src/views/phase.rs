@@ -131,9 +131,6 @@ impl MissionsView {
 
 impl Reader {
     /// Returns the phases visible to the viewer at `now_unix_ms`, in the organiser's order.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn phases(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
         let mut views = Vec::new();
@@ -146,9 +143,6 @@ impl Reader {
     }
 
     /// Returns the phase called `id` at `now_unix_ms`; `None` if there is none visible to the viewer.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn phase(
         &self,
         viewer: &Viewer,
@@ -164,9 +158,6 @@ impl Reader {
     }
 
     /// Returns the team's quotas in all visible phases; empty for other viewers.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn quotas(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<Quota>, StoreError> {
         let Viewer::Team(team) = viewer else { return Ok(vec![]) };
         let mut tx = self.snapshot().await?;
@@ -178,9 +169,6 @@ impl Reader {
     }
 
     /// Returns a phase's mission statistics; `None` unless the viewer sees all teams' replays.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
     pub async fn missions(&self, viewer: &Viewer, phase: &str) -> Result<Option<MissionsView>, StoreError> {
         let mut tx = self.snapshot().await?;
         if !sees_missions(&mut tx, viewer, phase).await? {
@@ -203,9 +191,6 @@ impl Reader {
 
     /// Returns a scene's floor plan; `None` if there is none yet, or unless the viewer sees the replays from all
     /// teams.
-    ///
-    /// # Errors
-    /// If the database fails or contains a damaged map.
     pub async fn scene_map(
         &self,
         viewer: &Viewer,
