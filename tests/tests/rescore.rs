@@ -89,5 +89,5 @@ async fn a_version_that_says_two_things_and_a_run_without_records_are_told() {
     let note = avln_store::AuditNote::default();
     store.prune_records(i64::MAX, note, 78).await.expect("records go");
     let (code, text) = avln_rescore(house.folder.path(), &[&run]);
-    assert!(code == Some(3) && text.contains("the records of 2 episodes"), "{text}");
+    assert!(code == Some(3) && text.contains("2 episode records"), "{text}");
 }

@@ -177,8 +177,7 @@ async fn drain(
     let Json(Drain { reason, minutes }) = body?;
     let reason = printable("reason", reason.trim())?;
     if reason.is_empty() || minutes > MAX_DRAIN_MINUTES {
-        let words =
-            format!("a drain needs a reason and 0 to {MAX_DRAIN_MINUTES} minutes, but has {minutes}");
+        let words = format!("a drain needs a reason and 0 to {MAX_DRAIN_MINUTES} minutes, but has {minutes}");
         return Err(AdminError(StatusCode::UNPROCESSABLE_ENTITY, words));
     }
     let patience = Duration::from_secs(60 * u64::from(minutes));

@@ -91,9 +91,8 @@ impl DataFolder {
     pub fn signing_key(&self) -> Result<SigningKey, Failure> {
         let path = self.root.join("signing.key");
         SigningKey::at(&path).map_err(|error| {
-            Failure::file("use signing key", &path, error).hinted(
-                "restore it from a backup; a new key would not fit the signatures of old logs",
-            )
+            Failure::file("use signing key", &path, error)
+                .hinted("restore it from a backup; a new key would not fit the signatures of old logs")
         })
     }
 
@@ -143,9 +142,7 @@ impl DataFolder {
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
-        let root = dataset
-            .canonicalize()
-            .map_err(|error| Failure::file("find data set", dataset, error))?;
+        let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
         self.link_split_as(&name, &root, split)?;
         Ok(name)
@@ -156,17 +153,14 @@ impl DataFolder {
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
-        let root = dataset
-            .canonicalize()
-            .map_err(|error| Failure::file("find data set", dataset, error))?;
+        let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
         if self.exists(name)? && self.missions(name)?.digest() != digest {
             return Err(taken(name));
         }
         let link = Link { dataset: root, split: split.to_owned() };
         let json = serde_json::to_vec(&link).map_err(Failure::internal)?;
-        std::fs::write(&path, json)
-            .map_err(|error| Failure::file("write", &path, error))
+        std::fs::write(&path, json).map_err(|error| Failure::file("write", &path, error))
     }
 
     /// Opens a split; missions are loaded on demand.

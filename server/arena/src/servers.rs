@@ -51,8 +51,9 @@ impl Security {
     /// If the certificates are invalid.
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
-        let identity = Identity::read(certificate, key)
-            .map_err(|error| Failure::address(error).hinted("docs/OPERATING.md describes how to get a certificate and key"))?;
+        let identity = Identity::read(certificate, key).map_err(|error| {
+            Failure::address(error).hinted("docs/OPERATING.md describes how to get a certificate and key")
+        })?;
         if let Some(warning) = identity.warning() {
             eprintln!("warning: {warning}");
         }
@@ -112,7 +113,8 @@ impl Servers {
     /// If the address is reachable from other machines, or used.
     pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
         if !address.ip().is_loopback() {
-            let message = format!("the admin server must not be reachable from other machines, as {address} is");
+            let message =
+                format!("the admin server must not be reachable from other machines, as {address} is");
             return Err(Failure::address(message)
                 .hinted("use --admin 127.0.0.1:50052, and ssh -L 50052:127.0.0.1:50052 from elsewhere"));
         }
@@ -223,12 +225,10 @@ impl RunningServers {
 fn reject_public_plain_text(addresses: &Addresses) -> Result<(), Failure> {
     let open = [addresses.grpc, addresses.web].into_iter().find(|address| !address.ip().is_loopback());
     match open {
-        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::address(
-            format!("{address} is reachable from other machines in plain text"),
-        )
-        .hinted(
-            "add --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a trusted network",
-        )),
+        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => {
+            Err(Failure::address(format!("{address} is reachable from other machines in plain text"))
+                .hinted("add --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a trusted network"))
+        }
         _ => Ok(()),
     }
 }

@@ -256,10 +256,8 @@ pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rul
     if rules.fits_episodes_of(&of_split) {
         return Ok(rules);
     }
-    let message = format!(
-        "rule set '{name}' and the split's '{}' differ in more than noise and clips",
-        of_split.name
-    );
+    let message =
+        format!("rule set '{name}' and the split's '{}' differ in more than noise and clips", of_split.name);
     Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
 }
 

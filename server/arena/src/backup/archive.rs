@@ -119,7 +119,8 @@ pub(super) fn read_archive(
             return Err(damaged(format!("{path} occurs twice")));
         }
     }
-    let manifest = manifest.ok_or_else(|| damaged("it is truncated, or not a backup: the manifest is missing"))?;
+    let manifest =
+        manifest.ok_or_else(|| damaged("it is truncated, or not a backup: the manifest is missing"))?;
     match found.iter().find(|(path, kept)| manifest.files.get(*path) != Some(kept)) {
         Some((path, _)) => Err(damaged(format!("{path} differs from the manifest"))),
         None => match manifest.files.keys().find(|path| !found.contains_key(*path)) {
@@ -159,7 +160,9 @@ fn read_manifest(entry: impl Read) -> io::Result<Manifest> {
         .map_err(|error| damaged(format!("cannot parse the manifest: {error}")))?;
     match manifest.format {
         FORMAT => Ok(manifest),
-        other => Err(damaged(format!("its layout has version {other}, but this program reads version {FORMAT}"))),
+        other => {
+            Err(damaged(format!("its layout has version {other}, but this program reads version {FORMAT}")))
+        }
     }
 }
 

@@ -159,7 +159,8 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
     let failed = |error: io::Error| Failure::data(format!("cannot restore to {}: {error}", to.display()));
     if is_occupied(to).map_err(failed)? {
-        let message = format!("{} is not empty; a backup is only restored into a new or empty folder", to.display());
+        let message =
+            format!("{} is not empty; a backup is only restored into a new or empty folder", to.display());
         return Err(Failure::data(message).hinted(
             "choose a new folder with --data FOLDER, and keep the old one until the server runs on the new one",
         ));

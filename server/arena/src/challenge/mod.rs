@@ -171,7 +171,8 @@ mod tests {
         let text = format!("{SMALL}\n{SMALL}quota = {{ day = 0 }}\n");
         let line = |path: &[&str]| {
             let message = KeyPath { path }.fault("is wrong").explain(Path::new("c.toml"), &text).to_string();
-            message.split_once(", line ")
+            message
+                .split_once(", line ")
                 .and_then(|(_, rest)| rest.split_once(':'))
                 .map(|(line, _)| line.to_owned())
         };

@@ -336,8 +336,7 @@ impl PhaseConversion<'_> {
     fn time(&self) -> Result<avln_episode::TimeLimits, Fault> {
         let time = self.entry.time;
         if time.disconnect_s > time.disconnect_total_s {
-            let problem =
-                "a single disconnection cannot last longer than all in total (disconnect_total_s)";
+            let problem = "a single disconnection cannot last longer than all in total (disconnect_total_s)";
             return Err(self.fault("time.disconnect_s", problem));
         }
         Ok(time)

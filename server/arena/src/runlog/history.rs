@@ -194,7 +194,8 @@ fn follow(
         Entry::Acted { slot, step, action, state, bank_us, .. } => {
             let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
             let episode = episode.ok_or_else(|| format!("slot {slot} acts without an episode"))?;
-            let state = u64::from_str_radix(state, 16).map_err(|_| format!("'{state}' is not a state hash"))?;
+            let state =
+                u64::from_str_radix(state, 16).map_err(|_| format!("'{state}' is not a state hash"))?;
             if episode.ended.is_some() || *step as usize != episode.actions.len() + 1 {
                 return Err(format!("step {step} of slot {slot} is out of order"));
             }
@@ -205,7 +206,8 @@ fn follow(
         }
         Entry::RestoreStarted { slot, handle, .. } => {
             slots.insert(*slot, handle.clone());
-            let episode = episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
+            let episode =
+                episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.count_crash();
             episode.critical = CriticalPhase::Restore;
             Ok(())
@@ -221,7 +223,8 @@ fn follow(
             Ok(())
         }
         Entry::Ended { handle, end, metrics, .. } => {
-            let episode = episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
+            let episode =
+                episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.ended = Some((*end, metrics.clone()));
             Ok(())
         }
