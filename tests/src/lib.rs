@@ -15,8 +15,8 @@ pub mod skipped;
 use avln_arena::{
     Arena, SCENE_MEMORY_MIB,
     data::DataFolder,
+    ids::new_token,
     now_unix_ms,
-    runs::new_token,
     servers::{Addresses, Limits, RunningServers, Security, Servers},
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };

@@ -1,6 +1,6 @@
 //! Organiser actions shared by commands and pages.
 
-use crate::{Failure, challenge, now_unix_ms, runs::new_token};
+use crate::{Failure, challenge, ids::new_token, now_unix_ms};
 use avln_store::{
     AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
 };
@@ -46,7 +46,16 @@ impl From<ActionFailure> for Failure {
     }
 }
 
-/// Returns an entry for the audit list.
+/// Actor and reason of an action, for audit entries.
+#[derive(Clone, Copy, Debug)]
+pub struct Attribution<'a> {
+    /// Actor.
+    pub actor: &'a str,
+    /// Reason; may be empty.
+    pub reason: &'a str,
+}
+
+/// Returns an audit entry.
 pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote {
     let (actor, what, reason) = (actor.to_owned(), what.to_owned(), reason.to_owned());
     AuditNote { actor, subject, what, reason, ..AuditNote::default() }
@@ -66,9 +75,6 @@ pub struct TokenRequest<'a> {
 }
 
 /// Admits a new or former team and returns an account token.
-///
-/// # Errors
-/// If the name is invalid, or the database fails.
 pub async fn admit(
     store: &Store,
     name: &str,
@@ -94,9 +100,6 @@ pub async fn admit(
 }
 
 /// Issues a token, with an audit entry.
-///
-/// # Errors
-/// If the name is invalid, the team is unknown, or the database fails.
 pub async fn issue(
     store: &Store,
     request: &TokenRequest<'_>,
@@ -132,19 +135,16 @@ fn random_token(kind: TokenScope) -> Result<String, ActionFailure> {
 }
 
 /// Changes the schedule of a phase, with audit entries.
-///
-/// # Errors
-/// If the phase is unknown, or the database fails.
 pub async fn reschedule(
     store: &Store,
     id: &str,
-    (actor, reason): (&str, &str),
+    by: Attribution<'_>,
     change: impl FnOnce(&mut Schedule),
 ) -> Result<Phase, StoreError> {
     let before = store.phase(id).await?;
     let mut after = before.clone();
     change(&mut after.schedule);
-    let notes = challenge::notes(actor, Some(&before), &after, reason);
+    let notes = challenge::notes(by.actor, Some(&before), &after, by.reason);
     if !notes.is_empty() {
         store.change_phases(std::slice::from_ref(&after), &notes, now_unix_ms()).await?;
     }
@@ -159,31 +159,31 @@ pub async fn verify(
     store: &Store,
     run: &str,
     verified: bool,
-    (actor, reason): (&str, &str),
+    by: Attribution<'_>,
 ) -> Result<String, StoreError> {
     let word = if verified { "verified" } else { "no more verified" };
-    let ruled = note(actor, format!("run {run}"), word, reason);
+    let ruled = note(by.actor, format!("run {run}"), word, by.reason);
     let changed = store.verify_run(run, verified, ruled, now_unix_ms()).await?;
     Ok(format!("run {run} is {word}{}", as_before(changed)))
 }
 
 /// Disqualifies a run, or reinstates it; returns a message. The reason is public.
-///
-/// # Errors
-/// If the run is unknown, or the database fails.
 pub async fn disqualify(
     store: &Store,
     run: &str,
     disqualified: bool,
-    (actor, reason): (&str, &str),
+    by: Attribution<'_>,
 ) -> Result<String, StoreError> {
     let what = if disqualified { "disqualified" } else { "put back on boards" };
-    let ruled = note(actor, format!("run {run}"), what, reason);
-    let public = disqualified.then_some(reason);
+    let ruled = note(by.actor, format!("run {run}"), what, by.reason);
+    let public = disqualified.then_some(by.reason);
     let changed = store.disqualify_run(run, public, ruled, now_unix_ms()).await?;
-    let told =
-        if disqualified { "is on no board any more; its page tells why" } else { "may be on boards again" };
-    Ok(format!("run {run} {told}{}", as_before(changed)))
+    let effect = if disqualified {
+        "is removed from leaderboards; its page shows the reason"
+    } else {
+        "can appear on leaderboards again"
+    };
+    Ok(format!("run {run} {effect}{}", as_before(changed)))
 }
 
 fn as_before(changed: bool) -> &'static str {

@@ -5,6 +5,7 @@ use avln_grpc::{Control, Histogram, SlotState, Snapshot};
 use avln_store::{Census, Reader, Viewer};
 use axum::{
     Json, Router,
+    body::Bytes,
     extract::{DefaultBodyLimit, State, rejection::JsonRejection},
     http::{Method, Request, StatusCode, Uri, header},
     middleware::{Next, from_fn_with_state},
@@ -12,15 +13,14 @@ use axum::{
     routing::{get, post},
 };
 use http_body_util::{BodyExt, Full, Limited};
-use hyper::{body::Bytes, client::conn::http1};
-use hyper_util::rt::TokioIo;
+use hyper_util::{client::legacy::Client, rt::TokioExecutor};
 use serde::{Deserialize, Serialize};
 use std::{
     fmt::{Display, Write},
     sync::Arc,
     time::Duration,
 };
-use tokio::{net::TcpStream, time::timeout};
+use tokio::time::timeout;
 
 /// Largest request, bytes.
 const MAX_BODY_BYTES: usize = 16 << 10;
@@ -104,7 +104,7 @@ pub fn router(state: AdminState) -> Router {
         .with_state(state)
 }
 
-/// A refusal with its HTTP status.
+/// A refusal with HTTP status.
 struct AdminError(StatusCode, String);
 
 impl IntoResponse for AdminError {
@@ -219,52 +219,38 @@ pub struct AdminReply {
     pub body: Bytes,
 }
 
-/// Requests `path` from the admin server at `server`, such as `http://127.0.0.1:50052`, with an optional
-/// `body`.
-///
-/// # Errors
-/// If the server does not answer.
+/// Requests `path` from the admin server at `server`, such as `http://127.0.0.1:50052`, with an optional `body`.
 pub async fn ask(
     server: &str,
     path: &str,
     token: &str,
     body: Option<Vec<u8>>,
 ) -> Result<AdminReply, Failure> {
-    let failed = |problem: String| {
-        Failure::run(format!("{server}{path}: {problem}"))
-            .hinted("--server is the address that `avln serve` was given with --admin, http://127.0.0.1:50052 unless told otherwise; from another machine go through: ssh -L 50052:127.0.0.1:50052 HOST")
+    let failed = |error: &dyn Display| {
+        Failure::run(format!("{server}{path}: {error}"))
+            .hinted("--server is the address after --admin in `avln serve`, by default http://127.0.0.1:50052; from another machine use: ssh -L 50052:127.0.0.1:50052 HOST")
     };
-    let address: Uri = server.parse().map_err(|error| failed(format!("the address is invalid: {error}")))?;
+    let address: Uri = server.parse().map_err(|error| failed(&format!("the address is invalid: {error}")))?;
     let (Some("http"), Some(authority)) = (address.scheme_str(), address.authority()) else {
-        return Err(failed("the address is not like http://127.0.0.1:50052".to_owned()));
+        return Err(failed(&"the address is not like http://127.0.0.1:50052"));
     };
-    let method = if body.is_some() { Method::POST } else { Method::GET };
     let request = Request::builder()
-        .method(method)
-        .uri(path)
-        .header(header::HOST, authority.as_str())
+        .method(if body.is_some() { Method::POST } else { Method::GET })
+        .uri(format!("http://{authority}{path}"))
         .header(header::AUTHORIZATION, format!("Bearer {token}"))
         .header(header::CONTENT_TYPE, "application/json")
         .body(Full::new(Bytes::from(body.unwrap_or_default())))
-        .map_err(|error| failed(error.to_string()))?;
-    let place = (authority.host().trim_matches(['[', ']']).to_owned(), authority.port_u16().unwrap_or(80));
-    match timeout(REPLY_TIMEOUT, send(place, request)).await {
-        Ok(answer) => answer.map_err(|error| failed(error.to_string())),
-        Err(_) => Err(failed("no reply within ten seconds".to_owned())),
+        .map_err(|error| failed(&error))?;
+    let reply = timeout(REPLY_TIMEOUT, async {
+        let response = Client::builder(TokioExecutor::new()).build_http().request(request).await?;
+        let status = response.status();
+        let body = Limited::new(response.into_body(), MAX_REPLY_BYTES).collect().await?.to_bytes();
+        Ok::<_, Box<dyn std::error::Error + Send + Sync>>(AdminReply { status, body })
+    });
+    match reply.await {
+        Ok(reply) => reply.map_err(|error| failed(&error)),
+        Err(_) => Err(failed(&"no reply within ten seconds")),
     }
-}
-
-type BoxError = Box<dyn std::error::Error + Send + Sync>;
-
-async fn send(place: (String, u16), request: Request<Full<Bytes>>) -> Result<AdminReply, BoxError> {
-    let stream = TcpStream::connect(place).await?;
-    let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await?;
-    let driver = tokio::spawn(connection);
-    let response = sender.send_request(request).await?;
-    let status = response.status();
-    let body = Limited::new(response.into_body(), MAX_REPLY_BYTES).collect().await?.to_bytes();
-    driver.abort();
-    Ok(AdminReply { status, body })
 }
 
 /// Writes all metrics in the Prometheus text format 0.0.4.
@@ -273,23 +259,29 @@ fn metrics_page(arena: &Arena, census: &Census) -> String {
     let mut page = MetricsPage::default();
     page.family("avln_info", "gauge", "Version of the server.");
     page.line("avln_info", &format!("version=\"{}\"", env!("CARGO_PKG_VERSION")), 1);
-    page.family("avln_draining", "gauge", "1 if the server is draining.");
-    page.line("avln_draining", "", u8::from(arena.control().draining().is_some()));
+    page.single(
+        "avln_draining",
+        "gauge",
+        "1 if the server is draining.",
+        u8::from(arena.control().draining().is_some()),
+    );
     add_stored(&mut page, census);
     add_live(&mut page, &snapshot);
-    page.family("avln_scene_bytes", "gauge", "Memory of prepared scenes.");
-    page.line("avln_scene_bytes", "", arena.scene_bytes());
+    page.single("avln_scene_bytes", "gauge", "Memory of prepared scenes.", arena.scene_bytes());
     let watchdog = arena.control().watchdog();
-    page.family("avln_hanging", "gauge", "Abandoned threads that still simulate.");
-    page.line("avln_hanging", "", watchdog.hanging());
-    page.family("avln_given_up_total", "counter", "Abandoned simulations since the server start.");
-    page.line("avln_given_up_total", "", watchdog.given_up());
-    page.family(
+    page.single("avln_hanging", "gauge", "Abandoned threads that still simulate.", watchdog.hanging());
+    page.single(
+        "avln_given_up_total",
+        "counter",
+        "Abandoned simulations since the server start.",
+        watchdog.given_up(),
+    );
+    page.single(
         "avln_faults_total",
         "counter",
         "Server faults, such as database failures, since the server start.",
+        fault_count(),
     );
-    page.line("avln_faults_total", "", fault_count());
     page.0
 }
 
@@ -311,12 +303,9 @@ fn add_stored(page: &mut MetricsPage, census: &Census) {
 fn add_live(page: &mut MetricsPage, snapshot: &Snapshot) {
     let mut runs: Vec<&str> = snapshot.slots.iter().map(|slot| slot.run.as_str()).collect();
     runs.dedup();
-    page.family("avln_sessions", "gauge", "Runs with an open episode.");
-    page.line("avln_sessions", "", runs.len());
-    page.family("avln_open_episodes", "gauge", "Slots with an episode.");
-    page.line("avln_open_episodes", "", snapshot.slots.len());
-    page.family("avln_steps_total", "counter", "Steps since the server start.");
-    page.line("avln_steps_total", "", snapshot.steps);
+    page.single("avln_sessions", "gauge", "Runs with an open episode.", runs.len());
+    page.single("avln_open_episodes", "gauge", "Slots with an episode.", snapshot.slots.len());
+    page.single("avln_steps_total", "counter", "Steps since the server start.", snapshot.steps);
     page.family(
         "avln_episodes_ended_total",
         "counter",
@@ -338,6 +327,12 @@ impl MetricsPage {
     fn family(&mut self, name: &str, kind: &str, help: &str) {
         // Writing to a string cannot fail.
         let _ = write!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}\n");
+    }
+
+    /// Adds a metric with a single value.
+    fn single(&mut self, name: &str, kind: &str, help: &str, value: impl Display) {
+        self.family(name, kind, help);
+        self.line(name, "", value);
     }
 
     fn line(&mut self, name: &str, labels: &str, value: impl Display) {

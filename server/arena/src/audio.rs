@@ -1,6 +1,6 @@
 //! Recordings and measured heads: decoding of WAV, FLAC and SOFA files, and storage by digest.
 
-use crate::{Failure, runs};
+use crate::{Failure, ids};
 use avln_acoustics::{Bank, Clip, Head, MeasuredHead, SAMPLE_RATE_HZ};
 use claxon::FlacReader;
 use hound::{SampleFormat, WavReader, WavSpec, WavWriter};
@@ -20,9 +20,6 @@ const MAX_FILE_SECONDS: usize = 61;
 const MAX_HEAD_BYTES: u64 = 256 << 20;
 
 /// Reads all `.wav` and `.flac` files in `folder`, sorted by name. Stereo is mixed to mono.
-///
-/// # Errors
-/// If there are no recordings or too many, or a file is not a valid clip.
 pub fn read_recordings(folder: &Path) -> Result<Vec<Clip>, Failure> {
     let paths = recordings(folder)?;
     let mut clips = Vec::with_capacity(paths.len());
@@ -40,9 +37,6 @@ pub fn read_recordings(folder: &Path) -> Result<Vec<Clip>, Failure> {
 }
 
 /// Reads a recording as a clip.
-///
-/// # Errors
-/// If the file is not a recording, or too short or too long.
 pub fn read_recording(path: &Path) -> Result<Clip, Failure> {
     let wrong = |error: String| Failure::file("use recording", path, error);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -92,10 +86,7 @@ impl SoundFolder {
         Self { folder: folder.to_owned() }
     }
 
-    /// Imports the recordings in `source` as a bank and returns its digest.
-    ///
-    /// # Errors
-    /// If a recording is not a valid clip, or the bank is not writable.
+    /// Imports the recordings in `source` as a bank; returns the digest.
     pub fn import(&self, source: &Path) -> Result<String, Failure> {
         let clips = read_recordings(source)?;
         let digest = bank_digest(&clips);
@@ -106,9 +97,6 @@ impl SoundFolder {
     }
 
     /// Reads the bank `digest`.
-    ///
-    /// # Errors
-    /// If it is missing or modified.
     pub fn bank(&self, digest: &str) -> Result<Bank, Failure> {
         let path = self.folder.join(digest);
         let failed = |error: String| {
@@ -252,10 +240,7 @@ impl HeadFolder {
         Self { folder: folder.to_owned() }
     }
 
-    /// Copies the head in the SOFA file `source` and returns its digest.
-    ///
-    /// # Errors
-    /// If the file is not a head, or cannot be copied.
+    /// Copies the head in the SOFA file `source`; returns the digest.
     pub fn import(&self, source: &Path) -> Result<String, Failure> {
         let (bytes, _) = read_head(source)?;
         let digest = blake3::hash(&bytes).to_hex().to_string();
@@ -266,9 +251,6 @@ impl HeadFolder {
     }
 
     /// Reads the head `digest`.
-    ///
-    /// # Errors
-    /// If it is missing or modified.
     pub fn head(&self, digest: &str) -> Result<Head, Failure> {
         let path = self.path(digest);
         let hint = "restore the file from a backup, or open the phase again with --head FILE.sofa";
@@ -294,9 +276,6 @@ impl HeadFolder {
 }
 
 /// Reads the head in a SOFA file; returns the file's bytes too.
-///
-/// # Errors
-/// If the file is unreadable, too large, or not a head.
 pub fn read_head(path: &Path) -> Result<(Vec<u8>, Head), Failure> {
     let bytes =
         head_bytes(path).map_err(|error| Failure::file("use", path, error).hinted("check the path"))?;
@@ -316,7 +295,7 @@ fn head_bytes(path: &Path) -> io::Result<Vec<u8>> {
 
 /// Returns a free path for an unfinished file.
 fn temporary(folder: &Path) -> io::Result<PathBuf> {
-    Ok(folder.join(format!("{}.part", runs::random_hex().map_err(io::Error::other)?)))
+    Ok(folder.join(format!("{}.part", ids::random_hex().map_err(io::Error::other)?)))
 }
 
 fn cannot_store(what: &str, folder: &Path, error: impl std::fmt::Display) -> Failure {

@@ -2,7 +2,7 @@
 //!
 //! All files can be recomputed, so every problem is a warning, never an error.
 
-use crate::{Failure, runs};
+use crate::{Failure, ids};
 use avln_render::{Model, ModelCache};
 use avln_simd::Mapped;
 use avln_world::{Cache, SoundCache};
@@ -23,7 +23,7 @@ const BUDGET_GIB: u32 = 4;
 /// File with another limit, GiB in digits.
 const LIMIT_FILE: &str = "limit_gib";
 
-/// Length of the hash at the start of sound files, bytes. Models contain their own.
+/// Length of the hash prefix in sound files, bytes. Models contain a hash.
 const HASH_BYTES: usize = 32;
 
 /// A folder of render models and sound sources. Files are never modified: a complete file is renamed into
@@ -45,9 +45,6 @@ impl CacheFolder {
     }
 
     /// Stores the limit for all programs that start later, GiB.
-    ///
-    /// # Errors
-    /// If the folder is not writable.
     pub fn limit(folder: &Path, gib: u32) -> Result<(), Failure> {
         let written =
             fs::create_dir_all(folder).and_then(|()| fs::write(folder.join(LIMIT_FILE), gib.to_string()));
@@ -84,9 +81,9 @@ impl CacheFolder {
     /// Writes the file `path` of `bytes` bytes.
     fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
-        // Before the write, so that the folder never exceeds its limit.
+        // Before the write: the folder must never exceed the limit.
         self.make_room(bytes)?;
-        let random = runs::random_hex().map_err(io::Error::other)?;
+        let random = ids::random_hex().map_err(io::Error::other)?;
         let unfinished = self.folder.join(format!("{random}.part"));
         let written =
             File::create_new(&unfinished).and_then(content).and_then(|()| fs::rename(&unfinished, path));
@@ -141,7 +138,7 @@ fn limit_gib(folder: &Path) -> u32 {
     })
 }
 
-/// A file, ordered by its last use.
+/// A file, ordered by last use.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct CachedFile {
     used: SystemTime,

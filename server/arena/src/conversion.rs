@@ -1,4 +1,4 @@
-//! Conversion of store types and errors to the types of the gRPC server.
+//! Conversion of store types and errors for the gRPC server.
 
 use crate::now_unix_ms;
 use avln_challenge::{Account, Charge, PhaseInfo, RunStatus, TokenScope};
@@ -56,7 +56,7 @@ pub(crate) fn phase_info(phase: PhaseView) -> PhaseInfo {
     }
 }
 
-/// Returns the status of a run for its own team.
+/// Returns a run's status for the team.
 pub(crate) fn status(view: RunView, charge: Charge) -> RunStatus {
     let sealed = view.digests.contains_key(Run::SEALED);
     let line = view.line;
@@ -102,7 +102,7 @@ fn columns(summary: &Summary) -> Vec<(String, f64)> {
 // One counter per process: the web page and the metrics report all arenas together.
 static FAULTS: AtomicU64 = AtomicU64::new(0);
 
-/// Returns the number of store failures since the start of the process.
+/// Returns the number of store failures since the process start.
 pub fn fault_count() -> u64 {
     FAULTS.load(Ordering::Relaxed)
 }

@@ -27,9 +27,6 @@ pub struct DataFolder {
 
 impl DataFolder {
     /// Opens the folder, or creates it.
-    ///
-    /// # Errors
-    /// If it cannot be created or written.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
             Failure::data(format!("cannot write to data folder {}: {error}", root.display()))
@@ -47,9 +44,6 @@ impl DataFolder {
     }
 
     /// Returns the sound clips.
-    ///
-    /// # Errors
-    /// If the recordings are missing.
     pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
         match sounds {
             Sounds::Own(digest) => self.sounds().bank(digest),
@@ -58,9 +52,6 @@ impl DataFolder {
     }
 
     /// Returns the clips and head model for `rules`.
-    ///
-    /// # Errors
-    /// If they are missing.
     pub fn audio(&self, rules: &Rules) -> Result<Audio, Failure> {
         let head = match &rules.head {
             HeadRule::Sphere => Head::Sphere,
@@ -85,9 +76,6 @@ impl DataFolder {
     }
 
     /// Returns the server's signing key, created if missing.
-    ///
-    /// # Errors
-    /// If it cannot be read or created.
     pub fn signing_key(&self) -> Result<SigningKey, Failure> {
         let path = self.root.join("signing.key");
         SigningKey::at(&path).map_err(|error| {
@@ -107,9 +95,6 @@ impl DataFolder {
     }
 
     /// Sets the cache limit in GiB; `None` changes nothing.
-    ///
-    /// # Errors
-    /// If the limit cannot be stored.
     pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
         match gib {
             Some(gib) => CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib),
@@ -118,9 +103,6 @@ impl DataFolder {
     }
 
     /// Opens the database, or creates it.
-    ///
-    /// # Errors
-    /// If it is of a newer version, invalid or not writable.
     pub async fn store(&self) -> Result<Store, Failure> {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
@@ -137,7 +119,7 @@ impl DataFolder {
         DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Links a split of another data set and returns its derived name.
+    /// Links a split of another data set; returns the derived name.
     ///
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
@@ -164,9 +146,6 @@ impl DataFolder {
     }
 
     /// Opens a split; missions are loaded on demand.
-    ///
-    /// # Errors
-    /// If it is unknown, or its files are invalid.
     pub fn missions(&self, name: &str) -> Result<SplitFolder, Failure> {
         let (folder, path) = (self.split_folder(name)?, self.link_path(name)?);
         if folder.is_dir() {
@@ -183,9 +162,6 @@ impl DataFolder {
     }
 
     /// Returns the folder of an own split.
-    ///
-    /// # Errors
-    /// If it is unknown or linked.
     pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
         let folder = self.split_folder(name)?;
         if folder.is_dir() {
@@ -196,9 +172,6 @@ impl DataFolder {
     }
 
     /// Loads a split with all missions.
-    ///
-    /// # Errors
-    /// If it is unknown, or its files are invalid.
     pub fn split(&self, name: &str) -> Result<Split, Failure> {
         Ok(Split { name: name.to_owned(), ..self.missions(name)?.load()? })
     }
@@ -255,7 +228,7 @@ fn probe(file: &Path) -> io::Result<()> {
     }
 }
 
-/// Creates a private folder and its parents: it contains ground truth.
+/// Creates a private folder and parents: the content includes ground truth.
 fn private_folder(folder: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     #[cfg(unix)]

@@ -1,19 +1,18 @@
 //! Episodes in play: issue, hosting, scoring and storage.
 
 use crate::{
-    Arena, PendingReturns,
+    Arena, Failure, PendingReturns,
     budget::MemoryUse,
     conversion::refusal,
-    now_unix_ms,
+    ids, now_unix_ms,
     phases::HostedPhase,
+    phases::SceneCache,
     runlog::{Entry, RunLog, SlotLog},
-    runs,
-    scenes::SceneCache,
 };
 use avln_challenge::EpisodeOutcome;
 use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensors};
 use avln_grpc::{Episode, HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
-use avln_referee::{Referee, RefereeError, StepOutcome};
+use avln_referee::{Referee, RefereeError, StepOutcome, source_positions};
 use avln_scoring::{Metric, Metrics, score};
 use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, TimeAccount};
 use avln_truth::{EpisodeTruth, Record};
@@ -29,7 +28,7 @@ use tokio::task::spawn_blocking;
 #[derive(Default)]
 pub(crate) struct OpenEpisodes {
     next_ticket: u64,
-    issued: BTreeMap<u64, IssuedEpisode>,
+    pub(crate) issued: BTreeMap<u64, IssuedEpisode>,
 }
 
 /// An issued episode.
@@ -41,7 +40,7 @@ pub(crate) struct IssuedEpisode {
     pub(crate) slot: u32,
     /// True if restored after a server stop.
     pub(crate) restored: bool,
-    /// True if the log contains its end.
+    /// True if the log contains the end.
     pub(crate) ended: bool,
 }
 
@@ -67,7 +66,7 @@ impl Arena {
         if row.sensors.as_ref() != Some(sensors) {
             self.store.set_sensors(run, sensors).await.map_err(refusal)?;
         }
-        let handle = format!("ep_{}", runs::random_hex().map_err(Refusal::internal)?);
+        let handle = format!("ep_{}", ids::random_hex().map_err(Refusal::internal)?);
         let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
@@ -118,7 +117,7 @@ impl Arena {
         self.logs.open(&run.id, first).map_err(Refusal::internal)
     }
 
-    /// Registers an issued episode and returns it with its step log.
+    /// Registers an issued episode; returns it with a step log.
     pub(crate) fn host_episode(
         &self,
         handle: String,
@@ -139,7 +138,7 @@ impl Arena {
         HostedEpisode { handle, episode, ticket, log, time: TimeSpent::default() }
     }
 
-    /// Creates a referee on a watched thread, within the session memory. Stores the map of a newly prepared scene.
+    /// Creates a referee on a watched thread, within the session memory. Stores the map of a new scene.
     pub(crate) async fn prepare_episode(
         &self,
         run: &Run,
@@ -167,12 +166,6 @@ impl Arena {
         let memory = MemoryUse::of(scene, &referee);
         self.check_memory(&run.id, &memory)?;
         Ok((referee, memory))
-    }
-
-    /// Returns a hanging episode to the queue.
-    pub(crate) async fn reissue_hanging(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
-        self.open_episodes().issued.remove(&ticket);
-        self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     /// Scores, logs and stores an episode. An episode without a stored result is reissued.
@@ -294,14 +287,56 @@ fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 
-/// A referee, its scene, and the map of a newly prepared scene.
+impl Arena {
+    /// Prepares the next episode of `run` in the background.
+    pub(crate) fn prefetch(&self, run: &str, phase: &Arc<HostedPhase>) {
+        let (run, phase, store) = (run.to_owned(), phase.clone(), self.store.clone());
+        let (scenes, turns) = (self.scenes.clone(), self.prefetching.clone());
+        let (watchdog, limit) = (self.control().watchdog().clone(), self.budget.preparation);
+        tokio::spawn(async move {
+            // One episode at a time, in request order: running episodes have priority on the processors.
+            let Ok(_turn) = turns.acquire_owned().await else { return };
+            let next = store.next_pending(&run).await;
+            let work = move || next?.map_or(Ok(None), |episode| prepare(&phase, &scenes, &episode));
+            let stored = match watchdog.run(limit, work).await {
+                Ok(Ok(Some(map))) => store.upsert_scene(&map).await.map_err(Failure::from),
+                Ok(Ok(None)) => Ok(()),
+                Ok(Err(error)) => Err(error),
+                Err(error) => Err(Failure::internal(error)),
+            };
+            if let Err(error) = stored {
+                tracing::warn!(run, %error, "cannot prepare the next episode in advance; it is prepared on request");
+            }
+        });
+    }
+}
+
+/// Prepares the expensive parts of an episode; returns the map of a new scene.
+fn prepare(phase: &HostedPhase, scenes: &SceneCache, episode: &str) -> Result<Option<Scene>, Failure> {
+    let spec = phase.episode(episode)?;
+    let (assets, map) = phase.scene(&spec.scene, scenes)?;
+    let sensors = &phase.settings.sensors;
+    if sensors.rgb || sensors.depth {
+        assets.prepare_pictures();
+    }
+    if sensors.audio {
+        phase.audio.head.prepare();
+        let targets: Vec<_> = spec.goals.iter().map(|goal| goal.target.clone()).collect();
+        for position in &source_positions(phase.rules(), &targets) {
+            assets.prepare_sound(position);
+        }
+    }
+    Ok(map)
+}
+
+/// A referee with scene, and the map of a new scene.
 pub(crate) struct PreparedReferee {
     pub(crate) referee: Referee,
     scene: Arc<SceneAssets>,
     map: Option<Scene>,
 }
 
-/// Reads a mission and creates its referee.
+/// Creates a mission's referee.
 pub(crate) fn prepare_referee(
     phase: &HostedPhase,
     scenes: &SceneCache,

@@ -1,6 +1,6 @@
-//! Heartbeat of the server, and correction of deadlines after clock changes.
+//! Server heartbeat, and correction of deadlines after clock changes.
 
-use crate::{Arena, conversion::refusal, now_unix_ms};
+use crate::{Arena, conversion::refusal};
 use avln_grpc::Refusal;
 use std::{
     sync::{Mutex, PoisonError},
@@ -14,7 +14,7 @@ const MAX_DRIFT_MS: i64 = 2000;
 
 /// Clock and last reading.
 pub(crate) struct Heartbeat {
-    started: Instant,
+    pub(crate) started: Instant,
     last: Mutex<Option<ClockReading>>,
 }
 
@@ -60,16 +60,8 @@ impl Heartbeat {
 }
 
 impl Arena {
-    /// Returns the open runs past their deadline.
-    pub(crate) async fn overdue_runs(&self) -> Result<Vec<String>, Refusal> {
-        self.overdue_at(now_unix_ms(), self.heartbeat.started.elapsed()).await
-    }
-
     /// Returns the open runs past their deadline at wall clock `now_unix_ms` and uptime `age`. Deadlines follow
     /// clock changes since the last call.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn overdue_at(&self, now_unix_ms: i64, age: Duration) -> Result<Vec<String>, Refusal> {
         let due = self.heartbeat.read(now_unix_ms, age);
         if due.clock_set_by_ms != 0 {

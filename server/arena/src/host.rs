@@ -140,11 +140,12 @@ impl Host for Arena {
     }
 
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
-        self.reissue_hanging(run, handle, ticket).await
+        self.open_episodes().issued.remove(&ticket);
+        self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     async fn overdue(&self) -> Result<Vec<String>, Refusal> {
-        self.overdue_runs().await
+        self.overdue_at(now_unix_ms(), self.heartbeat.started.elapsed()).await
     }
 
     async fn expire_run(&self, run: &str) -> Result<(), Refusal> {
@@ -163,14 +164,14 @@ impl Host for Arena {
 }
 
 impl Arena {
-    /// Cancels a run and signs its log. Results of running episodes may still be stored.
+    /// Cancels a run and signs the log. Results of running episodes may still be stored.
     pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
         let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
         self.sign_if_over(&cancelled).await;
         Ok(())
     }
 
-    /// Returns the status of a run for its own team.
+    /// Returns a run's status for the team.
     async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
         let run = self.store.run(&view.line.run).await.map_err(refusal)?;
@@ -178,7 +179,7 @@ impl Arena {
         Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
     }
 
-    /// Describes a run for its client.
+    /// Describes a run for the client.
     pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let phase = self.phase(&run.phase).await?;
         Ok(OpenRun {

@@ -17,6 +17,7 @@ mod episodes;
 mod failure;
 mod heartbeat;
 mod host;
+pub mod ids;
 mod lru;
 mod management;
 mod phases;
@@ -25,7 +26,6 @@ pub mod rescoring;
 mod restore;
 pub mod runlog;
 pub mod runs;
-mod scenes;
 pub mod servers;
 pub mod setup;
 
@@ -35,17 +35,14 @@ pub use failure::{Failure, FailureKind};
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
-use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use episodes::{FaultInjection, Observer, OpenEpisodes};
 use heartbeat::Heartbeat;
 use jiff::Timestamp;
-use management::ControlStatus;
-use phases::PhaseCatalog;
+use phases::{PhaseCatalog, SceneCache};
 use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
-use scenes::SceneCache;
 use std::{
     collections::BTreeSet,
     sync::{Arc, Mutex},
@@ -53,7 +50,7 @@ use std::{
 };
 use tokio::{sync::Semaphore, task::spawn_blocking};
 
-/// Version of the benchmark; changes with every possible change of scores.
+/// Benchmark version; changes with every possible change of scores.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
 
 /// Default memory for prepared scenes, MiB: tens of scans or two hundred houses.
@@ -85,9 +82,6 @@ type PendingReturns = BTreeSet<(String, String)>;
 impl Arena {
     /// Reads the phases and splits of a data folder. Prepared scenes use `scene_memory_mib` MiB; scenes in use may
     /// exceed it.
-    ///
-    /// # Errors
-    /// If the database or a split is unreadable.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
@@ -148,42 +142,19 @@ impl Arena {
         &self.control
     }
 
-    /// Returns the run logs with the server's public key.
-    pub fn signed_logs(&self) -> SignedLogs {
-        SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
-    }
-
-    /// Returns the replay renderer.
-    pub fn replay_renderer(&self) -> Arc<dyn ReplayRenderer> {
-        self.replay_renderer.clone()
-    }
-
-    /// Returns the live status for visitors.
-    pub fn live_status(&self) -> Arc<dyn LiveStatus> {
-        Arc::new(ControlStatus(self.control.clone()))
-    }
-
-    /// Returns the database, with write access.
-    pub(crate) fn store(&self) -> &Store {
-        &self.store
-    }
-
     /// Returns the total size of prepared scenes, bytes.
     pub fn scene_bytes(&self) -> usize {
         self.scenes.bytes()
     }
 
     /// Returns the phase ids, each with the episode count of a run.
-    ///
-    /// # Errors
-    /// If the phases are unreadable.
     pub async fn phases(&self) -> Result<Vec<(String, u32)>, Failure> {
         let phases = self.phases.now(&self.store).await?;
         Ok(phases.iter().map(|phase| (phase.settings.id.clone(), phase.settings.episodes_of_run())).collect())
     }
 }
 
-/// Interval of log syncs: after a power failure, agents repeat the steps of this time.
+/// Log sync interval: after a power failure, agents repeat the steps since the last sync.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Syncs run logs to disk until they are dropped.
@@ -207,9 +178,6 @@ pub fn now_unix_ms() -> i64 {
 }
 
 /// Runs blocking work on another thread.
-///
-/// # Errors
-/// If the work fails or panics.
 pub async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Failure> + Send + 'static,
 ) -> Result<T, Failure> {

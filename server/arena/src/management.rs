@@ -3,7 +3,7 @@
 
 use crate::{
     Arena,
-    actions::{self, ActionFailure, TokenRequest, note, reschedule},
+    actions::{self, ActionFailure, Attribution, TokenRequest, note, reschedule},
     admin, fault_count, now_unix_ms,
 };
 use avln_grpc::{Control, SessionState, SlotState};
@@ -82,11 +82,11 @@ async fn act(arena: &Arena, member: &TeamCredential, action: TeamAction) -> Answ
     let actor = format!("token {} of team {}", member.token, member.team);
     match action {
         TeamAction::IssueToken { name, looks_only, days } => {
-            issue(arena, member, &actor, (&name, looks_only, days)).await
+            issue(arena, member, &actor, &name, looks_only, days).await
         }
         TeamAction::RevokeToken { id } => {
             let revoked = note(&actor, format!("token {id}"), "revoked", "");
-            arena.store().revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
+            arena.store.revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
             done(format!("Token {id} is revoked."))
         }
         TeamAction::CancelRun { run } => cancel(arena, member, &actor, &run).await,
@@ -97,9 +97,11 @@ async fn issue(
     arena: &Arena,
     member: &TeamCredential,
     actor: &str,
-    (name, looks_only, days): (&str, bool, Option<u32>),
+    name: &str,
+    looks_only: bool,
+    days: Option<u32>,
 ) -> Answer {
-    let (store, now) = (arena.store(), now_unix_ms());
+    let (store, now) = (&arena.store, now_unix_ms());
     let tokens = store.tokens().await?;
     let is_own = |team: &Option<String>| team.as_deref() == Some(member.team.as_str());
     let holds = |revoked: Option<i64>, expires: Option<i64>| {
@@ -124,7 +126,7 @@ async fn issue(
 }
 
 async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) -> Answer {
-    let found = arena.store().run(run).await?;
+    let found = arena.store.run(run).await?;
     if found.team != member.team {
         return Err(StoreError::Unknown { what: "run", name: run.to_owned() }.into());
     }
@@ -135,20 +137,21 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
     arena.cancel(run).await?;
     arena.control().leave(run);
     let cancelled = note(actor, format!("run {run}"), "cancelled", "");
-    arena.store().add_audit_note(cancelled, now_unix_ms()).await?;
+    arena.store.add_audit_note(cancelled, now_unix_ms()).await?;
     done(format!("Run {run} is cancelled."))
 }
 
 /// Executes an organiser action.
 async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction) -> Answer {
     let actor = format!("token {} of the organiser", origin.token);
+    let by = Attribution { actor: &actor, reason: &origin.reason };
     match action {
         OrganiserAction::Admit { team } => admit(arena, &actor, &origin.reason, &team).await,
         OrganiserAction::Approve { team, phase, approved } => {
             let word = if approved { "approved" } else { "no more approved" };
             let decided =
                 note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &origin.reason);
-            arena.store().approve(&phase, &team, approved, decided, now_unix_ms()).await?;
+            arena.store.approve(&phase, &team, approved, decided, now_unix_ms()).await?;
             done(format!("Team {team} is {word} in phase {phase}."))
         }
         OrganiserAction::Grant { team, phase, runs } => {
@@ -156,27 +159,27 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
             let granted =
                 note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &origin.reason);
             let granted = AuditNote { after: Some(format!("{runs} runs")), ..granted };
-            arena.store().grant(&grant, granted, now_unix_ms()).await?;
+            arena.store.grant(&grant, granted, now_unix_ms()).await?;
             done(format!("Team {team} has {runs} more runs in phase {phase}."))
         }
         OrganiserAction::Verify { run, verified } => {
-            let words = actions::verify(arena.store(), &run, verified, (&actor, &origin.reason)).await?;
+            let words = actions::verify(&arena.store, &run, verified, by).await?;
             done(sentence(&words))
         }
         OrganiserAction::Disqualify(run) => {
-            let words = actions::disqualify(arena.store(), &run, true, (&actor, &origin.reason)).await?;
+            let words = actions::disqualify(&arena.store, &run, true, by).await?;
             done(sentence(&words))
         }
         OrganiserAction::Reinstate(run) => {
-            let words = actions::disqualify(arena.store(), &run, false, (&actor, &origin.reason)).await?;
+            let words = actions::disqualify(&arena.store, &run, false, by).await?;
             done(sentence(&words))
         }
-        of_phase => rule_phase(arena, &actor, &origin.reason, of_phase).await,
+        of_phase => rule_phase(arena, by, of_phase).await,
     }
 }
 
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
-    let (store, now) = (arena.store(), now_unix_ms());
+    let (store, now) = (&arena.store, now_unix_ms());
     let secret = actions::admit(store, team, None, now).await?;
     store
         .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
@@ -194,27 +197,27 @@ fn sentence(words: &str) -> String {
     format!("{first}{}.", letters.as_str())
 }
 
-async fn rule_phase(arena: &Arena, actor: &str, reason: &str, action: OrganiserAction) -> Answer {
-    let store = arena.store();
+async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction) -> Answer {
+    let store = &arena.store;
     match action {
         OrganiserAction::Pause(id) => {
-            let words = reason.to_owned();
-            reschedule(store, &id, (actor, reason), |schedule| schedule.paused = Some(words)).await?;
+            let words = by.reason.to_owned();
+            reschedule(store, &id, by, |schedule| schedule.paused = Some(words)).await?;
             done(format!("Phase {id} is paused; started runs continue."))
         }
         OrganiserAction::Resume(id) => {
             let change = |schedule: &mut avln_store::Schedule| {
                 (schedule.paused, schedule.closed) = (None, false);
             };
-            let phase = reschedule(store, &id, (actor, reason), change).await?;
+            let phase = reschedule(store, &id, by, change).await?;
             done(format!("Phase {id} is {}.", actions::state_word(phase.schedule.state(now_unix_ms()))))
         }
         OrganiserAction::Close(id) => {
-            reschedule(store, &id, (actor, reason), |schedule| schedule.closed = true).await?;
+            reschedule(store, &id, by, |schedule| schedule.closed = true).await?;
             done(format!("Phase {id} is closed; its results remain."))
         }
         OrganiserAction::Reveal(id) => {
-            let revealed = note(actor, format!("phase {id}"), "revealed", reason);
+            let revealed = note(by.actor, format!("phase {id}"), "revealed", by.reason);
             store.reveal_phase(&id, revealed, now_unix_ms()).await?;
             done(format!("The committed values of phase {id} are published."))
         }

@@ -1,15 +1,15 @@
 //! Hosted phases, reloaded after changes by the organiser.
 
 use crate::{
-    BENCHMARK_VERSION, Failure, data::DataFolder, dataset::SplitFolder, now_unix_ms, run_blocking, runs,
-    scenes::SceneCache,
+    BENCHMARK_VERSION, Failure, data::DataFolder, dataset::SplitFolder, ids, lru::LruCache, now_unix_ms,
+    run_blocking,
 };
-use avln_dataset::{EpisodeSpec, SceneSource};
+use avln_dataset::{DatasetError, EpisodeSpec, SceneSource, SceneSpec};
 use avln_episode::Rules;
 use avln_geom::Point3;
 use avln_referee::Audio;
 use avln_store::{Phase, PhaseEpisode, Scene, SceneMap, Store, Visibility};
-use avln_world::SceneAssets;
+use avln_world::{Cache, SceneAssets};
 use std::{collections::BTreeMap, sync::Arc};
 use tokio::sync::Mutex;
 
@@ -51,7 +51,7 @@ impl PhaseCatalog {
     /// Returns the present phases. If a changed phase cannot be hosted, the previous version stays.
     pub(crate) async fn now(&self, store: &Store) -> Result<PhaseList, Failure> {
         let mut read = self.read.lock().await;
-        // Every change by the organiser adds an audit entry, so its id is a cheap change counter.
+        // Every change by the organiser adds an audit entry, so the newest id is a cheap change counter.
         let change = store.newest_audit_id().await?;
         if change != read.0 {
             *read = (change, self.reload(store, &read.1).await?);
@@ -88,12 +88,9 @@ fn reload_phase(data: &DataFolder, phase: Phase, before: &[Arc<HostedPhase>]) ->
     }
 }
 
-/// Commits a phase to its episodes, scorer and a secret, unless already committed.
-///
-/// # Errors
-/// Without a random source, or if the database fails.
+/// Commits a phase to episodes, scorer and a secret, unless already committed.
 pub(crate) async fn commit(store: &Store, phase: &str) -> Result<(), Failure> {
-    let random = || runs::random_hex().map_err(Failure::internal);
+    let random = || ids::random_hex().map_err(Failure::internal);
     let new_secret = random()? + &random()?;
     store.commit_phase(phase, &new_secret, BENCHMARK_VERSION, now_unix_ms()).await?;
     Ok(())
@@ -117,7 +114,7 @@ impl HostedPhase {
         Ok(Self { settings, split, audio })
     }
 
-    /// Returns the mission `id`, read from the files of its scene if not cached.
+    /// Returns the mission `id`, from the cache or the scene's files.
     pub(crate) fn episode(&self, id: &str) -> Result<EpisodeSpec, Failure> {
         let missing = || Failure::scene(format!("no episode {id} in split '{}'", self.settings.split));
         self.split.episode(id)?.ok_or_else(missing)
@@ -131,7 +128,7 @@ impl HostedPhase {
         Ok(std::fs::metadata(path).map_or(0, |file| file.len()))
     }
 
-    /// Returns the scene `name`, prepared for the rules, and its map if newly prepared.
+    /// Returns the scene `name`, prepared for the rules, and the map of a new scene.
     pub(crate) fn scene(
         &self,
         name: &str,
@@ -193,5 +190,36 @@ pub(crate) fn map_of(assets: &SceneAssets) -> SceneMap {
         min: bounds.map_or([0.0; 3], |b| corner(b.min)),
         max: bounds.map_or([0.0; 3], |b| corner(b.max)),
         polygons: polygons.into_iter().map(|polygon| polygon.into_iter().map(corner).collect()).collect(),
+    }
+}
+
+/// Prepared scenes by digest and rules.
+pub(crate) struct SceneCache {
+    memory: LruCache<(String, String), SceneAssets>,
+    disk: Arc<dyn Cache>,
+}
+
+impl SceneCache {
+    /// Creates a cache with `budget_bytes` of memory; `disk` stores render data.
+    pub(crate) fn new(budget_bytes: usize, disk: Arc<dyn Cache>) -> Self {
+        Self { memory: LruCache::new(budget_bytes, SceneAssets::resident_bytes), disk }
+    }
+
+    /// Returns the total size of the scenes, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+
+    /// Returns a scene, prepared for the rules' body, and true if it was prepared now, with much processor time.
+    ///
+    /// # Errors
+    /// If the scene is unreadable or changed, or no body can move in it.
+    pub(crate) fn get(
+        &self,
+        scene: &SceneSpec,
+        rules: &Rules,
+    ) -> Result<(Arc<SceneAssets>, bool), DatasetError> {
+        let key = (scene.digest.clone(), rules.name.clone());
+        self.memory.get(key, || scene.open_with(rules, Some(&self.disk)))
     }
 }

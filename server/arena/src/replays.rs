@@ -2,8 +2,8 @@
 
 use crate::{
     episodes::prepare_referee,
+    phases::SceneCache,
     phases::{HostedPhase, PhaseCatalog, find_phase},
-    scenes::SceneCache,
 };
 use avln_episode::{Observation, Sensors};
 use avln_geom::{Vector3, angle};

@@ -2,7 +2,7 @@
 
 use crate::{
     BENCHMARK_VERSION, Failure, data::DataFolder, episodes::prepare_referee, phases::HostedPhase,
-    runlog::EpisodeHistory, scenes::SceneCache,
+    phases::SceneCache, runlog::EpisodeHistory,
 };
 use avln_episode::{Order, Rules, Sensors};
 use avln_scoring::{Metrics, Summary, score};
@@ -108,9 +108,6 @@ pub struct Replayer {
 
 impl Replayer {
     /// Opens a phase for replay.
-    ///
-    /// # Errors
-    /// If the phase is unknown, or its split is unreadable.
     pub async fn open(data: &DataFolder, phase: &str, order: Order) -> Result<Self, Failure> {
         let store = data.store().await?;
         let phase = store.phase(phase).await?;
@@ -133,7 +130,7 @@ impl Replayer {
         })
     }
 
-    /// Replays an episode; returns its metrics if it has ended and counts.
+    /// Replays an episode; returns the metrics if it has ended and counts.
     ///
     /// # Errors
     /// If a state differs from the log.

@@ -19,7 +19,7 @@ use std::{
 };
 use tokio::task::spawn_blocking;
 
-/// Server crashes in an episode's restoration until it is reissued.
+/// Number of server crashes in a restoration before the episode is reissued.
 const MAX_CRASHES: u32 = 5;
 
 impl Arena {
@@ -35,7 +35,7 @@ impl Arena {
         Ok(runs.into_iter().collect())
     }
 
-    /// Reads the history of a run from its log.
+    /// Reads a run's history from the log.
     async fn history(&self, run: &str) -> Result<(History, BTreeMap<String, EpisodeHistory>), Refusal> {
         let (logs, run) = (self.logs.clone(), run.to_owned());
         let read = spawn_blocking(move || {
@@ -108,7 +108,7 @@ impl Arena {
     }
 }
 
-/// Replays a log; returns the referee, and the last observation with its action.
+/// Replays a log; returns the referee, the last observation and the last action.
 fn replay(
     mut referee: Referee,
     history: &EpisodeHistory,

@@ -1,34 +1,16 @@
-//! Ids and tokens of runs, and sealed runs.
+//! Sealed runs, started by the organiser.
 
 use crate::{
     Failure,
     data::DataFolder,
-    now_unix_ms,
+    ids, now_unix_ms,
     phases::{PhaseCatalog, find_phase},
 };
 use avln_challenge::MethodInfo;
 use avln_episode::Order;
 use avln_store::{NewRun, Run, Store};
 
-/// Returns 128 random bits in hexadecimal.
-///
-/// # Errors
-/// Without a random source.
-pub fn random_hex() -> Result<String, getrandom::Error> {
-    let mut bytes = [0_u8; 16];
-    getrandom::fill(&mut bytes)?;
-    Ok(hex::encode(bytes))
-}
-
-/// Returns a new token with a prefix for its kind: `avln_account_…`, `avln_run_…`.
-///
-/// # Errors
-/// Without a random source.
-pub fn new_token(kind: &str) -> Result<String, getrandom::Error> {
-    Ok(format!("avln_{kind}_{}{}", random_hex()?, random_hex()?))
-}
-
-/// A run id and its token.
+/// A run id and a token.
 #[derive(Clone, Debug)]
 pub struct IssuedRun {
     /// Id of the run.
@@ -40,7 +22,7 @@ pub struct IssuedRun {
 impl IssuedRun {
     /// Returns a new id and token.
     pub(crate) fn random() -> Result<Self, getrandom::Error> {
-        Ok(Self { run: format!("run_{}", random_hex()?), token: new_token("run")? })
+        Ok(Self { run: format!("run_{}", ids::random_hex()?), token: ids::new_token("run")? })
     }
 }
 
@@ -101,16 +83,4 @@ fn unknown(phase: &str, known: Vec<&str>) -> Failure {
         known => format!("the data folder has: {known}"),
     };
     Failure::data(message).hinted(hint)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tokens_are_long_and_unique() {
-        let (a, b) = (new_token("run").unwrap(), new_token("run").unwrap());
-        assert_ne!(a, b);
-        assert_eq!(a.len(), "avln_run_".len() + 64);
-    }
 }

@@ -4,13 +4,13 @@ use crate::{
     Arena, Failure, SCENE_MEMORY_MIB,
     admin::{self, AdminState},
     data::DataFolder,
-    management::ArenaManagement,
+    management::{ArenaManagement, ControlStatus},
 };
 use avln_grpc::Control;
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::{Reader, Store};
-use avln_web::{Site, TrustedProxy};
+use avln_web::{SignedLogs, Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -38,7 +38,7 @@ impl Addresses {
 /// TLS files; plain text without them.
 #[derive(Clone, Debug, Default)]
 pub struct Security {
-    /// PEM file of the certificate and its intermediates.
+    /// PEM file with certificate and intermediates.
     pub tls_cert: Option<PathBuf>,
     /// PEM file of the private key.
     pub tls_key: Option<PathBuf>,
@@ -46,9 +46,6 @@ pub struct Security {
 
 impl Security {
     /// Reads the certificate, if any, and warns on standard error about one that agents would reject.
-    ///
-    /// # Errors
-    /// If the certificates are invalid.
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
         let identity = Identity::read(certificate, key).map_err(|error| {
@@ -87,17 +84,11 @@ pub struct RunningServers {
 
 impl Servers {
     /// Binds both addresses without TLS.
-    ///
-    /// # Errors
-    /// If an address is used or unavailable.
     pub async fn bind(addresses: &Addresses) -> Result<Self, Failure> {
         Self::bind_as(addresses, None).await
     }
 
-    /// Binds both addresses, with TLS if there is an identity.
-    ///
-    /// # Errors
-    /// As for [`Servers::bind`].
+    /// Binds both addresses, with TLS for an identity.
     pub async fn bind_as(addresses: &Addresses, identity: Option<Identity>) -> Result<Self, Failure> {
         if identity.is_none() {
             reject_public_plain_text(addresses)?;
@@ -133,9 +124,6 @@ impl Servers {
     }
 
     /// Starts serving.
-    ///
-    /// # Errors
-    /// If the system does not return a bound address.
     pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
         let local = |listener: &TcpListener| listener.local_addr().map_err(Failure::address);
         let (grpc, web) = (local(&self.grpc)?, local(&self.web)?);
@@ -153,9 +141,9 @@ impl Servers {
         let control = arena.control().clone();
         let site = Site {
             grpc_port: grpc.port(),
-            logs: Some(arena.signed_logs()),
-            replay_renderer: Some(arena.replay_renderer()),
-            live_status: Some(arena.live_status()),
+            logs: Some(SignedLogs { folder: arena.logs.folder().to_owned(), key: arena.key.public() }),
+            replay_renderer: Some(arena.replay_renderer.clone()),
+            live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
             management: Some(Arc::new(ArenaManagement::new(arena.clone()))),
             trusted_proxies: self.trusted_proxies,
         };
@@ -169,18 +157,12 @@ impl Servers {
 
 impl RunningServers {
     /// Hosts a data folder at free local ports.
-    ///
-    /// # Errors
-    /// If a phase cannot be read or there is no free port.
     pub async fn local(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
         let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
         Self::local_for(arena, store).await
     }
 
     /// Serves an arena at free local ports.
-    ///
-    /// # Errors
-    /// If there is no free port.
     pub async fn local_for(arena: Arena, store: &Store) -> Result<Self, Failure> {
         Servers::bind(&Addresses::LOCAL).await?.open(Arc::new(arena), store.reader())
     }
@@ -196,9 +178,6 @@ impl RunningServers {
     }
 
     /// Waits for Ctrl-C, a termination signal, the end of a drain or a failure, then closes.
-    ///
-    /// # Errors
-    /// If a server failed.
     pub async fn wait(mut self) -> Result<(), Failure> {
         let control = self.control.clone();
         tokio::select! {
@@ -209,9 +188,6 @@ impl RunningServers {
     }
 
     /// Stops accepting connections, waits for running work, then closes.
-    ///
-    /// # Errors
-    /// If a server failed.
     pub async fn close(mut self) -> Result<(), Failure> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {

@@ -66,7 +66,7 @@ pub struct NewPhase {
 }
 
 impl NewPhase {
-    /// Returns a public phase with the rules and sounds of its split.
+    /// Returns a public phase with the split's rules and sounds.
     pub fn public(id: &str, split: &str) -> Self {
         Self {
             id: id.to_owned(),
@@ -87,17 +87,11 @@ impl NewPhase {
 }
 
 /// Admits a team and returns a new account token. A team with a reference kind does not compete.
-///
-/// # Errors
-/// If the name is invalid or the database fails.
 pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> Result<String, Failure> {
     Ok(actions::admit(store, name, reference, now_unix_ms()).await?)
 }
 
 /// Makes, saves and registers a split. `report` receives a line per scene.
-///
-/// # Errors
-/// If a scene cannot be used or the data folder cannot be written.
 pub async fn make_split(
     data: &DataFolder,
     store: &Store,
@@ -164,9 +158,6 @@ fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failur
 }
 
 /// Opens or changes a phase.
-///
-/// # Errors
-/// If the split is unknown, a file is unusable or the database fails.
 pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Result<Phase, Failure> {
     check_name("phase", &new.id)?;
     let name = match &new.dataset {
@@ -205,10 +196,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     Ok(phase)
 }
 
-/// Returns the target clips for a share or a folder of recordings; by default the share of the split's pool.
-///
-/// # Errors
-/// If the folder of recordings is unusable.
+/// Returns the target clips for a share or a folder; by default the share of the split's pool.
 pub fn sounds_for_phase(
     data: &DataFolder,
     choice: Option<&str>,
@@ -261,10 +249,7 @@ pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rul
     Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
 }
 
-/// Stores a split and its scenes. Missing maps follow when a scene is first played.
-///
-/// # Errors
-/// If the database fails.
+/// Stores a split with scenes. Missing maps follow when a scene is first played.
 pub async fn register_split(
     store: &Store,
     name: &str,
@@ -286,9 +271,6 @@ pub async fn register_split(
 }
 
 /// Lists a split's episodes for a phase.
-///
-/// # Errors
-/// If a file is invalid.
 pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure> {
     let mut episodes = Vec::with_capacity(split.mission_count());
     for scene in split.scenes() {
@@ -313,9 +295,6 @@ fn goal_text(goal: PublicGoal) -> GoalText {
 }
 
 /// Returns a split's rule set.
-///
-/// # Errors
-/// If this version does not have it.
 pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
     Rules::named(split.rules()).map_err(|error| {
         Failure::scene(format!("split '{name}': {error}"))

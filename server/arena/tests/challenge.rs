@@ -1,7 +1,8 @@
-//! A challenge from its file: checked, applied, shown, played on a running server, and revealed.
+//! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
 use avln_arena::{
-    Arena, Failure, SCENE_MEMORY_MIB, actions,
+    Arena, Failure, SCENE_MEMORY_MIB,
+    actions::{self, Attribution},
     challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
     data::DataFolder,
     setup::{NewSplit, admit, make_split},
@@ -59,7 +60,9 @@ impl Hall {
     }
 
     async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
-        actions::reschedule(&self.store, id, (&actor(), "a test"), change).await.expect("rescheduled");
+        actions::reschedule(&self.store, id, Attribution { actor: &actor(), reason: "a test" }, change)
+            .await
+            .expect("rescheduled");
     }
 
     fn planner(&self) -> Planner<'_> {

@@ -92,7 +92,7 @@ impl<W: Write> Writer<W> {
     }
 }
 
-/// Reads and verifies an archive. Calls `take` for every file with its relative path.
+/// Reads and verifies an archive. Calls `take` with the relative path and content of every file.
 ///
 /// # Errors
 /// If the archive is not a backup, is modified or truncated, or `take` fails.

@@ -90,9 +90,6 @@ pub struct Pruned {
 }
 
 /// Deletes logs, and on request records, for runs before the cutoff; adds audit entries.
-///
-/// # Errors
-/// If the data folder is unusable or a file cannot be removed.
 pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Result<Pruned, Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
@@ -126,7 +123,7 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
     Ok(pruned)
 }
 
-/// Removes a file, except in a dry run. Returns its size, bytes; `None` if missing.
+/// Removes a file, except in a dry run. Returns the size, bytes; `None` for a missing file.
 fn remove(path: &Path, dry_run: bool) -> io::Result<Option<u64>> {
     match path.metadata() {
         Ok(file) if dry_run => Ok(Some(file.len())),

@@ -82,7 +82,7 @@ fn work_folder(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
     builder.tempdir_in(folder)
 }
 
-/// Writes the archive next to its target, verifies it and renames it.
+/// Writes the archive to a temporary file, verifies and renames it.
 fn write(
     data: &Path,
     copy: &Path,

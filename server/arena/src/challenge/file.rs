@@ -45,7 +45,6 @@ pub struct PhaseFile {
     /// Id for URLs and requests.
     pub id: String,
     /// Heading on pages; the id by default.
-    #[serde(default)]
     pub title: Option<String>,
     /// Description on pages.
     #[serde(default)]
@@ -53,44 +52,32 @@ pub struct PhaseFile {
     /// Split.
     pub split: String,
     /// Rule set; the split's by default.
-    #[serde(default)]
     pub rules: Option<String>,
     /// Sound bank: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
-    #[serde(default)]
     pub sounds: Option<String>,
     /// Head model: `sphere` (default), `kept:DIGEST` or a SOFA file.
-    #[serde(default)]
     pub head: Option<String>,
     /// Feedback to a Submit; the rule set's by default.
-    #[serde(default)]
     pub feedback: Option<FeedbackRule>,
     /// Permitted orders; both by default.
-    #[serde(default)]
     pub orders: Option<Vec<Order>>,
     /// Permitted sensors; all by default.
-    #[serde(default)]
     pub sensors: Option<Vec<Sensor>>,
     /// Opening time; at once by default.
-    #[serde(default)]
     pub opens: Option<Datetime>,
     /// Closing time; never by default.
-    #[serde(default)]
     pub closes: Option<Datetime>,
     /// Visibility of scores.
     pub scores: Visibility,
     /// Visibility of paths, maps and targets.
     pub replays: Visibility,
     /// Largest number of parallel episodes.
-    #[serde(default)]
     pub max_slots: Option<u32>,
     /// Largest side of a picture, pixels.
-    #[serde(default)]
     pub max_side: Option<u32>,
     /// Random episode order per run; by default if replays are not public.
-    #[serde(default)]
     pub shuffle: Option<bool>,
     /// Draw of a run's episodes; all by default.
-    #[serde(default)]
     pub sample: Option<Sample>,
     /// Sandboxed runs by the organiser only.
     #[serde(default)]
@@ -142,9 +129,6 @@ impl ChallengeFile {
     }
 
     /// Returns the text.
-    ///
-    /// # Errors
-    /// If TOML cannot represent a value.
     pub fn text(&self) -> Result<String, toml::ser::Error> {
         toml::to_string_pretty(self)
     }
@@ -252,55 +236,46 @@ fn timestamp(written: &Datetime) -> Option<i64> {
     Some(1000 * moment.as_millisecond().div_euclid(1000))
 }
 
-/// A valid line per key.
-pub(super) const EXAMPLES: [(&str, &str); 47] = [
-    ("phases", "[[phases]]"),
-    ("splits", "[splits.hidden]"),
-    ("dataset", "dataset = \"../data\""),
-    ("id", "id = \"practice\""),
-    ("title", "title = \"Practice\""),
-    ("description", "description = \"Play here first\""),
-    ("split", "split = \"val\""),
-    ("rules", "rules = \"lh-avln-v1\""),
-    ("sounds", "sounds = \"test\""),
-    ("head", "head = \"sphere\""),
-    ("feedback", "feedback = \"none\""),
-    ("orders", "orders = [\"ordered\", \"unordered\"]"),
-    ("sensors", "sensors = [\"rgb\", \"depth\", \"audio\"]"),
-    ("encodings", "encodings = { depth = \"millimetres\" }"),
-    ("rgb", "encodings = { rgb = \"raw\" }"),
-    ("depth", "encodings = { depth = \"millimetres\" }"),
-    ("audio", "encodings = { audio = \"int16\" }"),
-    ("opens", "opens = 2026-07-01T00:00:00Z"),
-    ("closes", "closes = 2026-09-01T00:00:00Z"),
-    ("scores", "scores = \"organiser\""),
-    ("replays", "replays = \"organiser\""),
-    ("max_slots", "max_slots = 16"),
-    ("max_side", "max_side = 512"),
-    ("sealed", "sealed = true"),
-    ("shuffle", "shuffle = true"),
-    ("sample", "sample = { episodes = 100, anchors = 20 }"),
-    ("episodes", "sample = { episodes = 100, anchors = 20 }"),
-    ("anchors", "sample = { episodes = 100, anchors = 20 }"),
-    ("quota", "quota = { day = 3, total = 30, concurrent = 1 }"),
-    ("day", "quota = { day = 3, total = 30, concurrent = 1 }"),
-    ("month", "quota = { month = 30, concurrent = 1 }"),
-    ("total", "quota = { day = 3, total = 30, concurrent = 1 }"),
-    ("concurrent", "quota = { day = 3, total = 30, concurrent = 1 }"),
-    ("uncharged", "quota = { total = 30, uncharged = 20 }"),
-    ("time", "time = { step_ms = 5000, bank_ms = 60000, run_s = 86400 }"),
-    ("step_ms", "time = { step_ms = 5000, bank_ms = 60000 }"),
-    ("bank_ms", "time = { step_ms = 5000, bank_ms = 60000 }"),
-    ("run_s", "time = { run_s = 86400 }"),
-    ("disconnect_total_s", "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
-    ("disconnect_s", "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
-    ("ranking", "ranking = { key = \"sr\", entry = \"best\" }"),
-    ("key", "ranking = { key = \"sr\", entry = \"best\" }"),
-    ("entry", "ranking = { key = \"sr\", entry = \"latest\" }"),
-    ("teams", "teams = { approval = true, deny = [\"last year's winner\"] }"),
-    ("approval", "teams = { approval = true }"),
-    ("allow", "teams = { allow = [\"our friends\"] }"),
-    ("deny", "teams = { deny = [\"last year's winner\"] }"),
+/// Valid lines, each with the keys that it is an example for.
+pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
+    (&["phases"], "[[phases]]"),
+    (&["splits"], "[splits.hidden]"),
+    (&["dataset"], "dataset = \"../data\""),
+    (&["id"], "id = \"practice\""),
+    (&["title"], "title = \"Practice\""),
+    (&["description"], "description = \"Play here first\""),
+    (&["split"], "split = \"val\""),
+    (&["rules"], "rules = \"lh-avln-v1\""),
+    (&["sounds"], "sounds = \"test\""),
+    (&["head"], "head = \"sphere\""),
+    (&["feedback"], "feedback = \"none\""),
+    (&["orders"], "orders = [\"ordered\", \"unordered\"]"),
+    (&["sensors"], "sensors = [\"rgb\", \"depth\", \"audio\"]"),
+    (&["encodings", "depth"], "encodings = { depth = \"millimetres\" }"),
+    (&["rgb"], "encodings = { rgb = \"raw\" }"),
+    (&["audio"], "encodings = { audio = \"int16\" }"),
+    (&["opens"], "opens = 2026-07-01T00:00:00Z"),
+    (&["closes"], "closes = 2026-09-01T00:00:00Z"),
+    (&["scores"], "scores = \"organiser\""),
+    (&["replays"], "replays = \"organiser\""),
+    (&["max_slots"], "max_slots = 16"),
+    (&["max_side"], "max_side = 512"),
+    (&["sealed"], "sealed = true"),
+    (&["shuffle"], "shuffle = true"),
+    (&["sample", "episodes", "anchors"], "sample = { episodes = 100, anchors = 20 }"),
+    (&["quota", "day", "total", "concurrent"], "quota = { day = 3, total = 30, concurrent = 1 }"),
+    (&["month"], "quota = { month = 30, concurrent = 1 }"),
+    (&["uncharged"], "quota = { total = 30, uncharged = 20 }"),
+    (&["time"], "time = { step_ms = 5000, bank_ms = 60000, run_s = 86400 }"),
+    (&["step_ms", "bank_ms"], "time = { step_ms = 5000, bank_ms = 60000 }"),
+    (&["run_s"], "time = { run_s = 86400 }"),
+    (&["disconnect_total_s", "disconnect_s"], "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
+    (&["ranking", "key"], "ranking = { key = \"sr\", entry = \"best\" }"),
+    (&["entry"], "ranking = { key = \"sr\", entry = \"latest\" }"),
+    (&["teams"], "teams = { approval = true, deny = [\"last year's winner\"] }"),
+    (&["approval"], "teams = { approval = true }"),
+    (&["allow"], "teams = { allow = [\"our friends\"] }"),
+    (&["deny"], "teams = { deny = [\"last year's winner\"] }"),
 ];
 
 /// A fault in a challenge file.
@@ -359,7 +334,7 @@ impl Fault {
 }
 
 fn example(key: &str) -> Option<&'static str> {
-    EXAMPLES.iter().find(|(name, _)| *name == key).map(|(_, example)| *example)
+    EXAMPLES.iter().find(|(keys, _)| keys.contains(&key)).map(|(_, example)| *example)
 }
 
 /// Returns the example for the first key in `words`: between backticks in a message, before `=` in a line.
@@ -369,7 +344,7 @@ fn example_in(words: &str) -> Option<&'static str> {
     assigned.into_iter().chain(quoted).find_map(example)
 }
 
-/// Returns the position of a key, or of its parent if missing.
+/// Returns the position of a key; a missing key has the position of the nearest parent.
 fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
     let table = DeTable::parse(text).ok()?;
     let mut span = None;

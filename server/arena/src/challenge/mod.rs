@@ -185,7 +185,9 @@ mod tests {
 
     #[test]
     fn every_example_line_is_accepted() {
-        for (key, example) in EXAMPLES {
+        for (key, example) in
+            EXAMPLES.iter().flat_map(|(keys, example)| keys.iter().map(move |key| (*key, *example)))
+        {
             let text = match key {
                 "phases" => SMALL.to_owned(),
                 "splits" => format!("{example}\ndataset = \"a\"\nsplit = \"b\"\n{SMALL}"),
@@ -202,7 +204,10 @@ mod tests {
         for (key, value) in file.as_object().expect("an object") {
             let inner = value.as_object().into_iter().flat_map(|inner| inner.keys());
             for key in inner.chain([key]) {
-                assert!(EXAMPLES.iter().any(|(known, _)| known == key), "no example of {key}");
+                assert!(
+                    EXAMPLES.iter().any(|(known, _)| known.contains(&key.as_str())),
+                    "no example of {key}"
+                );
             }
         }
     }

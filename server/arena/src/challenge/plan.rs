@@ -74,9 +74,6 @@ impl From<avln_store::StoreError> for PlanError {
 
 impl Planner<'_> {
     /// Computes the changes. Writes nothing except imported recordings and heads.
-    ///
-    /// # Errors
-    /// If a value is invalid, or the data folder is unreadable.
     pub async fn plan(&self, file: &ChallengeFile) -> Result<ChallengeChanges, PlanError> {
         let before = self.store.phases().await?;
         let splits = self.splits(file)?;
@@ -103,9 +100,6 @@ impl Planner<'_> {
     }
 
     /// Applies the changes; phases and audit entries in a single transaction.
-    ///
-    /// # Errors
-    /// If a split cannot be linked, or the database fails.
     pub async fn apply(&self, plan: ChallengeChanges) -> Result<(), Failure> {
         for (name, source) in &plan.splits {
             self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;

@@ -65,9 +65,6 @@ impl DatasetFiles {
     }
 
     /// Reads the manifest.
-    ///
-    /// # Errors
-    /// If it is missing or has another version.
     pub fn manifest(&self) -> Result<Manifest, Failure> {
         let path = self.manifest_path();
         let bytes = read(&path).map_err(|failure| {
@@ -78,9 +75,6 @@ impl DatasetFiles {
     }
 
     /// Reads a scene list.
-    ///
-    /// # Errors
-    /// If it is unreadable, or differs from the manifest digest.
     pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
         check_plain(&split.name)?;
         self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
@@ -95,17 +89,11 @@ impl DatasetFiles {
     }
 
     /// Returns true if a split is sealed.
-    ///
-    /// # Errors
-    /// If the list cannot be read.
     pub fn is_sealed(&self, split: &str) -> Result<bool, Failure> {
         Ok(seal::is_sealed(&read_as_is(&self.scenes_path(split))?))
     }
 
     /// Writes a scene list; returns the split's manifest line.
-    ///
-    /// # Errors
-    /// If the folder cannot be written.
     pub fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
         let bytes = scenes_bytes(scenes)?;
         write_whole(&self.scenes_path(split), &bytes)?;
@@ -114,17 +102,11 @@ impl DatasetFiles {
     }
 
     /// Writes `dataset.json`.
-    ///
-    /// # Errors
-    /// If the folder cannot be written.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
         write_whole(&self.manifest_path(), &manifest_bytes(manifest)?)
     }
 
     /// Writes the statistics as JSON and as a page; returns the page's path.
-    ///
-    /// # Errors
-    /// If the folder cannot be written.
     pub fn write_statistics(&self, name: &str, splits: &[(String, Statistics)]) -> Result<PathBuf, Failure> {
         let numbers: BTreeMap<_, _> =
             splits.iter().map(|(split, numbers)| (split.as_str(), numbers)).collect();
@@ -167,9 +149,6 @@ impl DatasetFiles {
     }
 
     /// Writes a split as a data set.
-    ///
-    /// # Errors
-    /// If the folder is not writable.
     pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
         let mut lines = Vec::new();
         for scene in &split.scenes {
@@ -217,9 +196,6 @@ pub fn check_plain(name: &str) -> Result<(), Failure> {
 }
 
 /// Reads a data set file; sealed files are decrypted in memory.
-///
-/// # Errors
-/// If the file cannot be read, is too large, or there is no key.
 pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     seal::opened(path, read_as_is(path)?)
 }
@@ -237,9 +213,6 @@ fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// Writes a file under another name and renames it, so that it is always complete.
-///
-/// # Errors
-/// If the folder cannot be written.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".partial");
@@ -270,10 +243,7 @@ pub struct SplitFolder {
 }
 
 impl SplitFolder {
-    /// Opens a split and reads its scene list.
-    ///
-    /// # Errors
-    /// If the data set or split is missing, or its files differ from the manifest.
+    /// Opens a split and reads the scene list.
     pub fn open(root: &Path, split: &str) -> Result<Self, Failure> {
         let files = DatasetFiles::at(root);
         let manifest = files.manifest()?;
@@ -338,9 +308,6 @@ impl SplitFolder {
     }
 
     /// Reads the public part of a scene's missions.
-    ///
-    /// # Errors
-    /// If its file is invalid.
     pub fn public(&self, scene: &SceneLine) -> Result<Vec<PublicMission>, Failure> {
         let path = self.files.missions_path(&self.split, &scene.name);
         let (name, bytes) = (path.display().to_string(), read(&path)?);
@@ -348,9 +315,6 @@ impl SplitFolder {
     }
 
     /// Reads both parts of a scene's missions.
-    ///
-    /// # Errors
-    /// If its files are invalid.
     pub fn episodes(&self, scene: &SceneLine) -> Result<Vec<EpisodeSpec>, Failure> {
         let public = self.files.missions_path(&self.split, &scene.name);
         let sealed = self.files.sealed_path(&self.split, &scene.name);
@@ -362,9 +326,6 @@ impl SplitFolder {
     }
 
     /// Returns a mission; `None` if unknown.
-    ///
-    /// # Errors
-    /// If the files of its scene are invalid.
     pub fn episode(&self, id: &str) -> Result<Option<EpisodeSpec>, Failure> {
         let Some(&index) = scene_of(id).and_then(|scene| self.by_name.get(scene)) else { return Ok(None) };
         let (episodes, _) = self.cache.get(index, || self.episodes(&self.scenes[index]))?;
@@ -372,9 +333,6 @@ impl SplitFolder {
     }
 
     /// Loads all missions.
-    ///
-    /// # Errors
-    /// If a file is invalid.
     pub fn load(&self) -> Result<Split, Failure> {
         let mut episodes = Vec::new();
         for scene in &self.scenes {

@@ -68,7 +68,7 @@ pub enum LogError {
 }
 
 impl History {
-    /// Reads a log and verifies its hash chain.
+    /// Reads a log and verifies the hash chain.
     ///
     /// # Errors
     /// If it is unreadable, damaged or modified.
@@ -77,7 +77,7 @@ impl History {
         Self::parse(&bytes).map_err(|(line, what)| LogError::Line { path: path.to_owned(), line, what })
     }
 
-    /// Parses a log and verifies its hash chain.
+    /// Parses a log and verifies the hash chain.
     ///
     /// # Errors
     /// If it is damaged or modified; with the line number, from 1.
@@ -154,7 +154,7 @@ impl EpisodeHistory {
         now.restore_crashes.max(now.step_crashes)
     }
 
-    /// Counts the crash before a new start, if there was one.
+    /// Counts the last server stop as a crash if it happened in a critical phase.
     fn count_crash(&mut self) {
         match self.critical {
             CriticalPhase::None => {}
@@ -165,7 +165,7 @@ impl EpisodeHistory {
     }
 }
 
-/// Applies an entry to its episode.
+/// Applies an entry to the episode.
 fn follow(
     entry: &Entry,
     episodes: &mut BTreeMap<String, EpisodeHistory>,

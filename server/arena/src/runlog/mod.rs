@@ -104,7 +104,7 @@ pub enum Entry {
         /// When.
         at_ms: i64,
     },
-    /// An observation was lost, and its answer time restarted.
+    /// An observation was lost, and the answer time restarted.
     ClockRestarted {
         /// The slot.
         slot: u32,

@@ -60,18 +60,12 @@ impl RunLogs {
     }
 
     /// Reads a run's history; `None` without a log.
-    ///
-    /// # Errors
-    /// If the log is unreadable or modified.
     pub fn history(&self, run: &str) -> Result<Option<History>, LogError> {
         let path = self.path(run);
         if path.exists() { History::read(&path).map(Some) } else { Ok(None) }
     }
 
     /// Opens a run's log for writing; `first` creates the first entry.
-    ///
-    /// # Errors
-    /// If it cannot be read or written.
     pub fn open(&self, run: &str, first: impl FnOnce() -> Entry) -> Result<Arc<RunLog>, LogError> {
         let mut open = self.opened();
         if let Some(log) = open.get(run) {
@@ -83,9 +77,6 @@ impl RunLogs {
     }
 
     /// Signs a run's log, if it has lines since the last signature.
-    ///
-    /// # Errors
-    /// If it cannot be read or written, with the reason.
     pub fn sign(&self, run: &str, key: &SigningKey) -> Result<(), String> {
         let Some(history) = self.history(run).map_err(|error| error.to_string())? else { return Ok(()) };
         let (Some(first), Some(last)) = (history.entries.first(), history.entries.last()) else {
@@ -137,9 +128,6 @@ impl RunLog {
     }
 
     /// Signs all lines.
-    ///
-    /// # Errors
-    /// If the signature cannot be written or synced.
     pub fn sign(&self, key: &SigningKey) -> io::Result<()> {
         let head = self.end.lock().unwrap_or_else(PoisonError::into_inner).head.clone();
         let signature = key.sign(&head);
@@ -170,9 +158,6 @@ impl RunLog {
     }
 
     /// Syncs the lines to disk.
-    ///
-    /// # Errors
-    /// If the sync fails.
     pub fn sync(&self) -> io::Result<()> {
         if !self.dirty.swap(false, Ordering::AcqRel) {
             return Ok(());
@@ -189,7 +174,7 @@ pub struct SlotLog {
     pub log: Arc<RunLog>,
     /// Slot.
     pub slot: u32,
-    /// True for a restored episode before its first action.
+    /// True for a restored episode before the first action.
     pub restored: bool,
 }
 
@@ -230,7 +215,7 @@ const SEED_BYTES: usize = 32;
 pub struct SigningKey(Ed25519KeyPair);
 
 impl SigningKey {
-    /// Reads a key, or creates it, readable by its owner only.
+    /// Reads a key, or creates it, readable by the owner only.
     ///
     /// # Errors
     /// If the file cannot be read or created, or does not contain exactly 32 bytes.

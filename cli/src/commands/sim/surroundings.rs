@@ -1,49 +1,47 @@
-//! Surroundings of a listener: a building or a test room, with acoustic surfaces.
+//! Acoustic surroundings: a building or a test room with surfaces.
 
-use super::{read, unusable};
+use crate::commands::sim::{read, unusable};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::Failure;
 use avln_formats::open;
 use avln_geom::{Point3, RayMesh};
 use avln_houses::HouseOptions;
 use avln_scene::{RoomPlan, Scene};
 use clap::Args;
 use serde::Deserialize;
-use std::path::PathBuf;
-use std::str::FromStr;
-use std::sync::Arc;
+use std::{path::PathBuf, str::FromStr, sync::Arc};
 
-/// Default absorption and scattering of surfaces.
+/// Default absorption and scattering.
 const USUAL_ABSORPTION: f32 = 0.1;
 const USUAL_SCATTERING: f32 = 0.1;
 
-/// Bounds of the default response length, seconds.
+/// Bounds for the default response length, seconds.
 const SHORTEST_S: f32 = 0.5;
 const LONGEST_S: f32 = 10.0;
 
-/// The building and its surfaces.
+/// Building and surfaces.
 #[derive(Debug, Args)]
 pub(super) struct SurroundingsArgs {
     #[command(flatten)]
     choice: SurroundingsChoice,
-    /// Absorbed share of energy for all surfaces, instead of the materials of the scene: one value from 0 to 1, or six for 125,
-    /// 250, 500, 1000, 2000 and 4000 Hz [default of test rooms: 0.1]
+    /// Absorbed energy share for all surfaces, instead of the scene's materials: a value from 0 to 1, or six
+    /// for 125, 250, 500, 1000, 2000 and 4000 Hz [default in test rooms: 0.1]
     #[arg(long, value_name = "A[,...]")]
     absorption: Option<Shares>,
-    /// Scattered share (Lambert) of the reflected energy for all surfaces, one value or six; the rest is mirrored
-    /// [default of test rooms: 0.1]
+    /// Scattered share (Lambert) of reflected energy for all surfaces, a value or six; the rest is mirrored
+    /// [default in test rooms: 0.1]
     #[arg(long, value_name = "S[,...]")]
     scattering: Option<Shares>,
 }
 
-/// The choice of a building or a test room.
+/// Either a building or a test room.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct SurroundingsChoice {
     /// Scene file or folder, in any supported layout
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
-    /// Seed of a procedural house
+    /// Seed for a procedural house
     #[arg(long)]
     seed: Option<u64>,
     /// Box-shaped test room from the origin: metres along x, z and y
@@ -54,7 +52,7 @@ struct SurroundingsChoice {
     polygon: Option<PathBuf>,
 }
 
-/// Shares of energy by octave band.
+/// Energy shares by octave band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shares([f32; SURFACE_BANDS]);
 
@@ -62,7 +60,7 @@ struct Shares([f32; SURFACE_BANDS]);
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shoebox([f32; 3]);
 
-/// A file of a test room.
+/// A test room file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Polygon {
@@ -70,11 +68,11 @@ struct Polygon {
     height_m: f32,
 }
 
-/// A building or a test room with its surfaces.
+/// A building or test room with surfaces.
 pub(super) struct Surroundings {
     scene: Scene,
     surfaces: Surfaces,
-    /// Plan of a test room; `None` for a building.
+    /// Test room plan; `None` for a building.
     plan: Option<RoomPlan>,
 }
 
@@ -106,10 +104,10 @@ impl SurroundingsArgs {
 }
 
 impl SurroundingsChoice {
-    /// Reads the plan of a test room, if one is chosen.
+    /// Reads the test room plan, if chosen.
     fn plan(&self) -> Result<Option<RoomPlan>, Failure> {
         if let Some(Shoebox([x_m, z_m, y_m])) = self.shoebox {
-            let named = |error| Failure::new(FailureKind::Scene, format!("--shoebox: {error}"));
+            let named = |error| Failure::scene(format!("--shoebox: {error}"));
             return RoomPlan::shoebox(x_m, z_m, y_m).map(Some).map_err(named);
         }
         let Some(file) = &self.polygon else { return Ok(None) };
@@ -122,7 +120,7 @@ impl SurroundingsChoice {
 
     fn scene(&self) -> Result<Scene, Failure> {
         match (&self.scene, self.seed) {
-            (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
+            (Some(path), _) => open::open(path).map_err(Failure::scene),
             (None, seed) => {
                 let seed = seed.unwrap_or_default();
                 Ok(avln_houses::house(&format!("house-{seed}"), seed, &HouseOptions::default()))
@@ -137,7 +135,7 @@ impl Surroundings {
         expected_reverberation_s(&self.scene, &self.surfaces).clamp(SHORTEST_S, LONGEST_S)
     }
 
-    /// Rejects a position outside of a test room. `what` is its name in the message.
+    /// Rejects a position outside a test room. `what` is the name in the message.
     pub(super) fn check(&self, what: &str, place: &Point3<f32>) -> Result<(), Failure> {
         if self.plan.as_ref().is_none_or(|plan| plan.contains(place)) {
             return Ok(());
@@ -145,7 +143,7 @@ impl Surroundings {
         let ends = self.scene.bounds().map(|bounds| format!("{:?} to {:?}", bounds.min, bounds.max));
         let message = format!("{what} at {}, {}, {} is outside of the room", place.x, place.y, place.z);
         let hint = format!("the room lies within {} (x, y, z in metres)", ends.unwrap_or_default());
-        Err(Failure::new(FailureKind::Scene, message).hinted(hint))
+        Err(Failure::scene(message).hinted(hint))
     }
 
     /// The acoustic model.

@@ -1,13 +1,15 @@
-//! Verification of run logs: hash chain, signature, states and metrics.
+//! Verification and rescoring of runs.
 
-use crate::output::say;
+use crate::output::{counted, print_json, say};
 use avln_arena::{
-    Failure, FailureKind,
+    Failure,
     data::DataFolder,
-    rescoring::Replayer,
+    now_unix_ms,
+    rescoring::{Comparison, Replayer, Scorer, rescore},
     runlog::{Entry, EpisodeHistory, History, is_signed},
 };
-use avln_scoring::Metrics;
+use avln_scoring::{Key, Metrics, Summary};
+use avln_store::Run;
 use indicatif::ProgressBar;
 use std::{
     collections::BTreeMap,
@@ -17,26 +19,22 @@ use std::{
     thread,
 };
 
-/// Arguments of `avln run verify`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct VerifyArgs {
+pub(crate) struct VerifyArgs {
     /// Run log: DATA/runs/RUN.log, or a download from /api/v1/runs/RUN/log
     #[arg(value_name = "LOG")]
-    pub file: PathBuf,
-    /// Expected public key of the server, hexadecimal, as log_key in /api/v1/status; by default any valid signature is accepted and
-    /// its key printed
+    file: PathBuf,
+    /// Expected public server key, hexadecimal, as log_key in /api/v1/status; by default any valid signature
+    /// is accepted and the key printed
     #[arg(long, value_name = "KEY")]
-    pub key: Option<String>,
+    key: Option<String>,
     /// Check only the hash chain and the signature, which needs no data folder; the default if the data folder has no database
     #[arg(long)]
-    pub log_only: bool,
+    log_only: bool,
 }
 
 /// Checks the hash chain and the signature, replays all episodes and recomputes all metrics.
-///
-/// # Errors
-/// If the log was changed, or a replayed state or metric differs.
-pub async fn run(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
+pub(crate) async fn verify(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
     let history = History::read(&args.file).map_err(refused)?;
     let key = check_signature(&history, args.key.as_deref())?;
     let wrong =
@@ -66,11 +64,11 @@ pub async fn run(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
         (Some(key), Some(_)) => say!("signature  {key}, as expected"),
         (Some(key), None) => say!("signature  {key}; compare it with log_key in the server's /api/v1/status"),
     }
-    show(&replayed, &episodes);
+    print_replayed(&replayed, &episodes);
     Ok(())
 }
 
-fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, EpisodeHistory>) {
+fn print_replayed(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, EpisodeHistory>) {
     match replayed {
         Ok(Replayed { episodes, actions, scored }) => {
             say!("episodes   {episodes} played again: all {actions} actions led to the recorded states");
@@ -86,7 +84,7 @@ fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, Episode
 }
 
 fn refused(what: impl std::fmt::Display) -> Failure {
-    Failure::new(FailureKind::Run, what)
+    Failure::run(what)
 }
 
 /// Returns the key that signed the log; `None` for a log without a signature.
@@ -118,7 +116,7 @@ fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<Str
     }
 }
 
-/// Numbers of replayed and rescored items.
+/// Counts of replayed and rescored items.
 #[derive(Default)]
 struct Replayed {
     episodes: usize,
@@ -126,7 +124,7 @@ struct Replayed {
     scored: usize,
 }
 
-/// Replays all episodes, one per core in parallel.
+/// Replays all episodes in parallel.
 fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) -> Result<Replayed, Failure> {
     let bar = ProgressBar::new(episodes.len() as u64);
     let left = Mutex::new(episodes.iter());
@@ -147,7 +145,7 @@ fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) 
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     let parts: Vec<Result<Replayed, Failure>> = thread::scope(|scope| {
         let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        let lost = |_| Err(Failure::new(FailureKind::Internal, "a thread broke down"));
+        let lost = |_| Err(Failure::internal("a thread broke down"));
         workers.into_iter().map(|worker| worker.join().unwrap_or_else(lost)).collect()
     });
     bar.finish_and_clear();
@@ -163,12 +161,75 @@ fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) 
 
 fn check_metrics(handle: &str, history: &EpisodeHistory, again: Option<&Metrics>) -> Result<(), Failure> {
     let (Some((_, recorded)), Some(again)) = (&history.ended, again) else { return Ok(()) };
-    let text = |metrics: &Metrics| {
-        serde_json::to_string(metrics).map_err(|error| Failure::new(FailureKind::Internal, error))
-    };
+    let text = |metrics: &Metrics| serde_json::to_string(metrics).map_err(Failure::internal);
     let (recorded, again) = (text(recorded)?, text(again)?);
     if recorded == again {
         return Ok(());
     }
     Err(refused(format!("episode {handle} is recorded as worth {recorded} and is worth {again}")))
+}
+
+#[derive(Clone, Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("which").required(true).args(["run", "phase"])))]
+pub(crate) struct RescoreArgs {
+    /// Run id
+    #[arg(value_name = "RUN")]
+    run: Option<String>,
+    /// Phase id, for all completed runs
+    #[arg(long, value_name = "PHASE")]
+    phase: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Scores runs with this build's scorer and stores the new scores next to the old ones.
+pub(crate) async fn rescore_runs(data: &Path, args: RescoreArgs) -> Result<(), Failure> {
+    let store = DataFolder::open(data)?.store().await?;
+    let runs: Vec<Run> = match (&args.run, &args.phase) {
+        (Some(run), _) => vec![store.run(run).await?],
+        (None, Some(phase)) => {
+            store.phase(phase).await?;
+            store.completed_runs(phase).await?
+        }
+        (None, None) => vec![],
+    };
+    let mut comparisons = Vec::with_capacity(runs.len());
+    for run in &runs {
+        comparisons.push(rescore(&store, run, &Scorer::OURS, now_unix_ms()).await?);
+    }
+    store.close().await;
+    if args.json {
+        print_json(&comparisons)?;
+    } else {
+        comparisons.iter().for_each(print_comparison);
+        say!("{} scored by benchmark {}", counted(comparisons.len(), "run"), Scorer::OURS.version);
+    }
+    match comparisons.iter().find(|comparison| comparison.contradicts()) {
+        Some(Comparison { run, scorer_before, .. }) => Err(Failure::run(format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} gives other scores"),
+        )
+        .hinted("the scorer was changed without a new version, or the database was edited")),
+        None => Ok(()),
+    }
+}
+
+fn print_comparison(comparison: &Comparison) {
+    let Comparison { run, method, scorer_before, scorer_after, episodes, changed, .. } = comparison;
+    say!("{run}  {method}  {}", counted(*episodes, "episode"));
+    if changed.is_empty() {
+        say!("  nothing changed: {scorer_after} and {scorer_before} agree on all episodes\n");
+        return;
+    }
+    say!("  {:<24} {:>12} {:>12} {:>12}", "mean", scorer_before, scorer_after, "change");
+    if let (Some(before), Some(after)) = (&comparison.before, &comparison.after) {
+        Key::ALL.into_iter().for_each(|key| print_mean(key, before, after));
+    }
+    let kept = if comparison.is_kept { "both are kept" } else { "nothing was stored" };
+    say!("  {} with other scores; {kept}\n", counted(changed.len(), "episode"));
+}
+
+fn print_mean(key: Key, before: &Summary, after: &Summary) {
+    let (before, after) = (key.mean_of(before), key.mean_of(after));
+    let change = if before == after { String::new() } else { format!("{:+.6}", after - before) };
+    say!("  {:<24} {before:>12.6} {after:>12.6} {change:>12}", key.to_string());
 }

@@ -1,29 +1,35 @@
-//! `avln sim listen`: the sound at the ears along a walk.
+//! `avln sim listen` and `avln sim rir`: sound along a walk, and impulse responses.
 
-use super::hall::{Surroundings, SurroundingsArgs};
-use super::walk::StartPose;
-use super::{read, unusable};
-use crate::output::say;
-use avln_acoustics::{Bank, Clip, Ears, Emitter, Head, Listener, SAMPLE_RATE_HZ, Settings};
-use avln_arena::{Failure, FailureKind, audio};
+use crate::{
+    commands::sim::{
+        StartPose, read,
+        surroundings::{Surroundings, SurroundingsArgs},
+        text, unusable,
+    },
+    output::say,
+};
+use avln_acoustics::{
+    BandMeasures, Bank, Clip, Ears, Emitter, Head, ImpulseResponse, Listener, Measures, SAMPLE_RATE_HZ,
+    SURFACE_BANDS, Settings, Source, interaural_delay_s,
+};
+use avln_arena::{Failure, audio};
 use avln_geom::{Point3, Vector3};
 use clap::Args;
 use hound::{SampleFormat, WavSpec, WavWriter};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
 use std::{
     path::{Path, PathBuf},
     str::FromStr,
 };
 
-/// Samples of a step: 0.25 s.
+/// Samples per step: 0.25 s.
 const STEP_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 4;
 
-/// Steps of a walk.
+/// Steps per walk.
 const MOST_STEPS: usize = 4000;
 
-/// Arguments of `avln sim listen`.
 #[derive(Debug, Args)]
-pub struct ListenArgs {
+pub(crate) struct ListenArgs {
     #[command(flatten)]
     surroundings: SurroundingsArgs,
     /// Omnidirectional point source: x,y,z in metres. Several sources take turns
@@ -32,24 +38,25 @@ pub struct ListenArgs {
     /// Steps per turn
     #[arg(long, value_name = "STEPS", default_value_t = 25, value_parser = clap::value_parser!(u32).range(1..))]
     turn: u32,
-    /// Clip of the sources: the name of a synthetic clip, or a WAV or FLAC file. One for all sources, or one per source
+    /// Source clip: a synthetic clip's name, or a WAV or FLAC file. Either for all sources, or per source
     #[arg(long = "clip", value_name = "NAME|FILE", default_value = "pink-bursts-0")]
     clips: Vec<String>,
-    /// Poses of the body per step of 0.25 s: [[x,y,z,heading],...] in metres and degrees, or the output of
-    /// `avln sim walk --json`; at most 4000
+    /// Body poses per 0.25 s step: [[x,y,z,heading],...] in metres and degrees, or the output from `avln sim
+    /// walk --json`; at most 4000
     #[arg(long, value_name = "FILE.json")]
     poses: PathBuf,
-    /// Height of the ears above the poses, metres
+    /// Ear height above the poses, metres
     #[arg(long, value_name = "METRES", default_value_t = 1.0, allow_hyphen_values = true)]
     ear_height: f32,
     #[command(flatten)]
     hearing: HearingArgs,
-    /// Output file: 16 kHz, 32-bit float, left and right ear; one channel with --omni. The reverberation follows the last step
+    /// Output file: 16 kHz, 32-bit float, left and right ear; a single channel with --omni. The reverberation
+    /// follows the last step
     #[arg(long, value_name = "WALK.wav")]
     out: PathBuf,
 }
 
-/// A file of poses.
+/// A pose file.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum PoseFile {
@@ -57,7 +64,7 @@ enum PoseFile {
     Plain(Vec<[f64; 4]>),
 }
 
-pub(super) fn run(args: &ListenArgs) -> Result<(), Failure> {
+pub(super) fn run_listen(args: &ListenArgs) -> Result<(), Failure> {
     let walk = args.walk()?;
     let hall = args.surroundings.open()?;
     args.sources.iter().try_for_each(|source| hall.check("the source", &source.0))?;
@@ -83,7 +90,7 @@ pub(super) fn run(args: &ListenArgs) -> Result<(), Failure> {
 }
 
 impl ListenArgs {
-    /// The listener per step; at least one.
+    /// Returns the listener per step; never empty.
     fn walk(&self) -> Result<Vec<Listener>, Failure> {
         let what = "an array of [x,y,z,heading], or what `avln sim walk --json` prints";
         let (PoseFile::Walked { poses } | PoseFile::Plain(poses)) = read(&self.poses, what)?;
@@ -105,7 +112,7 @@ impl ListenArgs {
                 ));
             }
             let base = Point3::new(x as f32, y as f32, z as f32);
-            Ok(listener(&StartPose { position: base + Vector3::y() * self.ear_height, heading_deg }))
+            Ok(listener_at(&StartPose { position: base + Vector3::y() * self.ear_height, heading_deg }))
         };
         poses.iter().enumerate().map(head).collect()
     }
@@ -113,8 +120,7 @@ impl ListenArgs {
     fn emitters(&self, hall: &Surroundings, settings: Settings) -> Result<Vec<Emitter>, Failure> {
         if self.clips.len() != 1 && self.clips.len() != self.sources.len() {
             let counts = format!("{} clips for {} sources", self.clips.len(), self.sources.len());
-            return Err(Failure::new(FailureKind::Data, counts)
-                .hinted("name one clip for all sources, or one for each"));
+            return Err(Failure::data(counts).hinted("name one clip for all sources, or one for each"));
         }
         let clips: Vec<Clip> = self.clips.iter().map(|name| clip(name)).collect::<Result<_, _>>()?;
         let acoustics = hall.acoustics(settings);
@@ -137,29 +143,28 @@ fn clip(name: &str) -> Result<Clip, Failure> {
     let place = names.iter().position(|other| other == name);
     place.and_then(|index| bank.clip(index)).ok_or_else(|| {
         let hint = format!("name a .wav or .flac file, or one of {}", names.join(", "));
-        Failure::new(FailureKind::Data, format!("no clip is called '{name}'")).hinted(hint)
+        Failure::data(format!("no clip is called '{name}'")).hinted(hint)
     })
 }
 
-/// Largest distance of sources and listeners from the origin, metres.
+/// Largest distance from the origin, metres.
 const REACH_M: f32 = 1e6;
 
-/// Arguments of the sound simulation and the head.
 #[derive(Debug, Args)]
 pub(super) struct HearingArgs {
-    /// Length of the impulse response, seconds from 0.01 to 20 [default: by Sabine's formula]
+    /// Impulse response length, seconds from 0.01 to 20 [default: by Sabine's formula]
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<Seconds>,
-    /// Number of rays for late reverberation, 0 (none) to 4194304
+    /// Ray count for late reverberation, 0 (none) to 4194304
     #[arg(long, value_name = "COUNT", default_value_t = Settings::default().ray_count as u32, value_parser = clap::value_parser!(u32).range(0..=1 << 22))]
     rays: u32,
-    /// Highest order of early reflections, 0 to 3
+    /// Highest early reflection order, 0 to 3
     #[arg(long, value_name = "ORDER", default_value_t = Settings::default().reflection_order as u8, value_parser = clap::value_parser!(u8).range(0..=3))]
     reflections: u8,
-    /// Output the pressure at the centre of the head instead of two ears
+    /// Output the pressure at the head's centre instead of two ears
     #[arg(long)]
     omni: bool,
-    /// SOFA file of a measured head, instead of a sphere
+    /// SOFA file with a measured head, instead of a sphere
     #[arg(long, value_name = "FILE.sofa", conflicts_with = "omni")]
     head: Option<PathBuf>,
 }
@@ -189,14 +194,14 @@ impl HearingArgs {
         Ok(audio::read_head(file)?.1)
     }
 
-    /// Number of output channels.
+    /// Output channel count.
     pub(super) fn channels(&self) -> u16 {
         if self.omni { 1 } else { 2 }
     }
 }
 
-/// The listener at a start pose.
-pub(super) fn listener(start: &StartPose) -> Listener {
+/// Returns the listener at a pose.
+pub(super) fn listener_at(start: &StartPose) -> Listener {
     Listener { position: start.position, heading_rad: (start.heading_deg % 360.0).to_radians() as f32 }
 }
 
@@ -224,11 +229,10 @@ impl FromStr for Seconds {
     }
 }
 
-/// Writes channels of equal or unequal length, the shorter ones followed by silence: 32-bit float, 16 kHz.
+/// Writes channels, padded with silence to equal length: 32-bit float, 16 kHz.
 pub(super) fn write_wav(file: &Path, channels: &[&[f32]]) -> Result<(), Failure> {
     let failed = |error: hound::Error| {
-        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", file.display()))
-            .hinted("name a file in a folder that exists and has room")
+        Failure::file("write", file, error).hinted("name a file in a folder that exists and has room")
     };
     let spec = WavSpec {
         channels: channels.len() as u16,
@@ -246,9 +250,140 @@ pub(super) fn write_wav(file: &Path, channels: &[&[f32]]) -> Result<(), Failure>
     writer.finalize().map_err(failed)
 }
 
+/// Octave bands, hertz.
+const BANDS: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
+
+#[derive(Debug, Args)]
+pub(crate) struct RirArgs {
+    #[command(flatten)]
+    surroundings: SurroundingsArgs,
+    /// Omnidirectional point source: x,y,z in metres
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    source: Position,
+    /// Head centre: x,y,z in metres and the heading in degrees; 0 looks along -Z, left is positive
+    #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
+    listener: StartPose,
+    #[command(flatten)]
+    hearing: HearingArgs,
+    /// Write the response: 16 kHz, 32-bit float, left and right ear; a single channel with --omni. The source
+    /// sounds at sample 0. At 1 m, without walls, the pressure is a pulse with height 1
+    #[arg(long, value_name = "RIR.wav")]
+    out: Option<PathBuf>,
+    /// Print the measures as JSON; null for undefined values
+    #[arg(long)]
+    json: bool,
+}
+
+/// Impulse response measures.
+#[derive(Debug, Serialize)]
+struct RirReport {
+    /// Until the first wave passes the head's centre.
+    direct_delay_s: Option<f64>,
+    drr_db: Option<f64>,
+    /// Positive to the left, 0 ahead.
+    first_arrival_azimuth_deg: Option<f32>,
+    /// Positive when the left ear leads.
+    itd_us: Option<f64>,
+    level_db: ByBand,
+    t20_s: ByBand,
+    t30_s: ByBand,
+    edt_s: ByBand,
+    c50_db: ByBand,
+    ild_db: ByBand,
+    /// Response length.
+    length_s: f32,
+}
+
+/// A number per octave band.
+#[derive(Debug)]
+struct ByBand([Option<f64>; SURFACE_BANDS]);
+
+impl Serialize for ByBand {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(SURFACE_BANDS))?;
+        for (band, value) in BANDS.iter().zip(self.0) {
+            map.serialize_entry(band, &value)?;
+        }
+        map.end()
+    }
+}
+
+pub(super) fn run_rir(args: &RirArgs) -> Result<(), Failure> {
+    let hall = args.surroundings.open()?;
+    let listener = listener_at(&args.listener);
+    hall.check("the source", &args.source.0)?;
+    hall.check("the listener", &listener.position)?;
+    let settings = args.hearing.settings(hall.response_s())?;
+    let length_s = settings.response_s;
+    let source = hall.acoustics(settings).source(&args.source.0);
+    let response = source.impulse_response(&listener);
+    if let Some(file) = &args.out {
+        let channels: [&[f32]; 2] = [&response.left, &response.right];
+        write_wav(file, &channels[..usize::from(args.hearing.channels())])?;
+    }
+    let report = RirReport::new(&source, &listener, &response, length_s);
+    match args.json {
+        true => say!("{}", text(&report)?),
+        false => report.print(),
+    }
+    Ok(())
+}
+
+impl RirReport {
+    fn new(
+        source: &Source,
+        listener: &avln_acoustics::Listener,
+        response: &ImpulseResponse,
+        length_s: f32,
+    ) -> Self {
+        let first = source.first_wave(listener);
+        let delay_s = first.as_ref().map(|first| first.delay_s);
+        let measures = Measures::of(response, delay_s.unwrap_or(0.0), f64::from(length_s));
+        let by_band = |value: fn(&BandMeasures) -> Option<f64>| ByBand(measures.bands.each_ref().map(value));
+        Self {
+            direct_delay_s: delay_s,
+            drr_db: measures.drr_db,
+            first_arrival_azimuth_deg: first.as_ref().map(|first| first.azimuth_rad.to_degrees()),
+            itd_us: first.and_then(|first| interaural_delay_s(&first.response)).map(|lead_s| lead_s * 1e6),
+            level_db: by_band(|band| band.level_db),
+            t20_s: by_band(|band| band.t20_s),
+            t30_s: by_band(|band| band.t30_s),
+            edt_s: by_band(|band| band.edt_s),
+            c50_db: by_band(|band| band.c50_db),
+            ild_db: by_band(|band| band.ild_db),
+            length_s,
+        }
+    }
+
+    fn print(&self) {
+        let shown = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| format!("{:>9}", "-"), |value| format!("{value:>9.digits$}"))
+        };
+        say!("first wave       {} ms", shown(self.direct_delay_s.map(|delay_s| delay_s * 1e3), 3));
+        say!(
+            "  from           {} degrees to the left",
+            shown(self.first_arrival_azimuth_deg.map(f64::from), 1)
+        );
+        say!("  left ear leads {} us", shown(self.itd_us, 0));
+        say!("direct over rest {} dB", shown(self.drr_db, 1));
+        say!("{:<17}{}", "Hz", BANDS.map(|band| format!("{band:>9}")).concat());
+        for (name, values, digits) in [
+            ("level, dB", &self.level_db, 1),
+            ("T20, s", &self.t20_s, 3),
+            ("T30, s", &self.t30_s, 3),
+            ("EDT, s", &self.edt_s, 3),
+            ("C50, dB", &self.c50_db, 1),
+            ("ILD, dB", &self.ild_db, 1),
+        ] {
+            say!("{name:<17}{}", values.0.map(|value| shown(value, digits)).concat());
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_arena::FailureKind;
 
     #[test]
     fn places_are_three_finite_numbers() {
