@@ -10,7 +10,7 @@ use avln_arena::{
     servers::RunningServers,
 };
 use avln_episode::Order;
-use avln_sandbox::{Container, Engine, Plan, Report};
+use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use avln_store::{RunState, Store};
 use clap::{Args, Subcommand};
 use std::{
@@ -97,14 +97,14 @@ fn order(word: &str) -> Result<Order, String> {
 impl EnterArgs {
     /// Runs the step. The first step exits the process with the agent's exit code.
     pub(crate) fn take(self) -> Result<(), Failure> {
-        let failed = |error: avln_sandbox::CellError| Failure::run(error);
+        let failed = |error: avln_sandbox::SandboxError| Failure::run(error);
         if self.inmate {
-            return avln_sandbox::shut(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
+            return avln_sandbox::enter(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
         }
         let again = ["challenge", "sealed", "enter", "--inmate"].map(String::from);
         let arguments = [again.as_slice(), &[self.plan.display().to_string()]].concat();
         let code =
-            avln_sandbox::enter(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
+            avln_sandbox::supervise(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
         process::exit(code.into())
     }
 }
@@ -160,7 +160,7 @@ async fn play_in(
     conclude(store, &ticket.run, ended).await
 }
 
-fn tell(report: &Report) {
+fn tell(report: &SandboxReport) {
     say!("sealed   {}", report.enforced.join("; "));
     for gap in &report.missing {
         eprintln!("warning: not enforced: {}: {}", gap.what, gap.why);
@@ -226,7 +226,7 @@ fn choose_sandbox(data: &DataFolder, args: &SealedRunArgs) -> Result<SandboxKind
     let nowhere = PathBuf::new();
     let Some(image) = &args.image else {
         let workplace = std::env::current_dir().map_err(|error| failed("the current folder", error))?;
-        return Ok(SandboxKind::Process(Plan {
+        return Ok(SandboxKind::Process(SandboxPlan {
             folder: nowhere,
             command: args.command.clone(),
             workplace,

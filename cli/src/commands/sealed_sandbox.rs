@@ -1,7 +1,7 @@
 //! Sandbox from outside: folder, sockets, and the process or container inside.
 
 use avln_arena::Failure;
-use avln_sandbox::{Container, Engine, Plan, Report};
+use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use std::{
     io,
     net::SocketAddr,
@@ -22,7 +22,7 @@ use tokio::{
 /// A kind of sandbox.
 pub(super) enum SandboxKind {
     /// A process. `folder` is not yet set.
-    Process(Plan),
+    Process(SandboxPlan),
     /// A container. `name` and `folder` are not yet set.
     Container(Engine, Container),
 }
@@ -64,11 +64,11 @@ impl Sandbox {
         let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
-        passage.spawn(pass(listen(Plan::server_socket(&place))?, server));
+        passage.spawn(pass(listen(SandboxPlan::server_socket(&place))?, server));
         let inside = match kind {
             SandboxKind::Process(plan) => {
-                let control = listen(Plan::control_socket(&place))?;
-                let plan = Plan { folder: place, ..plan.clone() };
+                let control = listen(SandboxPlan::control_socket(&place))?;
+                let plan = SandboxPlan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(Failure::run)?;
                 Inside::Process { control, plan, running: None }
             }
@@ -91,7 +91,7 @@ impl Sandbox {
 
     /// Starts the sandboxed process and returns the enforced restrictions. A container starts only with its
     /// run.
-    pub(super) async fn enter(&mut self) -> Result<Report, Failure> {
+    pub(super) async fn enter(&mut self) -> Result<SandboxReport, Failure> {
         match &mut self.inside {
             Inside::Process { control, plan, running } => {
                 let mut supervisor = spawn_supervisor(plan)?;
@@ -109,7 +109,7 @@ impl Sandbox {
                 Ok(report)
             }
             Inside::Container(..) => {
-                Ok(Report { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
+                Ok(SandboxReport { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
             }
         }
     }

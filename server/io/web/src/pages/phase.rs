@@ -2,7 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{self, url_encode},
     replay::plan,
     request::{GrpcAddress, PathOnly, RequestContext},
@@ -28,11 +28,9 @@ struct PhasePage {
     shell: PageShell,
     grpc_address: GrpcAddress,
     phase: PhaseView,
-    /// Mission statistics, if replays are public.
     missions: Option<MissionsView>,
 }
 
-/// A table row: name and meaning.
 type Row = (&'static str, String);
 
 pub(super) async fn page(
@@ -175,7 +173,6 @@ impl PhasePage {
         self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
-    /// Returns the API address.
     fn api_address(&self, below: &str) -> String {
         format!("/api/v1/phases/{}{below}", url_encode(&self.phase.id))
     }
@@ -193,14 +190,12 @@ fn run_limits(quotas: &QuotaLimits) -> String {
     if texts.is_empty() { "unlimited".to_owned() } else { texts.join(", ") }
 }
 
-/// Counts by a mission property.
 struct MissionTable {
     heading: &'static str,
     caption: &'static str,
     rows: Vec<(String, u32)>,
 }
 
-/// Returns all non-empty tables.
 fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
     let table = |heading, caption, rows| MissionTable { heading, caption, rows };
     let mut all = vec![
@@ -256,7 +251,7 @@ fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
 pub(super) async fn scene(
     context: RequestContext,
     PathOnly((phase, file)): PathOnly<(String, String)>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let unknown = || RequestError::unknown("picture", file.clone());
     let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;
     let index: Option<usize> = file.strip_suffix(".svg").and_then(|index| index.parse().ok());

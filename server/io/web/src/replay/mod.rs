@@ -12,8 +12,10 @@ pub(crate) use timeline::{Moment, ReplayEvent, moments};
 use crate::{
     format,
     plot::{Curve, Curves, round_ticks},
+    replay_renderer::size_px,
 };
-use avln_store::{EpisodeView, Replay};
+use avln_episode::Rules;
+use avln_store::{EpisodeView, Replay, TargetView};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use timeline::events;
@@ -26,8 +28,10 @@ pub(crate) struct ReplayView {
     pub(crate) events: Vec<ReplayEvent>,
     /// State before the first and after every action.
     pub(crate) moments: Vec<Moment>,
-    /// Displayed step.
     pub(crate) step: u32,
+    pub(crate) rules: Rules,
+    pub(crate) targets: Vec<TargetView>,
+    pub(crate) picture_px: [u32; 2],
 }
 
 impl ReplayView {
@@ -44,6 +48,9 @@ impl ReplayView {
             events: events(view, replay),
             moments,
             step,
+            rules: replay.rules.clone(),
+            targets: replay.targets.clone(),
+            picture_px: size_px(replay),
         })
     }
 
@@ -103,7 +110,6 @@ fn rounded(value: f64) -> Value {
     json!((value * 100.0).round() / 100.0)
 }
 
-/// Goal names at the curve ends.
 const LABELS: [&str; 8] = ["1", "2", "3", "4", "5", "6", "7", "8"];
 
 #[derive(Debug)]
@@ -114,14 +120,12 @@ pub(crate) struct Plots {
     pub(crate) budget: Plot,
 }
 
-/// A plot with its description in words.
 #[derive(Debug)]
 pub(crate) struct Plot {
     pub(crate) svg: String,
     pub(crate) words: String,
 }
 
-/// Draws all plots with the cursor at `step`.
 pub(crate) fn plots(view: &EpisodeView, replay: &Replay, moments: &[Moment], step: u32) -> Plots {
     let last = moments.last().map_or(0, |moment| moment.step);
     Plots {
@@ -132,7 +136,6 @@ pub(crate) fn plots(view: &EpisodeView, replay: &Replay, moments: &[Moment], ste
     }
 }
 
-/// Returns the ticks of an axis from 0 to at least `most`.
 fn ticks(most: f64) -> Vec<(f64, String)> {
     let words = |value: f64| format!("{}", (value * 1000.0).round() / 1000.0);
     round_ticks(most).into_iter().map(|value| (value, words(value))).collect()
@@ -206,7 +209,6 @@ fn walk(view: &EpisodeView, moments: &[Moment], last: u32, step: u32) -> Plot {
     Plot { svg, words: format!("Path length {}{tour}.", format::metres(&walked_m)) }
 }
 
-/// Draws the remaining actions and Submits, percent.
 fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
     const PERCENT: f64 = 100.0;
     let submits_max = replay.targets.len() as u32;
@@ -236,7 +238,6 @@ fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_episode::Rules;
     use avln_store::SceneMap;
     use storeys::Spot;
 
