@@ -1,4 +1,4 @@
-//! The air of a building on a grid: open cells and unobstructed steps between them.
+//! Air cells of a building, and unobstructed steps between them.
 
 pub(crate) mod grid;
 
@@ -8,11 +8,10 @@ use grid::Grid;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Smallest volume of room air, cubic metres, counting cells with six air neighbours. Smaller connected air
-/// is the inside of a wall, a slab or furniture.
+/// Smallest room volume, cubic metres, by cells with six air neighbours.
 const MIN_ROOM_M3: f32 = 0.8;
 
-/// The air of a building in which sound travels.
+/// Air that carries sound.
 pub(crate) struct Air {
     rays: Arc<RayMesh>,
     grid: Grid,
@@ -23,7 +22,7 @@ pub(crate) struct Air {
 }
 
 impl Air {
-    /// Scans the surfaces of `scene`; `rays` must be built over the same triangles.
+    /// Scans the surfaces in `scene`; `rays` must contain the same triangles.
     pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>) -> Self {
         let grid = Grid::new(scene.bounds());
         let mut open = vec![true; grid.len()];
@@ -38,7 +37,6 @@ impl Air {
         air
     }
 
-    /// Bytes of the cell data.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
     }
@@ -56,7 +54,7 @@ impl Air {
         self.in_room[cell]
     }
 
-    /// Returns the open cells reachable from `cell` in a single free step.
+    /// Returns the room cells reachable from `cell` in a single free step.
     pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
         let position = self.grid.cell(cell);
         (0..3).flat_map(move |axis| {
@@ -86,7 +84,7 @@ impl Air {
         }
     }
 
-    /// Marks all cells connected to `seed` and counts cells with six air neighbours.
+    /// Marks the cells connected to `seed`; returns how many have six air neighbours.
     fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
         let mut stack = vec![seed];
         let mut count = 0;
@@ -117,7 +115,7 @@ impl Air {
         Vec::new()
     }
 
-    /// Returns the room cell for a point enclosed by furniture or outside: the nearest cell behind a single
+    /// Returns the room cell for a point inside furniture or outside: the nearest cell behind a single
     /// surface, otherwise the cell behind the fewest surfaces. `None` without room air.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
         const REACH_M: f32 = 1.2;
@@ -169,10 +167,9 @@ impl Air {
     }
 }
 
-/// Cell centres within this distance of a surface belong to the surface, metres.
+/// Cells with a centre this close to a surface are closed, metres.
 const SKIN_M: f32 = 0.04;
 
-/// Closes the cells with a centre within the skin of the triangle.
 fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) {
     let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
     let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
@@ -186,7 +183,7 @@ fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) 
     }
 }
 
-/// Blocks the steps between neighbouring centres cut by the triangle.
+/// Blocks the steps between neighbouring centres that the triangle cuts.
 fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
     for axis in 0..3 {
         let across = [(axis + 1) % 3, (axis + 2) % 3];
@@ -203,8 +200,7 @@ fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut
     }
 }
 
-/// Blocks the cut steps in a row of centres in direction `axis`; `column` contains the indices on the
-/// following two axes.
+/// Blocks the cut steps in a row along `axis`; `column` is the row position on the next two axes.
 fn block_column(
     grid: &Grid,
     corners: &[Point3<f32>; 3],
@@ -226,8 +222,7 @@ fn block_column(
     }
 }
 
-/// Barycentric weights of the origin in a flat triangle; `None` outside. Edges are inside with a small
-/// tolerance, so that no gap opens between adjacent triangles.
+/// Barycentric weights for the origin in a flat triangle; `None` outside.
 fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
     let [a, b, c] = *corners;
@@ -237,7 +232,7 @@ fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
 }
 
-/// Returns the index range on `axis` within `margin_m` of the triangle's extent.
+/// Returns the index range on `axis` within `margin_m` around the triangle.
 fn span(
     grid: &Grid,
     corners: &[Point3<f32>; 3],

@@ -1,12 +1,9 @@
-//! Partitioned overlap-save convolution. Spectra of the input are shared by all filters, spectra of a filter
-//! by all steps.
-//!
-//! The two ears are the real and the imaginary part of a signal, so a single transform serves both.
+//! Partitioned overlap-save convolution. All filters share input spectra; all steps share filter spectra.
 
 use crate::transform::{Complexes, Transform};
 use std::collections::VecDeque;
 
-/// Fast convolution of real signals with pairs of filters, a block of samples at a time.
+/// Fast convolution of real signals with filter pairs, block by block.
 pub(crate) struct Convolver {
     block: usize,
     window: usize,
@@ -16,26 +13,25 @@ pub(crate) struct Convolver {
     spare: Vec<Complexes>,
 }
 
-/// The recent past of a signal.
+/// A signal's recent past.
 pub(crate) struct Input {
-    /// The newest window, newest sample last.
+    /// Newest window, newest sample last.
     recent: Vec<f32>,
-    /// Spectra of the present window and of windows one, two … blocks earlier; `None` for silence.
+    /// Window spectra, newest first, a block apart; `None` for silence.
     past: VecDeque<Option<Complexes>>,
-    /// Number of stored spectra.
+    /// Limit on `past`.
     max_spectra: usize,
-    /// Number of silent samples at the end.
+    /// Silent samples at the end.
     silent: usize,
 }
 
-/// A filter pair for the two ears, and the spectra of its parts used so far.
+/// A filter pair for two ears, with the part spectra used so far.
 pub(crate) struct Filter {
     taps: [Vec<f32>; 2],
     parts: Vec<Option<Complexes>>,
 }
 
 impl Input {
-    /// Number of silent samples at the end.
     pub(crate) fn silent_samples(&self) -> usize {
         self.silent
     }
@@ -62,7 +58,7 @@ fn bytes_of<'a>(spectra: impl Iterator<Item = &'a Complexes>) -> usize {
 }
 
 impl Convolver {
-    /// Creates a convolver for blocks of `block` samples, at least 1.
+    /// Plans blocks with `block` samples, at least 1.
     pub(crate) fn new(block: usize) -> Self {
         let window = (2 * block).next_power_of_two();
         let (transform, sum) = (Transform::new(window), Complexes::zero(window));
@@ -73,13 +69,13 @@ impl Convolver {
         self.transform.byte_count() + self.sum.byte_count() + bytes_of(self.spare.iter())
     }
 
-    /// Upper limit of the bytes of an input with the two filters of a cross-fade.
+    /// Upper bound in bytes for an input and the two filters in a cross-fade.
     pub(crate) fn max_bytes(&self, input: &Input) -> usize {
         let (spectrum, taps) = (self.sum.byte_count(), 2 * input.max_spectra * self.block * size_of::<f32>());
         size_of_val(input.recent.as_slice()) + 3 * input.max_spectra * spectrum + 2 * taps
     }
 
-    /// Returns a silent input for filters of up to `longest` taps.
+    /// Returns a silent input for filters with up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let max_spectra = longest.div_ceil(self.block).max(1);
         Input {
@@ -95,7 +91,7 @@ impl Convolver {
         Filter { taps, parts: vec![None; longest.div_ceil(self.block)] }
     }
 
-    /// Recycles the buffers of a filter.
+    /// Recycles a filter's buffers.
     pub(crate) fn recycle(&mut self, filter: Filter) {
         self.spare.extend(filter.parts.into_iter().flatten());
     }
@@ -112,7 +108,7 @@ impl Convolver {
         self.spare.extend(input.past.drain(input.max_spectra.min(input.past.len())..).flatten());
     }
 
-    /// Returns the newest block of an input through both filters. Exactly zero if the filters reach no sound.
+    /// Returns the newest block through both filters; exactly zero if the filters reach no sound.
     pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> [Vec<f32>; 2] {
         self.sum.fill(0.0);
         let mut is_silent = true;
@@ -136,7 +132,7 @@ impl Convolver {
         ears
     }
 
-    /// Spectrum of a part of both filters, pre-scaled.
+    /// Spectrum for part `index` in both filters.
     fn part(&mut self, taps: &[Vec<f32>; 2], index: usize) -> Complexes {
         let scale = 1.0 / self.window as f32;
         let part = |taps: &Vec<f32>| -> Vec<f32> {
@@ -147,7 +143,7 @@ impl Convolver {
         self.spectrum([&left, &right])
     }
 
-    /// Spectrum of the window that starts with the given real and imaginary values; the rest is zero.
+    /// Spectrum of a window that starts with the given real and imaginary values; the rest is zero.
     fn spectrum(&mut self, [re, im]: [&[f32]; 2]) -> Complexes {
         let mut values = self.spare.pop().unwrap_or_else(|| Complexes::zero(self.window));
         for (part, given) in [(&mut values.re, re), (&mut values.im, im)] {

@@ -1,4 +1,4 @@
-//! Head models: the response of each ear to a wave by direction and range.
+//! Head models: ear responses to a wave by direction and range.
 
 pub(crate) mod filter;
 mod measured;
@@ -27,8 +27,7 @@ pub enum Head {
 }
 
 impl Head {
-    /// Computes the response to diffuse sound in advance (about 0.1 s), which otherwise delays the first late
-    /// energy.
+    /// Computes the response to diffuse sound in advance; otherwise the first late energy takes 0.1 s longer.
     pub fn prepare(&self) {
         self.heard_field();
     }
@@ -45,8 +44,8 @@ impl Head {
         field.get_or_init(|| HeardField::new(|direction| self.ears(direction, 0.0, FAR_M)))
     }
 
-    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame) with an
-    /// origin `range_m` (at least 0.1) away.
+    /// Returns the left and right ear responses to a wave from `direction` (unit vector, world frame) at
+    /// `range_m` metres, at least 0.1.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
         match self {
             Self::Sphere => {

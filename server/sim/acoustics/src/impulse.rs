@@ -1,4 +1,4 @@
-//! Conversion of arriving waves into an impulse response per ear.
+//! Impulse response per ear from arriving waves.
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
 use crate::building::Settings;
@@ -7,16 +7,16 @@ use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::{Point3, Vector3};
 use std::f32::consts::PI;
 
-/// Smallest source distance, metres; closer sources use it.
+/// Smallest effective path length, metres.
 const MIN_DISTANCE_M: f32 = 0.1;
 
-/// Half the taps of the fractional delay filter.
+/// Half the taps in the fractional delay filter.
 const DELAY_HALF_TAPS: usize = 16;
 
-/// A head.
+/// A head pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Listener {
-    /// Its centre, world frame, metres.
+    /// Head centre, world frame, metres.
     pub position: Point3<f32>,
     /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
     pub heading_rad: f32,
@@ -25,7 +25,7 @@ pub struct Listener {
 /// A wave at the listener.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Arrival {
-    /// Unit vector from the listener towards the origin of the wave, world frame.
+    /// Unit vector from the listener towards the wave's origin, world frame.
     pub(crate) direction: Vector3<f32>,
     /// Path length, metres: determines delay, 1/r level and wave-front curvature.
     pub(crate) length_m: f32,
@@ -45,20 +45,19 @@ impl Arrival {
     }
 }
 
-/// The effect of a source on the two ears of a listener: a filter per ear.
+/// A filter per ear from a source to a listener.
 ///
-/// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has
-/// gain 1.
+/// Index 0 is the emission; samples at [`SAMPLE_RATE_HZ`]. A source with unit pressure at 1 m has gain 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImpulseResponse {
-    /// Left ear; limited by the settings, not padded to the length of the right ear.
+    /// Left ear; lengths may differ.
     pub left: Vec<f32>,
     /// Right ear.
     pub right: Vec<f32>,
 }
 
 impl ImpulseResponse {
-    /// Returns the response of both ears to all `arrivals`.
+    /// Sums all `arrivals` at both ears.
     pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {
@@ -67,7 +66,7 @@ impl ImpulseResponse {
         response
     }
 
-    /// Samples of the longer ear.
+    /// Longer ear, samples.
     pub fn len(&self) -> usize {
         self.left.len().max(self.right.len())
     }
@@ -98,8 +97,7 @@ fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TA
     taps
 }
 
-/// Adds `taps` to `ear` from sample `start`, which may be fractional or negative (the run-up of a
-/// band-limited pulse before 0 is cut).
+/// Adds `taps` to `ear` from sample `start`, which may be fractional or negative.
 fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
@@ -108,8 +106,8 @@ fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize)
     add_convolved(ear, &kernel, taps, first, end.clamp(0, max_samples as i64) as usize);
 }
 
-/// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, which may be negative, after
-/// extending `ear` to `end` samples. Samples outside of `ear` are dropped.
+/// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, after extending `ear` to `end`
+/// samples. Samples outside are dropped.
 pub(crate) fn add_convolved(ear: &mut Vec<f32>, factors: &[f32], taps: &[f32], first: i64, end: usize) {
     if ear.len() < end {
         ear.resize(end, 0.0);
@@ -122,7 +120,7 @@ pub(crate) fn add_convolved(ear: &mut Vec<f32>, factors: &[f32], taps: &[f32], f
     }
 }
 
-/// A windowed sinc that delays by [`DELAY_HALF_TAPS`] - 1 samples and `fraction` (0 to 1) of a sample.
+/// A windowed sinc that delays by [`DELAY_HALF_TAPS`] - 1 samples plus `fraction` (0 to 1).
 fn delay_kernel(fraction: f32) -> [f32; 2 * DELAY_HALF_TAPS] {
     let sin_fraction = libm::sinf(PI * fraction);
     std::array::from_fn(|tap| {

@@ -1,4 +1,4 @@
-//! Late energy of a source in the whole building: all reflections without a discrete direction.
+//! Late energy in the whole building: all reflections without a discrete direction.
 
 pub(crate) mod cells;
 mod decorrelation;
@@ -19,25 +19,22 @@ use cells::NO_CELL;
 use slices::{CHANNELS, Echo, Slice};
 use trace::{Tally, trace};
 
-/// Salt of the random draws for late energy.
 const SALT: u64 = 0x5d0_1a7e;
 
-/// Energy by cell, slice of time, band and direction.
+/// Energy by cell, time slice, band and direction.
 pub(crate) struct LateField {
     /// Per cell: its row in `values`, [`NO_CELL`] without energy.
     row_of: Vec<u32>,
-    /// `rows × slices × channels`: energy per cubic metre times metres, in the upper half of a 32-bit float.
+    /// `rows × slices × channels`: energy per cubic metre times metres, as upper float halves.
     values: Vec<u16>,
-    /// Per slice and band: the energy share after air absorption.
+    /// Per slice and band: energy share after air absorption.
     air: Vec<[f32; BANDS]>,
-    /// Energy share lost through holes of the building, 0 to 1.
+    /// Energy share lost through holes, 0 to 1.
     lost_share: f32,
 }
 
 impl LateField {
-    /// Traces the rays of a source whose sound enters the air at `outlet`, which must be finite.
-    ///
-    /// Excludes discrete waves: the direct wave, and those of `images`.
+    /// Traces rays from `outlet`, a finite position, without discrete waves: the direct wave and `images`.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>, images: &Images) -> Self {
         Self::with_key(building, outlet, images, key_of(outlet))
     }
@@ -71,12 +68,11 @@ impl LateField {
         fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
     }
 
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.values.as_slice()) + size_of_val(self.row_of.as_slice())
     }
 
-    /// Energy share lost through holes of the building, 0 to 1.
+    /// Energy share lost through holes, 0 to 1.
     pub(crate) fn lost_share(&self) -> f32 {
         self.lost_share
     }
@@ -122,12 +118,12 @@ fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     }
 }
 
-/// Key of the random draws of a source: the bits of its position.
+// Random draws depend on the position alone, so that results do not depend on earlier queries.
 fn key_of(outlet: &Point3<f32>) -> u64 {
     outlet.iter().fold(SALT, |key, coordinate| Rng::word(key, u64::from(coordinate.to_bits())))
 }
 
-/// The upper half of a float, rounded: 0.4 % steps over the whole range.
+/// Upper half of a float, rounded: 0.4 % steps over the whole range.
 fn to_half(value: f32) -> u16 {
     ((value.to_bits() + 0x8000) >> 16) as u16
 }

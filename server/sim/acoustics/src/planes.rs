@@ -1,15 +1,15 @@
-//! Large planar parts of a building, which mirror sound.
+//! Large planar building parts, which mirror sound.
 
 mod fit;
 
 use avln_geom::{Point3, Vector3};
 use avln_scene::Scene;
 
-/// Number of a plane of a building; the largest plane is 0.
+/// Plane number in a building; the largest plane is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PlaneId(pub(crate) u16);
 
-/// The planes of a building, independent of the triangulation.
+/// A building's planes, independent of the triangulation.
 #[derive(Debug)]
 pub(crate) struct Planes {
     planes: Vec<Plane>,
@@ -19,19 +19,19 @@ pub(crate) struct Planes {
 
 const NO_PLANE: u16 = u16::MAX;
 
-/// All points whose product with `normal` is `offset_m`.
+/// All points with `normal` product `offset_m`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plane {
-    /// Of unit length, to either side.
+    /// Unit length, to either side.
     pub(crate) normal: Vector3<f32>,
     /// Signed distance from the origin, metres.
     pub(crate) offset_m: f32,
-    /// Largest distance of a triangle from the plane, metres.
+    /// Largest triangle distance from the plane, metres.
     pub(crate) slack_m: f32,
 }
 
 impl Plane {
-    /// Signed distance of `point`, metres; positive in the direction of the normal.
+    /// Signed distance, metres; positive along the normal.
     pub(crate) fn height_m(&self, point: &Point3<f32>) -> f32 {
         self.normal.dot(&point.coords) - self.offset_m
     }
@@ -41,36 +41,32 @@ impl Plane {
         point - self.normal * (2.0 * self.height_m(point))
     }
 
-    /// Mirrored direction of a ray.
+    /// Mirrored ray direction.
     pub(crate) fn reflected(&self, direction: &Vector3<f32>) -> Vector3<f32> {
         direction - self.normal * (2.0 * self.normal.dot(direction))
     }
 }
 
 impl Planes {
-    /// Finds the planes of `scene`.
     pub(crate) fn new(scene: &Scene) -> Self {
         let (planes, plane_of) = fit::planes(scene);
         Self { planes, plane_of }
     }
 
-    /// The plane of a triangle; `None` for small or curved parts.
+    /// Returns a triangle's plane; `None` for small or curved parts.
     pub(crate) fn of(&self, triangle: u32) -> Option<PlaneId> {
         let plane = self.plane_of[triangle as usize];
         (plane != NO_PLANE).then_some(PlaneId(plane))
     }
 
-    /// Returns a plane.
     pub(crate) fn plane(&self, id: PlaneId) -> &Plane {
         &self.planes[usize::from(id.0)]
     }
 
-    /// Number of planes.
     pub(crate) fn len(&self) -> usize {
         self.planes.len()
     }
 
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.planes.as_slice()) + size_of_val(self.plane_of.as_slice())
     }

@@ -1,48 +1,46 @@
-//! Acoustic properties of surfaces.
+//! Acoustic surface properties.
 
 mod table;
 
 use avln_scene::{InstanceId, Scene};
 
-/// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last also applies to higher bands.
+/// Octave bands: 125, 250, 500, 1000, 2000 and 4000 Hz. The last also applies to higher bands.
 pub const SURFACE_BANDS: usize = 6;
 
-/// Names of the bands in messages, hertz.
+/// Band names in messages, hertz.
 const BAND_NAMES: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
 
-/// Energy shares at a surface by octave band (125 to 4000 Hz), 0 to 1.
-///
-/// `1 - absorption - transmission` is reflected; of that, `scattering` diffusely (Lambert's law) and the rest
-/// specularly.
+/// Energy shares at a surface by octave band, 0 to 1. `1 - absorption - transmission` is reflected, partly
+/// diffuse (Lambert's law), partly specular.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Energy share converted into heat.
     pub absorption: [f32; SURFACE_BANDS],
-    /// Scattered share of the reflected energy.
+    /// Diffuse share in the reflected energy.
     pub scattering: [f32; SURFACE_BANDS],
     /// Transmitted energy share.
     pub transmission: [f32; SURFACE_BANDS],
 }
 
-/// Errors of surface values.
+/// Surface value errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
-    /// A share is outside 0 to 1.
+    /// A share outside 0 to 1.
     #[error("{what} at {band_hz} Hz is {value}; a share of energy must lie between 0 and 1")]
     Share {
         /// `absorption`, `scattering` or `transmission`.
         what: &'static str,
-        /// Centre of the octave band, hertz.
+        /// Octave band centre, hertz.
         band_hz: &'static str,
-        /// The value.
+        /// The share.
         value: f32,
     },
-    /// The sum of absorption and transmission exceeds 1.
+    /// Absorption plus transmission above 1.
     #[error(
         "absorption and transmission at {band_hz} Hz are {sum} together; lower one of them, so that the sum is at most 1"
     )]
     Sum {
-        /// Centre of the octave band, hertz.
+        /// Octave band centre, hertz.
         band_hz: &'static str,
         /// The sum.
         sum: f32,
@@ -53,7 +51,7 @@ impl Surface {
     /// Creates a surface with these shares by band.
     ///
     /// # Errors
-    /// If a share is outside 0 to 1, or the sum of absorption and transmission exceeds 1.
+    /// If a share is outside 0 to 1, or absorption plus transmission exceeds 1.
     pub fn new(
         absorption: [f32; SURFACE_BANDS],
         scattering: [f32; SURFACE_BANDS],
@@ -85,7 +83,7 @@ fn check_shares(what: &'static str, shares: &[f32; SURFACE_BANDS]) -> Result<(),
     }
 }
 
-/// The surfaces of a building.
+/// A building's surfaces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surfaces {
     kinds: Vec<Surface>,
@@ -94,13 +92,13 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Assigns the same kind to every triangle of `scene`.
+    /// Assigns `surface` to every triangle.
     pub fn uniform(scene: &Scene, surface: Surface) -> Self {
         Self { kinds: vec![surface], kind_of: vec![0; scene.mesh.triangles.len()] }
     }
 
-    /// Assigns kinds by name: the material of the triangle, the material of the object, or the category of
-    /// the object, in this order; otherwise the mean of a furnished flat.
+    /// Assigns kinds by name: triangle material, object material, object category, in this order; otherwise
+    /// the mean of a furnished flat.
     pub fn by_material(scene: &Scene) -> Self {
         let kind_of_material: Vec<_> =
             scene.materials.iter().map(|material| table::find(&material.name)).collect();
@@ -113,7 +111,7 @@ impl Surfaces {
         Self { kind_of: kind_of.collect(), kinds: table::surfaces() }
     }
 
-    /// The kind of a triangle.
+    /// Returns a triangle's surface.
     pub fn of(&self, triangle: u32) -> &Surface {
         &self.kinds[usize::from(self.kind_of[triangle as usize])]
     }

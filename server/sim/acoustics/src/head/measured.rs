@@ -20,17 +20,17 @@ const STEP_DEG: f32 = 5.0;
 const AROUND: usize = 72;
 const UP: usize = 37;
 
-/// Number of measured directions interpolated into a table direction.
+/// Measured directions interpolated into a table direction.
 const NEIGHBOURS: usize = 4;
 
-/// Window of a response before and after its highest peak, seconds.
+/// Response window around the highest peak, seconds.
 const BEFORE_PEAK_S: f64 = 0.002;
 const AFTER_PEAK_S: f64 = 0.008;
 
-/// Oversampling factor of the wave-front search.
+/// Oversampling factor in the wave-front search.
 const FINER: usize = 8;
 
-/// Bins normalised to the free-field level: the head is no obstacle there (188 to 1000 Hz).
+// The head is no obstacle from 188 to 1000 Hz, so these bins have the free-field level.
 const LOW_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 
 /// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
@@ -41,25 +41,24 @@ pub struct MeasuredHead {
     pub(super) heard_field: OnceLock<HeardField>,
 }
 
-/// Response of an ear to a wave from a direction.
+/// An ear's response to a wave.
 #[derive(Clone, Debug, PartialEq)]
 struct Ear {
     /// The wave front is tap [`HEAD_LEAD`](super::filter::HEAD_LEAD).
     filter: Filter,
-    /// Delay of the wave front relative to the head centre, seconds.
+    /// Wave-front delay relative to the head centre, seconds.
     delay_s: f64,
 }
 
 impl MeasuredHead {
-    /// Reads a SOFA file of free-field responses.
+    /// Reads free-field responses from a SOFA file.
     ///
-    /// Delay and shape of a response are separated: the wave front is the best match with the minimum-phase
-    /// version (Nam, Abel and Smith 2008, AES Convention 125, paper 7612). Both are interpolated over
-    /// direction from the four nearest measurements. The mean level from 188 to 1000 Hz is normalised to the
-    /// free field, the mean delay to a sphere.
+    /// Responses are separated into delay and shape, and both are interpolated between the four nearest
+    /// directions. The mean level from 188 to 1000 Hz is normalised to the free field, the mean delay to a
+    /// sphere.
     ///
     /// # Errors
-    /// For other formats, damaged files, and the cases of [`HeadError`].
+    /// If the format differs or the file is damaged; see [`HeadError`].
     pub fn from_sofa(bytes: &[u8]) -> Result<Self, HeadError> {
         // The HDF5 reader can panic on damaged files.
         let read = std::panic::catch_unwind(|| Measurements::read(bytes));
@@ -82,7 +81,7 @@ impl MeasuredHead {
         Ok(Self { table, heard_field: OnceLock::new() })
     }
 
-    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame).
+    /// Returns the left and right ear responses to a wave from `direction` (unit vector, world frame).
     pub(super) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32) -> [EarResponse; 2] {
         let (sin, cos) = angle::sin_cos(heading_rad);
         let ahead = -direction.x * sin - direction.z * cos;
@@ -119,7 +118,7 @@ impl fmt::Debug for MeasuredHead {
     }
 }
 
-/// The cell of `count` at `position`, and the fraction within it.
+/// Index below `count` at `position`, and the fraction beyond it.
 fn cell(position: f32, count: usize) -> (usize, f32) {
     let whole = (position.max(0.0) as usize).min(count - 1);
     (whole, (position - whole as f32).clamp(0.0, 1.0))
@@ -133,7 +132,7 @@ fn node_direction(up: usize, around: usize) -> Vector3<f64> {
     Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
 }
 
-/// Interpolates the ear responses from `direction` between the nearest measurements.
+/// Interpolates between the measurements nearest to `direction`.
 fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 2]]) -> [Ear; 2] {
     // Half the squared chord, almost half the squared angle. Smaller values count as zero distance.
     const SAME: f64 = 1e-6;
@@ -160,7 +159,7 @@ fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
     sum
 }
 
-/// Mean delay of the wave fronts relative to a sphere, seconds.
+/// Mean wave-front delay relative to a sphere, seconds.
 fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
     let lags = directions.iter().zip(ears).flat_map(|(direction, ears)| {
         // At heading 0, ahead is -Z and left is -X.
@@ -171,13 +170,13 @@ fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
     lags.sum::<f64>() / (2 * ears.len()) as f64
 }
 
-/// Separation of delay and shape.
+/// Separation into delay and shape.
 struct Analysis {
     rate_hz: f64,
-    /// `exp(-j w)` per bin for one sample of the file.
+    /// `exp(-j w)` per bin for one file sample.
     turns: Vec<Complex64>,
     planner: RealFftPlanner<f64>,
-    /// Sum over all responses of their mean power in [`LOW_BINS`].
+    /// Sum over all responses: mean power in [`LOW_BINS`].
     low_power: f64,
 }
 
@@ -200,7 +199,8 @@ impl Analysis {
         }
     }
 
-    /// Time of the best match with the minimum-phase version, seconds after the first tap.
+    /// Wave-front time, seconds after the first tap: the best match with the minimum-phase version (Nam, Abel
+    /// and Smith 2008, AES Convention 125, paper 7612).
     fn onset_s(&mut self, spectrum: &[Complex64]) -> f64 {
         let minimum = self.minimum_phase(spectrum);
         let points = FINER * DESIGN_POINTS;
@@ -223,8 +223,8 @@ impl Analysis {
         (whole + shift) / (FINER as f64 * f64::from(SAMPLE_RATE_HZ))
     }
 
-    /// Minimum-phase spectrum with the same magnitude (Oppenheim and Schafer, "Discrete-Time Signal
-    /// Processing", chapter 13).
+    /// Minimum-phase spectrum with equal magnitude (Oppenheim and Schafer, "Discrete-Time Signal Processing",
+    /// chapter 13).
     fn minimum_phase(&mut self, spectrum: &[Complex64]) -> Vec<Complex64> {
         let (forward, inverse) =
             (self.planner.plan_fft_forward(DESIGN_POINTS), self.planner.plan_fft_inverse(DESIGN_POINTS));
@@ -259,7 +259,7 @@ fn bin_hz() -> f64 {
     f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64
 }
 
-/// The taps around the highest one, and the index of the first of them.
+/// Taps around the highest tap, and the first index.
 fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
     let higher = |a: &usize, b: &usize| taps[*a].abs().total_cmp(&taps[*b].abs()).then(b.cmp(a));
     let peak = (0..taps.len()).max_by(higher).unwrap_or(0);
@@ -268,7 +268,7 @@ fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
     (first, &taps[first..end])
 }
 
-/// Fourier sum of `taps` at a frequency of `turn` per tap.
+/// Fourier sum over `taps` at `turn` per tap.
 fn fourier_sum(taps: &[f32], turn: Complex64) -> Complex64 {
     taps.iter().rev().fold(Complex64::default(), |sum, tap| sum * turn + f64::from(*tap))
 }

@@ -7,16 +7,16 @@ use std::ops::RangeInclusive;
 /// Permitted number of directions.
 const DIRECTIONS: RangeInclusive<usize> = 2..=50_000;
 
-/// Permitted taps of a response.
+/// Permitted response lengths.
 const TAPS: RangeInclusive<usize> = 8..=16_384;
 
-/// Permitted sample rates, hertz: the whole audible range must be in the file.
+/// Permitted sample rates, hertz: the file must cover the whole audible range.
 const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
 /// Longest separate delay, seconds.
 const MAX_DELAY_S: f64 = 0.1;
 
-/// Errors of a head file.
+/// Head file errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadError {
     /// A different format, or a damaged file.
@@ -24,23 +24,23 @@ pub enum HeadError {
         "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
     )]
     NoSofa,
-    /// A table is missing.
+    /// A missing table.
     #[error(
         "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
     )]
     Missing(&'static str),
-    /// A table has the wrong shape.
+    /// A table with the wrong shape.
     #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
     Shape(&'static str, String),
-    /// The sample rate is out of range.
+    /// Sample rate out of range.
     #[error("{0} samples a second: 16000 to 400000 are read")]
     Rate(f64),
-    /// The responses are silent.
+    /// Silent responses.
     #[error("both ears are silent: name a file of head-related impulse responses")]
     Silent,
 }
 
-/// Content of a file.
+/// File content.
 pub(super) struct Measurements {
     pub(super) rate_hz: f64,
     /// Unit vectors to the source: x ahead, y left, z up.
@@ -49,14 +49,14 @@ pub(super) struct Measurements {
     pub(super) ears: Vec<[EarMeasurement; 2]>,
 }
 
-/// Response of an ear to a pulse.
+/// An ear's response to a pulse.
 pub(super) struct EarMeasurement {
     pub(super) taps: Vec<f32>,
     /// Delay before the first tap, seconds.
     pub(super) delay_s: f64,
 }
 
-/// A table of a file, row by row.
+/// A file table, row by row.
 struct Table {
     values: Vec<f64>,
     sizes: Vec<usize>,
@@ -126,13 +126,12 @@ impl Table {
     }
 }
 
-/// The text of an attribute.
 fn attribute(object: &DataObject, name: &str) -> Option<String> {
     let found = object.parsed_attributes.iter().find(|attribute| attribute.name == name)?;
     Some(found.value.as_deref()?.trim_matches(['\0', ' ']).to_owned())
 }
 
-/// Numbers of an object; `None` for other objects.
+/// Returns floats; `None` for other types.
 fn numbers(object: &DataObject) -> Option<Vec<f64>> {
     const FLOAT: u8 = 1;
     match (object.dt.class_and_version & 0x0f, object.dt.size) {
@@ -156,7 +155,7 @@ fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadErr
     (0..count).map(unit).collect()
 }
 
-/// Per direction: delays of both ears, in file order.
+/// Per direction: delays at both ears, in file order.
 fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
     let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
     let most = MAX_DELAY_S * rate_hz;
@@ -173,7 +172,7 @@ fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64
     }
 }
 
-/// Index of the left ear among the receivers.
+/// Receiver index for the left ear.
 fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
     let Ok(receivers) = Table::of(file, "ReceiverPosition") else { return Ok(0) };
     if receivers.values.len() < 6 {

@@ -1,23 +1,20 @@
-//! Cells of open air that collect late energy. No cell crosses a wall.
+//! Air cells that collect late energy. No cell crosses a wall.
 
 use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
-/// Edge of a block in voxels, and its limit.
+/// Block edge in voxels, and its limit.
 const BLOCK: usize = 3;
 const MAX_BLOCK: usize = 24;
 
-/// Largest memory of the energy of a source, bytes.
+/// Memory limit per source, bytes.
 const MAX_BYTES: usize = 6 << 20;
 
 /// No cell.
 pub(super) const NO_CELL: u32 = u32::MAX;
 
-/// Blocks of air, divided at blocked voxel steps.
-///
-/// Blocks are twice as high as wide. Voxels near surfaces belong to no cell, so that the cell volume is exact
-/// and no energy is counted on the wrong side of a wall.
+/// Air blocks, divided at blocked voxel steps; twice as high as wide.
 pub(crate) struct Cells {
     /// Per air voxel: its cell, or [`NO_CELL`].
     cell_of: Vec<u32>,
@@ -30,15 +27,15 @@ pub(crate) struct Cells {
     first_in_block: Vec<u32>,
 }
 
-/// A connected add_block of a block.
+/// A connected part of a block.
 struct Cell {
-    /// The voxel nearest to the centre.
+    /// Voxel nearest to the centre.
     middle: u32,
     voxels: u32,
 }
 
 impl Cells {
-    /// Divides the air, with the energy for responses of `response_s` seconds within [`MAX_BYTES`].
+    /// Divides the air into cells. Energy for responses with `response_s` seconds then fits [`MAX_BYTES`].
     pub(crate) fn new(air: &Air, response_s: f32) -> Self {
         let most = MAX_BYTES / (slices::count(response_s).max(1) * CHANNELS * size_of::<u16>());
         let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
@@ -69,7 +66,6 @@ impl Cells {
         cells
     }
 
-    /// Creates the cells of a block.
     fn add_block(&mut self, air: &Air, whole: &[bool], index: usize) {
         for voxel in self.voxels(air, index) {
             if whole[voxel] && self.cell_of[voxel] == NO_CELL {
@@ -80,7 +76,7 @@ impl Cells {
         }
     }
 
-    /// Returns the voxels of a block connected to `seed`; they become the next cell.
+    /// Returns the block's voxels connected to `seed`; they become the next cell.
     fn flood(&mut self, air: &Air, whole: &[bool], index: usize, seed: usize) -> Vec<usize> {
         let cell = self.cells.len() as u32;
         self.cell_of[seed] = cell;
@@ -115,31 +111,28 @@ impl Cells {
         (z * self.blocks[1] + y) * self.blocks[0] + x
     }
 
-    /// Number of cells.
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.cell_of.as_slice())
             + size_of_val(self.cells.as_slice())
             + size_of_val(self.first_in_block.as_slice())
     }
 
-    /// The cell of an air voxel; [`NO_CELL`] near surfaces.
+    /// Returns the cell at an air voxel; [`NO_CELL`] near surfaces.
     pub(super) fn of_voxel(&self, voxel: usize) -> u32 {
         self.cell_of[voxel]
     }
 
-    /// Volume of a cell, cubic metres.
     pub(super) fn volume_m3(&self, air: &Air, cell: usize) -> f32 {
         let edge_m = air.grid().cell_m;
         self.cells[cell].voxels as f32 * (edge_m * edge_m * edge_m)
     }
 
-    /// Returns cells around `point` with weights of sum 1: the visible ones of the eight adjacent blocks;
-    /// otherwise the cell of the nearest visible voxel; empty if no air is near.
+    /// Returns cells around `point` with weights that add up to 1: the visible cells in the eight adjacent
+    /// blocks, otherwise the cell at the nearest visible voxel; empty without air nearby.
     pub(super) fn around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
         let mut around = self.in_sight(air, point);
         if around.is_empty() {
@@ -189,7 +182,7 @@ impl Cells {
         found
     }
 
-    /// The cell of the nearest voxel with a cell, behind as few surfaces as possible.
+    /// The nearest cell, behind as few surfaces as possible.
     fn nearest(&self, air: &Air, point: &Point3<f32>) -> Option<usize> {
         const FAR_M: f32 = 2.0;
         let start = air.visible_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
@@ -215,7 +208,7 @@ impl Cells {
     }
 }
 
-/// Returns true if no surface cuts the axes of a voxel of room air.
+/// Returns true if no surface cuts the axes of a room voxel.
 fn is_whole(air: &Air, voxel: usize) -> bool {
     if !air.in_room(voxel) {
         return false;
@@ -229,7 +222,6 @@ fn is_whole(air: &Air, voxel: usize) -> bool {
         .all(|axis| air.rays().is_clear(&(center - axis * half_m), &(center + axis * half_m)))
 }
 
-/// The member nearest to the mean of `members`.
 fn nearest_to_mean(air: &Air, members: &[usize]) -> usize {
     let sum: Vector3<f32> = members.iter().map(|voxel| air.grid().center(*voxel).coords).sum();
     let mean = Point3::from(sum / members.len() as f32);

@@ -1,37 +1,34 @@
-//! Interaural decorrelation of late energy in every 32 ms, as in a diffuse field.
-//!
-//! Two independent noises correlate by chance at some lag, and all positions would hear the same direction in
-//! it.
+//! Interaural decorrelation of late noise in every 32 ms, as in a diffuse field.
 
 use crate::transform::Fourier;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// Period of the noise, samples: about a second. A power of two.
+/// Noise period, samples: about a second. A power of two.
 pub(super) const PERIOD: usize = 16_384;
 
-/// Analysed parts of the period: 32 ms long, with half overlap.
+/// Analysed parts per period: 32 ms long, with half overlap.
 const PARTS: usize = 32;
 
 /// Longest lag perceived as a direction, samples: 1 ms.
 const HEARD_SAMPLES: usize = 16;
 
-/// Over-correction factor: about half of a correction returns, because lags of a band are not sharp.
+// About half of a correction returns, because lags in a band are not sharp.
 const STEP: f64 = 2.0;
 
-/// Target interaural correlation of a noise band.
+/// Target interaural correlation for a noise band.
 pub(super) struct Lags {
     fourier: Fourier,
     window: Vec<f64>,
-    /// Per frequency of a part: mean cosine of the interaural phase; `None` outside the band.
+    /// Per frequency in a part: mean cosine of the interaural phase; `None` outside the band.
     cosines: Vec<Option<f64>>,
     /// Last relevant lag, points.
     last: usize,
 }
 
 impl Lags {
-    /// Creates targets for noise with `points` points per period; `coherence` is the interaural coherence by
-    /// bin of the whole period, -1 to 1, inside the band.
+    /// Creates targets for noise with `points` points per period; `coherence` (-1 to 1) by bin over the whole
+    /// period, inside the band.
     pub(super) fn new(points: usize, coherence: impl Fn(usize) -> Option<f64>) -> Self {
         let length = points / PARTS;
         let window = |n| libm::sin(PI * (n as f64 + 0.5) / length as f64);
@@ -43,7 +40,7 @@ impl Lags {
         }
     }
 
-    /// Rotates the phases of both ears, a period each, towards the target correlation.
+    /// Rotates the phases at both ears, a period each, towards the target correlation.
     pub(super) fn decorrelate(&self, ears: &mut [Vec<Complex64>; 2]) {
         let (length, points) = (self.window.len(), ears[0].len());
         let mut sums = [(); 2].map(|()| vec![Complex64::default(); points]);
@@ -60,7 +57,7 @@ impl Lags {
         *ears = sums;
     }
 
-    /// Spectrum of the part from `start`.
+    /// Spectrum from point `start`.
     fn part(&self, ear: &[Complex64], start: usize) -> Vec<Complex64> {
         let value = |(n, window): (usize, &f64)| ear[(start + n) % ear.len()] * *window;
         let mut part: Vec<_> = self.window.iter().enumerate().map(value).collect();
@@ -94,8 +91,8 @@ impl Lags {
     }
 }
 
-/// Mean cosine of the phase between two Gaussian noises with real coherence: within 0.05 of `pi/4 c F(1/2,
-/// 1/2; 2; c^2)`, from the density of that phase (Goodman 2007, "Speckle Phenomena in Optics").
+/// Mean phase cosine between two Gaussian noises with real coherence: within 0.05 of `pi/4 c F(1/2, 1/2; 2;
+/// c^2)`, from the phase density (Goodman 2007, "Speckle Phenomena in Optics").
 fn mean_cosine(coherence: f64) -> f64 {
     FRAC_PI_4 * coherence + (1.0 - FRAC_PI_4) * coherence * coherence * coherence
 }
@@ -110,14 +107,14 @@ mod tests {
     use super::*;
     use avln_geom::Rng;
 
-    /// Two independent white noises with a period of `points` points.
+    /// Two independent white noises, a period long.
     fn two_noises() -> [Vec<Complex64>; 2] {
         let mut rng = Rng::new(4);
         let mut ear = || (0..PERIOD).map(|_| Complex64::new(rng.unit() - 0.5, rng.unit() - 0.5)).collect();
         [ear(), ear()]
     }
 
-    /// Highest phase correlation peak at relevant lags, mean over parts, 0 to 1.
+    /// Highest phase correlation at relevant lags, mean over parts, 0 to 1.
     fn peak(lags: &Lags, ears: &[Vec<Complex64>; 2]) -> f64 {
         let length = lags.window.len();
         let of_part = |start| {

@@ -1,8 +1,7 @@
-//! The noise of late energy. It is constant, so that positions are coherent.
+//! Noise for late energy, the same at every position, so that positions are coherent.
 //!
-//! Every band has nearly constant energy, so that decays follow the field instead of chance: "low-noise
-//! noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by repeated division by the envelope and restoration
-//! of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
+//! Source: "low-noise noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), by repeated division by the envelope and
+//! restoration of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
 
 use super::decorrelation::{Lags, PERIOD};
 use super::slices::BLOCK;
@@ -16,23 +15,23 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 /// Iterations of envelope flattening.
 const ROUNDS: usize = 12;
 
-/// Width of the border between bands, octaves.
+/// Border width between bands, octaves.
 const BORDER_OCTAVES: f64 = 0.25;
 
-/// Lowest frequency, hertz; lower frequencies are inaudible.
+// Lower frequencies are inaudible.
 const LOWEST_HZ: f64 = 40.0;
 
-/// DiffuseResponse-field response of a head at a frequency.
+/// A head's diffuse-field response at a frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DiffuseResponse {
     /// Energy at an ear relative to the free field.
     pub(super) energy: f64,
-    /// Real part of the interaural coherence, -1 to 1.
+    /// Interaural coherence, real part, -1 to 1.
     pub(super) coherence: f64,
 }
 
-/// Noise of unit spectral density by band, a period and a block long: in the free field, at both ears for a
-/// diffuse field, and at a point for directional sound.
+/// Noise with unit spectral density by band, a period and a block long: at both ears in a diffuse field, and
+/// at a point in the free field.
 pub(super) struct Noise {
     pub(super) left: [Vec<f32>; BANDS],
     pub(super) right: [Vec<f32>; BANDS],
@@ -40,7 +39,7 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Creates noise for ears with the diffuse-field response `diffuse` (by frequency in hertz).
+    /// Creates noise for ears with the response `diffuse` (by frequency in hertz).
     pub(super) fn new(diffuse: impl Fn(f64) -> DiffuseResponse) -> Self {
         let mut noise = Self::silent();
         for band in 0..BANDS {
@@ -59,7 +58,7 @@ impl Noise {
     }
 }
 
-/// Half sum and half difference of two ears' noise in a band, as positive-frequency spectra.
+/// Half sum and half difference between two ears' noise in a band, as positive-frequency spectra.
 struct EarPair {
     sum: Vec<Complex64>,
     difference: Vec<Complex64>,
@@ -96,7 +95,7 @@ impl EarPair {
         pair
     }
 
-    /// Restores the magnitudes of the spectra, without the phases.
+    /// Restores spectral magnitudes, without the phases.
     fn restore_magnitudes(&mut self) {
         let sizes = [(&mut self.sum, &self.sum_size), (&mut self.difference, &self.difference_size)];
         for (spectrum, sizes) in sizes {
@@ -107,9 +106,9 @@ impl EarPair {
         }
     }
 
-    /// Flattens the envelopes of both ears as far as the spectra allow.
+    /// Flattens both envelopes as far as the spectra allow.
     fn flatten_envelopes(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
-        // The envelope of a band needs at most twice as many points as bins.
+        // A band's envelope needs at most twice as many points as bins.
         let points = (2 * self.sum.len()).next_power_of_two().min(PERIOD);
         let (fourier, lags) = (Fourier::new(points), Lags::new(points, coherence));
         for _ in 0..ROUNDS {
@@ -129,7 +128,7 @@ impl EarPair {
         }
     }
 
-    /// Spectrum of an ear: `sign` is 1 for the left ear, -1 for the right ear.
+    /// An ear's spectrum: `sign` is 1 for the left ear, -1 for the right ear.
     fn ear(&self, sign: f64, points: usize) -> Vec<Complex64> {
         let mut ear: Vec<_> =
             self.sum.iter().zip(&self.difference).map(|(sum, difference)| sum + difference * sign).collect();
@@ -137,10 +136,10 @@ impl EarPair {
         ear
     }
 
-    /// Time signals of both ears.
+    /// Time signals at both ears.
     fn samples(&self) -> [Vec<f32>; 2] {
         let fourier = Fourier::new(PERIOD);
-        // A real signal has half of its spectrum at negative frequencies.
+        // A real signal has half its spectrum at negative frequencies.
         let scale = 2.0 / PERIOD as f64;
         [1.0, -1.0].map(|sign| {
             let mut ear = self.ear(sign, PERIOD);
@@ -153,14 +152,13 @@ impl EarPair {
     }
 }
 
-/// Last bin of `band`.
 fn highest_bin(band: usize) -> usize {
     let edge_hz = f64::from(BAND_HZ[band]) * libm::exp2(0.5 + 0.5 * BORDER_OCTAVES);
     let bin = edge_hz * PERIOD as f64 / f64::from(SAMPLE_RATE_HZ);
     (bin as usize).min(PERIOD / 2 - 1)
 }
 
-/// Energy share of `band` at `frequency_hz`; the shares add up to 1.
+/// Energy share in `band` at `frequency_hz`; all shares add up to 1.
 fn band_energy(band: usize, frequency_hz: f64) -> f64 {
     if frequency_hz < LOWEST_HZ {
         return 0.0;
@@ -205,7 +203,7 @@ mod tests {
             let bandwidth = f64::from(*center_hz) * std::f64::consts::FRAC_1_SQRT_2 / 8000.0;
             let expected = PERIOD as f64 * if band == BANDS - 1 { 0.293 } else { bandwidth };
             assert!((energy / expected - 1.0).abs() < 0.05, "band {band}: {energy} of {expected}");
-            // Slices of 10 ms: plain noise of 90 Hz bandwidth would vary by 75 %.
+            // 10 ms slices: plain noise with a bandwidth of 90 Hz would vary by 75 %.
             let slices = left.chunks(160).map(|slice| dot(slice, slice) * PERIOD as f64 / 160.0 / energy);
             let spread = slices.clone().map(|share| (share - 1.0) * (share - 1.0)).sum::<f64>();
             let spread = (spread / slices.count() as f64).sqrt();

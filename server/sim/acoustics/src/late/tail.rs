@@ -14,14 +14,13 @@ use avln_geom::Vector3;
 /// Inaudible energy relative to the direct wave at 1 m: -140 dB.
 const SILENT: f32 = 1e-7;
 
-/// Number of first slices (80 ms) with directional rendering including interaural delay. Later directions
-/// only change the level difference.
+/// Slices with directional rendering, the first 80 ms. Later directions only change the level difference.
 pub(super) const DIRECTED: usize = 16;
 
-/// Slices per group with a common direction in later sound.
+/// Later slices with a common direction.
 const GROUP: usize = 16;
 
-/// Adds `echo` to both ears of `listener`, starting after a path length of `first_m`.
+/// Adds `echo` to both ears, starting after a path length of `first_m`.
 pub(crate) fn add_tail(
     response: &mut ImpulseResponse,
     listener: &Listener,
@@ -44,15 +43,13 @@ pub(crate) fn add_tail(
     add_directed(response, &envelope, &slices, &densities, listener, settings, &heard.noise);
 }
 
-/// Directional share of the sound in a slice, 0 to 1.
-///
-/// Sound with a smooth asymmetry (`1 + 3 f cos`) has a flow of `f`; only a larger flow needs a direction.
+/// Directional share in a slice, 0 to 1.
 pub(super) fn directed_share(slice: &Slice) -> f32 {
     const BROAD: f32 = 0.22;
     ((slice.flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)
 }
 
-/// Gains of diffuse sound per slice at the left and right ear, by band.
+/// Diffuse gains per slice at the left and right ear, by band.
 fn shares(
     slices: &[Slice],
     listener: &Listener,
@@ -72,7 +69,7 @@ fn shares(
     shares
 }
 
-/// Gain of each ear for asymmetric sound.
+/// Gain per ear for asymmetric sound.
 fn group_tilt(group: &[Slice], listener: &Listener, settings: &Settings, heard: &HeardField) -> [Density; 2] {
     let weight = |slice: &Slice| slice.energy.iter().sum::<f32>();
     let total: f32 = group.iter().map(weight).sum();
@@ -86,7 +83,6 @@ fn group_tilt(group: &[Slice], listener: &Listener, settings: &Settings, heard: 
     ears.map(|ear| heard.tilt(&ear).map(|tilt| 1.0 - share + share * tilt))
 }
 
-/// Adds the diffuse part.
 fn add_diffuse(
     response: &mut ImpulseResponse,
     envelope: &Envelope,
@@ -117,7 +113,7 @@ fn add_diffuse(
     }
 }
 
-/// Adds a block of noise with gains from `before` to `after`.
+/// Adds a noise block with gains from `before` to `after`.
 fn add_block(
     samples: &mut [f32],
     noise: &[Vec<f32>; BANDS],
@@ -140,13 +136,13 @@ fn add_block(
     samples.iter_mut().zip(sums).for_each(|(sample, sum)| *sample += sum);
 }
 
-/// Smallest energy share of a slice with a direction.
+/// Smallest energy share for a slice with a direction.
 const MIN_SHARE: f32 = 1e-3;
 
-/// Taps of the fractional shift of a filter.
+/// Taps for the fractional filter shift.
 const MOVE_TAPS: usize = 4;
 
-/// Adds the directional part of every slice as noise through the filters of both ears.
+/// Adds the directional part of every slice as noise through the ear filters.
 fn add_directed(
     response: &mut ImpulseResponse,
     envelope: &Envelope,
@@ -172,7 +168,7 @@ fn add_directed(
     }
 }
 
-/// Noise of a slice, rising from the centre of the previous slice and falling to the centre of the next.
+/// Noise that rises from the previous slice centre and falls to the next.
 fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noise) -> Vec<f32> {
     let samples = envelope.samples_of(index);
     // Neighbouring slices overlap and use independent noise, so that their energies add.
@@ -189,7 +185,7 @@ fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noi
     sound
 }
 
-/// Adds `sound`, which passes the head centre from sample `first`, as heard by the ear.
+/// Adds `sound`, at the head centre from sample `first`, through an ear filter.
 fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, max_samples: usize) {
     let delay = filter.delay_s * f64::from(SAMPLE_RATE_HZ);
     let whole = libm::floor(delay);
@@ -199,7 +195,7 @@ fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarRes
     add_convolved(ear, sound, &taps, start, end.clamp(0, max_samples as i64) as usize);
 }
 
-/// The filter delayed by one sample and `fraction` (0 to 1): Lagrange interpolation with four taps.
+/// Delays the filter by one sample plus `fraction` (0 to 1): Lagrange interpolation with four taps.
 fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAPS] {
     let d = 1.0 + fraction;
     let weights = [

@@ -34,7 +34,7 @@ fn field(building: &Building, source: [f32; 3]) -> LateField {
     LateField::new(building, &source.into(), &Images::new(building, &source.into()))
 }
 
-/// Band energy per time slice, averaged over positions in the room, without air absorption.
+/// Band energy per time slice, averaged over room positions, without air absorption.
 fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> {
     let places: Vec<_> = (1..6).flat_map(|x| (1..5).map(move |z| [x as f32, 1.3, z as f32])).collect();
     let mut sums = Vec::new();
@@ -70,7 +70,7 @@ fn reverberation_s(energy: &[f64], from_s: f64, to_s: f64) -> f64 {
     -60.0 / slope
 }
 
-/// Volume and surface of the room, and reverberation times after Eyring and Sabine, seconds.
+/// Reverberation times after Eyring and Sabine, seconds.
 fn theory(absorption: f64) -> (f64, f64) {
     let [x, y, z] = SIZE_M.map(f64::from);
     let (volume, area) = (x * y * z, 2.0 * (x * y + y * z + z * x));
@@ -84,7 +84,7 @@ fn sound_decays_as_eyring_and_sabine_say() {
         let building = room(surface(absorption, scattering), settings(2000));
         let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1);
         let (eyring_s, sabine_s) = theory(f64::from(absorption));
-        // 250 Hz loses little to the air: 1.31 dB a kilometre.
+        // Air takes little at 250 Hz: 1.31 dB per kilometre.
         let air = |time_s: f64| 1.0 / (1.0 / time_s + 0.001_31 * f64::from(SPEED_OF_SOUND_M_S) / 60.0);
         let found_s = reverberation_s(&energy, 0.05 * eyring_s + 0.01, (0.6 * eyring_s).min(0.9));
         assert!(
@@ -158,8 +158,7 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
     let first = (3.0 / SPEED_OF_SOUND_M_S * 16_000.0) as usize;
     assert!(response.left[..first].iter().all(|sample| *sample == 0.0));
     assert_eq!(response.left, response.right);
-    // Octaves of white noise: half an octave to each side, with everything below the first and above the
-    // last.
+    // White noise in octaves: half an octave to both sides, the first and last extended.
     let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
     for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
         let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
@@ -184,7 +183,7 @@ fn what_walls_are_cut_into_does_not_matter() {
     assert!(step_db.abs() < 0.2, "{step_db} dB");
 }
 
-/// Energy from 10 to 60 ms at some positions with some keys: mean squared relative deviation.
+/// Mean squared relative deviation between keys: energy from 10 to 60 ms at some positions.
 fn variance(rays: usize) -> f64 {
     const KEYS: u64 = 8;
     let building = room(surface(0.1, 0.4), settings(rays));

@@ -1,4 +1,4 @@
-//! Rays that carry the energy of a source through a building.
+//! Rays that carry source energy through a building.
 
 use super::cells::NO_CELL;
 use super::slices::{CHANNELS, doublings, slice_of};
@@ -10,30 +10,30 @@ use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Hit, Point3, Rng, Vector3, angle};
 use std::f32::consts::{PI, TAU};
 
-/// Rays below this share of their initial energy in every band end: -65 dB.
+/// Rays with less initial energy in every band end: -65 dB.
 const MIN_ENERGY_SHARE: f32 = 3.2e-7;
 
-/// Limit on surfaces per ray; only rays trapped in a crack exceed it.
+/// Bounce limit; only rays trapped in a crack exceed it.
 const MAX_BOUNCES: u64 = 1 << 14;
 
-/// Offset of the next leg from the surface, metres.
+/// Offset from the surface for the next leg, metres.
 const OFF_SURFACE_M: f32 = 2e-4;
 
-/// Half of the rays end at fourfold slice width, and half of the remaining rays at eightfold width. Survivors
-/// count double, so every slice has the same statistics. A quarter continues to the end.
+// Half the rays end at fourfold slice width, half the rest at eightfold width. Survivors count double, so
+// every slice has equal statistics. A quarter continues to the end.
 const MAX_HALVINGS: u32 = 2;
 
-/// Smallest transmission probability, so that quiet rooms have even statistics.
+// A minimum keeps statistics even in quiet rooms.
 const MIN_TRANSMISSION_PROBABILITY: f32 = 0.02;
 
-/// Accumulated energy of all rays of a source.
+/// Accumulated energy from all rays.
 pub(super) struct Tally {
     /// Per cell: its row in `sums`, [`NO_CELL`] without rays.
     pub(super) row_of: Vec<u32>,
     /// `rows × bins × CHANNELS`: energy per square metre relative to the source at 1 m, times cubic metres.
     pub(super) sums: Vec<f32>,
     pub(super) bins: usize,
-    /// Energy share lost through holes of the building, mean over bands.
+    /// Energy share lost through holes, mean over bands.
     pub(super) lost_share: f32,
 }
 
@@ -55,7 +55,7 @@ struct Ray {
 }
 
 impl Ray {
-    /// Returns false if the ray ends because slices have become wider; a survivor takes over the weight.
+    /// Returns false if the ray ends because slices have become wider; survivors double their weights.
     fn survives(&mut self) -> bool {
         let due = doublings(self.length_m).saturating_sub(1).min(MAX_HALVINGS);
         while self.halvings < due {
@@ -66,7 +66,7 @@ impl Ray {
     }
 }
 
-/// The mirror sequence of a ray, as long as it may be a discrete wave.
+/// A ray's mirror sequence, while it may be a discrete wave.
 #[derive(Clone, Copy)]
 struct MirrorPath {
     planes: [PlaneId; MAX_ORDER],
@@ -91,7 +91,6 @@ impl MirrorPath {
         }
     }
 
-    /// The path after transmission through a surface.
     fn transmitted(self) -> Self {
         if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
     }
@@ -100,13 +99,13 @@ impl MirrorPath {
         Self { len: MAX_ORDER + 1, ..Self::straight() }
     }
 
-    /// Returns true if waves on this path are rendered as discrete waves.
+    /// Returns true if this path is rendered as a discrete wave.
     fn is_wave(&self, images: &Images) -> bool {
         self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
     }
 }
 
-/// Traces the rays of a source at `outlet`; `key` seeds the random draws.
+/// Traces rays from `outlet`; `key` seeds the random draws.
 pub(super) fn trace(
     building: &Building,
     outlet: &Point3<f32>,
@@ -145,9 +144,9 @@ struct Tracer<'a> {
     building: &'a Building,
     images: &'a Images,
     key: u64,
-    /// Length limit of rays, metres.
+    /// Ray length limit, metres.
     reach_m: f32,
-    /// Initial energy of a ray.
+    /// Initial energy per ray.
     energy: f32,
     tally: Tally,
 }
@@ -230,8 +229,7 @@ impl Tracer<'_> {
         };
     }
 
-    /// `direction` after a mirror: in the fitted plane if there is one, so that scan bumps do not deflect the
-    /// ray.
+    // Rays mirror in the fitted plane if possible, so that bumps in scans do not deflect them.
     fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
         let planes = &self.building.planes;
         let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
@@ -242,7 +240,7 @@ impl Tracer<'_> {
     }
 }
 
-/// Part of a leg inside a cell, metres from the start of the leg.
+/// Part of a leg inside a cell, metres from the leg's start.
 struct CellRun {
     cell: u32,
     from_m: f32,
@@ -277,7 +275,7 @@ impl Tally {
     }
 }
 
-/// Continuation of a ray at a surface, with its probability.
+/// A ray's continuation at a surface, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Interaction {
     Transmitted(f32),
@@ -286,7 +284,7 @@ enum Interaction {
 }
 
 impl Interaction {
-    /// Selects a continuation by `choice` in [0, 1). Absorption does not affect the selection.
+    /// Selects by `choice` in [0, 1). Absorption does not affect the selection.
     fn draw(surface: &Surface, choice: f32) -> Self {
         let through = match mean(&surface.transmission) {
             none if none <= 0.0 => 0.0,
@@ -329,7 +327,7 @@ fn mean(values: &[f32; SURFACE_BANDS]) -> f32 {
     values.iter().sum::<f32>() / SURFACE_BANDS as f32
 }
 
-/// Three random numbers in [0, 1) of a ray at a surface.
+/// Three random numbers in [0, 1) per ray and surface.
 struct RandomDraws {
     choice: f32,
     cos_squared: f32,
@@ -344,7 +342,7 @@ impl RandomDraws {
     }
 }
 
-/// A Lambertian direction around `normal`: the sum of the normal and a random unit vector.
+/// A Lambertian direction around `normal`: the normal plus a random unit vector.
 fn lambert(normal: &Vector3<f32>, draw: &RandomDraws) -> Vector3<f32> {
     let height = 1.0 - 2.0 * draw.cos_squared;
     let (sin, cos) = angle::sin_cos(TAU * draw.turn);
@@ -354,7 +352,7 @@ fn lambert(normal: &Vector3<f32>, draw: &RandomDraws) -> Vector3<f32> {
     direction.try_normalize(1e-4).unwrap_or(*normal)
 }
 
-/// `normal`, turned to the side of the incoming `direction`.
+/// `normal`, turned towards the incoming ray.
 fn against(normal: &Vector3<f32>, direction: &Vector3<f32>) -> Vector3<f32> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }

@@ -1,21 +1,19 @@
-//! Plane detection: directions with much surface, and the offsets of the surface in these directions.
+//! Plane detection: directions with large surface area, and the surface offsets along them.
 //!
-//! Exact planes are found first, then the bumpy planes of scans. Sums are weighted by area, so the
-//! triangulation has no effect. The mean area vector of a bumpy wall is the normal of its outline, because
-//! bumps cancel.
+//! Exact planes are found first, then the bumpy planes in scans.
 
 use super::{NO_PLANE, Plane};
 use avln_geom::{Point3, Vector3};
 use avln_scene::Scene;
 
-/// Tolerances of a plane.
+/// Plane tolerances.
 struct Tolerance {
-    /// Cosine of the angle between the normals.
+    /// Cosine between normals.
     cosine: f32,
     /// The angle in direction cells, rounded up.
     reach: i32,
     distance_m: f32,
-    /// Smallest area of a plane, square metres.
+    /// Smallest plane area, square metres.
     min_m2: f32,
 }
 
@@ -48,7 +46,7 @@ struct Fitter<'a> {
     found: Vec<(f32, Plane)>,
 }
 
-/// The planes of `scene`, largest first, and the plane of each triangle.
+/// Returns all planes, largest first, and the plane per triangle.
 pub(super) fn planes(scene: &Scene) -> (Vec<Plane>, Vec<u16>) {
     let mut fitter = Fitter::new(scene);
     fitter.search(&EXACT);
@@ -81,7 +79,7 @@ fn index([x, y, z]: [i32; 3]) -> u32 {
     ((z * 2 * HALF + y) * 2 * HALF + x) as u32
 }
 
-/// The cells within `reach` of the cell of `normal`.
+/// Cells within `reach` cells around `normal`.
 fn cells_around(normal: &Vector3<f32>, reach: i32) -> impl Iterator<Item = u32> + use<> {
     let cell = cell_of(normal) as i32;
     let around = move |middle: i32| (middle - reach).max(0)..=(middle + reach).min(2 * HALF - 1);
@@ -125,7 +123,7 @@ impl<'a> Fitter<'a> {
         used.map(|(cell, _)| cell as u32)
     }
 
-    /// The free facets of a cell.
+    /// Free facets in a cell.
     fn free(&self, cell: u32) -> impl Iterator<Item = usize> + '_ {
         let range = self.first_of[cell as usize]..self.first_of[cell as usize + 1];
         range.map(|facet| facet as usize).filter(|facet| self.taken_by[*facet].is_none())
@@ -135,7 +133,7 @@ impl<'a> Fitter<'a> {
         self.free(cell).map(|facet| self.facets[facet].area_m2).sum()
     }
 
-    /// Mean direction around the largest free facet of a cell.
+    /// Mean direction around the cell's largest free facet.
     fn direction(&self, cell: u32, tolerance: &Tolerance) -> Vector3<f32> {
         let larger = |a: &usize, b: &usize| self.facets[*a].area_m2.total_cmp(&self.facets[*b].area_m2);
         let Some(largest) = self.free(cell).max_by(larger) else { return Vector3::y() };
@@ -143,7 +141,7 @@ impl<'a> Fitter<'a> {
         self.mean_normal(&self.facing(&middle, tolerance), &middle)
     }
 
-    /// The free facets that face `direction` or its opposite.
+    /// Free facets that face `direction` or its opposite.
     fn facing(&self, direction: &Vector3<f32>, tolerance: &Tolerance) -> Vec<usize> {
         let sides = [*direction, -direction];
         let cells = sides.iter().flat_map(|side| cells_around(side, tolerance.reach));
@@ -183,7 +181,7 @@ impl<'a> Fitter<'a> {
         any
     }
 
-    /// Fits a plane to the free facets of `layer` and takes all matching facets of the row.
+    /// Fits a plane to the free facets in `layer` and takes all matching facets in the row.
     fn take_plane(
         &mut self,
         row: &[(f32, usize)],
@@ -219,7 +217,7 @@ impl<'a> Fitter<'a> {
         true
     }
 
-    /// The mean plane of `facets`.
+    /// Mean plane.
     fn fitted(&self, facets: &[usize], direction: &Vector3<f32>) -> Plane {
         let normal = self.mean_normal(facets, direction);
         let (mut moment, mut total) = (0.0, 0.0);
@@ -236,13 +234,13 @@ impl<'a> Fitter<'a> {
             && self.distance_m(facet, plane) <= tolerance.distance_m
     }
 
-    /// Largest distance of a facet corner from a plane, metres.
+    /// Largest corner distance from a plane, metres.
     fn distance_m(&self, facet: usize, plane: &Plane) -> f32 {
         let corners = self.scene.corners(self.facets[facet].triangle as usize);
         corners.iter().map(|corner| plane.height_m(corner).abs()).fold(0.0, f32::max)
     }
 
-    /// The planes by decreasing area, and the plane of every triangle.
+    /// Planes by decreasing area, and the plane per triangle.
     fn ranked(self) -> (Vec<Plane>, Vec<u16>) {
         let mut order: Vec<_> = (0..self.found.len()).collect();
         order.sort_by(|a, b| self.found[*b].0.total_cmp(&self.found[*a].0).then(a.cmp(b)));

@@ -1,10 +1,10 @@
-//! The table of materials.
+//! Material table.
 
 use super::{SURFACE_BANDS, Surface};
 
-/// A row of the table.
+/// A table row.
 struct Row {
-    /// Prefixes of name tokens.
+    /// Name token prefixes, separated by spaces.
     words: &'static str,
     /// Energy share not reflected, 0 to 1: absorption including transmission, as in the sources.
     lost: [f32; SURFACE_BANDS],
@@ -16,15 +16,15 @@ struct Row {
 /// No transmission.
 const CLOSED: [f32; SURFACE_BANDS] = [f32::INFINITY; SURFACE_BANDS];
 
-/// Half the transmission loss of a heavy wall.
+/// Half a heavy wall's transmission loss.
 const HEAVY: [f32; SURFACE_BANDS] = [20.0, 22.0, 24.0, 27.0, 30.0, 32.0];
 
-/// Scattering, including edges, of large smooth surfaces, surfaces with relief, and composite objects.
+/// Scattering, including edges, for large smooth surfaces, surfaces with relief, and composite objects.
 const SMOOTH: [f32; SURFACE_BANDS] = [0.1, 0.1, 0.1, 0.15, 0.2, 0.25];
 const ROUGH: [f32; SURFACE_BANDS] = [0.15, 0.2, 0.25, 0.35, 0.45, 0.55];
 const BROKEN: [f32; SURFACE_BANDS] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.75];
 
-/// Index of the row for unknown names.
+/// Row index for unknown names.
 pub(super) const UNKNOWN: usize = ROWS.len() - 1;
 
 /// Sources by row: `docs/acoustics.md`. The first matching row applies.
@@ -135,12 +135,12 @@ const ROWS: [Row; 17] = [
     },
 ];
 
-/// The rows as surfaces.
+/// Returns all rows as surfaces.
 pub(super) fn surfaces() -> Vec<Surface> {
     ROWS.iter().map(Row::surface).collect()
 }
 
-/// Index of the first row with a prefix of a token of `name`; `None` without a match.
+/// Returns the first row with a prefix of a token in `name`; `None` without a match.
 pub(super) fn find(name: &str) -> Option<usize> {
     let tokens = tokens(name);
     let fits = |row: &Row| {
@@ -149,7 +149,7 @@ pub(super) fn find(name: &str) -> Option<usize> {
     ROWS.iter().position(fits)
 }
 
-/// Lower-case words of a name, split at non-letters and before capitals.
+/// Lower-case words in a name, split at non-letters and before capitals.
 fn tokens(name: &str) -> Vec<String> {
     let mut tokens = vec![String::new()];
     let mut after_small = false;
@@ -207,7 +207,7 @@ mod tests {
         }
     }
 
-    /// A row in the format of the page.
+    /// A row as printed in the document.
     fn shown(row: &Row) -> String {
         let list = |values: &[f32; SURFACE_BANDS]| values.map(|value| format!("{value}")).join(" ");
         let reduction = if row.reduction_db == CLOSED { "closed".into() } else { list(&row.reduction_db) };
