@@ -11,7 +11,6 @@ use std::sync::Arc;
 /// Smallest room volume, cubic metres, by cells with six air neighbours.
 const MIN_ROOM_M3: f32 = 0.8;
 
-/// Air that carries sound.
 pub(crate) struct Air {
     rays: Arc<RayMesh>,
     grid: Grid,

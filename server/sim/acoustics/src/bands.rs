@@ -4,19 +4,13 @@ use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use std::f32::consts::{LN_10, PI};
 use std::sync::OnceLock;
 
-/// Number of octave bands.
 pub(crate) const BANDS: usize = 7;
-
-/// Band centres, hertz.
 pub(crate) const BAND_HZ: [f32; BANDS] = [125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
-
-/// Loss filter length.
 pub(crate) const LOSS_TAPS: usize = 48;
 
 /// Loss per band, decibels.
 pub(crate) type BandLoss = [f32; BANDS];
 
-/// Loss in a silent band, decibels.
 pub(crate) const SILENT_DB: f32 = 100.0;
 
 /// Air absorption at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels per metre (ISO 9613-1).
@@ -25,7 +19,6 @@ const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89
 /// Largest effective detour, metres: 25 dB diffraction loss at 4 kHz, less in lower bands.
 const MAX_DETOUR_M: f32 = 0.68;
 
-/// Absorption along `length_m` metres, decibels.
 pub(crate) fn air_loss(length_m: f32) -> BandLoss {
     AIR_DB_PER_M.map(|db| db * length_m)
 }
@@ -67,7 +60,6 @@ pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
     taps
 }
 
-/// Minimum-phase cepstra for one neper per band.
 fn band_cepstra() -> &'static [[f32; LOSS_TAPS]; BANDS] {
     static CEPSTRA: OnceLock<[[f32; LOSS_TAPS]; BANDS]> = OnceLock::new();
     CEPSTRA.get_or_init(|| std::array::from_fn(band_cepstrum))

@@ -31,7 +31,6 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Samples in the longest impulse response.
     pub(crate) fn response_samples(&self) -> usize {
         (self.response_s.max(0.0) * SAMPLE_RATE_HZ as f32) as usize
     }
@@ -48,7 +47,6 @@ impl Settings {
     }
 }
 
-/// Precomputed data for a building.
 pub(crate) struct Building {
     pub(crate) air: Air,
     pub(crate) planes: Planes,

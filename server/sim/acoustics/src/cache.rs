@@ -22,7 +22,6 @@ pub struct BuildingCache {
 // Increment whenever equal positions in equal buildings would give different bytes.
 pub(crate) const VERSION: u32 = 4;
 
-/// A list writer.
 #[derive(Default)]
 pub(crate) struct Writer {
     pub(crate) bytes: Vec<u8>,
@@ -64,7 +63,6 @@ impl<'a> Reader<'a> {
         Some(halves.collect())
     }
 
-    /// Returns true at the end.
     pub(crate) fn is_at_end(&self) -> bool {
         self.bytes.is_empty()
     }

@@ -41,59 +41,64 @@ pub enum ClipPool {
 
 /// A clip list.
 #[derive(Clone, Debug)]
-pub struct Bank(Content);
+pub struct Bank(Arc<[Entry]>);
 
 #[derive(Clone, Debug)]
-enum Content {
-    /// Indices of synthesised clips.
-    Synthesized(Arc<[usize]>),
-    Given(Arc<[Clip]>),
+enum Entry {
+    Synthesized(usize),
+    Given(Clip),
 }
 
 impl Bank {
-    /// Returns the clips in `pool`: 6 s long, from ten families. Clips are synthesised on first use and
-    /// cached.
+    /// Returns the clips in `pool`: 6 s long, from ten families. Clips are synthesised on first use and cached.
     pub fn of(pool: ClipPool) -> Self {
-        Self(Content::Synthesized((0..COUNT).filter(|&index| pool.holds(index)).collect()))
+        Self((0..COUNT).filter(|&index| pool.contains(index)).map(Entry::Synthesized).collect())
     }
 
     /// Creates a bank with `clips` in the given order.
     pub fn from_clips(clips: Vec<Clip>) -> Self {
-        Self(Content::Given(clips.into()))
+        Self(clips.into_iter().map(Entry::Given).collect())
     }
 
     /// Number of clips.
     pub fn len(&self) -> usize {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.len(),
-            Content::Given(clips) => clips.len(),
-        }
+        self.0.len()
     }
 
     /// Returns true without clips.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.0.is_empty()
     }
 
     /// Returns the clip at `index`; `None` if out of range.
     pub fn clip(&self, index: usize) -> Option<Clip> {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.get(index).map(|&index| clip(index).clone()),
-            Content::Given(clips) => clips.get(index).cloned(),
-        }
+        self.0.get(index).map(Entry::clip)
     }
 
     /// Returns all names in order, without synthesis.
     pub fn names(&self) -> Vec<String> {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.iter().map(|&index| name(index)).collect(),
-            Content::Given(clips) => clips.iter().map(|clip| clip.name.clone()).collect(),
-        }
+        self.0.iter().map(Entry::name).collect()
     }
 
     /// Returns all clips in order.
     pub fn clips(&self) -> impl Iterator<Item = Clip> {
-        (0..self.len()).filter_map(|index| self.clip(index))
+        self.0.iter().map(Entry::clip)
+    }
+}
+
+impl Entry {
+    fn clip(&self) -> Clip {
+        match self {
+            Self::Synthesized(index) => clip(*index).clone(),
+            Self::Given(clip) => clip.clone(),
+        }
+    }
+
+    fn name(&self) -> String {
+        match self {
+            Self::Synthesized(index) => name(*index),
+            Self::Given(clip) => clip.name.clone(),
+        }
     }
 }
 
@@ -104,8 +109,8 @@ impl Default for Bank {
 }
 
 impl ClipPool {
-    /// Returns true if the pool contains the synthesised clip at `index`.
-    fn holds(self, index: usize) -> bool {
+    fn contains(self, index: usize) -> bool {
+        // Seven clips per family are for training; validation and test share three, with the larger part in turn.
         let (family, number) = (index / CLIPS_PER_FAMILY, index % CLIPS_PER_FAMILY);
         let validation_end = 8 + family % 2;
         match self {
@@ -118,15 +123,10 @@ impl ClipPool {
 }
 
 const CLIPS_PER_FAMILY: usize = 10;
-
 const COUNT: usize = FAMILIES.len() * CLIPS_PER_FAMILY;
-
 const SEED: u64 = 0x61_766c_6e01;
 
 /// Returns the clip at `index`, synthesised on first use.
-///
-/// # Panics
-/// If `index` is out of range.
 fn clip(index: usize) -> &'static Clip {
     static CLIPS: [OnceLock<Clip>; COUNT] = [const { OnceLock::new() }; COUNT];
     CLIPS[index].get_or_init(|| synthesize(index))

@@ -9,7 +9,6 @@ pub(crate) struct Convolver {
     window: usize,
     transform: Transform,
     sum: Complexes,
-    /// Spectra for reuse.
     spare: Vec<Complexes>,
 }
 
@@ -91,12 +90,10 @@ impl Convolver {
         Filter { taps, parts: vec![None; longest.div_ceil(self.block)] }
     }
 
-    /// Recycles a filter's buffers.
     pub(crate) fn recycle(&mut self, filter: Filter) {
         self.spare.extend(filter.parts.into_iter().flatten());
     }
 
-    /// Appends a block to an input.
     pub(crate) fn feed(&mut self, input: &mut Input, block: &[f32]) {
         input.recent.copy_within(block.len().., 0);
         let now = input.recent.len() - block.len();

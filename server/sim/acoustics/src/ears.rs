@@ -43,7 +43,6 @@ struct Channel {
     /// Emitted signal, as long as an impulse response.
     dry: Input,
     sounding: bool,
-    /// State in the previous step.
     previous: Option<Previous>,
 }
 
@@ -126,16 +125,12 @@ impl Channel {
         convolver.feed(&mut self.dry, &block);
     }
 
-    /// Renders this step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
         let only_rings = self.dry.silent_samples() >= count + RINGING_SAMPLES;
-        let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
         let (mut now, before) = match self.previous.take() {
-            Some(before) if is_as_before(&before) => (before, None),
-            Some(before) => self.turn(listener, before, convolver),
-            None => {
-                (self.listen(listener, self.emitter.source.heard_at(&listener.position), convolver), None)
-            }
+            // A diffuse tail alone does not change audibly with the pose.
+            Some(before) if only_rings || before.listener == *listener => (before, None),
+            before => self.turn(listener, before, convolver),
         };
         let mut ears = convolver.output(&self.dry, &mut now.filter);
         if let Some(mut filter) = before {
@@ -149,21 +144,22 @@ impl Channel {
         ears
     }
 
-    /// Returns the state for a new pose and the previous filter.
+    /// Returns the state for a new pose, and the previous filter.
     fn turn(
         &self,
         listener: &Listener,
-        before: Previous,
+        before: Option<Previous>,
         convolver: &Convolver,
     ) -> (Previous, Option<Filter>) {
-        let stays = before.listener.position == listener.position;
-        let heard = if stays { before.heard } else { self.emitter.source.heard_at(&listener.position) };
-        (self.listen(listener, heard, convolver), Some(before.filter))
-    }
-
-    fn listen(&self, listener: &Listener, heard: Heard, convolver: &Convolver) -> Previous {
-        let ImpulseResponse { left, right } = self.emitter.source.response(listener, &heard);
-        Previous { listener: *listener, heard, filter: convolver.filter([left, right]) }
+        let source = &self.emitter.source;
+        let (heard, old) = match before {
+            Some(before) if before.listener.position == listener.position => {
+                (before.heard, Some(before.filter))
+            }
+            before => (source.heard_at(&listener.position), before.map(|before| before.filter)),
+        };
+        let ImpulseResponse { left, right } = source.response(listener, &heard);
+        (Previous { listener: *listener, heard, filter: convolver.filter([left, right]) }, old)
     }
 }
 

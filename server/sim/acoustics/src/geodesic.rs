@@ -14,7 +14,6 @@ pub(crate) const APART_M: f32 = 0.5;
 /// Longest excess over the shortest path for a second path, metres.
 pub(crate) const LONGER_M: f32 = 3.0;
 
-/// Shortest paths from a source.
 pub(crate) struct GeodesicField {
     /// Path corners, source first.
     corners: Vec<Corner>,
@@ -35,12 +34,10 @@ struct Corner {
 /// A path through the air: listener, corners, source.
 pub(crate) type AirPath = Vec<Point3<f32>>;
 
-/// Path length, metres.
 pub(crate) fn length_m(path: &[Point3<f32>]) -> f32 {
     path.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
 }
 
-/// Horizontal distance, metres.
 pub(crate) fn horizontal_m(one: &Point3<f32>, other: &Point3<f32>) -> f32 {
     let offset = one - other;
     (offset.x * offset.x + offset.z * offset.z).sqrt()
@@ -103,20 +100,26 @@ impl GeodesicField {
         let mut bends: Vec<_> = self.other_bends(first).collect();
         bends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut tried: Vec<u32> = Vec::new();
-        let new = bends.into_iter().map(|(_, bend)| bend).filter(|bend| {
-            let known = tried.iter().any(|other| self.are_in_line(*bend, *other));
-            let new = !known && self.chain(*bend).all(|point| horizontal_m(point, &first[1]) > APART_M);
-            tried.extend(new.then_some(*bend));
-            new
-        });
-        let other = new.take(MAX_TRIED).filter(|bend| self.is_other(air.rays(), first, *bend));
-        let paths = other.take(MAX_TIGHTENED).map(|bend| {
-            let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
-            tighten(air.rays(), &mut path);
-            path
-        });
-        let mut paths = paths;
-        paths.find(|path| path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M)
+        let mut tightened = 0;
+        for (_, bend) in bends {
+            let known = tried.iter().any(|other| self.are_in_line(bend, *other));
+            if known || !self.chain(bend).all(|point| horizontal_m(point, &first[1]) > APART_M) {
+                continue;
+            }
+            if tried.len() == MAX_TRIED || tightened == MAX_TIGHTENED {
+                break;
+            }
+            tried.push(bend);
+            if self.is_other(air.rays(), first, bend) {
+                tightened += 1;
+                let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
+                tighten(air.rays(), &mut path);
+                if path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M {
+                    return Some(path);
+                }
+            }
+        }
+        None
     }
 
     /// Returns true if two corners are on a vertical line.
@@ -190,7 +193,6 @@ fn is_taut(rays: &RayMesh, [before, corner, after]: [&Point3<f32>; 3]) -> bool {
 
 const SOURCE: u32 = 0;
 
-/// Exploration state.
 struct Search<'a> {
     air: &'a Air,
     corners: Vec<Corner>,

@@ -30,7 +30,8 @@ const MAX_ARRIVALS: usize = 40;
 /// Mirror planes along a ray, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
 
-/// All mirror images of a source.
+type Sequences = BTreeMap<Sequence, RayHits>;
+
 pub(crate) struct Images {
     outlet: Point3<f32>,
     /// Sorted by sequence.
@@ -54,8 +55,8 @@ struct RayHits {
 
 impl Default for RayHits {
     fn default() -> Self {
-        let nowhere =
-            Aabb { min: Point3::from([f32::INFINITY; 3]), max: Point3::from([f32::NEG_INFINITY; 3]) };
+        let [min, max] = [f32::INFINITY, f32::NEG_INFINITY].map(|at| Point3::from([at; 3]));
+        let nowhere = Aabb { min, max };
         Self { rays: 0, hits: [(nowhere, 0.0); MAX_ORDER] }
     }
 }
@@ -74,10 +75,11 @@ impl RayHits {
 impl Images {
     /// Finds the images up to the order in the settings, at most three.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>) -> Self {
-        let order = building.settings.reflection_order.min(MAX_ORDER);
-        let mut found = BTreeMap::new();
-        for ray in 0..if order == 0 { 0 } else { RAYS } {
-            follow(building, outlet, angle::spread_direction(ray, RAYS), order, &mut found);
+        let mut found = Sequences::new();
+        if building.settings.reflection_order > 0 {
+            for ray in 0..RAYS {
+                follow(building, outlet, angle::spread_direction(ray, RAYS), &mut found);
+            }
         }
         let hits = found.into_iter().filter(|(_, found)| found.rays >= MIN_RAYS);
         let images = hits.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
@@ -119,12 +121,12 @@ impl Images {
     ) -> Vec<Arrival> {
         let reach_m = building.settings.reach_m();
         let lit = self.images.iter().filter(|image| image.may_reach(building, listener, reach_m));
-        let around = places_around(building, listener);
+        let places = places_around(building, listener);
         let loudest_db = others.iter().map(strength_db).fold(f32::NEG_INFINITY, f32::max);
         let heard = lit.filter_map(|image| {
             let most_db = -10.0 * libm::log10f((image.position - listener).norm_squared());
-            let around = if most_db < loudest_db - FAINT_DB { &[] } else { around.as_slice() };
-            image.blurred(building, &self.outlet, listener, around)
+            let count = if most_db < loudest_db - FAINT_DB { 1 } else { places.len() };
+            image.blurred(building, &self.outlet, &places[..count])
         });
         let mut arrivals: Vec<_> = heard.collect();
         arrivals.sort_by(|a, b| strength_db(b).total_cmp(&strength_db(a)));
@@ -147,7 +149,7 @@ const BLUR_M: f32 = 0.25;
 // If all rim points and the centre agree, no further points are tested.
 const RIM: usize = 4;
 
-/// Points spread over a horizontal disc around the listener, limited by obstacles; the rim first.
+/// The listener, then points spread over a horizontal disc around it, limited by obstacles; the rim first.
 fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
     const PLACES: usize = 14;
     let place = |index: usize| {
@@ -155,7 +157,7 @@ fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>
         listener + Vector3::new(cos, 0.0, sin) * radius_m
     };
     let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
-    (0..PLACES).rev().map(place).filter(clear).collect()
+    std::iter::once(*listener).chain((0..PLACES).rev().map(place).filter(clear)).collect()
 }
 
 /// Serialised words per image.
@@ -184,9 +186,7 @@ impl Image {
             }),
         })
     }
-}
 
-impl Image {
     fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &RayHits) -> Self {
         let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
         // Approximate spacing between neighbouring rays; larger at grazing incidence.
@@ -206,53 +206,35 @@ impl Image {
             point.is_some()
         };
         let near = (self.position - listener).norm_squared() < reach_m * reach_m;
-        near && self
-            .sequence
-            .iter()
-            .zip(&self.lit)
-            .rev()
-            .filter_map(|(id, lit)| Some((id.as_ref()?, lit)))
-            .all(&mut passes)
+        let mut mirrors =
+            self.sequence.iter().zip(&self.lit).rev().filter_map(|(id, lit)| Some((id.as_ref()?, lit)));
+        near && mirrors.all(&mut passes)
     }
 
-    /// Returns the wave, scaled by the energy share at the points around the listener.
-    fn blurred(
-        &self,
-        building: &Building,
-        outlet: &Point3<f32>,
-        listener: &Point3<f32>,
-        around: &[Point3<f32>],
-    ) -> Option<Arrival> {
-        let loss_at = |place: &Point3<f32>| self.mirrors_loss(building, outlet, place);
-        let (rim, rest) = around.split_at(around.len().min(RIM));
-        let mut losses: Vec<_> = std::iter::once(listener).chain(rim).filter_map(loss_at).collect();
+    /// Returns the wave to the first place, scaled by the energy share at all places.
+    fn blurred(&self, building: &Building, outlet: &Point3<f32>, places: &[Point3<f32>]) -> Option<Arrival> {
+        let loss_at = |place: &Point3<f32>| self.path_loss(building, outlet, place);
+        let (near, rest) = places.split_at(places.len().min(1 + RIM));
+        let mut losses: Vec<_> = near.iter().filter_map(loss_at).collect();
         let mirrors = losses.first().copied()?;
         let mut share = 1.0;
-        if losses.len() <= rim.len() {
+        if losses.len() < near.len() {
             losses.extend(rest.iter().filter_map(loss_at));
-            share = losses.len() as f32 / (1 + around.len()) as f32;
+            share = losses.len() as f32 / places.len() as f32;
         }
-        let offset = self.position - listener;
+        let offset = self.position - places[0];
         let length_m = offset.norm();
         let other_db = air_loss(length_m).map(|db| db - 10.0 * libm::log10f(share));
         let loss = both(&mirrors, &other_db);
         let heard = loss.iter().any(|db| *db < SILENT_DB);
-        heard.then(|| Arrival {
-            direction: offset / length_m,
-            length_m,
-            loss: loss.map(|db| db.min(SILENT_DB)),
-        })
+        let loss = loss.map(|db| db.min(SILENT_DB));
+        heard.then(|| Arrival { direction: offset / length_m, length_m, loss })
     }
 
     /// Returns the mirror losses, if rays confirm every mirror and find no obstacle.
-    fn mirrors_loss(
-        &self,
-        building: &Building,
-        outlet: &Point3<f32>,
-        listener: &Point3<f32>,
-    ) -> Option<BandLoss> {
+    fn path_loss(&self, building: &Building, outlet: &Point3<f32>, place: &Point3<f32>) -> Option<BandLoss> {
         let mut loss = [0.0; BANDS];
-        let (mut seen, mut from) = (self.position, *listener);
+        let (mut seen, mut from) = (self.position, *place);
         for id in self.sequence.iter().rev().flatten() {
             let plane = building.planes.plane(*id);
             let point = crossing(plane, &from, &seen)?;
@@ -270,7 +252,6 @@ fn mirrors<'a>(building: &'a Building, sequence: &'a Sequence) -> impl Iterator<
     sequence.iter().flatten().map(|id| building.planes.plane(*id))
 }
 
-/// Intersection with the line between two points on different sides.
 fn crossing(plane: &Plane, from: &Point3<f32>, to: &Point3<f32>) -> Option<Point3<f32>> {
     let (here, there) = (plane.height_m(from), plane.height_m(to));
     let apart = (here > 0.0 && there < 0.0) || (here < 0.0 && there > 0.0);
@@ -293,24 +274,17 @@ fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3
 fn mirror_loss(surface: &Surface) -> BandLoss {
     std::array::from_fn::<_, BANDS, _>(|band| {
         let band = band.min(SURFACE_BANDS - 1);
-        let back = 1.0 - surface.absorption[band] - surface.transmission[band];
-        let share = (back * (1.0 - surface.scattering[band])).clamp(0.0, 1.0);
+        let share = (surface.reflected(band) * (1.0 - surface.scattering[band])).clamp(0.0, 1.0);
         if share < 1e-10 { SILENT_DB } else { -10.0 * libm::log10f(share) }
     })
 }
 
 /// Adds the sequences along a ray.
-fn follow(
-    building: &Building,
-    outlet: &Point3<f32>,
-    mut direction: Vector3<f32>,
-    order: usize,
-    found: &mut BTreeMap<Sequence, RayHits>,
-) {
+fn follow(building: &Building, outlet: &Point3<f32>, mut direction: Vector3<f32>, found: &mut Sequences) {
     let mut sequence = [None; MAX_ORDER];
     let mut bounces = [(*outlet, 0.0); MAX_ORDER];
     let (mut from, mut path_m) = (*outlet, 0.0);
-    for bounce in 0..order {
+    for bounce in 0..building.settings.reflection_order.min(MAX_ORDER) {
         let reach_m = building.settings.reach_m() - path_m;
         let Some(hit) = building.air.rays().cast(&from, &direction, reach_m) else { return };
         let Some(id) = building.planes.of(hit.triangle) else { return };

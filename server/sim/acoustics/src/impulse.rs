@@ -34,7 +34,6 @@ pub(crate) struct Arrival {
 }
 
 impl Arrival {
-    /// Effective path length, metres.
     fn heard_length_m(&self) -> f32 {
         self.length_m.max(MIN_DISTANCE_M)
     }
@@ -57,7 +56,6 @@ pub struct ImpulseResponse {
 }
 
 impl ImpulseResponse {
-    /// Sums all `arrivals` at both ears.
     pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {

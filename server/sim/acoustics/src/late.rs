@@ -1,7 +1,6 @@
 //! Late energy in the whole building: all reflections without a discrete direction.
 
 pub(crate) mod cells;
-mod decorrelation;
 pub(crate) mod diffuse;
 mod noise;
 pub(crate) mod slices;

@@ -92,7 +92,6 @@ pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
     lead_s(&wave.left, &wave.right)
 }
 
-/// Energy by ear and band.
 type Ears = [[f64; SURFACE_BANDS]; 2];
 
 fn both(energies: &Ears, band: usize) -> f64 {
@@ -162,7 +161,6 @@ fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> CrossSpectrum {
     }
 }
 
-/// Fourier sum at `turn` radians per sample.
 fn bin(ear: &[f32], turn: f64) -> (f64, f64) {
     let heard = ear.iter().enumerate().filter(|(_, tap)| **tap != 0.0);
     heard.fold((0.0, 0.0), |(re, im), (n, tap)| {

@@ -51,7 +51,6 @@ pub struct FirstWave {
     pub response: ImpulseResponse,
 }
 
-/// Arrivals at a position.
 pub(crate) struct Heard {
     arrivals: Vec<Arrival>,
     echo: Echo,
@@ -212,7 +211,6 @@ impl Source {
         response
     }
 
-    /// Settings with this source's head model.
     fn settings(&self) -> Settings {
         Settings { head: self.head.clone(), ..self.data.building.settings.clone() }
     }

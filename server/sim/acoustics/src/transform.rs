@@ -204,7 +204,6 @@ fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
     lanes
 }
 
-/// The results of `find` per index.
 #[inline(always)]
 fn each<const L: usize, const N: usize>(find: impl Fn(usize) -> [f32; L]) -> [[f32; L]; N] {
     let mut found = [[0.0; L]; N];

@@ -127,10 +127,7 @@ fn first_leg(path: &[Point3<f32>]) -> Vector3<f32> {
     bearing(&path[0], ahead.unwrap_or(&path[path.len() - 1])).0
 }
 
-/// Rays per bundle.
 const RAYS: usize = 32;
-
-/// Bundle radius, metres.
 const RADIUS_M: f32 = 0.3;
 
 /// Visible source share: a soft shadow boundary instead of a switch.
@@ -141,7 +138,6 @@ struct Visibility {
     share: f32,
 }
 
-/// Casts a bundle of parallel rays from `listener` to `source`.
 fn visibility(rays: &RayMesh, listener: &Point3<f32>, source: &Point3<f32>) -> Visibility {
     let line = source - listener;
     let center = rays.is_clear(listener, source);

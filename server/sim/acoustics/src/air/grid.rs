@@ -11,7 +11,6 @@ const MAX_CELLS: f32 = 1.0e6;
 /// Cubic cells in a box; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
-    /// Centre of cell 0.
     pub(crate) first_center: Point3<f32>,
     pub(crate) cell_m: f32,
     pub(crate) size: [usize; 3],
@@ -118,7 +117,6 @@ pub(crate) fn march(
     }
 }
 
-/// Lower grid bound on `axis`.
 fn low(grid: &Grid, axis: usize) -> f32 {
     grid.first_center[axis] - 0.5 * grid.cell_m
 }

@@ -21,20 +21,17 @@ const MIN_SHARE: f32 = 0.3;
 /// Lowest clip frequency, hertz.
 const CUT_HZ: f32 = 80.0;
 
-/// Mastering for raw loops with equal lengths.
 pub(super) struct Mastering {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
 }
 
 impl Mastering {
-    /// Plans transforms for `length` samples.
     pub(super) fn new(length: usize) -> Self {
         let mut planner = RealFftPlanner::<f32>::new();
         Self { forward: planner.plan_fft_forward(length), inverse: planner.plan_fft_inverse(length) }
     }
 
-    /// Balances, limits and levels a loop in place.
     pub(super) fn apply(&self, sound: &mut [f32]) {
         const ROUNDS: usize = 4;
         self.balance(sound);
@@ -134,9 +131,7 @@ pub(super) fn weighted_mean_square(spectrum: &[Complex32], length: usize) -> f64
 
 /// A-weighting as an energy factor, 1 at 1 kHz (IEC 61672-1, annex E).
 fn weight(frequency_hz: f64) -> f64 {
-    /// Squared corner frequencies.
     const CORNERS: [f64; 4] = [20.6 * 20.6, 107.7 * 107.7, 737.9 * 737.9, 12_194.0 * 12_194.0];
-    /// Formula value at 1 kHz.
     const AT_1_KHZ: f64 = 0.630_978;
     let squared = frequency_hz * frequency_hz;
     let [a, b, c, d] = CORNERS.map(|corner| squared + corner);

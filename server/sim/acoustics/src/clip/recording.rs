@@ -7,10 +7,7 @@ use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
-/// Permitted sample rates, hertz.
 const RATES_HZ: RangeInclusive<u32> = 8_000..=192_000;
-
-/// Permitted lengths, seconds.
 const LENGTHS_S: RangeInclusive<f64> = 1.0..=60.0;
 
 // Most files reach 1; larger values are damage.
@@ -22,18 +19,12 @@ const SEAM_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 /// Recording errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RecordingError {
-    /// Sample rate out of range.
-    #[error("it has {rate_hz} samples a second; {} to {} are possible", RATES_HZ.start(), RATES_HZ.end())]
-    Rate {
-        /// Sample rate, hertz.
-        rate_hz: u32,
-    },
-    /// Length out of range.
-    #[error("it is {length_s:.2} s long; {} to {} s are possible", LENGTHS_S.start(), LENGTHS_S.end())]
-    Length {
-        /// Length, seconds.
-        length_s: f64,
-    },
+    /// Sample rate out of range, hertz.
+    #[error("its sample rate is {0} Hz; 8000 to 192000 Hz are supported")]
+    Rate(u32),
+    /// Length out of range, seconds.
+    #[error("it is {0:.2} s long; 1 to 60 s are supported")]
+    Length(f64),
     /// A sample that is not finite or too large.
     #[error("its sample {index} is {value}; save it again with samples from -1 to 1")]
     Sample {
@@ -43,7 +34,7 @@ pub enum RecordingError {
         value: f32,
     },
     /// A silent recording.
-    #[error("it is silent; take it out or record it again")]
+    #[error("it is silent; remove it or record it again")]
     Silent,
 }
 
@@ -66,11 +57,11 @@ impl Clip {
 
 fn check(samples: &[f32], rate_hz: u32) -> Result<(), RecordingError> {
     if !RATES_HZ.contains(&rate_hz) {
-        return Err(RecordingError::Rate { rate_hz });
+        return Err(RecordingError::Rate(rate_hz));
     }
     let length_s = samples.len() as f64 / f64::from(rate_hz);
     if !LENGTHS_S.contains(&length_s) {
-        return Err(RecordingError::Length { length_s });
+        return Err(RecordingError::Length(length_s));
     }
     match samples.iter().position(|sample| sample.is_nan() || sample.abs() > LARGEST) {
         Some(index) => Err(RecordingError::Sample { index, value: samples[index] }),
@@ -95,7 +86,6 @@ const CROSSINGS: f64 = 24.0;
 /// Half-amplitude frequency relative to the lower Nyquist frequency.
 const EDGE: f64 = 0.95;
 
-/// Resamples by a windowed sinc.
 pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     if from_hz == to_hz {
         return samples.to_vec();
@@ -191,10 +181,10 @@ mod tests {
     #[test]
     fn what_cannot_be_a_clip_is_refused_with_the_reason() {
         let refused = |samples: &[f32], rate_hz| Clip::recorded("", samples, rate_hz).expect_err("no clip");
-        assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate { rate_hz: 7999 });
-        assert_eq!(refused(&[], 16_000), RecordingError::Length { length_s: 0.0 });
+        assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate(7999));
+        assert_eq!(refused(&[], 16_000), RecordingError::Length(0.0));
         assert!(refused(&[0.1; 15_999], 16_000).to_string().contains("1 to 60 s"));
-        assert!(matches!(refused(&vec![0.1; 61 * 8000], 8000), RecordingError::Length { .. }));
+        assert!(matches!(refused(&vec![0.1; 61 * 8000], 8000), RecordingError::Length(_)));
         for silence in [0.0, 1e-9] {
             assert_eq!(refused(&[silence; 16_000], 16_000), RecordingError::Silent);
         }

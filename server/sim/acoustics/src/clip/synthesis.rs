@@ -7,7 +7,6 @@ use std::f32::consts::{PI, TAU};
 /// Clip length, samples: six seconds.
 pub(super) const CLIP_SAMPLES: usize = 6 * SAMPLE_RATE_HZ as usize;
 
-/// A silent loop.
 pub(super) fn silence() -> Vec<f32> {
     vec![0.0; CLIP_SAMPLES]
 }
@@ -29,7 +28,6 @@ pub(super) fn pink(rng: &mut Rng) -> Vec<f32> {
     pink
 }
 
-/// Converts seconds to samples.
 pub(super) fn samples(seconds: f32) -> usize {
     (seconds * SAMPLE_RATE_HZ as f32) as usize
 }
@@ -127,12 +125,10 @@ pub(super) fn normalized(signal: &[f32]) -> Vec<f32> {
     signal.iter().map(|sample| gain * sample).collect()
 }
 
-/// Product with the shorter length.
 pub(super) fn shaped(signal: &[f32], envelope: &[f32]) -> Vec<f32> {
     signal.iter().zip(envelope).map(|(sample, gain)| sample * gain).collect()
 }
 
-/// Smooth pulses at `pitch_hz`.
 pub(super) fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
     let turn = turn_of(pitch_hz);
     // A high power of a raised cosine is a narrow hump per period.

@@ -6,7 +6,6 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
-/// Head filter length.
 pub(crate) const HEAD_TAPS: usize = 64;
 
 /// Samples before the wave front.
@@ -24,6 +23,7 @@ const ROLL_OFF_FROM_HZ: f64 = 6000.0;
 pub(crate) type Filter = [f32; HEAD_TAPS];
 
 /// An ear's response to a wave.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EarResponse {
     /// Filter with the wave front at tap [`HEAD_LEAD`].
     pub(crate) filter: Filter,

@@ -1,6 +1,6 @@
 //! Measured heads.
 
-use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_POINTS, EarResponse, HEAD_TAPS, design_from};
 use super::sofa::{EarMeasurement, HeadError, Measurements};
 use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
@@ -9,6 +9,7 @@ use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
+use std::cmp::Ordering;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::OnceLock;
@@ -36,18 +37,9 @@ const LOW_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 /// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
 pub struct MeasuredHead {
     /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
-    table: Vec<[Ear; 2]>,
+    table: Vec<[EarResponse; 2]>,
     /// Response to diffuse sound, computed on first use.
     pub(super) heard_field: OnceLock<HeardField>,
-}
-
-/// An ear's response to a wave.
-#[derive(Clone, Debug, PartialEq)]
-struct Ear {
-    /// The wave front is tap [`HEAD_LEAD`](super::filter::HEAD_LEAD).
-    filter: Filter,
-    /// Wave-front delay relative to the head centre, seconds.
-    delay_s: f64,
 }
 
 impl MeasuredHead {
@@ -65,7 +57,7 @@ impl MeasuredHead {
         let measured = read.unwrap_or(Err(HeadError::NoSofa))?;
         let mut analysis = Analysis::new(measured.rate_hz);
         let ears = measured.ears.iter().map(|ears| ears.each_ref().map(|ear| analysis.ear(ear)));
-        let mut ears: Vec<[Ear; 2]> = ears.collect();
+        let mut ears: Vec<[EarResponse; 2]> = ears.collect();
         let power: f64 = analysis.low_power / (2 * ears.len()) as f64;
         if power.is_nan() || power <= 0.0 {
             return Err(HeadError::Silent);
@@ -98,10 +90,7 @@ impl MeasuredHead {
             ((up + 1) * AROUND + next, up_share * around_share),
         ];
         [0, 1].map(|ear| {
-            let ear = weighted_sum(
-                corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))),
-            );
-            EarResponse { filter: ear.filter, delay_s: ear.delay_s }
+            weighted_sum(corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))))
         })
     }
 }
@@ -133,7 +122,11 @@ fn node_direction(up: usize, around: usize) -> Vector3<f64> {
 }
 
 /// Interpolates between the measurements nearest to `direction`.
-fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 2]]) -> [Ear; 2] {
+fn interpolated(
+    direction: &Vector3<f64>,
+    known: &[Vector3<f64>],
+    ears: &[[EarResponse; 2]],
+) -> [EarResponse; 2] {
     // Half the squared chord, almost half the squared angle. Smaller values count as zero distance.
     const SAME: f64 = 1e-6;
     let mut nearest: Vec<(f64, usize)> =
@@ -150,8 +143,8 @@ fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 
     })
 }
 
-fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
-    let mut sum = Ear { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
+fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a EarResponse, f64)>) -> EarResponse {
+    let mut sum = EarResponse { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
     for (ear, share) in parts {
         sum.filter.iter_mut().zip(&ear.filter).for_each(|(sum, tap)| *sum += share as f32 * tap);
         sum.delay_s += share * ear.delay_s;
@@ -160,7 +153,7 @@ fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
 }
 
 /// Mean wave-front delay relative to a sphere, seconds.
-fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
+fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[EarResponse; 2]]) -> f64 {
     let lags = directions.iter().zip(ears).flat_map(|(direction, ears)| {
         // At heading 0, ahead is -Z and left is -X.
         let world = Vector3::new(-direction.y as f32, direction.z as f32, -direction.x as f32);
@@ -187,13 +180,13 @@ impl Analysis {
         Self { rate_hz, turns, planner: RealFftPlanner::new(), low_power: 0.0 }
     }
 
-    fn ear(&mut self, measured: &EarMeasurement) -> Ear {
+    fn ear(&mut self, measured: &EarMeasurement) -> EarResponse {
         let (first, taps) = around_peak(&measured.taps, self.rate_hz);
         let spectrum: Vec<Complex64> = self.turns.iter().map(|turn| fourier_sum(taps, *turn)).collect();
         let power = spectrum[LOW_BINS].iter().map(Complex64::norm_sqr).sum::<f64>();
         self.low_power += power / LOW_BINS.count() as f64;
         let onset_s = self.onset_s(&spectrum);
-        Ear {
+        EarResponse {
             filter: design_from(&spectrum, onset_s),
             delay_s: onset_s + first as f64 / self.rate_hz + measured.delay_s,
         }
@@ -226,8 +219,8 @@ impl Analysis {
     /// Minimum-phase spectrum with equal magnitude (Oppenheim and Schafer, "Discrete-Time Signal Processing",
     /// chapter 13).
     fn minimum_phase(&mut self, spectrum: &[Complex64]) -> Vec<Complex64> {
-        let (forward, inverse) =
-            (self.planner.plan_fft_forward(DESIGN_POINTS), self.planner.plan_fft_inverse(DESIGN_POINTS));
+        let forward = self.planner.plan_fft_forward(DESIGN_POINTS);
+        let inverse = self.planner.plan_fft_inverse(DESIGN_POINTS);
         let largest = spectrum.iter().map(|value| value.norm_sqr().sqrt()).fold(0.0, f64::max);
         let floor = (largest * 1e-4).max(f64::MIN_POSITIVE);
         let mut logarithm: Vec<Complex64> = spectrum
@@ -239,12 +232,10 @@ impl Analysis {
         debug_assert!(done.is_ok());
         let scale = 1.0 / DESIGN_POINTS as f64;
         for (n, value) in cepstrum.iter_mut().enumerate() {
-            let fold = if n == 0 || n == DESIGN_POINTS / 2 {
-                1.0
-            } else if n < DESIGN_POINTS / 2 {
-                2.0
-            } else {
-                0.0
+            let fold = match n.cmp(&(DESIGN_POINTS / 2)) {
+                Ordering::Less if n > 0 => 2.0,
+                Ordering::Greater => 0.0,
+                _ => 1.0,
             };
             *value *= fold * scale;
         }

@@ -4,10 +4,7 @@ use avln_geom::Vector3;
 use sofar::hdf::{self, DataObject, ParsedHdf};
 use std::ops::RangeInclusive;
 
-/// Permitted number of directions.
 const DIRECTIONS: RangeInclusive<usize> = 2..=50_000;
-
-/// Permitted response lengths.
 const TAPS: RangeInclusive<usize> = 8..=16_384;
 
 /// Permitted sample rates, hertz: the file must cover the whole audible range.
@@ -40,7 +37,6 @@ pub enum HeadError {
     Silent,
 }
 
-/// File content.
 pub(super) struct Measurements {
     pub(super) rate_hz: f64,
     /// Unit vectors to the source: x ahead, y left, z up.
@@ -49,7 +45,6 @@ pub(super) struct Measurements {
     pub(super) ears: Vec<[EarMeasurement; 2]>,
 }
 
-/// An ear's response to a pulse.
 pub(super) struct EarMeasurement {
     pub(super) taps: Vec<f32>,
     /// Delay before the first tap, seconds.

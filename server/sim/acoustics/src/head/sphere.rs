@@ -77,7 +77,6 @@ fn range_position(range_m: f32) -> (usize, f32) {
     (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
 }
 
-/// Filters at one range, by angle.
 fn design_range(range_m: f64) -> Vec<Filter> {
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
@@ -91,7 +90,6 @@ fn design_range(range_m: f64) -> Vec<Filter> {
     (0..ANGLES).map(at_angle).collect()
 }
 
-/// Head radius, metres.
 pub(crate) const HEAD_RADIUS_M: f64 = 0.0875;
 
 // The last series term is below 1e-15 for ka < 13 and ranges from 0.25 m.

@@ -10,8 +10,6 @@ const MAX_BLOCK: usize = 24;
 
 /// Memory limit per source, bytes.
 const MAX_BYTES: usize = 6 << 20;
-
-/// No cell.
 pub(super) const NO_CELL: u32 = u32::MAX;
 
 /// Air blocks, divided at blocked voxel steps; twice as high as wide.
@@ -21,7 +19,6 @@ pub(crate) struct Cells {
     cells: Vec<Cell>,
     /// Voxels per block in x, y, z.
     block: [usize; 3],
-    /// Blocks in x, y, z.
     blocks: [usize; 3],
     /// Per block: its first cell; with a final sentinel.
     first_in_block: Vec<u32>,

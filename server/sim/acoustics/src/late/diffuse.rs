@@ -10,7 +10,6 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-/// Averaged directions.
 const DIRECTIONS: usize = 256;
 
 /// Frequencies: multiples of 125 Hz up to half the sample rate.

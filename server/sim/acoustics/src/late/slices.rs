@@ -26,7 +26,6 @@ pub(super) fn doublings(length_m: f32) -> u32 {
     slice_of(length_m) as u32 / OF_A_WIDTH
 }
 
-/// Slice start, seconds.
 pub(super) fn start_s(bin: usize) -> f32 {
     let (doubling, place) = (bin as u32 / OF_A_WIDTH, bin as u32 % OF_A_WIDTH);
     (((OF_A_WIDTH + place) << doubling) - OF_A_WIDTH) as f32 * FIRST_S
@@ -52,6 +51,13 @@ pub(crate) struct Slice {
     pub(crate) flow: Vector3<f32>,
 }
 
+impl Slice {
+    /// Energy in all bands.
+    pub(super) fn total(&self) -> f32 {
+        self.energy.iter().sum()
+    }
+}
+
 /// Samples with linearly interpolated gains.
 pub(super) const BLOCK: usize = 16;
 
@@ -60,7 +66,6 @@ pub(super) type Density = [f32; BANDS];
 
 /// Energy over time, linear between slice centres, constant before the first and after the last.
 pub(super) struct Envelope {
-    /// First sample.
     pub(super) start: usize,
     blocks: usize,
     /// Per slice: its centre, seconds.
@@ -141,13 +146,11 @@ impl Envelope {
 
 /// A position between two centres.
 struct SlicePosition {
-    /// Earlier slice.
     slice: usize,
     /// Fraction towards the later slice, 0 to 1.
     share: f32,
 }
 
-/// Slice centre, seconds.
 pub(super) fn middle_s(slice: usize) -> f32 {
     0.5 * (start_s(slice) + start_s(slice + 1))
 }

@@ -26,7 +26,6 @@ const MAX_HALVINGS: u32 = 2;
 // A minimum keeps statistics even in quiet rooms.
 const MIN_TRANSMISSION_PROBABILITY: f32 = 0.02;
 
-/// Accumulated energy from all rays.
 pub(super) struct Tally {
     /// Per cell: its row in `sums`, [`NO_CELL`] without rays.
     pub(super) row_of: Vec<u32>,
@@ -47,11 +46,11 @@ struct Ray {
     weights: [f32; SURFACE_BANDS],
     length_m: f32,
     bounces: u64,
-    /// Number of halvings so far.
     halvings: u32,
     /// True if the ray passed through the last surface.
     transmitted: bool,
-    path: MirrorPath,
+    /// `None` if the path is no discrete wave.
+    path: Option<MirrorPath>,
 }
 
 impl Ray {
@@ -67,41 +66,28 @@ impl Ray {
 }
 
 /// A ray's mirror sequence, while it may be a discrete wave.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct MirrorPath {
     planes: [PlaneId; MAX_ORDER],
-    /// Number of mirrors; above [`MAX_ORDER`] for all other paths.
     len: usize,
     /// True if the ray passed through surfaces before any mirror.
-    through: bool,
+    transmitted: bool,
 }
 
 impl MirrorPath {
-    fn straight() -> Self {
-        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0, through: false }
+    fn mirrored(mut self, plane: Option<PlaneId>) -> Option<Self> {
+        let last = self.planes.get_mut(self.len).filter(|_| !self.transmitted)?;
+        *last = plane?;
+        Some(Self { len: self.len + 1, ..self })
     }
 
-    fn mirrored(mut self, plane: Option<PlaneId>) -> Self {
-        match (self.planes.get_mut(self.len), plane) {
-            (Some(last), Some(plane)) if !self.through => {
-                *last = plane;
-                Self { len: self.len + 1, ..self }
-            }
-            _ => Self::other(),
-        }
-    }
-
-    fn transmitted(self) -> Self {
-        if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
-    }
-
-    fn other() -> Self {
-        Self { len: MAX_ORDER + 1, ..Self::straight() }
+    fn transmitted(self) -> Option<Self> {
+        (self.len == 0).then_some(Self { transmitted: true, ..self })
     }
 
     /// Returns true if this path is rendered as a discrete wave.
     fn is_wave(&self, images: &Images) -> bool {
-        self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
+        self.len == 0 || images.contains(&self.planes[..self.len])
     }
 }
 
@@ -133,7 +119,7 @@ pub(super) fn trace(
             bounces: 0,
             halvings: 0,
             transmitted: false,
-            path: MirrorPath::straight(),
+            path: Some(MirrorPath::default()),
         });
     }
     tracer.tally.lost_share /= count.max(1) as f32;
@@ -144,9 +130,7 @@ struct Tracer<'a> {
     building: &'a Building,
     images: &'a Images,
     key: u64,
-    /// Ray length limit, metres.
     reach_m: f32,
-    /// Initial energy per ray.
     energy: f32,
     tally: Tally,
 }
@@ -173,7 +157,7 @@ impl Tracer<'_> {
     /// Adds a leg to the cells it crosses. Returns true if it crossed room air.
     fn deposit(&mut self, ray: &Ray, leg_m: f32) -> bool {
         let (air, cells) = (&self.building.air, &self.building.cells);
-        let counted = !ray.path.is_wave(self.images);
+        let counted = !ray.path.is_some_and(|path| path.is_wave(self.images));
         let mut in_air = false;
         let mut run = CellRun { cell: NO_CELL, from_m: 0.0, to_m: 0.0 };
         let (tally, energy) = (&mut self.tally, self.energy);
@@ -216,9 +200,11 @@ impl Tracer<'_> {
         ray.transmitted = matches!(interaction, Interaction::Transmitted(_));
         interaction.weigh(surface, &mut ray.weights);
         ray.path = match interaction {
-            Interaction::Mirrored(_) => ray.path.mirrored(self.building.planes.of(hit.triangle)),
-            Interaction::Transmitted(_) => ray.path.transmitted(),
-            Interaction::Scattered(_) => MirrorPath::other(),
+            Interaction::Mirrored(_) => {
+                ray.path.and_then(|path| path.mirrored(self.building.planes.of(hit.triangle)))
+            }
+            Interaction::Transmitted(_) => ray.path.and_then(MirrorPath::transmitted),
+            Interaction::Scattered(_) => None,
         };
         let side = if ray.transmitted { -normal } else { normal };
         ray.origin = point + side * OFF_SURFACE_M;

@@ -9,7 +9,6 @@ use realfft::num_complex::Complex64;
 /// Padding, samples: longer than the filter response.
 const SILENCE: usize = 4096;
 
-/// Octave bandwidth, hertz.
 pub(super) fn bandwidth_hz(band: usize) -> f64 {
     f64::from(BAND_HZ[band]) * std::f64::consts::FRAC_1_SQRT_2
 }

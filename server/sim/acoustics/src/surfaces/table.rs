@@ -2,7 +2,6 @@
 
 use super::{SURFACE_BANDS, Surface};
 
-/// A table row.
 struct Row {
     /// Name token prefixes, separated by spaces.
     words: &'static str,
@@ -13,7 +12,6 @@ struct Row {
     reduction_db: [f32; SURFACE_BANDS],
 }
 
-/// No transmission.
 const CLOSED: [f32; SURFACE_BANDS] = [f32::INFINITY; SURFACE_BANDS];
 
 /// Half a heavy wall's transmission loss.
@@ -27,115 +25,84 @@ const BROKEN: [f32; SURFACE_BANDS] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.75];
 /// Row index for unknown names.
 pub(super) const UNKNOWN: usize = ROWS.len() - 1;
 
-/// Sources by row: `docs/acoustics.md`. The first matching row applies.
+/// Words, lost share, scattering and transmission loss; sources by row: `docs/acoustics.md`. The first
+/// matching row applies.
 const ROWS: [Row; 17] = [
-    Row {
-        words: "curtain drape blind",
-        lost: [0.30, 0.45, 0.65, 0.56, 0.59, 0.71],
-        scattering: BROKEN,
-        reduction_db: [7.0, 7.0, 8.0, 9.0, 10.0, 11.0],
-    },
-    Row {
-        words: "carpet rug wool moquette",
-        lost: [0.03, 0.09, 0.25, 0.31, 0.33, 0.44],
-        scattering: ROUGH,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "fabric cloth textile velvet cotton linen denim knit quilt sofa couch bed mattress \
+    row(
+        "curtain drape blind",
+        [0.30, 0.45, 0.65, 0.56, 0.59, 0.71],
+        BROKEN,
+        [7.0, 7.0, 8.0, 9.0, 10.0, 11.0],
+    ),
+    row("carpet rug wool moquette", [0.03, 0.09, 0.25, 0.31, 0.33, 0.44], ROUGH, CLOSED),
+    row(
+        "fabric cloth textile velvet cotton linen denim knit quilt sofa couch bed mattress \
                 cushion pillow towel blanket upholster",
-        lost: [0.44, 0.60, 0.77, 0.89, 0.82, 0.70],
-        scattering: BROKEN,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "leather",
-        lost: [0.40, 0.50, 0.58, 0.61, 0.58, 0.50],
-        scattering: BROKEN,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "foam acoustic insulation mineralwool rockwool",
-        lost: [0.22, 0.60, 0.92, 0.90, 0.88, 0.88],
-        scattering: ROUGH,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "glass window mirror pane",
-        lost: [0.10, 0.05, 0.04, 0.03, 0.03, 0.03],
-        scattering: SMOOTH,
-        reduction_db: [11.0, 13.5, 14.5, 16.0, 16.0, 16.0],
-    },
-    Row {
-        words: "wood oak pine walnut parquet plywood bamboo wicker laminate door cabinet chest table \
+        [0.44, 0.60, 0.77, 0.89, 0.82, 0.70],
+        BROKEN,
+        CLOSED,
+    ),
+    row("leather", [0.40, 0.50, 0.58, 0.61, 0.58, 0.50], BROKEN, CLOSED),
+    row("foam acoustic insulation mineralwool rockwool", [0.22, 0.60, 0.92, 0.90, 0.88, 0.88], ROUGH, CLOSED),
+    row(
+        "glass window mirror pane",
+        [0.10, 0.05, 0.04, 0.03, 0.03, 0.03],
+        SMOOTH,
+        [11.0, 13.5, 14.5, 16.0, 16.0, 16.0],
+    ),
+    row(
+        "wood oak pine walnut parquet plywood bamboo wicker laminate door cabinet chest table \
                 shelf shelves shelving wardrobe desk",
-        lost: [0.14, 0.10, 0.06, 0.08, 0.10, 0.10],
-        scattering: ROUGH,
-        reduction_db: [10.0, 11.5, 13.0, 14.0, 15.0, 16.0],
-    },
-    Row {
-        words: "brick",
-        lost: [0.03, 0.03, 0.03, 0.04, 0.05, 0.07],
-        scattering: ROUGH,
-        reduction_db: HEAVY,
-    },
-    Row {
-        words: "stone concrete marble granite terrazzo cement slate",
-        lost: [0.02, 0.03, 0.03, 0.03, 0.04, 0.07],
-        scattering: SMOOTH,
-        reduction_db: HEAVY,
-    },
-    Row {
-        words: "tile ceramic porcelain sink toilet bathtub shower",
-        lost: [0.01, 0.01, 0.01, 0.02, 0.02, 0.02],
-        scattering: SMOOTH,
-        reduction_db: HEAVY,
-    },
-    Row {
-        words: "metal steel iron chrome brass copper aluminium aluminum appliance refrigerator fridge oven",
-        lost: [0.05, 0.04, 0.03, 0.03, 0.03, 0.03],
-        scattering: ROUGH,
-        reduction_db: [15.0, 17.0, 19.0, 21.0, 23.0, 25.0],
-    },
-    Row {
-        words: "plastic rubber vinyl linoleum pvc acrylic",
-        lost: [0.02, 0.03, 0.03, 0.03, 0.03, 0.02],
-        scattering: ROUGH,
-        reduction_db: [18.0, 19.0, 20.0, 21.0, 22.0, 24.0],
-    },
-    Row {
-        words: "paper book cardboard picture poster cork",
-        lost: [0.05, 0.07, 0.10, 0.13, 0.15, 0.18],
-        scattering: BROKEN,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "plant leaf leaves grass moss foliage",
-        lost: [0.10, 0.10, 0.12, 0.17, 0.25, 0.30],
-        scattering: BROKEN,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "people person clothes",
-        lost: [0.16, 0.24, 0.56, 0.69, 0.81, 0.78],
-        scattering: BROKEN,
-        reduction_db: CLOSED,
-    },
-    Row {
-        words: "plaster drywall gypsum stucco wallpaper paint wall ceiling",
-        lost: [0.16, 0.15, 0.15, 0.15, 0.15, 0.16],
-        scattering: ROUGH,
-        reduction_db: [10.0, 14.0, 18.0, 21.0, 23.0, 23.0],
-    },
-    Row {
-        words: "",
-        lost: [0.12, 0.13, 0.15, 0.17, 0.19, 0.21],
-        scattering: [0.3; SURFACE_BANDS],
-        reduction_db: [12.0, 15.0, 18.0, 21.0, 23.0, 25.0],
-    },
+        [0.14, 0.10, 0.06, 0.08, 0.10, 0.10],
+        ROUGH,
+        [10.0, 11.5, 13.0, 14.0, 15.0, 16.0],
+    ),
+    row("brick", [0.03, 0.03, 0.03, 0.04, 0.05, 0.07], ROUGH, HEAVY),
+    row(
+        "stone concrete marble granite terrazzo cement slate",
+        [0.02, 0.03, 0.03, 0.03, 0.04, 0.07],
+        SMOOTH,
+        HEAVY,
+    ),
+    row(
+        "tile ceramic porcelain sink toilet bathtub shower",
+        [0.01, 0.01, 0.01, 0.02, 0.02, 0.02],
+        SMOOTH,
+        HEAVY,
+    ),
+    row(
+        "metal steel iron chrome brass copper aluminium aluminum appliance refrigerator fridge oven",
+        [0.05, 0.04, 0.03, 0.03, 0.03, 0.03],
+        ROUGH,
+        [15.0, 17.0, 19.0, 21.0, 23.0, 25.0],
+    ),
+    row(
+        "plastic rubber vinyl linoleum pvc acrylic",
+        [0.02, 0.03, 0.03, 0.03, 0.03, 0.02],
+        ROUGH,
+        [18.0, 19.0, 20.0, 21.0, 22.0, 24.0],
+    ),
+    row("paper book cardboard picture poster cork", [0.05, 0.07, 0.10, 0.13, 0.15, 0.18], BROKEN, CLOSED),
+    row("plant leaf leaves grass moss foliage", [0.10, 0.10, 0.12, 0.17, 0.25, 0.30], BROKEN, CLOSED),
+    row("people person clothes", [0.16, 0.24, 0.56, 0.69, 0.81, 0.78], BROKEN, CLOSED),
+    row(
+        "plaster drywall gypsum stucco wallpaper paint wall ceiling",
+        [0.16, 0.15, 0.15, 0.15, 0.15, 0.16],
+        ROUGH,
+        [10.0, 14.0, 18.0, 21.0, 23.0, 23.0],
+    ),
+    row("", [0.12, 0.13, 0.15, 0.17, 0.19, 0.21], [0.3; SURFACE_BANDS], [12.0, 15.0, 18.0, 21.0, 23.0, 25.0]),
 ];
 
-/// Returns all rows as surfaces.
+const fn row(
+    words: &'static str,
+    lost: [f32; SURFACE_BANDS],
+    scattering: [f32; SURFACE_BANDS],
+    reduction_db: [f32; SURFACE_BANDS],
+) -> Row {
+    Row { words, lost, scattering, reduction_db }
+}
+
 pub(super) fn surfaces() -> Vec<Surface> {
     ROWS.iter().map(Row::surface).collect()
 }
