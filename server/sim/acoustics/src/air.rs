@@ -8,14 +8,14 @@ use grid::Grid;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Smallest room volume, cubic metres, by cells with six air neighbours.
+// Smaller connected air is the inside of a wall, a slab or furniture. Only cells with six air neighbours count.
 const MIN_ROOM_M3: f32 = 0.8;
 
 pub(crate) struct Air {
-    rays: Arc<RayMesh>,
-    grid: Grid,
+    pub(crate) rays: Arc<RayMesh>,
+    pub(crate) grid: Grid,
     /// Per cell: true if the centre is room air.
-    in_room: Vec<bool>,
+    pub(crate) in_room: Vec<bool>,
     /// Per cell: true if the step to the next cell in x, y, z is free.
     free_steps: Vec<[bool; 3]>,
 }
@@ -38,19 +38,6 @@ impl Air {
 
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
-    }
-
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    pub(crate) fn rays(&self) -> &RayMesh {
-        &self.rays
-    }
-
-    /// Returns true if the centre of `cell` is room air.
-    pub(crate) fn in_room(&self, cell: usize) -> bool {
-        self.in_room[cell]
     }
 
     /// Returns the room cells reachable from `cell` in a single free step.
@@ -166,10 +153,13 @@ impl Air {
     }
 }
 
+/// Corners of a triangle.
+type Triangle = [Point3<f32>; 3];
+
 /// Cells with a centre this close to a surface are closed, metres.
 const SKIN_M: f32 = 0.04;
 
-fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) {
+fn close_cells_near(grid: &Grid, corners: &Triangle, open: &mut [bool]) {
     let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
     let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
     for z in zs {
@@ -183,7 +173,7 @@ fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) 
 }
 
 /// Blocks the steps between neighbouring centres that the triangle cuts.
-fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
+fn block_steps_through(grid: &Grid, corners: &Triangle, free_steps: &mut [[bool; 3]]) {
     for axis in 0..3 {
         let across = [(axis + 1) % 3, (axis + 2) % 3];
         let (Some(us), Some(vs)) =
@@ -202,7 +192,7 @@ fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut
 /// Blocks the cut steps in a row along `axis`; `column` is the row position on the next two axes.
 fn block_column(
     grid: &Grid,
-    corners: &[Point3<f32>; 3],
+    corners: &Triangle,
     axis: usize,
     column: [usize; 2],
     free_steps: &mut [[bool; 3]],
@@ -228,16 +218,12 @@ fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     let areas = [cross(b, c), cross(c, a), cross(a, b)];
     let total: f32 = areas.iter().sum();
     let weights = areas.map(|area| area / total);
+    // A tolerance at the edges, so that no gap opens between adjacent triangles.
     (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
 }
 
 /// Returns the index range on `axis` within `margin_m` around the triangle.
-fn span(
-    grid: &Grid,
-    corners: &[Point3<f32>; 3],
-    axis: usize,
-    margin_m: f32,
-) -> Option<RangeInclusive<usize>> {
+fn span(grid: &Grid, corners: &Triangle, axis: usize, margin_m: f32) -> Option<RangeInclusive<usize>> {
     let [a, b, c] = corners.map(|corner| corner[axis]);
     let position = |at: f32| (at - grid.first_center[axis]) / grid.cell_m;
     let low = position(a.min(b).min(c) - margin_m).ceil().max(0.0);
@@ -246,7 +232,7 @@ fn span(
 }
 
 /// Squared distance from `point` to the triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
-fn distance_squared(point: &Point3<f32>, corners: &[Point3<f32>; 3]) -> f32 {
+fn distance_squared(point: &Point3<f32>, corners: &Triangle) -> f32 {
     let [a, b, c] = corners;
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(&ac);

@@ -46,11 +46,13 @@ pub(crate) fn both(first: &BandLoss, second: &BandLoss) -> BandLoss {
 
 /// Returns the minimum-phase filter with magnitude `loss`, linear in decibels over log frequency.
 pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
+    // The log magnitude is linear in the losses, and so is the minimum-phase cepstrum.
     let mut cepstrum = [0.0_f32; LOSS_TAPS];
     for (db, known) in loss.iter().zip(band_cepstra()) {
         let nepers = -db * LN_10 / 20.0;
         cepstrum.iter_mut().zip(known).for_each(|(sum, value)| *sum += nepers * value);
     }
+    // Oppenheim and Schafer, "Discrete-Time Signal Processing", chapter 13: n h[n] = sum over k of k c[k] h[n - k].
     let mut taps = [0.0; LOSS_TAPS];
     taps[0] = libm::expf(cepstrum[0]);
     for n in 1..LOSS_TAPS {

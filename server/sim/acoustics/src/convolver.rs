@@ -20,8 +20,7 @@ pub(crate) struct Input {
     past: VecDeque<Option<Complexes>>,
     /// Limit on `past`.
     max_spectra: usize,
-    /// Silent samples at the end.
-    silent: usize,
+    pub(crate) silent: usize,
 }
 
 /// A filter pair for two ears, with the part spectra used so far.
@@ -31,11 +30,6 @@ pub(crate) struct Filter {
 }
 
 impl Input {
-    pub(crate) fn silent_samples(&self) -> usize {
-        self.silent
-    }
-
-    /// Returns true if the stored past is silent.
     pub(crate) fn is_silent(&self) -> bool {
         self.past.iter().all(Option::is_none)
     }
@@ -107,7 +101,8 @@ impl Convolver {
 
     /// Returns the newest block through both filters; exactly zero if the filters reach no sound.
     pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> [Vec<f32>; 2] {
-        self.sum.fill(0.0);
+        self.sum.re.fill(0.0);
+        self.sum.im.fill(0.0);
         let mut is_silent = true;
         for (index, past) in input.past.iter().enumerate().take(filter.parts.len()) {
             let Some(past) = past else { continue };
@@ -129,7 +124,6 @@ impl Convolver {
         ears
     }
 
-    /// Spectrum for part `index` in both filters.
     fn part(&mut self, taps: &[Vec<f32>; 2], index: usize) -> Complexes {
         let scale = 1.0 / self.window as f32;
         let part = |taps: &Vec<f32>| -> Vec<f32> {
@@ -137,6 +131,7 @@ impl Convolver {
             taps.iter().map(|tap| tap * scale).collect()
         };
         let [left, right] = taps.each_ref().map(part);
+        // Both ears share a transform, as the real and imaginary part.
         self.spectrum([&left, &right])
     }
 

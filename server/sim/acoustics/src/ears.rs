@@ -126,7 +126,7 @@ impl Channel {
     }
 
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let only_rings = self.dry.silent_samples() >= count + RINGING_SAMPLES;
+        let only_rings = self.dry.silent >= count + RINGING_SAMPLES;
         let (mut now, before) = match self.previous.take() {
             // A diffuse tail alone does not change audibly with the pose.
             Some(before) if only_rings || before.listener == *listener => (before, None),

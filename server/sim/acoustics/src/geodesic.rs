@@ -69,7 +69,7 @@ impl GeodesicField {
         // Every corner chain must end at the source.
         let is_chained = |(index, corner): (usize, &Corner)| corner.before < (index as u32).max(1);
         let is_known = |last: &u32| *last == UNREACHED || (*last as usize) < corners.len();
-        let fits = last_corner.len() == air.grid().len() && last_corner.iter().all(is_known);
+        let fits = last_corner.len() == air.grid.len() && last_corner.iter().all(is_known);
         (fits && corners.iter().enumerate().all(is_chained)).then_some(Self { corners, last_corner })
     }
 
@@ -88,7 +88,7 @@ impl GeodesicField {
     pub(crate) fn path(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<AirPath> {
         let options = near_cells.iter().filter_map(|cell| self.path_through(air, listener, *cell));
         let (_, mut path) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        tighten(air.rays(), &mut path);
+        tighten(&air.rays, &mut path);
         Some(path)
     }
 
@@ -110,10 +110,10 @@ impl GeodesicField {
                 break;
             }
             tried.push(bend);
-            if self.is_other(air.rays(), first, bend) {
+            if self.is_other(&air.rays, first, bend) {
                 tightened += 1;
                 let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
-                tighten(air.rays(), &mut path);
+                tighten(&air.rays, &mut path);
                 if path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M {
                     return Some(path);
                 }
@@ -170,8 +170,8 @@ impl GeodesicField {
         let last = self.last_corner[cell];
         let corner = *self.corners.get(last as usize)?;
         let mut path = vec![*listener];
-        if !air.rays().is_clear(listener, &corner.point) {
-            path.push(air.grid().center(cell));
+        if !air.rays.is_clear(listener, &corner.point) {
+            path.push(air.grid.center(cell));
         }
         path.extend(self.chain(last));
         Some((length_m(&path), path))
@@ -211,7 +211,7 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     fn new(air: &'a Air, source: &Point3<f32>) -> Self {
-        let cells = air.grid().len();
+        let cells = air.grid.len();
         Self {
             air,
             corners: vec![Corner { point: *source, distance_m: 0.0, before: SOURCE }],
@@ -239,15 +239,14 @@ impl<'a> Search<'a> {
     }
 
     fn sees(&self, cell: usize, corner: u32) -> bool {
-        self.air.rays().is_clear(&self.corners[corner as usize].point, &self.air.grid().center(cell))
+        self.air.rays.is_clear(&self.corners[corner as usize].point, &self.air.grid.center(cell))
     }
 
     fn distance_by(&self, cell: usize, corner: u32) -> f32 {
         let corner = &self.corners[corner as usize];
-        corner.distance_m + (self.air.grid().center(cell) - corner.point).norm()
+        corner.distance_m + (self.air.grid.center(cell) - corner.point).norm()
     }
 
-    /// Offers a straight path to `cell` from `corner`.
     fn offer(&mut self, cell: usize, corner: u32, verified: bool) {
         let distance_m = self.distance_by(cell, corner);
         if distance_m < self.distance_m[cell] {
@@ -286,7 +285,7 @@ impl<'a> Search<'a> {
         if self.corner_of[cell] == UNREACHED {
             self.corner_of[cell] = self.corners.len() as u32;
             self.corners.push(Corner {
-                point: self.air.grid().center(cell),
+                point: self.air.grid.center(cell),
                 distance_m: self.distance_m[cell],
                 before: self.parent[cell],
             });
@@ -323,6 +322,7 @@ fn sweep(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
 
 /// Moves a corner towards the next, as far as the previous corner sees it.
 fn slide(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
+    // The path then leaves the previous corner exactly past the hiding edge.
     let (before, from) = (path[corner - 1], path[corner]);
     let leg = path[corner + 1] - from;
     path[corner] = from + leg * largest_share(|share| rays.is_clear(&before, &(from + leg * share)));

@@ -11,7 +11,7 @@ pub use sofa::HeadError;
 use crate::late::diffuse::HeardField;
 use avln_geom::Vector3;
 use filter::{EarResponse, FAR_M};
-use sphere::{ear_axes, sphere_table};
+use sphere::{ear_axes, ear_response};
 use std::sync::{Arc, OnceLock};
 
 /// A head model.
@@ -48,9 +48,7 @@ impl Head {
     /// `range_m` metres, at least 0.1.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
         match self {
-            Self::Sphere => {
-                ear_axes(heading_rad).map(|axis| sphere_table().ear(axis.dot(direction), range_m))
-            }
+            Self::Sphere => ear_axes(heading_rad).map(|axis| ear_response(axis.dot(direction), range_m)),
             Self::Omni => [EarResponse::free_field(), EarResponse::free_field()],
             Self::Measured(measured) => measured.ears(direction, heading_rad),
         }

@@ -156,7 +156,7 @@ fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>
         let [cos, sin, radius_m] = disc_point(index, PLACES, BLUR_M);
         listener + Vector3::new(cos, 0.0, sin) * radius_m
     };
-    let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
+    let clear = |place: &Point3<f32>| building.air.rays.is_clear(listener, place);
     std::iter::once(*listener).chain((0..PLACES).rev().map(place).filter(clear)).collect()
 }
 
@@ -177,13 +177,12 @@ impl Image {
         let point = |index: usize| Point3::from([0, 1, 2].map(|axis| f32::from_bits(rest[3 * index + axis])));
         let is_known = |mirror: &u32| *mirror as usize <= building.planes.len();
         let plane = |mirror: u32| mirror.checked_sub(1).map(|plane| PlaneId(plane as u16));
-        mirrors.iter().all(is_known).then(|| Self {
+        let lit = |bounce: usize| Aabb { min: point(2 * bounce + 1), max: point(2 * bounce + 2) };
+        let known = mirrors.iter().all(is_known);
+        known.then(|| Self {
             sequence: mirrors.map(plane),
             position: point(0),
-            lit: std::array::from_fn(|bounce| Aabb {
-                min: point(2 * bounce + 1),
-                max: point(2 * bounce + 2),
-            }),
+            lit: std::array::from_fn(lit),
         })
     }
 
@@ -244,7 +243,7 @@ impl Image {
             from = point + plane.normal * (side * (plane.slack_m + 1e-3));
             seen = plane.mirrored(&seen);
         }
-        building.air.rays().is_clear(&from, outlet).then_some(loss)
+        building.air.rays.is_clear(&from, outlet).then_some(loss)
     }
 }
 
@@ -266,7 +265,7 @@ fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3
     let plane = building.planes.plane(id);
     let steepness = plane.normal.dot(&direction).abs().max(0.02);
     let slack_m = (plane.slack_m + 1e-3) / steepness;
-    let hit = building.air.rays().cast(from, &direction, length_m + slack_m)?;
+    let hit = building.air.rays.cast(from, &direction, length_m + slack_m)?;
     (building.planes.of(hit.triangle) == Some(id)).then_some(hit.triangle)
 }
 
@@ -286,7 +285,7 @@ fn follow(building: &Building, outlet: &Point3<f32>, mut direction: Vector3<f32>
     let (mut from, mut path_m) = (*outlet, 0.0);
     for bounce in 0..building.settings.reflection_order.min(MAX_ORDER) {
         let reach_m = building.settings.reach_m() - path_m;
-        let Some(hit) = building.air.rays().cast(&from, &direction, reach_m) else { return };
+        let Some(hit) = building.air.rays.cast(&from, &direction, reach_m) else { return };
         let Some(id) = building.planes.of(hit.triangle) else { return };
         if bounce > 0 && sequence[bounce - 1] == Some(id) {
             return;

@@ -80,16 +80,17 @@ impl ImpulseResponse {
         let responses = settings.head.ears(&arrival.direction, listener.heading_rad, distance_m);
         for (ear, response) in [&mut self.left, &mut self.right].into_iter().zip(responses) {
             let delay_s = arrival.delay_s() + response.delay_s;
-            let taps = convolve(&response.filter, &loss);
+            let taps: [f32; HEAD_TAPS + LOSS_TAPS - 1] = convolve(&response.filter, &loss);
             let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
             add_delayed(ear, &taps, start, settings.response_samples());
         }
     }
 }
 
-fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TAPS + LOSS_TAPS - 1] {
-    let mut taps = [0.0; HEAD_TAPS + LOSS_TAPS - 1];
-    for (offset, factor) in loss.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+/// Convolution, cut to `N` taps.
+pub(crate) fn convolve<const N: usize>(filter: &[f32; HEAD_TAPS], factors: &[f32]) -> [f32; N] {
+    let mut taps = [0.0; N];
+    for (offset, factor) in factors.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
         taps[offset..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += factor * tap);
     }
     taps

@@ -15,7 +15,7 @@ use crate::images::Images;
 use crate::surfaces::SURFACE_BANDS;
 use avln_geom::{Point3, Rng, Vector3};
 use cells::NO_CELL;
-use slices::{CHANNELS, Echo, Slice};
+use slices::{CHANNELS, Slice};
 use trace::{Tally, trace};
 
 const SALT: u64 = 0x5d0_1a7e;
@@ -29,7 +29,7 @@ pub(crate) struct LateField {
     /// Per slice and band: energy share after air absorption.
     air: Vec<[f32; BANDS]>,
     /// Energy share lost through holes, 0 to 1.
-    lost_share: f32,
+    pub(crate) lost_share: f32,
 }
 
 impl LateField {
@@ -40,12 +40,12 @@ impl LateField {
 
     pub(super) fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
         let count = slices::count(building.settings.response_s);
-        let mut tally = trace(building, outlet, images, key, count);
+        let mut tally = trace(building, outlet, images, key);
         divide_by_volumes(building, &mut tally);
         Self {
             values: tally.sums.iter().map(|value| to_half(*value)).collect(),
             row_of: tally.row_of,
-            air: air_leaves(count),
+            air: air_shares(count),
             lost_share: tally.lost_share,
         }
     }
@@ -64,20 +64,14 @@ impl LateField {
         let is_known = |row: &u32| *row == NO_CELL || (*row as usize) < rows;
         let fits = row_of.len() == building.cells.len() && row_of.iter().all(is_known);
         let lost_share = f32::from_bits(*lost_share.first()?);
-        fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
+        fits.then(|| Self { row_of, values, air: air_shares(count), lost_share })
     }
 
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.values.as_slice()) + size_of_val(self.row_of.as_slice())
     }
 
-    /// Energy share lost through holes, 0 to 1.
-    pub(crate) fn lost_share(&self) -> f32 {
-        self.lost_share
-    }
-
-    /// Returns the late energy at `listener`.
-    pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Echo {
+    pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Vec<Slice> {
         let width = self.air.len() * CHANNELS;
         let mut sums = vec![0.0_f32; width];
         for (cell, weight) in building.cells.around(&building.air, listener) {
@@ -87,13 +81,11 @@ impl LateField {
                 sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * from_half(*value));
             }
         }
-        let slices = sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air));
-        Echo { slices: slices.collect() }
+        sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air)).collect()
     }
 }
 
-/// Per slice and band: energy share after air absorption.
-fn air_leaves(count: usize) -> Vec<[f32; BANDS]> {
+fn air_shares(count: usize) -> Vec<[f32; BANDS]> {
     let leaves =
         |bin| air_loss(slices::middle_s(bin) * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0));
     (0..count).map(leaves).collect()

@@ -6,7 +6,7 @@ use crate::impulse::ImpulseResponse;
 use crate::surfaces::{SURFACE_BANDS, Surfaces};
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_scene::Scene;
-use octave::{Decay, Octaves, band_energies, core_share, power_share};
+use octave::{Decay, Octaves, core_share, power_share};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -56,15 +56,16 @@ impl Measures {
         let ears = [response.left.as_slice(), response.right.as_slice()];
         let split = |after_s: f64| {
             let end = ((first_arrival_s + after_s) * f64::from(SAMPLE_RATE_HZ)).max(0.0) as usize;
-            ears.map(|ear| ear.split_at(end.min(ear.len())))
+            // The early part is cut before filtering, because the filter would spread it.
+            let cut = ears.map(|ear| ear.split_at(end.min(ear.len())));
+            let energies = |signal: &[f32]| Octaves::new(signal).energies();
+            [cut.map(|(before, _)| energies(before)), cut.map(|(_, after)| energies(after))]
         };
-        let all = ears.map(band_energies);
-        let direct = split(DIRECT_S);
-        let (direct, rest) = (direct.map(|cut| band_energies(cut.0)), direct.map(|cut| band_energies(cut.1)));
-        let early = split(EARLY_S);
-        let (early, late) = (early.map(|cut| band_energies(cut.0)), early.map(|cut| band_energies(cut.1)));
+        let [direct, rest] = split(DIRECT_S);
+        let [early, late] = split(EARLY_S);
         let middle = |energies: &Ears| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
         let octaves = ears.map(Octaves::new);
+        let all = octaves.each_ref().map(Octaves::energies);
         Self {
             drr_db: ratio_db(middle(&direct), middle(&rest)),
             bands: std::array::from_fn(|band| {
@@ -84,12 +85,6 @@ impl Measures {
             }),
         }
     }
-}
-
-/// Interaural delay, seconds, positive if the left ear leads: the cross-correlation peak below 1500 Hz,
-/// within 1 ms. `None` if an ear is silent.
-pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
-    lead_s(&wave.left, &wave.right)
 }
 
 type Ears = [[f64; SURFACE_BANDS]; 2];
@@ -139,11 +134,12 @@ struct CrossSpectrum {
     im: f64,
 }
 
-/// Lead at the left ear, seconds; `None` without common content.
-fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
+/// Interaural delay, seconds, positive if the left ear leads: the cross-correlation peak below 1500 Hz,
+/// within 1 ms. `None` if an ear is silent.
+pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
     let count = ((HIGH_HZ - LOW_HZ) / STEP_HZ) as usize;
     let products: Vec<CrossSpectrum> =
-        (0..=count).map(|index| common(left, right, LOW_HZ + STEP_HZ * index as f64)).collect();
+        (0..=count).map(|index| common(wave, LOW_HZ + STEP_HZ * index as f64)).collect();
     if products.iter().all(|common| common.re == 0.0 && common.im == 0.0) {
         return None;
     }
@@ -151,9 +147,9 @@ fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
     Some(best(&products, coarse_us, COARSE_US, FINE_US) * 1e-6)
 }
 
-fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> CrossSpectrum {
+fn common(wave: &ImpulseResponse, frequency_hz: f64) -> CrossSpectrum {
     let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
-    let ((left_re, left_im), (right_re, right_im)) = (bin(left, turn), bin(right, turn));
+    let ((left_re, left_im), (right_re, right_im)) = (bin(&wave.left, turn), bin(&wave.right, turn));
     CrossSpectrum {
         turn_us: TAU * frequency_hz * 1e-6,
         re: left_re * right_re + left_im * right_im,
@@ -330,8 +326,9 @@ mod tests {
     fn bands_do_not_leak_into_each_other() {
         let tone = |n: usize| libm::sin(TAU * 1000.0 * n as f64 / RATE) as f32;
         let ear: Vec<f32> = (0..16_000).map(tone).collect();
-        let level_db =
-            |band: usize| 10.0 * libm::log10(band_energies(&ear)[band] * octave::bandwidth_hz(band));
+        let level_db = |band: usize| {
+            10.0 * libm::log10(Octaves::new(&ear).energies()[band] * octave::bandwidth_hz(band))
+        };
         assert!(level_db(3) - level_db(2) > 18.0 && level_db(3) - level_db(4) > 18.0);
         assert!(level_db(3) - level_db(1) > 35.0 && level_db(3) - level_db(5) > 35.0);
     }

@@ -99,6 +99,7 @@ struct Facet {
 
 struct Fitter<'a> {
     scene: &'a Scene,
+    tolerance: &'static Tolerance,
     /// Sorted by cell.
     facets: Vec<Facet>,
     /// Per direction cell: its first facet, with a final sentinel.
@@ -115,13 +116,9 @@ fn facet(scene: &Scene, triangle: usize) -> Option<Facet> {
     let center = Point3::from((a.coords + b.coords + c.coords) / 3.0);
     let sound = length.is_finite() && length > 1e-12 && center.iter().all(|at| at.is_finite());
     let normal = cross / length;
-    sound.then(|| Facet {
-        triangle: triangle as u32,
-        cell: cell_of(&normal),
-        normal,
-        area_m2: 0.5 * length,
-        center,
-    })
+    let cell = cell_of(&normal);
+    let area_m2 = 0.5 * length;
+    sound.then_some(Facet { triangle: triangle as u32, cell, normal, area_m2, center })
 }
 
 fn cell_of(normal: &Vector3<f32>) -> u32 {
@@ -151,11 +148,19 @@ impl<'a> Fitter<'a> {
         for cell in 1..first_of.len() {
             first_of[cell] += first_of[cell - 1];
         }
-        Self { scene, taken_by: vec![None; facets.len()], facets, first_of, found: Vec::new() }
+        Self {
+            scene,
+            tolerance: &EXACT,
+            taken_by: vec![None; facets.len()],
+            facets,
+            first_of,
+            found: Vec::new(),
+        }
     }
 
     /// Examines every direction with enough free surface, largest first.
-    fn search(&mut self, tolerance: &Tolerance) {
+    fn search(&mut self, tolerance: &'static Tolerance) {
+        self.tolerance = tolerance;
         let min_m2 = 0.25 * tolerance.min_m2;
         let cells = 0..self.first_of.len() as u32 - 1;
         let mut cells: Vec<_> = cells.map(|cell| (self.free_m2(cell), cell)).collect();
@@ -164,8 +169,8 @@ impl<'a> Fitter<'a> {
         let mut searched = vec![false; self.first_of.len()];
         for (_, cell) in cells {
             while !searched[cell as usize] && self.free_m2(cell) >= min_m2 {
-                let direction = self.direction(cell, tolerance);
-                searched[cell as usize] = !self.extract_planes(&direction, tolerance);
+                let direction = self.direction(cell);
+                searched[cell as usize] = !self.extract_planes(&direction);
                 let sides = [direction, -direction];
                 let near = sides.iter().flat_map(|side| cells_around(side, tolerance.reach / 2));
                 near.for_each(|near| searched[near as usize] |= near != cell);
@@ -183,23 +188,25 @@ impl<'a> Fitter<'a> {
     }
 
     /// Mean direction around the cell's largest free facet.
-    fn direction(&self, cell: u32, tolerance: &Tolerance) -> Vector3<f32> {
+    fn direction(&self, cell: u32) -> Vector3<f32> {
         let larger = |a: &usize, b: &usize| self.facets[*a].area_m2.total_cmp(&self.facets[*b].area_m2);
         let Some(largest) = self.free(cell).max_by(larger) else { return Vector3::y() };
         let middle = self.facets[largest].normal;
-        self.mean_normal(&self.facing(&middle, tolerance), &middle)
+        self.mean_normal(&self.facing(&middle), &middle)
     }
 
     /// Free facets that face `direction` or its opposite.
-    fn facing(&self, direction: &Vector3<f32>, tolerance: &Tolerance) -> Vec<usize> {
+    fn facing(&self, direction: &Vector3<f32>) -> Vec<usize> {
         let sides = [*direction, -direction];
-        let cells = sides.iter().flat_map(|side| cells_around(side, tolerance.reach));
+        let cells = sides.iter().flat_map(|side| cells_around(side, self.tolerance.reach));
         let near = cells.flat_map(|cell| self.free(cell));
-        near.filter(|facet| self.facets[*facet].normal.dot(direction).abs() >= tolerance.cosine).collect()
+        near.filter(|facet| self.facets[*facet].normal.dot(direction).abs() >= self.tolerance.cosine)
+            .collect()
     }
 
     /// Mean normal by area, on the side of `direction`.
     fn mean_normal(&self, facets: &[usize], direction: &Vector3<f32>) -> Vector3<f32> {
+        // The mean area vector of a bumpy wall is the normal of its outline, because bumps cancel.
         let mut sum = Vector3::<f64>::zeros();
         for facet in facets.iter().map(|facet| &self.facets[*facet]) {
             let area_m2 = facet.area_m2.copysign(facet.normal.dot(direction));
@@ -209,51 +216,45 @@ impl<'a> Fitter<'a> {
     }
 
     /// Extracts the planes perpendicular to `direction`. Returns true if there were any.
-    fn extract_planes(&mut self, direction: &Vector3<f32>, tolerance: &Tolerance) -> bool {
+    fn extract_planes(&mut self, direction: &Vector3<f32>) -> bool {
         let mut row: Vec<_> = self
-            .facing(direction, tolerance)
+            .facing(direction)
             .into_iter()
             .map(|facet| (self.facets[facet].center.coords.dot(direction), facet))
             .collect();
         row.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let layer = |at: f32| (at / tolerance.distance_m).floor();
+        let layer = |at: f32| (at / self.tolerance.distance_m).floor();
         let mut layers: Vec<_> = row
             .chunk_by(|a, b| layer(a.0) == layer(b.0))
             .map(|layer| (layer.iter().map(|(_, facet)| self.facets[*facet].area_m2).sum::<f32>(), layer))
-            .filter(|(area_m2, _)| *area_m2 >= 0.25 * tolerance.min_m2)
+            .filter(|(area_m2, _)| *area_m2 >= 0.25 * self.tolerance.min_m2)
             .collect();
         layers.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1[0].0.total_cmp(&b.1[0].0)));
         let mut any = false;
         for (_, layer) in layers {
-            any |= self.take_plane(&row, layer, direction, tolerance);
+            any |= self.take_plane(&row, layer, direction);
         }
         any
     }
 
     /// Fits a plane to the free facets in `layer` and takes all matching facets in the row.
-    fn take_plane(
-        &mut self,
-        row: &[(f32, usize)],
-        layer: &[(f32, usize)],
-        direction: &Vector3<f32>,
-        tolerance: &Tolerance,
-    ) -> bool {
+    fn take_plane(&mut self, row: &[(f32, usize)], layer: &[(f32, usize)], direction: &Vector3<f32>) -> bool {
         const WIDE: f32 = 8.0;
         let free = |part: &[(f32, usize)]| -> Vec<usize> {
             part.iter().map(|(_, facet)| *facet).filter(|facet| self.taken_by[*facet].is_none()).collect()
         };
         let first = self.fitted(&free(layer), direction);
-        let low = layer[0].0 - WIDE * tolerance.distance_m;
-        let high = layer[layer.len() - 1].0 + WIDE * tolerance.distance_m;
+        let low = layer[0].0 - WIDE * self.tolerance.distance_m;
+        let high = layer[layer.len() - 1].0 + WIDE * self.tolerance.distance_m;
         let from = row.partition_point(|entry| entry.0 < low);
         let near = free(&row[from..row.partition_point(|entry| entry.0 <= high)]);
         let inside = |plane: &Plane| -> Vec<usize> {
-            near.iter().copied().filter(|facet| self.lies_in(*facet, plane, tolerance)).collect()
+            near.iter().copied().filter(|facet| self.lies_in(*facet, plane)).collect()
         };
         let plane = self.fitted(&inside(&first), &first.normal);
         let members = inside(&plane);
         let area_m2 = members.iter().map(|facet| self.facets[*facet].area_m2).sum::<f32>();
-        if area_m2 < tolerance.min_m2 {
+        if area_m2 < self.tolerance.min_m2 {
             return false;
         }
         let number = self.found.len() as u32;
@@ -274,9 +275,9 @@ impl<'a> Fitter<'a> {
         Plane { normal, offset_m, slack_m: 0.0 }
     }
 
-    fn lies_in(&self, facet: usize, plane: &Plane, tolerance: &Tolerance) -> bool {
-        self.facets[facet].normal.dot(&plane.normal).abs() >= tolerance.cosine
-            && self.distance_m(facet, plane) <= tolerance.distance_m
+    fn lies_in(&self, facet: usize, plane: &Plane) -> bool {
+        self.facets[facet].normal.dot(&plane.normal).abs() >= self.tolerance.cosine
+            && self.distance_m(facet, plane) <= self.tolerance.distance_m
     }
 
     /// Largest corner distance from a plane, metres.

@@ -6,9 +6,7 @@ use crate::geodesic::{GeodesicField, length_m};
 use crate::head::Head;
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse, Listener};
-use crate::late::LateField;
-use crate::late::slices::Echo;
-use crate::late::tail::add_tail;
+use crate::late::{LateField, slices::Slice, tail::add_tail};
 use crate::surfaces::Surfaces;
 use crate::unreflected::UnreflectedWaves;
 use avln_geom::{Point3, RayMesh, Vector3, angle};
@@ -53,7 +51,7 @@ pub struct FirstWave {
 
 pub(crate) struct Heard {
     arrivals: Vec<Arrival>,
-    echo: Echo,
+    echo: Vec<Slice>,
 }
 
 struct SourceData {
@@ -140,7 +138,7 @@ impl Source {
         let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
         if seeds.is_empty() && finite(position) {
             seeds.extend(air.nearest_cell(position));
-            outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
+            outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
         let images = Images::new(&building, &outlet);
@@ -195,7 +193,7 @@ impl Source {
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
         let arrivals = self.data.arrivals(place);
         let late = self.data.late.as_ref().filter(|_| !arrivals.is_empty());
-        let echo = late.map_or_else(Echo::default, |late| late.at(&self.data.building, place));
+        let echo = late.map_or_else(Vec::new, |late| late.at(&self.data.building, place));
         Heard { arrivals, echo }
     }
 
@@ -228,7 +226,7 @@ impl Source {
 
     /// Energy share that left the building through holes and open doors, 0 to 1.
     pub fn lost_share(&self) -> f32 {
-        self.data.late.as_ref().map_or(1.0, LateField::lost_share)
+        self.data.late.as_ref().map_or(1.0, |late| late.lost_share)
     }
 
     pub(crate) fn response_samples(&self) -> usize {
@@ -240,7 +238,7 @@ impl Source {
         if !finite(point) || !finite(&self.data.outlet) {
             return None;
         }
-        if self.data.building.air.rays().is_clear(point, &self.data.outlet) {
+        if self.data.building.air.rays.is_clear(point, &self.data.outlet) {
             return Some((self.data.outlet - point).norm());
         }
         self.data.waves().shortest(point).map(|path| length_m(&path))
@@ -254,14 +252,12 @@ impl SourceData {
     }
 
     fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        if finite(listener) && finite(&self.outlet) {
-            let mut arrivals = self.waves().arrivals(listener);
-            let mirrored = self.images.arrivals(&self.building, listener, &arrivals);
-            arrivals.extend(mirrored);
-            arrivals
-        } else {
-            Vec::new()
+        if !finite(listener) || !finite(&self.outlet) {
+            return Vec::new();
         }
+        let mut arrivals = self.waves().arrivals(listener);
+        arrivals.extend(self.images.arrivals(&self.building, listener, &arrivals));
+        arrivals
     }
 
     fn waves(&self) -> UnreflectedWaves<'_> {

@@ -40,11 +40,6 @@ impl Complexes {
         size_of_val(self.re.as_slice()) + size_of_val(self.im.as_slice())
     }
 
-    pub(crate) fn fill(&mut self, value: f32) {
-        self.re.fill(value);
-        self.im.fill(value);
-    }
-
     /// Adds `a * b` point by point; all have equal lengths.
     pub(crate) fn add_product(&mut self, a: &Self, b: &Self) {
         run_at(Width::Eight, Product { sum: self, a, b });

@@ -19,7 +19,7 @@ impl UnreflectedWaves<'_> {
     /// Returns the direct wave; if the source is hidden, up to two diffracted waves and an audible
     /// transmitted wave. The shortest path through the air is first.
     pub(crate) fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        let seen = visibility(self.building.air.rays(), listener, self.outlet);
+        let seen = visibility(&self.building.air.rays, listener, self.outlet);
         if seen.center {
             // At the shadow boundary the diffraction loss fades in with the hidden share.
             let loss = diffraction_loss(0.0).map(|db| db * (1.0 - seen.share));
@@ -39,7 +39,7 @@ impl UnreflectedWaves<'_> {
         }
         // Enclosed or outside: use the path from the nearest air.
         let cell = air.nearest_cell(listener)?;
-        let mut path = self.field.path(air, &air.grid().center(cell), &[cell])?;
+        let mut path = self.field.path(air, &air.grid.center(cell), &[cell])?;
         path.insert(0, *listener);
         Some(path)
     }
@@ -74,7 +74,7 @@ impl UnreflectedWaves<'_> {
         let (mut loss, mut from_m) = ([0.0; SURFACE_BANDS], 0.0);
         for crossed in 0..MAX_SURFACES {
             let from = self.outlet + direction * from_m;
-            let Some(hit) = self.building.air.rays().cast(&from, &direction, length_m - from_m) else {
+            let Some(hit) = self.building.air.rays.cast(&from, &direction, length_m - from_m) else {
                 let loss = std::array::from_fn(|band| loss[band.min(SURFACE_BANDS - 1)]);
                 // If the line touches an edge, the diffracted wave is sufficient.
                 return (crossed > 0).then(|| straight(listener, self.outlet, &loss));

@@ -1,8 +1,7 @@
 //! Spectral balance, peak limit and loudness for clips.
 
 use crate::SAMPLE_RATE_HZ;
-use realfft::num_complex::Complex32;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex, num_complex::Complex32};
 use std::sync::Arc;
 
 /// Root mean square during peak limiting.

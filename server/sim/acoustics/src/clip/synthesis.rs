@@ -47,6 +47,7 @@ pub(super) fn add(target: &mut [f32], event: &[f32], start: usize, gain: f32) {
 /// Filters in place: `y[n] = x[n] + a y[n-1] + b y[n-2]`.
 pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
     let input = signal.to_vec();
+    // The second round starts in the steady state that the loop settles into.
     let (mut last, mut before) = (0.0, 0.0);
     for _ in 0..2 {
         for (sample, input) in signal.iter_mut().zip(&input) {

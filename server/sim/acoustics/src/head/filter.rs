@@ -16,6 +16,7 @@ pub(crate) const FAR_M: f32 = 1e6;
 
 /// Discrete Fourier transform length for filter design.
 pub(crate) const DESIGN_POINTS: usize = 256;
+pub(crate) const DESIGN_BIN_HZ: f64 = SAMPLE_RATE_HZ as f64 / DESIGN_POINTS as f64;
 
 // Above this frequency the response falls to zero at half the sample rate, which shortens the filters.
 const ROLL_OFF_FROM_HZ: f64 = 6000.0;
@@ -40,9 +41,8 @@ impl EarResponse {
 /// Returns the filter for a spectrum (bins from 0 to half the sample rate), with the wave front at `onset_s`
 /// moved to tap [`HEAD_LEAD`].
 pub(crate) fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
-    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let aligned = |(bin, value): (usize, &Complex64)| {
-        let frequency_hz = bin as f64 * bin_hz;
+        let frequency_hz = bin as f64 * DESIGN_BIN_HZ;
         let value = value * unit_phasor(TAU * frequency_hz * onset_s);
         // The two spectrum halves are conjugates: every bin except the first counts twice.
         if bin == 0 { Complex64::new(value.norm(), 0.0) } else { value * 2.0 * roll_off(frequency_hz) }

@@ -1,14 +1,13 @@
 //! Measured heads.
 
-use super::filter::{DESIGN_POINTS, EarResponse, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, design_from};
 use super::sofa::{EarMeasurement, HeadError, Measurements};
 use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
 use crate::late::diffuse::HeardField;
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex64;
+use realfft::{RealFftPlanner, num_complex::Complex64};
 use std::cmp::Ordering;
 use std::f64::consts::TAU;
 use std::fmt;
@@ -38,7 +37,6 @@ const LOW_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 pub struct MeasuredHead {
     /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
     table: Vec<[EarResponse; 2]>,
-    /// Response to diffuse sound, computed on first use.
     pub(super) heard_field: OnceLock<HeardField>,
 }
 
@@ -175,7 +173,7 @@ struct Analysis {
 
 impl Analysis {
     fn new(rate_hz: f64) -> Self {
-        let turn = |bin: usize| unit_phasor(-TAU * bin_hz() * bin as f64 / rate_hz);
+        let turn = |bin: usize| unit_phasor(-TAU * DESIGN_BIN_HZ * bin as f64 / rate_hz);
         let turns = (0..=DESIGN_POINTS / 2).map(turn).collect();
         Self { rate_hz, turns, planner: RealFftPlanner::new(), low_power: 0.0 }
     }
@@ -244,10 +242,6 @@ impl Analysis {
         debug_assert!(done.is_ok());
         folded.into_iter().map(|value| unit_phasor(value.im) * libm::exp(value.re)).collect()
     }
-}
-
-fn bin_hz() -> f64 {
-    f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64
 }
 
 /// Taps around the highest tap, and the first index.

@@ -17,23 +17,19 @@ const MAX_DELAY_S: f64 = 0.1;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadError {
     /// A different format, or a damaged file.
-    #[error(
-        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
+    #[error("it is damaged or no SOFA file; choose a SimpleFreeFieldHRIR file")]
     NoSofa,
     /// A missing table.
-    #[error(
-        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
+    #[error("table {0} is missing; choose a SimpleFreeFieldHRIR file")]
     Missing(&'static str),
     /// A table with the wrong shape.
-    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
+    #[error("{0} has {1}; 2 ears, 2 to 50000 directions (M x 3) and 8 to 16384 taps are supported")]
     Shape(&'static str, String),
-    /// Sample rate out of range.
-    #[error("{0} samples a second: 16000 to 400000 are read")]
+    /// Sample rate out of range, hertz.
+    #[error("its sample rate is {0} Hz; 16000 to 400000 Hz are supported")]
     Rate(f64),
     /// Silent responses.
-    #[error("both ears are silent: name a file of head-related impulse responses")]
+    #[error("both ears are silent; choose a SimpleFreeFieldHRIR file")]
     Silent,
 }
 

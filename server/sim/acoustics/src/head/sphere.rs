@@ -3,9 +3,9 @@
 //! Source: Duda and Martens (1998), "Range dependence of the response of a spherical head model", J. Acoust.
 //! Soc. Am. 104, in the time convention exp(+j w t).
 
-use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use crate::SPEED_OF_SOUND_M_S;
 use crate::transform::unit_phasor;
-use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -20,12 +20,6 @@ const INVERSE_RANGES: [f32; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.0];
 /// Table angles: 0 to 180 degrees, one degree apart.
 const ANGLES: usize = 181;
 
-/// Ear filters for every incidence and range, aligned on the wave front.
-pub(crate) struct SphereTable {
-    /// `INVERSE_RANGES × ANGLES`, row by row.
-    filters: Vec<Filter>,
-}
-
 /// Unit vectors out of the left and the right ear, world frame.
 pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     let (sin, cos) = angle::sin_cos(heading_rad);
@@ -34,39 +28,30 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
-/// Returns the table, computed on first use.
-pub(crate) fn sphere_table() -> &'static SphereTable {
-    static TABLE: OnceLock<SphereTable> = OnceLock::new();
-    TABLE.get_or_init(SphereTable::new)
-}
-
-impl SphereTable {
-    fn new() -> Self {
-        let filters = INVERSE_RANGES.iter().flat_map(|inverse| design_range(1.0 / f64::from(*inverse)));
-        Self { filters: filters.collect() }
+/// Returns the response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, relative to the
+/// free field at the head centre.
+pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
+    /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
+    static FILTERS: OnceLock<Vec<Filter>> = OnceLock::new();
+    let design = |inverse: &f32| design_range(1.0 / f64::from(*inverse));
+    let filters = FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect());
+    let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+    let (row, row_weight) = range_position(range_m);
+    let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
+    let column = (degrees as usize).min(ANGLES - 2);
+    let column_weight = degrees - column as f32;
+    let corners = [
+        (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
+        (row, column + 1, (1.0 - row_weight) * column_weight),
+        (row + 1, column, row_weight * (1.0 - column_weight)),
+        (row + 1, column + 1, row_weight * column_weight),
+    ];
+    let mut filter = [0.0; HEAD_TAPS];
+    for (row, column, weight) in corners {
+        let known = &filters[row * ANGLES + column];
+        filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
     }
-
-    /// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, relative to the free
-    /// field at the head centre.
-    pub(crate) fn ear(&self, cos_incidence: f32, range_m: f32) -> EarResponse {
-        let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
-        let (row, row_weight) = range_position(range_m);
-        let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
-        let column = (degrees as usize).min(ANGLES - 2);
-        let column_weight = degrees - column as f32;
-        let corners = [
-            (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
-            (row, column + 1, (1.0 - row_weight) * column_weight),
-            (row + 1, column, row_weight * (1.0 - column_weight)),
-            (row + 1, column + 1, row_weight * column_weight),
-        ];
-        let mut filter = [0.0; HEAD_TAPS];
-        for (row, column, weight) in corners {
-            let known = &self.filters[row * ANGLES + column];
-            filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
-        }
-        EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
-    }
+    EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
 }
 
 /// The table row on the near side, and the next row's weight.
@@ -78,9 +63,8 @@ fn range_position(range_m: f32) -> (usize, f32) {
 }
 
 fn design_range(range_m: f64) -> Vec<Filter> {
-    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
-        .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
+        .map(|bin| SphereResponse::new((bin as f64 * DESIGN_BIN_HZ).max(20.0), range_m))
         .collect();
     let at_angle = |degrees: usize| {
         let cos_incidence = libm::cos((degrees as f64).to_radians());

@@ -17,7 +17,6 @@ pub(super) const PERIOD: usize = 16_384;
 /// Iterations of envelope flattening.
 const ROUNDS: usize = 12;
 
-/// Border width between bands, octaves.
 const BORDER_OCTAVES: f64 = 0.25;
 
 // Lower frequencies are inaudible.
@@ -34,6 +33,7 @@ pub(super) struct DiffuseResponse {
 
 /// Noise with unit spectral density by band, a period and a block long: at both ears in a diffuse field, and
 /// at a point in the free field.
+#[derive(Default)]
 pub(super) struct Noise {
     pub(super) left: [Vec<f32>; BANDS],
     pub(super) right: [Vec<f32>; BANDS],
@@ -43,7 +43,7 @@ pub(super) struct Noise {
 impl Noise {
     /// Creates noise for ears with the response `diffuse` (by frequency in hertz).
     pub(super) fn new(diffuse: impl Fn(f64) -> DiffuseResponse) -> Self {
-        let mut noise = Self::silent();
+        let mut noise = Self::default();
         for band in 0..BANDS {
             let ears = EarPair::new(band, &diffuse, &mut Rng::new(band as u64).fork("ears"));
             [noise.left[band], noise.right[band]] = ears.samples();
@@ -53,14 +53,10 @@ impl Noise {
         }
         noise
     }
-
-    fn silent() -> Self {
-        let empty = || std::array::from_fn(|_| Vec::new());
-        Self { left: empty(), right: empty(), point: empty() }
-    }
 }
 
 /// Half sum and half difference between two ears' noise in a band, as positive-frequency spectra.
+#[derive(Default)]
 struct EarPair {
     sum: Vec<Complex64>,
     difference: Vec<Complex64>,
@@ -71,12 +67,7 @@ struct EarPair {
 impl EarPair {
     fn new(band: usize, diffuse: impl Fn(f64) -> DiffuseResponse, rng: &mut Rng) -> Self {
         let bins = 1 + highest_bin(band);
-        let mut pair = Self {
-            sum: Vec::new(),
-            difference: Vec::new(),
-            sum_size: Vec::with_capacity(bins),
-            difference_size: Vec::with_capacity(bins),
-        };
+        let mut pair = Self::default();
         for bin in 0..bins {
             let frequency_hz = bin_hz(bin);
             let DiffuseResponse { energy, coherence } = diffuse(frequency_hz);
@@ -214,6 +205,7 @@ impl Lags {
     }
 
     /// Rotates the phases at both ears, a period each, towards the target correlation.
+    // Two independent noises correlate by chance at some lag, and all positions would share that direction.
     fn decorrelate(&self, ears: &mut [Vec<Complex64>; 2]) {
         let (length, points) = (self.window.len(), ears[0].len());
         let mut sums = [(); 2].map(|()| vec![Complex64::default(); points]);

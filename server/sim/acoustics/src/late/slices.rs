@@ -36,14 +36,7 @@ pub(super) fn count(duration_s: f32) -> usize {
     (0..).take_while(|bin| start_s(*bin) < duration_s).count()
 }
 
-/// Late energy at a position. The direct wave at 1 m has energy 1.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Echo {
-    /// Time slices since emission.
-    pub(crate) slices: Vec<Slice>,
-}
-
-/// Energy in a time slice.
+/// Late energy in a time slice at a position. The direct wave at 1 m has energy 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slice {
     pub(crate) energy: [f32; BANDS],
@@ -52,7 +45,6 @@ pub(crate) struct Slice {
 }
 
 impl Slice {
-    /// Energy in all bands.
     pub(super) fn total(&self) -> f32 {
         self.energy.iter().sum()
     }
@@ -119,7 +111,6 @@ impl Envelope {
         })
     }
 
-    /// Number of blocks before slice `index`.
     pub(super) fn blocks_until(&self, index: usize) -> usize {
         let sample = (start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
         (sample.saturating_sub(self.start) / BLOCK + 1).min(self.blocks)
@@ -144,7 +135,6 @@ impl Envelope {
     }
 }
 
-/// A position between two centres.
 struct SlicePosition {
     slice: usize,
     /// Fraction towards the later slice, 0 to 1.

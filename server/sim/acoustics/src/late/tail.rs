@@ -2,11 +2,11 @@
 
 use super::diffuse::HeardField;
 use super::noise::PERIOD;
-use super::slices::{BLOCK, Density, Echo, Envelope, Slice};
+use super::slices::{BLOCK, Density, Envelope, Slice};
 use crate::bands::BANDS;
 use crate::building::Settings;
 use crate::head::filter::{EarResponse, FAR_M, HEAD_LEAD, HEAD_TAPS};
-use crate::impulse::{ImpulseResponse, Listener, add_convolved};
+use crate::impulse::{ImpulseResponse, Listener, add_convolved, convolve};
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::Vector3;
 
@@ -39,17 +39,17 @@ struct Tail<'a> {
 pub(crate) fn add_tail(
     response: &mut ImpulseResponse,
     listener: &Listener,
-    echo: &Echo,
+    echo: &[Slice],
     first_m: f32,
     settings: &Settings,
 ) {
-    if echo.slices.is_empty() {
+    if echo.is_empty() {
         return;
     }
     let end = settings.response_samples();
     let start = ((first_m / SPEED_OF_SOUND_M_S * SAMPLE_RATE_HZ as f32) as usize).min(end);
-    let envelope = Envelope::new(echo.slices.len(), start, end);
-    let slices = envelope.gathered(&echo.slices);
+    let envelope = Envelope::new(echo.len(), start, end);
+    let slices = envelope.gathered(&echo);
     let densities = slices.iter().enumerate().map(|(i, slice)| envelope.density(i, slice)).collect();
     let heard = settings.head.heard_field();
     let tail = Tail { listener, settings, heard, envelope, slices, densities };
@@ -190,9 +190,5 @@ fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAP
         -d * (d - 1.0) * (d - 3.0) / 2.0,
         d * (d - 1.0) * (d - 2.0) / 6.0,
     ];
-    let mut taps = [0.0; HEAD_TAPS + MOVE_TAPS];
-    for (shift, weight) in weights.iter().enumerate() {
-        taps[shift..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += weight * tap);
-    }
-    taps
+    convolve(filter, &weights)
 }

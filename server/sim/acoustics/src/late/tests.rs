@@ -1,7 +1,7 @@
 //! Late energy against theory: Eyring, Sabine, diffuse fields.
 
 use super::LateField;
-use super::slices::{self, CHANNELS, Echo, Slice, middle_s};
+use super::slices::{self, CHANNELS, Slice, middle_s};
 use super::tail::add_tail;
 use super::trace::trace;
 use crate::bands::BANDS;
@@ -40,8 +40,8 @@ fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> 
     let mut sums = Vec::new();
     for place in &places {
         let echo = field.at(building, &Point3::from(*place));
-        sums.resize(echo.slices.len(), 0.0);
-        for (sum, slice) in sums.iter_mut().zip(&echo.slices) {
+        sums.resize(echo.len(), 0.0);
+        for (sum, slice) in sums.iter_mut().zip(&echo) {
             *sum += f64::from(slice.energy[band]) / places.len() as f64;
         }
     }
@@ -100,7 +100,7 @@ fn energy_is_kept_where_nothing_absorbs() {
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
     let bins = slices::count(1.0);
-    let tally = trace(&building, &source, &images, 1, bins);
+    let tally = trace(&building, &source, &images, 1);
     assert_eq!(tally.lost_share, 0.0);
     let counted: f32 =
         (0..building.cells.len()).map(|cell| building.cells.volume_m3(&building.air, cell)).sum();
@@ -161,9 +161,9 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
     // White noise in octaves: half an octave to both sides, the first and last extended.
     let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
     for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
-        let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
+        let within = (0..echo.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
         let due: f64 = within
-            .flat_map(|bin| edges_hz.windows(2).zip(echo.slices[bin].energy))
+            .flat_map(|bin| edges_hz.windows(2).zip(echo[bin].energy))
             .map(|(edges, energy)| (edges[1] - edges[0]) / 8000.0 * f64::from(energy))
             .sum();
         let cut = &response.left[(from_s * 16e3) as usize..(to_s * 16e3) as usize];
@@ -195,7 +195,7 @@ fn variance(rays: usize) -> f64 {
     let variances = places.map(|place| {
         let early = |field: &LateField| {
             let echo = field.at(&building, &place);
-            echo.slices[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
+            echo[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
         };
         let energies: Vec<f64> = fields.iter().map(early).collect();
         let mean = energies.iter().sum::<f64>() / KEYS as f64;
@@ -217,7 +217,7 @@ fn source_and_listener_may_change_places() {
     let fields: Vec<_> = places.iter().map(|place| field(&building, *place)).collect();
     let energy_db = |from: usize, to: usize| {
         let echo = fields[from].at(&building, &places[to].into());
-        10.0 * echo.slices.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
+        10.0 * echo.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
     };
     for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
         let step_db = energy_db(a, b) - energy_db(b, a);
@@ -228,7 +228,7 @@ fn source_and_listener_may_change_places() {
 #[test]
 fn what_comes_from_one_side_is_heard_from_there() {
     let slice = Slice { energy: [1e-3; BANDS], flow: Vector3::new(0.95, 0.0, 0.0) };
-    let echo = Echo { slices: vec![slice; 20] };
+    let echo = vec![slice; 20];
     let listener = Listener { position: Point3::origin(), heading_rad: 0.0 };
     let mut response = ImpulseResponse::default();
     add_tail(&mut response, &listener, &echo, 1.0, &settings(0));

@@ -1,7 +1,7 @@
 //! Rays that carry source energy through a building.
 
 use super::cells::NO_CELL;
-use super::slices::{CHANNELS, doublings, slice_of};
+use super::slices::{self, CHANNELS, doublings, slice_of};
 use crate::air::grid::march;
 use crate::building::Building;
 use crate::images::{Images, MAX_ORDER};
@@ -92,13 +92,8 @@ impl MirrorPath {
 }
 
 /// Traces rays from `outlet`; `key` seeds the random draws.
-pub(super) fn trace(
-    building: &Building,
-    outlet: &Point3<f32>,
-    images: &Images,
-    key: u64,
-    bins: usize,
-) -> Tally {
+pub(super) fn trace(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Tally {
+    let bins = slices::count(building.settings.response_s);
     let count = building.settings.ray_count;
     let mut tracer = Tracer {
         building,
@@ -139,7 +134,7 @@ impl Tracer<'_> {
     fn follow(&mut self, mut ray: Ray) {
         while ray.length_m < self.reach_m && ray.bounces < MAX_BOUNCES {
             let left_m = self.reach_m - ray.length_m;
-            let hit = self.building.air.rays().cast(&ray.origin, &ray.direction, left_m);
+            let hit = self.building.air.rays.cast(&ray.origin, &ray.direction, left_m);
             let leg_m = hit.map_or(left_m, |hit| hit.distance);
             let in_air = self.deposit(&ray, leg_m);
             let Some(hit) = hit else {
@@ -161,9 +156,9 @@ impl Tracer<'_> {
         let mut in_air = false;
         let mut run = CellRun { cell: NO_CELL, from_m: 0.0, to_m: 0.0 };
         let (tally, energy) = (&mut self.tally, self.energy);
-        march(air.grid(), &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
-            let cell = cells.of_voxel(voxel);
-            in_air |= cell != NO_CELL || air.in_room(voxel);
+        march(&air.grid, &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
+            let cell = cells.cell_of[voxel];
+            in_air |= cell != NO_CELL || air.in_room[voxel];
             if cell == run.cell {
                 run.to_m = to_m;
             } else {
@@ -181,7 +176,7 @@ impl Tracer<'_> {
 
     fn count_lost(&mut self, ray: &Ray, left_m: f32) {
         let end = ray.origin + ray.direction * left_m;
-        if !self.building.air.grid().contains(&end) {
+        if !self.building.air.grid.contains(&end) {
             self.tally.lost_share += mean(&ray.weights);
         }
     }
@@ -199,26 +194,30 @@ impl Tracer<'_> {
             if inside_wall { Interaction::Transmitted(1.0) } else { Interaction::draw(surface, draw.choice) };
         ray.transmitted = matches!(interaction, Interaction::Transmitted(_));
         interaction.weigh(surface, &mut ray.weights);
-        ray.path = match interaction {
-            Interaction::Mirrored(_) => {
-                ray.path.and_then(|path| path.mirrored(self.building.planes.of(hit.triangle)))
-            }
-            Interaction::Transmitted(_) => ray.path.and_then(MirrorPath::transmitted),
-            Interaction::Scattered(_) => None,
-        };
         let side = if ray.transmitted { -normal } else { normal };
         ray.origin = point + side * OFF_SURFACE_M;
-        ray.direction = match interaction {
-            Interaction::Transmitted(_) => ray.direction,
-            Interaction::Scattered(_) => lambert(&normal, &draw),
-            Interaction::Mirrored(_) => self.mirrored(&ray.direction, hit.triangle, &normal),
-        };
+        match interaction {
+            Interaction::Transmitted(_) => ray.path = ray.path.and_then(MirrorPath::transmitted),
+            Interaction::Scattered(_) => {
+                ray.path = None;
+                ray.direction = lambert(&normal, &draw);
+            }
+            Interaction::Mirrored(_) => {
+                let plane = self.building.planes.of(hit.triangle);
+                ray.path = ray.path.and_then(|path| path.mirrored(plane));
+                ray.direction = self.mirrored(&ray.direction, plane, &normal);
+            }
+        }
     }
 
     // Rays mirror in the fitted plane if possible, so that bumps in scans do not deflect them.
-    fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
-        let planes = &self.building.planes;
-        let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
+    fn mirrored(
+        &self,
+        direction: &Vector3<f32>,
+        plane: Option<PlaneId>,
+        normal: &Vector3<f32>,
+    ) -> Vector3<f32> {
+        let by_plane = plane.map(|plane| self.building.planes.plane(plane).reflected(direction));
         let outwards = by_plane.filter(|reflected| reflected.dot(normal) > 0.0);
         let reflected = outwards.unwrap_or_else(|| direction - normal * (2.0 * direction.dot(normal)));
         // Rounding must not lengthen directions from bounce to bounce.

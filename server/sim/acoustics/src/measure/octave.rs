@@ -3,8 +3,7 @@
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::BAND_HZ;
 use crate::surfaces::SURFACE_BANDS;
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex64;
+use realfft::{RealFftPlanner, num_complex::Complex64};
 
 /// Padding, samples: longer than the filter response.
 const SILENCE: usize = 4096;
@@ -28,6 +27,7 @@ pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
 /// Power transmission in the octave core: 1 up to a tenth of an octave from the centre, 0 from 0.45 octaves,
 /// a squared sine in between.
 pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
+    // Through the flanks of an octave filter, a slower neighbour would dominate before the band falls by 35 dB.
     const WHOLE_OCTAVES: f64 = 0.1;
     const NOTHING_OCTAVES: f64 = 0.45;
     let octaves = libm::fabs(libm::log2(frequency_hz.max(f64::MIN_POSITIVE) / f64::from(BAND_HZ[band])));
@@ -36,7 +36,6 @@ pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     sine * sine
 }
 
-/// A spectrum for band-wise analysis.
 pub(super) struct Octaves {
     spectrum: Vec<Complex64>,
     samples: usize,
@@ -79,7 +78,7 @@ impl Octaves {
     }
 
     /// Energy by band, relative to a unit pulse.
-    fn energies(&self) -> [f64; SURFACE_BANDS] {
+    pub(super) fn energies(&self) -> [f64; SURFACE_BANDS] {
         let bin_hz = self.bin_hz();
         std::array::from_fn(|band| {
             let shares = (0..self.spectrum.len()).map(|bin| power_share(band, bin as f64 * bin_hz));
@@ -90,11 +89,6 @@ impl Octaves {
             energy / pulse
         })
     }
-}
-
-/// Energy by band, relative to a unit pulse.
-pub(super) fn band_energies(signal: &[f32]) -> [f64; SURFACE_BANDS] {
-    Octaves::new(signal).energies()
 }
 
 // A cut this far below the fit range moves the range's end by 0.14 dB.
