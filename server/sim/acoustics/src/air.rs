@@ -117,12 +117,9 @@ impl Air {
                 break;
             }
         }
-        best.map(|(_, cell)| cell).or_else(|| self.nearest_of_all(point))
-    }
-
-    fn nearest_of_all(&self, point: &Point3<f32>) -> Option<usize> {
+        let distance = |cell: &usize| self.distance_to(point, *cell);
         let rooms = (0..self.grid.len()).filter(|cell| self.in_room[*cell]);
-        rooms.min_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)))
+        best.map(|(_, cell)| cell).or_else(|| rooms.min_by(|a, b| distance(a).total_cmp(&distance(b))))
     }
 
     fn room_cells(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {

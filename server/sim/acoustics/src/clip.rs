@@ -25,8 +25,7 @@ pub struct Clip {
     pub samples: Arc<[f32]>,
 }
 
-/// A share of the synthesised clips. Training, validation and test are disjoint, each with clips from all
-/// families.
+/// A share of the synthesised clips. The three disjoint pools have clips from every family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipPool {
     /// All 100 clips.

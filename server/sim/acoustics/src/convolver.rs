@@ -54,8 +54,8 @@ impl Convolver {
     /// Plans blocks with `block` samples, at least 1.
     pub(crate) fn new(block: usize) -> Self {
         let window = (2 * block).next_power_of_two();
-        let (transform, sum) = (Transform::new(window), Complexes::zero(window));
-        Self { block, window, transform, sum, spare: Vec::new() }
+        let transform = Transform::new(window);
+        Self { block, window, transform, sum: Complexes::zero(window), spare: Vec::new() }
     }
 
     pub(crate) fn byte_count(&self) -> usize {
@@ -71,12 +71,8 @@ impl Convolver {
     /// Returns a silent input for filters with up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let max_spectra = longest.div_ceil(self.block).max(1);
-        Input {
-            recent: vec![0.0; self.window],
-            past: VecDeque::with_capacity(max_spectra + 1),
-            max_spectra,
-            silent: 0,
-        }
+        let past = VecDeque::with_capacity(max_spectra + 1);
+        Input { recent: vec![0.0; self.window], past, max_spectra, silent: 0 }
     }
 
     pub(crate) fn filter(&self, taps: [Vec<f32>; 2]) -> Filter {

@@ -128,8 +128,7 @@ impl GeodesicField {
         one.x == other.x && one.z == other.z
     }
 
-    /// Returns true if the path by `bend` is free, bends around an edge, and is separated from `first` by an
-    /// obstacle.
+    /// Returns true if the path by `bend` is free and bent, and an obstacle separates it from `first`.
     fn is_other(&self, rays: &RayMesh, first: &[Point3<f32>], bend: u32) -> bool {
         let (listener, near) = (&first[0], &first[1]);
         let corner = &self.corners[bend as usize];

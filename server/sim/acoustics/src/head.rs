@@ -44,8 +44,8 @@ impl Head {
         field.get_or_init(|| HeardField::new(|direction| self.ears(direction, 0.0, FAR_M)))
     }
 
-    /// Returns the left and right ear responses to a wave from `direction` (unit vector, world frame) at
-    /// `range_m` metres, at least 0.1.
+    /// Returns both ear responses to a wave from `direction` (unit vector, world frame) at `range_m`, at
+    /// least 0.1.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
         match self {
             Self::Sphere => ear_axes(heading_rad).map(|axis| ear_response(axis.dot(direction), range_m)),

@@ -1,8 +1,7 @@
 //! Specular reflections as discrete waves: mirror images of a source in the building's planes.
 //!
 //! Source: Vorländer (1989), "Simulation of the transient and steady-state sound propagation in rooms using a
-//! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: only plane sequences that rays
-//! find are evaluated.
+//! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the plane sequences.
 
 use crate::bands::{BANDS, BandLoss, SILENT_DB, air_loss, both};
 use crate::building::Building;
@@ -187,7 +186,8 @@ impl Image {
     }
 
     fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &RayHits) -> Self {
-        let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
+        let mirrors = sequence.iter().flatten().map(|id| building.planes.plane(*id));
+        let position = mirrors.fold(*outlet, |point, plane| plane.mirrored(&point));
         // Approximate spacing between neighbouring rays; larger at grazing incidence.
         let spread = 2.0 * (2.0 * TAU / RAYS as f32).sqrt();
         let lit = found.hits.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
@@ -245,10 +245,6 @@ impl Image {
         }
         building.air.rays.is_clear(&from, outlet).then_some(loss)
     }
-}
-
-fn mirrors<'a>(building: &'a Building, sequence: &'a Sequence) -> impl Iterator<Item = &'a Plane> {
-    sequence.iter().flatten().map(|id| building.planes.plane(*id))
 }
 
 fn crossing(plane: &Plane, from: &Point3<f32>, to: &Point3<f32>) -> Option<Point3<f32>> {

@@ -22,8 +22,7 @@ const MIDDLE: Range<usize> = 2..5;
 /// Room measures; `None` without a decay, for a response too short for it, or for a ratio to silence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measures {
-    /// Energy in the first 2.5 ms relative to the rest, decibels: both ears, octaves 500, 1000 and 2000 Hz
-    /// with equal weight.
+    /// Energy in the first 2.5 ms relative to the rest, decibels: both ears, octaves 500 to 2000 Hz equally.
     pub drr_db: Option<f64>,
     /// 125, 250, 500, 1000, 2000 and 4000 Hz.
     pub bands: [BandMeasures; SURFACE_BANDS],

@@ -87,8 +87,7 @@ impl Surfaces {
         Self { kinds: vec![surface], kind_of: vec![0; scene.mesh.triangles.len()] }
     }
 
-    /// Assigns kinds by name: triangle material, object material, object category, in this order; otherwise
-    /// the mean of a furnished flat.
+    /// Assigns kinds by triangle material, object material or category; otherwise a furnished flat's mean.
     pub fn by_material(scene: &Scene) -> Self {
         let kind_of_material: Vec<_> = scene.materials.iter().map(|material| find(&material.name)).collect();
         let kind_of_triangle = |triangle: usize| {
@@ -135,8 +134,7 @@ const BROKEN: Shares = [0.3, 0.4, 0.5, 0.6, 0.7, 0.75];
 /// Row index for unknown names.
 const UNKNOWN: usize = ROWS.len() - 1;
 
-/// Words, lost share, scattering and transmission loss; sources by row: `docs/acoustics.md`. The first
-/// matching row applies.
+/// Words, lost share, scattering, transmission loss (sources: `docs/acoustics.md`). The first match applies.
 const ROWS: [Row; 17] = [
     row(
         "curtain drape blind",

@@ -167,8 +167,7 @@ fn bundle(line: &Vector3<f32>) -> impl Iterator<Item = Vector3<f32>> + use<> {
     })
 }
 
-/// Point `index` among `count` spread evenly over a disc in a sunflower pattern (Vogel 1979): cosine and sine
-/// of the angle, radius in metres.
+/// Point `index` of `count` in a sunflower pattern (Vogel 1979): cosine, sine, radius in metres.
 pub(crate) fn disc_point(index: usize, count: usize, disc_radius_m: f32) -> [f32; 3] {
     /// Golden angle, turns.
     const GOLDEN_SHARE: f32 = 0.381_966;

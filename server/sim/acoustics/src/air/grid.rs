@@ -62,8 +62,7 @@ impl Grid {
         [1, self.size[0], self.size[0] * self.size[1]][axis]
     }
 
-    /// Returns the cells within `reach` cells around `point`, or around the nearest cell if `point` is
-    /// outside.
+    /// Returns the cells within `reach` cells around `point`, or around the cell nearest to it.
     pub(super) fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
         if self.len() == 0 {
             return Vec::new();

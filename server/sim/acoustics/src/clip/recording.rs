@@ -101,8 +101,7 @@ pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     (0..count).map(|n| filtered(samples, n * step / phases, reach, &filters[n * step % phases])).collect()
 }
 
-/// Weights for the `2 × reach` samples around a position `share` samples after the first middle sample; their
-/// sum is 1.
+/// Weights with sum 1 for `2 × reach` samples around `share` samples after the first middle sample.
 fn filter(share: f64, cutoff: f64, reach: usize) -> Vec<f32> {
     let weight = |tap: usize| {
         let distance = tap as f64 - (reach as f64 - 1.0) - share;

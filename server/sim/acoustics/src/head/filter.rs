@@ -38,8 +38,7 @@ impl EarResponse {
     }
 }
 
-/// Returns the filter for a spectrum (bins from 0 to half the sample rate), with the wave front at `onset_s`
-/// moved to tap [`HEAD_LEAD`].
+/// Filter for a half spectrum, with the wave front at `onset_s` moved to tap [`HEAD_LEAD`].
 pub(crate) fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
     let aligned = |(bin, value): (usize, &Complex64)| {
         let frequency_hz = bin as f64 * DESIGN_BIN_HZ;

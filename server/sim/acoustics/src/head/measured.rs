@@ -1,7 +1,7 @@
 //! Measured heads.
 
 use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, design_from};
-use super::sofa::{EarMeasurement, HeadError, Measurements};
+use super::sofa::{EarMeasurement, HeadError, Measurements, unit_vector};
 use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
 use crate::late::diffuse::HeardField;
@@ -115,8 +115,7 @@ fn cell(position: f32, count: usize) -> (usize, f32) {
 fn node_direction(up: usize, around: usize) -> Vector3<f64> {
     let elevation = (f64::from(STEP_DEG) * up as f64 - 90.0).to_radians();
     let azimuth = (f64::from(STEP_DEG) * around as f64).to_radians();
-    let level = libm::cos(elevation);
-    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
+    unit_vector(azimuth, elevation)
 }
 
 /// Interpolates between the measurements nearest to `direction`.

@@ -58,8 +58,7 @@ struct Table {
 impl Measurements {
     pub(super) fn read(bytes: &[u8]) -> Result<Self, HeadError> {
         let file = hdf::parse_with_children(bytes).map_err(|_| HeadError::NoSofa)?;
-        let says = |name: &str, value: &str| attribute(&file.root, name).as_deref() == Some(value);
-        if !says("Conventions", "SOFA") {
+        if attribute(&file.root, "Conventions").as_deref() != Some("SOFA") {
             return Err(HeadError::NoSofa);
         }
         let responses = Table::of(&file, "Data.IR")?;
@@ -76,9 +75,12 @@ impl Measurements {
         let directions = directions(&Table::of(&file, "SourcePosition")?, count)?;
         let delays = delays_s(&file, count, rate_hz)?;
         let left = left_ear(&file)?;
-        let ear = |direction: usize, ear: usize| EarMeasurement {
-            taps: responses.row(2 * direction + ear, taps).iter().map(|tap| *tap as f32).collect(),
-            delay_s: delays[direction][ear],
+        let ear = |direction: usize, ear: usize| {
+            let row = &responses.values[(2 * direction + ear) * taps..][..taps];
+            EarMeasurement {
+                taps: row.iter().map(|tap| *tap as f32).collect(),
+                delay_s: delays[direction][ear],
+            }
         };
         let both = (0..count).map(|direction| [ear(direction, left), ear(direction, 1 - left)]);
         check_view(&file)?;
@@ -101,20 +103,20 @@ impl Table {
         Ok(Self { values, sizes, kind: attribute(&object, "Type") })
     }
 
-    fn row(&self, index: usize, length: usize) -> &[f64] {
-        &self.values[index * length..(index + 1) * length]
-    }
-
     /// Position in row `index`, metres.
     fn place(&self, index: usize) -> Vector3<f64> {
         let [a, b, c] = [0, 1, 2].map(|axis| self.values[3 * index + axis]);
         if self.kind.as_deref() != Some("spherical") {
             return Vector3::new(a, b, c);
         }
-        let (azimuth, elevation) = (a.to_radians(), b.to_radians());
-        let level = libm::cos(elevation);
-        Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation)) * c
+        unit_vector(a.to_radians(), b.to_radians()) * c
     }
+}
+
+/// Unit vector: x ahead, y left, z up.
+pub(super) fn unit_vector(azimuth_rad: f64, elevation_rad: f64) -> Vector3<f64> {
+    let level = libm::cos(elevation_rad);
+    Vector3::new(level * libm::cos(azimuth_rad), level * libm::sin(azimuth_rad), libm::sin(elevation_rad))
 }
 
 fn attribute(object: &DataObject, name: &str) -> Option<String> {
@@ -125,11 +127,10 @@ fn attribute(object: &DataObject, name: &str) -> Option<String> {
 /// Returns floats; `None` for other types.
 fn numbers(object: &DataObject) -> Option<Vec<f64>> {
     const FLOAT: u8 = 1;
+    let data = &object.data;
     match (object.dt.class_and_version & 0x0f, object.dt.size) {
-        (FLOAT, 4) => {
-            Some(object.data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect())
-        }
-        (FLOAT, 8) => Some(object.data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
+        (FLOAT, 4) => Some(data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()),
+        (FLOAT, 8) => Some(data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
         _ => None,
     }
 }
@@ -175,13 +176,8 @@ fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
 /// Rejects heads that do not face the x axis.
 fn check_view(file: &ParsedHdf<'_>) -> Result<(), HeadError> {
     let Ok(view) = Table::of(file, "ListenerView") else { return Ok(()) };
-    let ahead = view.values.len() >= 3 && {
-        let seen = view.place(0);
-        seen.x > 0.99 * seen.norm()
-    };
-    if ahead {
-        Ok(())
-    } else {
-        Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
+    if view.values.len() >= 3 && view.place(0).x > 0.99 * view.place(0).norm() {
+        return Ok(());
     }
+    Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
 }

@@ -28,8 +28,7 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
-/// Returns the response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, relative to the
-/// free field at the head centre.
+/// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
 pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
     /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
     static FILTERS: OnceLock<Vec<Filter>> = OnceLock::new();
@@ -86,8 +85,7 @@ pub(crate) struct SphereResponse {
 }
 
 impl SphereResponse {
-    /// Expands the field at `frequency_hz` (20 to 8000) for a point source at `range_m`, or a plane wave if
-    /// infinite.
+    /// Expands the field at `frequency_hz` (20 to 8000) for a source at `range_m`; infinite for a plane wave.
     pub(crate) fn new(frequency_hz: f64, range_m: f64) -> Self {
         let wave_number = TAU * frequency_hz / f64::from(SPEED_OF_SOUND_M_S);
         let ka = wave_number * HEAD_RADIUS_M;

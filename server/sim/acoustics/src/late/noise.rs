@@ -31,8 +31,7 @@ pub(super) struct DiffuseResponse {
     pub(super) coherence: f64,
 }
 
-/// Noise with unit spectral density by band, a period and a block long: at both ears in a diffuse field, and
-/// at a point in the free field.
+/// Noise with unit spectral density by band, a period and a block long: diffuse at both ears, and at a point.
 #[derive(Default)]
 pub(super) struct Noise {
     pub(super) left: [Vec<f32>; BANDS],
@@ -191,8 +190,7 @@ struct Lags {
 }
 
 impl Lags {
-    /// Creates targets for noise with `points` points per period; `coherence` (-1 to 1) by bin over the whole
-    /// period, inside the band.
+    /// Creates targets for `points` points per period; `coherence` (-1 to 1) by bin, `None` outside the band.
     fn new(points: usize, coherence: impl Fn(usize) -> Option<f64>) -> Self {
         let length = points / PARTS;
         let window = |n| libm::sin(PI * (n as f64 + 0.5) / length as f64);

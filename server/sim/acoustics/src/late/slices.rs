@@ -83,8 +83,7 @@ impl Envelope {
         Self { start, blocks, middles_s, places, weight_s }
     }
 
-    // Cells have an extent, so their energy can arrive before the first sound; the first audible slice takes
-    // it.
+    // Cells have an extent, so energy can come before the first sound; the first audible slice takes it.
     pub(super) fn gathered(&self, slices: &[Slice]) -> Vec<Slice> {
         let mut early = [0.0; BANDS];
         let gather = |(slice, weight_s): (&Slice, &f32)| {

@@ -12,8 +12,7 @@ pub(super) fn bandwidth_hz(band: usize) -> f64 {
     f64::from(BAND_HZ[band]) * std::f64::consts::FRAC_1_SQRT_2
 }
 
-/// Power transmission of a third-order band pass (Butterworth 1930, as in IEC 61260-1): half at the octave
-/// edges.
+/// Power transmission of a third-order band pass (Butterworth 1930, IEC 61260-1): half at the octave edges.
 pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let center_hz = f64::from(BAND_HZ[band]);
     if frequency_hz <= 0.0 {
@@ -24,8 +23,7 @@ pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     1.0 / (1.0 + squared * squared * squared)
 }
 
-/// Power transmission in the octave core: 1 up to a tenth of an octave from the centre, 0 from 0.45 octaves,
-/// a squared sine in between.
+/// Power transmission in the octave core: 1 up to 0.1 octaves, 0 from 0.45 octaves, squared sine between.
 pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     // Through the flanks of an octave filter, a slower neighbour would dominate before the band falls by 35 dB.
     const WHOLE_OCTAVES: f64 = 0.1;
