@@ -2,50 +2,43 @@
 
 use crate::{
     attachment::StopReason,
-    context::{ServiceContext, bearer},
+    context::{Reply, ServiceContext, bearer},
     host::{Host, RunRequest},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     wire,
 };
 use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
 use avln_episode::Order;
 use avln_proto::v1::{self, Reason, run_service_server::RunService};
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 use tokio::{sync::mpsc, time::sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, metadata::MetadataMap};
 
 /// Time between looks at a watched run.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
-/// Default runs per page.
+// Runs per page.
 const PAGE: usize = 50;
-/// Maximum runs per page.
 const LARGEST_PAGE: usize = 200;
-/// Longest method name, characters.
+// Longest texts in requests, characters.
 const MAX_METHOD_CHARS: usize = 80;
-/// Longest method version, characters.
 const MAX_VERSION_CHARS: usize = 40;
-/// Longest method description, characters.
 const MAX_DESCRIPTION_CHARS: usize = 2000;
-/// Longest code or paper address, characters.
 const MAX_URL_CHARS: usize = 500;
-/// Longest licence or training data description, characters.
 const MAX_NOTE_CHARS: usize = 500;
-/// Longest request id, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
-/// A team's runs.
-pub(crate) struct RunCalls<H: Host>(pub(crate) ServiceContext<H>);
+pub(crate) struct RunCalls<H: Host>(pub(crate) Arc<ServiceContext<H>>);
 
 impl<H: Host> RunCalls<H> {
-    async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn account(&self, metadata: &MetadataMap) -> Result<Account> {
         let token = bearer(metadata)?;
         call_host("look an account up", &self.0.host, |host| async move { host.account(&token).await }).await
     }
 
     /// Returns the account, if it belongs to a team.
-    async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn team(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.account(metadata).await?;
         match account.scope {
             TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
@@ -56,7 +49,7 @@ impl<H: Host> RunCalls<H> {
     }
 
     /// Returns the account, if it may start and cancel runs.
-    async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn participant(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.team(metadata).await?;
         match account.scope {
             TokenScope::Participant => Ok(account),
@@ -64,13 +57,13 @@ impl<H: Host> RunCalls<H> {
         }
     }
 
-    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
+    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus> {
         let (account, run) = (account.clone(), checked_id(run)?);
         call_host("look a run up", &self.0.host, |host| async move { host.run(&account, &run).await }).await
     }
 
     /// Returns the requested order, or the phase's only order.
-    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
+    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
             v1::Order::Unordered => return Ok(Order::Unordered),
@@ -83,7 +76,7 @@ impl<H: Host> RunCalls<H> {
         Ok(only_order(&phases, phase)?)
     }
 
-    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
+    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest> {
         let info = self.0.host.info();
         wire::check_client(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();
@@ -101,13 +94,10 @@ impl<H: Host> RunCalls<H> {
 impl<H: Host> RunService for RunCalls<H> {
     type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
 
-    async fn start_run(
-        &self,
-        request: Request<v1::StartRunRequest>,
-    ) -> Result<Response<v1::StartRunResponse>, Status> {
+    async fn start_run(&self, request: Request<v1::StartRunRequest>) -> Reply<v1::StartRunResponse> {
         let account = self.participant(request.metadata()).await?;
-        self.0.registry.check_open().map_err(Failure::from)?;
-        self.0.check_sound().map_err(Failure::from)?;
+        self.0.registry.check_open()?;
+        self.0.check_sound()?;
         let asked = self.request(&account, request.into_inner()).await?;
         let team = account.clone();
         let ticket =
@@ -123,23 +113,17 @@ impl<H: Host> RunService for RunCalls<H> {
         }))
     }
 
-    async fn get_run(
-        &self,
-        request: Request<v1::GetRunRequest>,
-    ) -> Result<Response<v1::GetRunResponse>, Status> {
+    async fn get_run(&self, request: Request<v1::GetRunRequest>) -> Reply<v1::GetRunResponse> {
         let account = self.team(request.metadata()).await?;
         let status = self.status(&account, &request.get_ref().run).await?;
         Ok(Response::new(v1::GetRunResponse { run: Some(wire::run(status)) }))
     }
 
-    async fn watch_run(
-        &self,
-        request: Request<v1::WatchRunRequest>,
-    ) -> Result<Response<Self::WatchRunStream>, Status> {
+    async fn watch_run(&self, request: Request<v1::WatchRunRequest>) -> Reply<Self::WatchRunStream> {
         let account = self.team(request.metadata()).await?;
         let run = request.into_inner().run;
         let first = self.status(&account, &run).await?;
-        let place = self.0.watch().map_err(Failure::from)?;
+        let place = self.0.watch()?;
         let (updates, stream) = mpsc::channel(1);
         let runs = Self(self.0.clone());
         tokio::spawn(async move {
@@ -149,10 +133,7 @@ impl<H: Host> RunService for RunCalls<H> {
         Ok(Response::new(ReceiverStream::new(stream)))
     }
 
-    async fn cancel_run(
-        &self,
-        request: Request<v1::CancelRunRequest>,
-    ) -> Result<Response<v1::CancelRunResponse>, Status> {
+    async fn cancel_run(&self, request: Request<v1::CancelRunRequest>) -> Reply<v1::CancelRunResponse> {
         let account = self.participant(request.metadata()).await?;
         // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first, with the
         // last episode, the run would be completed instead of cancelled.
@@ -165,23 +146,17 @@ impl<H: Host> RunService for RunCalls<H> {
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
     }
 
-    async fn list_runs(
-        &self,
-        request: Request<v1::ListRunsRequest>,
-    ) -> Result<Response<v1::ListRunsResponse>, Status> {
+    async fn list_runs(&self, request: Request<v1::ListRunsRequest>) -> Reply<v1::ListRunsResponse> {
         let account = self.team(request.metadata()).await?;
         let runs =
             call_host("list runs", &self.0.host, |host| async move { host.runs(&account).await }).await?;
-        Ok(Response::new(page(runs, request.get_ref()).map_err(Failure::from)?))
+        Ok(Response::new(page(runs, request.get_ref())?))
     }
 
-    async fn get_quota(
-        &self,
-        request: Request<v1::GetQuotaRequest>,
-    ) -> Result<Response<v1::GetQuotaResponse>, Status> {
+    async fn get_quota(&self, request: Request<v1::GetQuotaRequest>) -> Reply<v1::GetQuotaResponse> {
         let account = self.team(request.metadata()).await?;
         let phase = request.into_inner().phase;
-        let phase = if phase.is_empty() { None } else { Some(checked_id(&phase).map_err(Failure::from)?) };
+        let phase = if phase.is_empty() { None } else { Some(checked_id(&phase)?) };
         let quotas = call_host("look a quota up", &self.0.host, |host| async move {
             host.quotas(&account, phase.as_deref()).await
         });
@@ -189,10 +164,7 @@ impl<H: Host> RunService for RunCalls<H> {
         Ok(Response::new(v1::GetQuotaResponse { quotas }))
     }
 
-    async fn who_am_i(
-        &self,
-        request: Request<v1::WhoAmIRequest>,
-    ) -> Result<Response<v1::WhoAmIResponse>, Status> {
+    async fn who_am_i(&self, request: Request<v1::WhoAmIRequest>) -> Reply<v1::WhoAmIResponse> {
         let account = self.account(request.metadata()).await?;
         Ok(Response::new(v1::WhoAmIResponse {
             team: account.team,
@@ -259,7 +231,6 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// Checks a method description.
 fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
         name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,

@@ -1,16 +1,16 @@
 //! HTTP/2 server: connections after the handshake, shutdown, and the Info and Play services.
 
 use crate::{
-    context::{ServiceContext, bearer},
+    context::{Reply, ServiceContext, bearer},
     control::Control,
     host::Host,
-    lifecycle,
     limits::Limits,
     outbound::{Frames, outbound},
     play_stream::PlayStream,
-    refusal::{Failure, call_host},
+    refusal::call_host,
     run_service::RunCalls,
-    unary, wire,
+    unary::UnaryCall,
+    wire,
 };
 use avln_net::{AcceptLimits, AcceptLoop, Connection, Listener, Meter, Metered};
 use avln_proto::v1::{
@@ -31,7 +31,7 @@ use std::{
     time::Duration,
 };
 use tokio::time::{Instant, sleep_until, timeout};
-use tonic::{Request, Response, Status, Streaming, service::Routes};
+use tonic::{Request, Response, Streaming, service::Routes};
 use tonic_health::server::HealthReporter;
 use tower::Service;
 
@@ -76,8 +76,8 @@ pub async fn serve<H: Host>(
     let limits = context.limits.clone();
     let (routes, health) = routes(&context).await?;
     // Claimed before the first client is admitted, which otherwise could start its run over.
-    for guard in lifecycle::claim_interrupted(&context).await {
-        tokio::spawn(lifecycle::restore(context.clone(), guard));
+    for guard in context.claim_interrupted().await {
+        tokio::spawn(context.clone().restore(guard));
     }
     let mut accept = AcceptLoop::new(listener, accept_limits(&limits));
     tokio::select! {
@@ -85,8 +85,8 @@ pub async fn serve<H: Host>(
             let limits = limits.clone();
             move |connection| serve_connection(connection, limits.clone(), routes.clone())
         }) => tracing::error!(%error, "the accept loop ended"),
-        () = lifecycle::end_expired_runs(context.clone()) => {}
-        () = lifecycle::end_cancelled_runs(context.clone()) => {}
+        () = context.end_expired_runs() => {}
+        () = context.end_cancelled_runs() => {}
         () = shutdown => {}
     }
     let connections = accept.stop_listening();
@@ -120,7 +120,7 @@ fn accept_limits(limits: &Limits) -> AcceptLimits {
 
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.
 async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: Routes) {
-    let Connection { stream, opened, place, mut closing, .. } = connection;
+    let Connection { stream, opened, permit, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
     let seen = Arc::new(AtomicBool::new(false));
     let service = service_fn({
@@ -163,7 +163,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
     }
     if meter.exceeds(i64::from(limits.header_bytes)) {
         tracing::warn!("connection closed: its client sent excessive data");
-        place.delay_others(Instant::now() + PENALTY);
+        permit.delay_others(Instant::now() + PENALTY);
     }
 }
 
@@ -186,7 +186,7 @@ fn configure(limits: &Limits) -> http2::Builder<TokioExecutor> {
 
 /// Creates all services, with health and reflection, and the reporter that sets the health.
 pub(crate) async fn routes<H: Host>(
-    context: &ServiceContext<H>,
+    context: &Arc<ServiceContext<H>>,
 ) -> Result<(Routes, HealthReporter), tonic_reflection::server::Error> {
     let Limits { decode_bytes, encode_bytes, .. } = *context.limits;
     let info = InfoServiceServer::new(InfoCalls(context.clone())).max_decoding_message_size(decode_bytes);
@@ -205,7 +205,6 @@ pub(crate) async fn routes<H: Host>(
     Ok((routes.prepare(), reporter))
 }
 
-/// Sets the health of server and services.
 pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     use tonic::server::NamedService;
     use tonic_health::ServingStatus::{NotServing, Serving};
@@ -221,28 +220,24 @@ pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     }
 }
 
-/// Info service: public information.
-struct InfoCalls<H: Host>(ServiceContext<H>);
+struct InfoCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]
 impl<H: Host> InfoService for InfoCalls<H> {
     async fn get_server_info(
         &self,
         _: Request<v1::GetServerInfoRequest>,
-    ) -> Result<Response<v1::GetServerInfoResponse>, Status> {
-        let ServiceContext { host, limits, registry, .. } = &self.0;
+    ) -> Reply<v1::GetServerInfoResponse> {
+        let ServiceContext { host, limits, registry, .. } = &*self.0;
         let draining =
             registry.is_shut() || host.control().is_some_and(|control| control.draining().is_some());
         let notice = host.control().map(Control::announcement).unwrap_or_default();
         Ok(Response::new(wire::server_info(host.info(), limits, draining, notice)))
     }
 
-    async fn list_phases(
-        &self,
-        request: Request<v1::ListPhasesRequest>,
-    ) -> Result<Response<v1::ListPhasesResponse>, Status> {
+    async fn list_phases(&self, request: Request<v1::ListPhasesRequest>) -> Reply<v1::ListPhasesResponse> {
         let token = match request.metadata().contains_key("authorization") {
-            true => Some(bearer(request.metadata()).map_err(Failure::from)?),
+            true => Some(bearer(request.metadata())?),
             false => None,
         };
         let phases = call_host("list phases", &self.0.host, |host| async move {
@@ -258,20 +253,16 @@ impl<H: Host> InfoService for InfoCalls<H> {
     }
 }
 
-/// Play service: streams and unary calls.
-struct PlayCalls<H: Host>(ServiceContext<H>);
+struct PlayCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]
 impl<H: Host> PlayService for PlayCalls<H> {
     type PlayStream = Frames;
 
-    async fn play(
-        &self,
-        request: Request<Streaming<v1::PlayRequest>>,
-    ) -> Result<Response<Self::PlayStream>, Status> {
+    async fn play(&self, request: Request<Streaming<v1::PlayRequest>>) -> Reply<Self::PlayStream> {
         let context = self.0.clone();
-        let token = bearer(request.metadata()).map_err(Failure::from)?;
-        context.registry.check_open().map_err(Failure::from)?;
+        let token = bearer(request.metadata())?;
+        context.registry.check_open()?;
         let open = context.any_run(&token).await?;
         // Two frames per slot: an observation and the end of its episode.
         let (out, frames) = outbound(2 * open.slot_limit() as usize, context.limits.reader_stall);
@@ -281,18 +272,18 @@ impl<H: Host> PlayService for PlayCalls<H> {
         Ok(Response::new(frames))
     }
 
-    async fn reset(&self, request: Request<v1::ResetRequest>) -> Result<Response<v1::ResetResponse>, Status> {
-        let token = bearer(request.metadata()).map_err(Failure::from)?;
-        Ok(Response::new(unary::reset(&self.0, &token, request.into_inner()).await?))
+    async fn reset(&self, request: Request<v1::ResetRequest>) -> Reply<v1::ResetResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.reset(request.into_inner()).await?))
     }
 
-    async fn step(&self, request: Request<v1::StepRequest>) -> Result<Response<v1::StepResponse>, Status> {
-        let token = bearer(request.metadata()).map_err(Failure::from)?;
-        Ok(Response::new(unary::step(&self.0, &token, request.into_inner()).await?))
+    async fn step(&self, request: Request<v1::StepRequest>) -> Reply<v1::StepResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.step(request.into_inner()).await?))
     }
 
-    async fn end(&self, request: Request<v1::EndRequest>) -> Result<Response<v1::EndResponse>, Status> {
-        let token = bearer(request.metadata()).map_err(Failure::from)?;
-        Ok(Response::new(unary::end(&self.0, &token, request.into_inner()).await?))
+    async fn end(&self, request: Request<v1::EndRequest>) -> Reply<v1::EndResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.end(request.into_inner()).await?))
     }
 }

@@ -1,15 +1,14 @@
-//! Live state of open runs, from the database and the running arena; and its Server-Sent Events.
+//! Live state of open runs, from the database and the running arena, and Server-Sent Events.
 
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{self, NOTHING, with_named_times},
-    request::{NoParameters, RequestContext, StrictQuery, now_unix_ms},
+    request::{NoParameters, PathOnly, RequestContext, StrictQuery, now_unix_ms},
     server::{MAX_CONNECTIONS, Streaming},
 };
 use avln_store::{LiveRun, RunState};
 use axum::{
     Extension,
-    extract::Path,
     http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header},
     response::{
         IntoResponse, Response,
@@ -25,23 +24,20 @@ use tokio::{
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::ToSchema;
 
-/// Limit for the list of open runs.
 pub(crate) const MAX_RUNS: u32 = 50;
-/// Wait for an agent after which the page names the slot, milliseconds.
+// Wait for an agent after which the page names the slot, milliseconds.
 const LONG_WAIT_MS: i64 = 10_000;
 
-/// Subscriber limit: a quarter of all connections, so that pages remain available.
+// Subscriber limit: a quarter of all connections, so that pages remain available.
 const MAX_SUBSCRIBERS: usize = MAX_CONNECTIONS / 4;
-/// Shortest time between two events.
 const INTERVAL: Duration = Duration::from_secs(1);
-/// Interval between comments that keep an idle connection open.
+// Comments at this interval keep an idle connection open.
 const HEARTBEAT: Duration = Duration::from_secs(15);
-/// Stream lifetime, shorter than that of a connection. The browser then reconnects, which repeats the token check.
+// Shorter than a connection's lifetime. The browser then reconnects, which repeats the token check.
 const STREAM_LIFETIME: Duration = Duration::from_secs(50);
-/// Delay before a browser reconnects.
 const RECONNECT_DELAY: Duration = Duration::from_secs(2);
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
-/// Header that makes nginx forward events without buffering.
+// Makes nginx forward events without buffering.
 const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
 /// An open run's session.
@@ -58,13 +54,13 @@ pub struct LiveSession {
 pub struct LiveSlot {
     /// Slot number.
     pub slot: u32,
-    /// Steps so far.
+    /// Steps taken.
     pub step: u32,
     /// Last step's duration from observation to observation, seconds.
     pub last_step_s: Option<f64>,
     /// Mean step duration, seconds.
     pub mean_step_s: Option<f64>,
-    /// Time when the agent received its last observation, milliseconds since 1970-01-01 UTC.
+    /// Time of the last observation, milliseconds since 1970-01-01 UTC.
     pub since_unix_ms: i64,
 }
 
@@ -90,7 +86,6 @@ pub(crate) struct LiveRunView {
     now_unix_ms: i64,
 }
 
-/// An open run for programs.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct LiveRunJson {
     run: String,
@@ -106,7 +101,6 @@ pub(crate) struct LiveRunJson {
     words: LiveText,
 }
 
-/// Texts about an open run.
 #[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct LiveText {
     pub(crate) state: String,
@@ -126,7 +120,6 @@ impl LiveRunView {
         Self { session, draining: live_status.and_then(LiveStatus::draining), now_unix_ms, run }
     }
 
-    /// Returns the total speed, steps per second.
     fn steps_per_s(&self) -> Option<f64> {
         let means = self.slots().iter().filter_map(|slot| slot.mean_step_s);
         let rates: Vec<f64> = means.filter(|mean| *mean > 0.0).map(|mean| 1.0 / mean).collect();
@@ -212,7 +205,6 @@ impl LiveRunView {
     }
 }
 
-/// Live runs with a subscriber limit.
 #[derive(Debug)]
 pub(crate) struct LiveFeed {
     live_status: Option<Arc<dyn LiveStatus>>,
@@ -226,42 +218,33 @@ impl LiveFeed {
         Self { live_status, permits: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)), closed }
     }
 
-    /// Returns a run; `None` if the viewer may not see it.
-    pub(crate) async fn run(
-        &self,
-        context: &RequestContext,
-        id: &str,
-    ) -> Result<Option<LiveRunView>, RequestError> {
+    pub(crate) async fn run(&self, context: &RequestContext, id: &str) -> Result<Option<LiveRunView>> {
         let run = context.reader.live_run(&context.viewer, id).await?;
         Ok(run.map(|run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms())))
     }
 
-    /// Returns all open runs that the viewer may see.
-    pub(crate) async fn runs(&self, context: &RequestContext) -> Result<Vec<LiveRunView>, RequestError> {
+    pub(crate) async fn runs(&self, context: &RequestContext) -> Result<Vec<LiveRunView>> {
         let runs = context.reader.live_runs(&context.viewer, MAX_RUNS).await?;
         let view = |run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms());
         Ok(runs.into_iter().map(view).collect())
     }
 }
 
-/// Streams a run's state.
 pub(crate) async fn run(
     context: RequestContext,
-    Path(id): Path<String>,
+    PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
     headers: HeaderMap,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     subscribe(Subscription { feed, context, run: Some(id) }, &headers).await
 }
 
-/// Streams the state of all open runs.
 pub(crate) async fn runs(
     context: RequestContext,
     Extension(feed): Extension<Arc<LiveFeed>>,
     headers: HeaderMap,
     _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     subscribe(Subscription { feed, context, run: None }, &headers).await
 }
 
@@ -272,23 +255,20 @@ struct Subscription {
     run: Option<String>,
 }
 
-/// All open runs for programs.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct LiveRunsJson {
     runs: Vec<LiveRunJson>,
 }
 
 struct Snapshot {
-    /// Data hash.
     id: String,
     data: String,
-    /// True if the run has ended.
     is_last: bool,
 }
 
 impl Subscription {
     /// Returns the current state; `None` for an unknown run.
-    async fn read(&self) -> Result<Option<Snapshot>, RequestError> {
+    async fn read(&self) -> Result<Option<Snapshot>> {
         let (data, is_last) = match &self.run {
             Some(id) => match self.feed.run(&self.context, id).await? {
                 Some(live) => (with_named_times(&live.json())?, !live.run.line.state.is_open()),
@@ -351,7 +331,7 @@ async fn shut_down(closed: Option<watch::Receiver<()>>) {
     }
 }
 
-async fn subscribe(subscription: Subscription, headers: &HeaderMap) -> Result<Response, RequestError> {
+async fn subscribe(subscription: Subscription, headers: &HeaderMap) -> Result<Response> {
     let unknown = || RequestError::unknown("run", subscription.run.clone().unwrap_or_default());
     let snapshot = subscription.read().await?.ok_or_else(unknown)?;
     let sent = headers.get(LAST_EVENT_ID).and_then(|id| id.to_str().ok()).unwrap_or_default().to_owned();

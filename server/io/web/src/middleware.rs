@@ -5,7 +5,7 @@ use crate::{
     live::LiveStatus,
     management::{MAX_FORM_BYTES, has_session_cookie},
     pages,
-    request::{Menu, PageContext},
+    request::{CONTEXT, Menu, PageContext},
     server::Streaming,
 };
 use axum::{
@@ -33,19 +33,18 @@ use tower_http::{
 };
 use tracing::Level;
 
-/// Size limit for addresses, bytes.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Cache size, bytes: some thousands of pages.
+// Cache size, bytes: some thousands of pages.
 const CACHE_BYTES: u64 = 32 << 20;
-/// Typical compressed page, bytes; an estimate for the cache.
+// Typical compressed page, bytes; an estimate for the cache.
 const TYPICAL_BYTES: usize = 8 << 10;
-/// Bodies below this size fit into a single packet without compression, bytes.
+// Bodies below this size fit into a single packet without compression, bytes.
 const MIN_BYTES: usize = 1024;
 
-/// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
-/// referrers.
+// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
+// referrers.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "same-origin"),
@@ -60,7 +59,7 @@ const UNFRAMED: [(HeaderName, &str); 2] = [
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];
-/// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
+// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
 const FRAMED: [(HeaderName, &str); 1] = [(
     POLICY,
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
@@ -70,7 +69,7 @@ const FRAMED: [(HeaderName, &str); 1] = [(
 pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveStatus>>) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
-    // The path without its query: search words do not belong into a log.
+    // The path without the query: search words do not belong into a log.
     let access_log = TraceLayer::new_for_http()
         .make_span_with(|request: &Request| {
             tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
@@ -88,7 +87,7 @@ pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveSt
         .layer(access_log)
 }
 
-/// Limits time and address length, gives errors a body, and adds the headers.
+/// Limits time and address length, and adds error bodies and headers.
 async fn finish_response(
     State(live_status): State<Option<Arc<dyn LiveStatus>>>,
     request: Request,
@@ -102,7 +101,7 @@ async fn finish_response(
     let mut response = if is_too_long {
         RequestError::TooLong { limit: MAX_ADDRESS_BYTES }.into_response()
     } else {
-        let answer = context.clone().scope(next.run(request));
+        let answer = CONTEXT.scope(context.clone(), next.run(request));
         let answer = tokio::time::timeout(RESPONSE_TIMEOUT, answer).await;
         answer.unwrap_or_else(|_| RequestError::Busy.into_response())
     };
@@ -120,7 +119,7 @@ async fn finish_response(
     response
 }
 
-/// Gives an error its body: problem details (RFC 9457) for programs, a page for people.
+/// Adds the body of an error: problem details (RFC 9457) for programs, a page for people.
 fn with_error_body(bare: Response, for_programs: bool, path: &str, context: PageContext) -> Response {
     let error = bare.extensions().get::<RequestError>().cloned();
     let error = error.unwrap_or_else(|| RequestError::of_status(bare.status()));
@@ -130,7 +129,7 @@ fn with_error_body(bare: Response, for_programs: bool, path: &str, context: Page
         ("application/problem+json", json!(error.problem(path)).to_string())
     } else {
         let context = PageContext { menu, ..context };
-        ("text/html; charset=utf-8", context.sync_scope(|| pages::error_page(&error)))
+        ("text/html; charset=utf-8", CONTEXT.sync_scope(context, || pages::error_page(&error)))
     };
     parts.status = error.class().status;
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
@@ -164,7 +163,12 @@ async fn cache_and_compress(
     // A weak tag, because it is the same for all encodings of the body.
     let hash = blake3::hash(&body);
     let tag = format!("W/\"{}\"", &hash.to_hex()[..32]);
-    set_caching(&mut parts.headers, &tag, is_private);
+    // Caches may store public responses, with revalidation, but no private ones.
+    let control = if is_private { "private, no-store" } else { "public, no-cache" };
+    parts.headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
+    if let Ok(tag) = HeaderValue::from_str(&tag) {
+        parts.headers.insert(header::ETAG, tag);
+    }
     if known.is_some_and(|known| matches_tag(&known, &tag)) {
         parts.status = StatusCode::NOT_MODIFIED;
         parts.headers.remove(header::CONTENT_TYPE);
@@ -178,15 +182,6 @@ async fn cache_and_compress(
         compressed.compress(hash, body, accepted.as_ref(), &mut parts.headers)
     };
     Response::from_parts(parts, Body::from(body))
-}
-
-/// Lets caches store public responses, with revalidation, and forbids copies of private responses.
-fn set_caching(headers: &mut HeaderMap, tag: &str, is_private: bool) {
-    let control = if is_private { "private, no-store" } else { "public, no-cache" };
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
-    if let Ok(tag) = HeaderValue::from_str(tag) {
-        headers.insert(header::ETAG, tag);
-    }
 }
 
 fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
@@ -206,7 +201,6 @@ impl Weighter<blake3::Hash, Bytes> for BodyWeighter {
     }
 }
 
-/// A cache for compressed bodies.
 pub(crate) struct CompressedBodies(Cache<blake3::Hash, Bytes, BodyWeighter>);
 
 impl Default for CompressedBodies {

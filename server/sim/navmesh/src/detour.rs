@@ -1,10 +1,11 @@
-//! Reads navmeshes as Habitat saves them: a set of Detour tiles (`dtMeshHeader` version 7), all little-endian.
-//! Layouts: recastnavigation `Detour/Include/DetourNavMesh.h`, habitat-sim `src/esp/nav/PathFinder.cpp`.
+//! Habitat's navmesh files: a set of Detour tiles (`dtMeshHeader` version 7), little-endian. Layouts:
+//! recastnavigation `Detour/Include/DetourNavMesh.h`, habitat-sim `src/esp/nav/PathFinder.cpp`.
 
 mod tile;
 
 use crate::mesh::{NavMesh, Parts, SHARED_M};
 use crate::surface::{Detail, Surface};
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 use tile::read_tile;
 
@@ -15,53 +16,37 @@ const PARAMETERS_BYTES: usize = 28;
 const SETTINGS_BYTES: usize = 56;
 const MAX_TILES: i64 = 1;
 
-/// Why bytes are not a Detour navmesh.
+/// An unreadable Detour navmesh.
 #[derive(Debug, thiserror::Error)]
 pub enum DetourError {
     /// The file ends too early.
     #[error(
-        "the navmesh file ends within {what}: {needed} bytes from byte {offset} on, of {length}; copy the file again"
+        "the navmesh file ends within {what}: {needed} bytes at byte {offset}, file size {length}; copy the file again"
     )]
     Truncated {
-        /// Item being read.
+        /// Incomplete item.
         what: &'static str,
-        /// Offset of the item.
+        /// Byte offset.
         offset: usize,
         /// Required bytes.
         needed: usize,
-        /// File size in bytes.
+        /// File size, bytes.
         length: usize,
     },
-    /// Another kind of file.
-    #[error("{what} at byte {offset} begins with {found:02x?} where {expected:02x?} belongs{hint}")]
-    Magic {
-        /// Item being read.
-        what: &'static str,
-        /// Offset of the item.
-        offset: usize,
-        /// Bytes found.
-        found: Vec<u8>,
-        /// Expected bytes.
-        expected: [u8; 4],
-        /// Alternative explanation; empty or a continuation of the sentence.
-        hint: &'static str,
-    },
-    /// A number that cannot be.
+    /// An unsupported value.
     #[error("{what} at byte {offset} is {found}; {expected}")]
     Value {
-        /// Item being read.
+        /// Item.
         what: &'static str,
-        /// Offset of the item.
+        /// Byte offset.
         offset: usize,
         /// Value found.
         found: String,
         /// Supported value.
         expected: String,
     },
-    /// No polygon can be walked on.
-    #[error(
-        "the navmesh file holds {polygons} polygons, none of which can be walked on (flag 1); build it again"
-    )]
+    /// No walkable polygon.
+    #[error("the navmesh file has {polygons} polygons but no walkable one (flag 1); build the navmesh again")]
     NoFloor {
         /// Polygon count.
         polygons: usize,
@@ -69,11 +54,10 @@ pub enum DetourError {
 }
 
 impl NavMesh {
-    /// Reads a Detour navmesh saved by Habitat (`.navmesh`, set versions 1 and 2): walkable polygons,
-    /// heights, and body size.
+    /// Reads Habitat's `.navmesh` file, set versions 1 and 2: walkable polygons, heights and body size.
     ///
     /// # Errors
-    /// If the bytes are invalid: the item, its offset and the expected value.
+    /// If the bytes are invalid: item, offset and expected value.
     pub fn from_detour(bytes: &[u8]) -> Result<NavMesh, DetourError> {
         let parts = read(bytes)?;
         let surface = Surface::Detail(Detail::new(&parts.raw));
@@ -81,25 +65,25 @@ impl NavMesh {
     }
 }
 
-/// Reads a set with a single tile.
 fn read(bytes: &[u8]) -> Result<Parts, DetourError> {
     let mut reader = Reader::new(bytes);
     let pointer = bytes.starts_with(b"version https://git-lfs");
-    let hint = if pointer { ": a Git LFS pointer, run `git lfs pull`" } else { ": not a navmesh set" };
+    let hint =
+        if pointer { "this is a Git LFS pointer, run `git lfs pull`" } else { "this is no navmesh set" };
     reader.magic("the navmesh set", SET_MAGIC, hint)?;
-    let version = reader.within("the version of the navmesh set", SET_VERSIONS)?;
-    reader.within("the number of tiles", 1..=MAX_TILES)?;
-    reader.take("the parameters of the navmesh set", PARAMETERS_BYTES)?;
+    let version = reader.within("the navmesh set version", SET_VERSIONS)?;
+    reader.within("the tile count", 1..=MAX_TILES)?;
+    reader.take("the navmesh set parameters", PARAMETERS_BYTES)?;
     if version == 2 {
         reader.take("the navmesh settings", SETTINGS_BYTES)?;
     }
-    reader.take("the reference of the tile", 4)?;
-    let size = reader.within("the size of the tile", 1..=i64::from(i32::MAX))?;
+    reader.take("the tile reference", 4)?;
+    let size = reader.within("the tile size", 1..=i64::from(i32::MAX))?;
     let tile = reader.part("the tile", size as usize)?;
     read_tile(tile)
 }
 
-/// Bytes read front to back; errors name places in the whole file.
+/// A front-to-back reader; errors contain offsets in the whole file.
 struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -111,7 +95,6 @@ impl<'a> Reader<'a> {
         Self { bytes, at: 0, end: bytes.len() }
     }
 
-    /// Offset of the next byte in the file.
     fn at(&self) -> usize {
         self.at
     }
@@ -124,25 +107,18 @@ impl<'a> Reader<'a> {
         Ok(&self.bytes[offset..end])
     }
 
-    /// The next `needed` bytes as a reader of their own.
+    /// Returns a reader for the next `needed` bytes.
     fn part(&mut self, what: &'static str, needed: usize) -> Result<Self, DetourError> {
         let at = self.at;
         self.take(what, needed)?;
         Ok(Self { bytes: self.bytes, at, end: self.at })
     }
 
-    fn magic(
-        &mut self,
-        what: &'static str,
-        expected: &[u8; 4],
-        hint: &'static str,
-    ) -> Result<(), DetourError> {
+    fn magic(&mut self, what: &'static str, magic: &[u8; 4], hint: &str) -> Result<(), DetourError> {
         let offset = self.at;
         let found = self.take(what, 4)?;
-        if found == expected {
-            return Ok(());
-        }
-        Err(DetourError::Magic { what, offset, found: found.to_vec(), expected: *expected, hint })
+        let expected = format_args!("it must begin with {magic:02x?}: {hint}");
+        demand(found == magic, what, offset, format_args!("{found:02x?}"), expected)
     }
 
     fn u8(&mut self, what: &'static str) -> Result<u8, DetourError> {
@@ -159,39 +135,38 @@ impl<'a> Reader<'a> {
         Ok(i32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
-    /// A 32-bit number within `range`.
+    /// Reads a 32-bit number within `range`.
     fn within(&mut self, what: &'static str, range: RangeInclusive<i64>) -> Result<i64, DetourError> {
         let offset = self.at;
         let found = i64::from(self.i32(what)?);
-        let expected = || format!("{} to {} can be read", range.start(), range.end());
-        self.demand(range.contains(&found), what, offset, found.to_string(), expected)?;
+        let expected = format_args!("{} to {} can be read", range.start(), range.end());
+        demand(range.contains(&found), what, offset, found, expected)?;
         Ok(found)
     }
 
-    /// A finite float within a million metres.
+    /// Reads a finite coordinate below a million metres.
     fn metres(&mut self, what: &'static str) -> Result<f32, DetourError> {
         let offset = self.at;
         let found = f32::from_bits(self.i32(what)?.cast_unsigned());
         let sane = found.is_finite() && found.abs() <= 1e6;
-        self.demand(sane, what, offset, found.to_string(), || {
-            "it must be finite and below a million".into()
-        })?;
+        demand(sane, what, offset, found, "it must be finite and below a million")?;
         Ok(found)
     }
 
     fn corner(&mut self, what: &'static str) -> Result<[f32; 3], DetourError> {
         Ok([self.metres(what)?, self.metres(what)?, self.metres(what)?])
     }
+}
 
-    /// An error about the value at `offset` unless it `holds`.
-    fn demand(
-        &self,
-        holds: bool,
-        what: &'static str,
-        offset: usize,
-        found: String,
-        expected: impl FnOnce() -> String,
-    ) -> Result<(), DetourError> {
-        if holds { Ok(()) } else { Err(DetourError::Value { what, offset, found, expected: expected() }) }
-    }
+/// Returns an error for the value at `offset` unless `holds`.
+fn demand(
+    holds: bool,
+    what: &'static str,
+    offset: usize,
+    found: impl Display,
+    expected: impl Display,
+) -> Result<(), DetourError> {
+    let error =
+        || DetourError::Value { what, offset, found: found.to_string(), expected: expected.to_string() };
+    if holds { Ok(()) } else { Err(error()) }
 }

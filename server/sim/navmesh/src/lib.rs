@@ -1,16 +1,13 @@
 //! Walkable area and geodesic distances.
 //!
-//! A [`NavMesh`] is the floor of a scene, eroded by the body: convex polygons over a lattice of cells, joined
-//! at edges. A [`NavPoint`] is a position with its polygon. Movement and lines of sight go from polygon to
-//! neighbour, so storeys above each other never mix. Shortest paths are exact in the ground plane of the
-//! polygons; their legs are measured in space.
+//! A [`NavMesh`] is a scene's floor, eroded by the body: convex polygons over a lattice, joined at edges. A
+//! [`NavPoint`] is a position with a polygon. Movement and lines of sight pass from polygon to neighbour, so
+//! storeys above each other never mix. Shortest paths are exact in the ground plane.
 //!
-//! Meshes are built with the arena's settings ([`NavMesh::build`]), with other settings, by default Habitat's
-//! ([`NavMesh::build_with`]), or read from Habitat files ([`NavMesh::from_detour`]). `habitat` contains
-//! Habitat-compatible queries.
+//! Meshes have the arena's settings ([`NavMesh::build`]), other settings, by default Habitat's
+//! ([`NavMesh::build_with`]), or come from Habitat files ([`NavMesh::from_detour`]).
 //!
-//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `polygons`, `sight`, `route`,
-//! `field`.
+//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `sight`, `route`, `field`, `habitat`.
 //!
 //! *Never*: depends on missions or sounds; reads a clock, the environment or a file; iterates in hash order.
 
@@ -39,12 +36,12 @@ pub use settings::{Body, Finish, NavMeshError, NavMeshSettings};
 
 #[cfg(test)]
 mod fixtures {
-    use crate::plane::Spot;
-    use crate::polygons::{PolygonCorner, Polygons, RawPolygon};
+    use crate::plane::{LatticePoint, Spot};
+    use crate::polygons::{Polygons, RawPolygon};
 
     /// A square with sides of 10 cells at a height, as outline and two triangles.
     fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
-        let corner = |dx, dz| PolygonCorner { spot: Spot::new(x + dx, z + dz), height_m };
+        let corner = |dx, dz| LatticePoint { spot: Spot::new(x + dx, z + dz), height_m };
         let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
         let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
         RawPolygon { corners, region: 1, detail }

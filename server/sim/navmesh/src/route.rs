@@ -1,7 +1,6 @@
-//! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
+//! Shortest paths between two points: best-first search over corners (Hart, Nilsson and Raphael 1968).
 
 use crate::mesh::{NavMesh, NavPoint};
-use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
 use avln_geom::Point3;
@@ -9,18 +8,18 @@ use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
 impl NavMesh {
-    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
-    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
-    /// directions.
+    /// Returns the shortest path length, metres; `None` across islands. The path is exact in the ground
+    /// plane; legs are measured in space. Bit-identical in both directions.
     pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
         if self.island_of(a) != self.island_of(b) {
             return None;
         }
+        // Sums depend on the order of their terms, so both directions are searched from the same end.
         let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
         route(self, a, b).map(|route| route.metres)
     }
 
-    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
+    /// Returns the shortest path: `a`, bends, `b`; `None` across islands.
     pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
         if self.island_of(a) != self.island_of(b) {
             return None;
@@ -31,39 +30,19 @@ impl NavMesh {
     }
 }
 
-/// A way between two points.
 struct Route {
     metres: f64,
-    /// Bends in order, as corner indices.
     bends: Vec<u32>,
 }
 
-/// An end of a path.
-struct RouteEnd {
-    eye: Eye,
-    height_m: f64,
-}
-
-impl RouteEnd {
-    fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
-        Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
-    }
-
-    fn place(&self) -> (&Spot, f64) {
-        (&self.eye.spot, self.height_m)
-    }
-}
-
-/// The best known way to a corner.
 #[derive(Clone, Copy)]
 struct Reached {
     metres: f64,
     from: u32,
 }
 
-/// The shortest route from `a` to `b`; `None` if unreachable.
 fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
-    let (a, b) = (RouteEnd::new(mesh, a), RouteEnd::new(mesh, b));
+    let (a, b) = (mesh.eye(a), mesh.eye(b));
     let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
         return Some(Route { metres, bends: Vec::new() });
@@ -73,18 +52,18 @@ fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
 
 struct RouteSearch<'a> {
     mesh: &'a NavMesh,
-    goal: &'a RouteEnd,
-    /// Per corner: straight distance to the goal, infinite if not in view.
+    goal: &'a Eye,
+    /// Straight distance to the goal by corner; infinite if hidden.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
     waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
 impl<'a> RouteSearch<'a> {
-    fn new(mesh: &'a NavMesh, goal: &'a RouteEnd) -> Self {
+    fn new(mesh: &'a NavMesh, goal: &'a Eye) -> Self {
         let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
-        look(&mesh.polygons, &goal.eye, |polygon, view| {
-            mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
+        look(&mesh.polygons, goal, |polygon, view| {
+            mesh.corners.in_view(mesh.polygons.edges(polygon), view, &goal.place, |link| {
                 last_m[link.to as usize] = link.metres;
             });
         });
@@ -92,16 +71,16 @@ impl<'a> RouteSearch<'a> {
         Self { mesh, goal, last_m, reached, waiting: BinaryHeap::new() }
     }
 
-    /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
-    fn start(&mut self, start: &RouteEnd) -> Option<f64> {
+    /// Opens the corners visible from `start`; returns the distance if the goal is visible.
+    fn start(&mut self, start: &Eye) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
-        look(&mesh.polygons, &start.eye, |polygon, view| {
-            if polygon == goal.eye.polygon && view.holds(&goal.eye.spot) {
-                straight = Some(mesh.lattice().apart_m(start.place(), goal.place()));
+        look(&mesh.polygons, start, |polygon, view| {
+            if polygon == goal.polygon && view.holds(&goal.place.spot) {
+                straight = Some(mesh.lattice.apart_m(&start.place, &goal.place));
             }
             let edges = mesh.polygons.edges(polygon);
-            mesh.corners.in_view(edges, view, start.place(), |link| self.open(link.to, link.metres, NONE));
+            mesh.corners.in_view(edges, view, &start.place, |link| self.open(link.to, link.metres, NONE));
         });
         straight
     }
@@ -110,7 +89,7 @@ impl<'a> RouteSearch<'a> {
         let known = &mut self.reached[corner as usize];
         if metres < known.metres {
             *known = Reached { metres, from };
-            let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
+            let at_least = metres + self.mesh.corners.metres_to(corner, &self.goal.place);
             self.waiting.push(Reverse(QueueEntry { metres: at_least, number: corner }));
         }
     }
@@ -122,7 +101,7 @@ impl<'a> RouteSearch<'a> {
                 break;
             }
             let metres = self.reached[corner as usize].metres;
-            if at_least > metres + self.mesh.corners.metres_to(corner, self.goal.place()) {
+            if at_least > metres + self.mesh.corners.metres_to(corner, &self.goal.place) {
                 continue;
             }
             let whole = metres + self.last_m[corner as usize];
@@ -133,18 +112,22 @@ impl<'a> RouteSearch<'a> {
                 self.open(link.to, metres + link.metres, corner);
             }
         }
-        (best.1 != NONE).then(|| Route { metres: best.0, bends: self.bends(best.1) })
-    }
-
-    fn bends(&self, last: u32) -> Vec<u32> {
-        let before = |&corner: &u32| Some(self.reached[corner as usize].from).filter(|&from| from != NONE);
-        let mut bends: Vec<_> = std::iter::successors(Some(last), before).collect();
-        bends.reverse();
-        bends
+        (best.1 != NONE).then(|| {
+            let bends = steps_to(best.1, |corner| self.reached[corner as usize].from);
+            Route { metres: best.0, bends }
+        })
     }
 }
 
-/// A queue entry of a search (corner or polygon), ordered by cost, then by index.
+/// Returns the steps to `last`, first step first; `before` returns the previous step or [`NONE`].
+pub(crate) fn steps_to(last: u32, before: impl Fn(u32) -> u32) -> Vec<u32> {
+    let known = |step: u32| Some(step).filter(|&step| step != NONE);
+    let mut steps: Vec<_> = std::iter::successors(known(last), |&step| known(before(step))).collect();
+    steps.reverse();
+    steps
+}
+
+/// A search queue entry, ordered by cost, then by index.
 #[derive(PartialEq)]
 pub(crate) struct QueueEntry {
     pub(crate) metres: f64,

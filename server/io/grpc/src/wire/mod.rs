@@ -2,6 +2,7 @@
 //! public values of the host.
 
 use crate::host::Digests;
+use avln_challenge::{PhaseState, QuotaWindow, RunState, Visibility};
 use avln_episode::{
     Action, DepthNoise, DistanceRule, EndReason, FeedbackRule, GoalCue, HeadRule, Mission, Order, PoseFrame,
     RgbImage, RgbNoise, Rules, Sensors, SoundClip, SoundingRule, TimeLimits, WrongSubmit,
@@ -15,34 +16,35 @@ mod run;
 mod sensors;
 
 pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
-pub(crate) use run::{phase, public_metrics, quota, run, run_end, scope, seconds, server_info};
+pub(crate) use run::{episode_end, phase, quota, run, run_end, scope, seconds, server_info};
 pub(crate) use sensors::{check_client, sensors};
 
-pub(crate) fn order(order: Order) -> v1::Order {
-    match order {
-        Order::Ordered => v1::Order::Ordered,
-        Order::Unordered => v1::Order::Unordered,
-    }
+/// Defines conversions of enums with the same variants in the benchmark and in the protocol.
+macro_rules! same_variants {
+    ($($function:ident: $name:ident { $($variant:ident),+ })+) => {$(
+        pub(crate) fn $function(value: $name) -> v1::$name {
+            match value {
+                $($name::$variant => v1::$name::$variant),+
+            }
+        }
+    )+};
 }
-
-pub(crate) fn end_reason(reason: EndReason) -> v1::EndReason {
-    match reason {
-        EndReason::Stopped => v1::EndReason::Stopped,
-        EndReason::FinalSubmit => v1::EndReason::FinalSubmit,
-        EndReason::StepLimit => v1::EndReason::StepLimit,
-        EndReason::TimeBudget => v1::EndReason::TimeBudget,
-        EndReason::Abandoned => v1::EndReason::Abandoned,
-        EndReason::Disconnected => v1::EndReason::Disconnected,
-        EndReason::ServerFault => v1::EndReason::ServerFault,
-    }
-}
-
-pub(crate) fn feedback_rule(rule: FeedbackRule) -> v1::FeedbackRule {
-    match rule {
-        FeedbackRule::None => v1::FeedbackRule::None,
-        FeedbackRule::Accepted => v1::FeedbackRule::Accepted,
-        FeedbackRule::Verdict => v1::FeedbackRule::Verdict,
-    }
+// The match is exhaustive: the compiler rejects a new benchmark variant that is missing here.
+same_variants! {
+    order: Order { Ordered, Unordered }
+    end_reason: EndReason { Stopped, FinalSubmit, StepLimit, TimeBudget, Abandoned, Disconnected, ServerFault }
+    feedback_rule: FeedbackRule { None, Accepted, Verdict }
+    depth_noise: DepthNoise { None, Redwood }
+    rgb_noise: RgbNoise { None, Gaussian }
+    pose_frame: PoseFrame { Start, World }
+    distance_rule: DistanceRule { CameraToBox, BaseToViewpoint }
+    wrong_submit: WrongSubmit { KeepsGoal, SkipsGoal }
+    sounding_rule: SoundingRule { UnfinishedInDrawnOrder, AllInGoalOrder }
+    sound_clip: SoundClip { Anonymous, Distinct, ByCategory }
+    visibility: Visibility { Organiser, Team, Public }
+    run_state: RunState { Created, Running, Completed, Failed, Cancelled, Expired }
+    phase_state: PhaseState { Upcoming, Open, Paused, Closed }
+    quota_window: QuotaWindow { Day, Month, Total, Concurrent, Uncharged }
 }
 
 /// Returns the action for a wire number: index plus one.
@@ -56,7 +58,6 @@ pub(crate) fn action_number(action: Action) -> i32 {
     action.index() as i32 + 1
 }
 
-/// Describes rules and sensors.
 pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
     v1::TaskSpec {
         rules: rules.name.clone(),
@@ -91,20 +92,6 @@ pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
     }
 }
 
-fn depth_noise(noise: DepthNoise) -> v1::DepthNoise {
-    match noise {
-        DepthNoise::None => v1::DepthNoise::None,
-        DepthNoise::Redwood => v1::DepthNoise::Redwood,
-    }
-}
-
-fn rgb_noise(noise: RgbNoise) -> v1::RgbNoise {
-    match noise {
-        RgbNoise::None => v1::RgbNoise::None,
-        RgbNoise::Gaussian => v1::RgbNoise::Gaussian,
-    }
-}
-
 fn head(head: &HeadRule) -> String {
     match head {
         HeadRule::Sphere => String::new(),
@@ -112,43 +99,6 @@ fn head(head: &HeadRule) -> String {
     }
 }
 
-fn pose_frame(frame: PoseFrame) -> v1::PoseFrame {
-    match frame {
-        PoseFrame::Start => v1::PoseFrame::Start,
-        PoseFrame::World => v1::PoseFrame::World,
-    }
-}
-
-fn distance_rule(rule: DistanceRule) -> v1::DistanceRule {
-    match rule {
-        DistanceRule::CameraToBox => v1::DistanceRule::CameraToBox,
-        DistanceRule::BaseToViewpoint => v1::DistanceRule::BaseToViewpoint,
-    }
-}
-
-fn wrong_submit(rule: WrongSubmit) -> v1::WrongSubmit {
-    match rule {
-        WrongSubmit::KeepsGoal => v1::WrongSubmit::KeepsGoal,
-        WrongSubmit::SkipsGoal => v1::WrongSubmit::SkipsGoal,
-    }
-}
-
-fn sounding_rule(rule: SoundingRule) -> v1::SoundingRule {
-    match rule {
-        SoundingRule::UnfinishedInDrawnOrder => v1::SoundingRule::UnfinishedInDrawnOrder,
-        SoundingRule::AllInGoalOrder => v1::SoundingRule::AllInGoalOrder,
-    }
-}
-
-fn sound_clip(clip: SoundClip) -> v1::SoundClip {
-    match clip {
-        SoundClip::Anonymous => v1::SoundClip::Anonymous,
-        SoundClip::Distinct => v1::SoundClip::Distinct,
-        SoundClip::ByCategory => v1::SoundClip::ByCategory,
-    }
-}
-
-/// Builds a mission.
 pub(crate) fn mission(mission: &Mission) -> v1::Mission {
     let goals = mission.goals.iter().map(|cue| v1::Goal { cue: Some(goal_cue(cue)) });
     v1::Mission { order: order(mission.order).into(), goals: goals.collect() }
@@ -165,13 +115,11 @@ fn goal_cue(cue: &GoalCue) -> Cue {
     }
 }
 
-/// Builds the digests that results depend on.
 pub(crate) fn digests(digests: &Digests) -> v1::Digests {
     let Digests { engine, dataset, scorer, config } = digests.clone();
     v1::Digests { engine, dataset, scorer, config }
 }
 
-/// Builds the time limits.
 pub(crate) fn time_limits(time: &TimeLimits) -> v1::TimeLimits {
     v1::TimeLimits {
         step_ms: time.step_ms,

@@ -2,10 +2,10 @@
 
 use super::SCHEMA_VERSION;
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::with_named_times,
     leaderboard::LeaderboardParams,
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, NoParameters, PathOnly, RequestContext, RunsQuery, StrictQuery},
     server::Streaming,
 };
 use avln_store::{EpisodeLine, LeaderboardView, LogAccess, MissionsView, PhaseView, Quota, RunView};
@@ -32,7 +32,7 @@ pub struct SignedLogs {
     pub key: String,
 }
 
-type JsonResponse = Result<Json<Value>, RequestError>;
+type JsonResponse = Result<Json<Value>>;
 
 /// Returns `body` with the schema version, and with times by RFC 3339.
 fn respond(body: &impl Serialize) -> JsonResponse {
@@ -75,11 +75,7 @@ pub(super) struct Phase {
     phase: PhaseView,
 }
 
-pub(super) async fn phase(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn phase(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Phase { phase: context.phase(&id).await? })
 }
 
@@ -88,11 +84,7 @@ pub(super) struct Missions {
     missions: MissionsView,
 }
 
-pub(super) async fn missions(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&Missions { missions: context.missions(&id).await? })
 }
 
@@ -140,11 +132,7 @@ pub(super) async fn runs(
     respond(&query.list(&context.reader, &context.viewer).await?)
 }
 
-pub(super) async fn run(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn run(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     respond(&context.run(&id).await?)
 }
 
@@ -154,29 +142,23 @@ pub(super) struct Episodes {
     episodes: Vec<EpisodeLine>,
 }
 
-pub(super) async fn episodes(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> JsonResponse {
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> JsonResponse {
     let RunView { line, episodes, .. } = context.run(&id).await?;
     respond(&Episodes { run: line.run, episodes })
 }
 
 pub(super) async fn episode(
     context: RequestContext,
-    Path((run, ordinal)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
 ) -> JsonResponse {
     respond(&context.episode(&run, &ordinal).await?)
 }
 
 pub(super) async fn log(
     context: RequestContext,
-    Path(run): Path<String>,
+    PathOnly(run): PathOnly<String>,
     Extension(logs): Extension<Option<SignedLogs>>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let unknown = || RequestError::unknown("log of run", run.clone());
     match context.reader.log_access(&context.viewer, &run).await? {
         LogAccess::None => return Err(unknown()),
@@ -187,7 +169,7 @@ pub(super) async fn log(
         LogAccess::Now => {}
     }
     let SignedLogs { folder, .. } = logs.ok_or_else(unknown)?;
-    // The store has found this run, so its id cannot be a path to another folder.
+    // The store has found this run, so the id cannot be a path to another folder.
     let path = folder.join(format!("{run}.log"));
     let file = File::open(&path).await.map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => unknown(),
@@ -204,23 +186,21 @@ pub(super) async fn log(
     Ok((headers, Extension(Streaming), Body::from_stream(ReaderStream::new(file))).into_response())
 }
 
-/// Reads a leaderboard with all columns.
 pub(super) async fn find_leaderboard(
     context: &RequestContext,
     id: &str,
     params: &LeaderboardParams,
-) -> Result<LeaderboardView, RequestError> {
+) -> Result<LeaderboardView> {
     let phase = context.phase(id).await?;
     params.reject_columns()?;
     params.read(context, &phase, params.order(&phase)?).await
 }
 
-/// Reads the leaderboards for all orders.
 pub(super) async fn find_leaderboards(
     context: &RequestContext,
     id: &str,
     params: &LeaderboardParams,
-) -> Result<Vec<LeaderboardView>, RequestError> {
+) -> Result<Vec<LeaderboardView>> {
     if params.orders.is_some() {
         let message = "this address returns all orders; remove the parameter 'order'";
         return Err(RequestError::Invalid(message.to_owned()));

@@ -17,9 +17,8 @@ use axum::{
 use openapi::Body;
 use utoipa::ToSchema;
 
-/// Address prefix.
 const BASE: &str = "/api/v1";
-/// Schema version; it changes if a field is removed or changes its meaning.
+/// Schema version; it changes if a field is removed or gets another meaning.
 const SCHEMA_VERSION: u32 = 1;
 
 const LEADERBOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
@@ -27,14 +26,13 @@ const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth",
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 const COMPARE_QUERY: &[&str] = &["first", "second"];
 
-/// A route with its description.
+/// A described route.
 struct Endpoint {
     /// Path below [`BASE`].
     path: &'static str,
     route: MethodRouter<Reader>,
     body: Body,
     summary: &'static str,
-    /// Query parameter names.
     query: &'static [&'static str],
 }
 
@@ -51,7 +49,7 @@ impl Endpoint {
         Self::new(path, route, Body::text("text/csv"))
     }
 
-    /// Server-Sent Events. OpenAPI 3.1 describes an event by its data.
+    /// Server-Sent Events. OpenAPI 3.1 describes the data of an event.
     fn events<T: ToSchema>(path: &'static str, route: MethodRouter<Reader>) -> Self {
         Self::new(path, route, Body::of::<T>("text/event-stream"))
     }

@@ -41,7 +41,6 @@ impl Body {
     }
 }
 
-/// Describes `endpoints`.
 pub(super) fn document(endpoints: &[Endpoint]) -> Value {
     let problem = Body::of::<Problem>("application/problem+json");
     let mut schemas = Map::new();
@@ -90,7 +89,6 @@ fn path_item(endpoint: &Endpoint, problem: &Body) -> Value {
     } })
 }
 
-/// Joins the words in a path.
 fn operation_id(path: &str) -> String {
     let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("_")

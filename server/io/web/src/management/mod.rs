@@ -6,7 +6,7 @@ mod sessions;
 
 pub(crate) use form::{FormFields, MAX_FORM_BYTES, SignInForm, SignedForm};
 pub(crate) use sessions::{
-    Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page, session_cookie,
+    Sessions, SignedIn, has_session_cookie, identify, is_management_page, session_cookie,
 };
 
 use crate::server::ClientAddress;
@@ -28,7 +28,7 @@ pub struct TeamCredential {
     pub expires_unix_ms: Option<i64>,
 }
 
-/// A team's action on its data.
+/// A team's action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
@@ -78,7 +78,7 @@ pub enum OrganiserAction {
         /// True if the team may play.
         approved: bool,
     },
-    /// Grants a team runs beyond its quota; requires a reason.
+    /// Grants a team runs beyond the quota; requires a reason.
     Grant {
         /// Team name.
         team: String,
@@ -129,7 +129,7 @@ pub enum ActionError {
     /// The action is not possible; the message is for the visitor.
     #[error("{0}")]
     Refused(String),
-    /// The server failed; the message is for its log.
+    /// The server failed; the message is for the log.
     #[error("{0}")]
     Failed(String),
 }
@@ -180,13 +180,11 @@ pub trait Management: fmt::Debug + Send + Sync {
     fn health(&self) -> ServerHealth;
 }
 
-/// Management actions with sessions and the sign-in limit.
 #[derive(Debug)]
 pub(crate) struct ManagementState {
     pub(crate) actions: Arc<dyn Management>,
     pub(crate) sessions: Sessions,
     pub(crate) sign_in_limiter: SignInLimiter,
-    /// True if the server uses TLS.
     pub(crate) is_secure: bool,
 }
 
@@ -196,14 +194,13 @@ impl ManagementState {
     }
 }
 
-/// Consecutive failures before an address must wait; people do paste a wrong token a few times.
+// Consecutive failures before an address must wait; people do paste a wrong token a few times.
 const MAX_FAILURES: u32 = 10;
-/// Wait after the last failure.
 const WAIT: Duration = Duration::from_secs(60);
-/// Limit for remembered addresses. Beyond it, the oldest failure is forgotten.
+// Bounds the memory: beyond it, the oldest failure is forgotten.
 const MAX_CLIENTS: usize = 4096;
 
-/// Failed sign-ins by client address: count and last time. `None` stands for requests without an address.
+/// Failed sign-ins by client address: count and last time. `None`: requests without an address.
 #[derive(Debug, Default)]
 pub(crate) struct SignInLimiter(Mutex<BTreeMap<Option<ClientAddress>, (u32, Instant)>>);
 
@@ -212,7 +209,6 @@ impl SignInLimiter {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns true if a client may try to sign in at `now`.
     pub(crate) fn may_try(&self, client: Option<ClientAddress>, now: Instant) -> bool {
         let failures = self.failures();
         let must_wait = |&(failed, last): &(u32, Instant)| {
@@ -221,7 +217,6 @@ impl SignInLimiter {
         !failures.get(&client).is_some_and(must_wait)
     }
 
-    /// Records a failed sign-in.
     pub(crate) fn record_failure(&self, client: Option<ClientAddress>, now: Instant) {
         let mut failures = self.failures();
         failures.retain(|_, (_, last)| now.saturating_duration_since(*last) < WAIT);
@@ -235,7 +230,6 @@ impl SignInLimiter {
         *entry = (entry.0.saturating_add(1), now);
     }
 
-    /// Forgets a client's failures after a successful sign-in.
     pub(crate) fn record_success(&self, client: Option<ClientAddress>) {
         self.failures().remove(&client);
     }

@@ -4,11 +4,10 @@ use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
     format,
-    request::{GrpcAddress, NoParameters, StrictQuery},
+    request::{GrpcAddress, NoParameters, PathOnly, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
-use axum::extract::Path;
 use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
 use std::sync::LazyLock;
 
@@ -63,13 +62,10 @@ const PATHS: [(&str, &str); 42] = texts![
     "docs/decisions/0020-scene-readers.md",
 ];
 
-/// All documents, ordered as [`PATHS`].
 static DOCUMENTS: LazyLock<Vec<Document>> =
     LazyLock::new(|| PATHS.into_iter().map(|(path, text)| Document::new(path, text)).collect());
 
-/// A rendered document.
 struct Document {
-    /// Address below `/docs/`.
     slug: String,
     title: String,
     html: String,
@@ -94,12 +90,13 @@ struct DocumentPage {
 
 /// Serves instructions, metric definitions and the list of documents.
 pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
-    let (decisions, documents) = DOCUMENTS.iter().partition(|document| document.is_decision());
+    let (decisions, documents) =
+        DOCUMENTS.iter().partition(|document| document.slug.starts_with("decisions/"));
     let shell = PageShell::new("How to take part", SiteSection::Docs);
     render(&DocsPage { shell, grpc_address, keys: Key::ALL, documents, decisions })
 }
 
-pub(super) async fn document(Path(slug): Path<String>, _: StrictQuery<NoParameters>) -> Page {
+pub(super) async fn document(PathOnly(slug): PathOnly<String>) -> Page {
     let found = DOCUMENTS.iter().find(|document| document.slug == slug);
     let document = found.ok_or(RequestError::unknown("document", slug))?;
     let shell = PageShell::new(document.title.clone(), SiteSection::Docs).below("How to take part", "/docs");
@@ -110,10 +107,6 @@ impl Document {
     fn new(path: &str, text: &str) -> Self {
         let (title, html) = render_markdown(path, text);
         Self { slug: slug(path), title, html }
-    }
-
-    fn is_decision(&self) -> bool {
-        self.slug.starts_with("decisions/")
     }
 }
 
@@ -128,7 +121,7 @@ fn address(path: &str) -> Option<String> {
     PATHS.iter().any(|(listed, _)| *listed == path).then(|| format!("/docs/{}", slug(path)))
 }
 
-/// Renders the document at `path` and returns its title (the first heading) and the HTML below it.
+/// Renders the document at `path` and returns the title (the first heading) and the HTML below it.
 ///
 /// Links to other documents lead to their pages; links to other files become plain text. Tables scroll. HTML in the
 /// text is escaped.
@@ -143,7 +136,6 @@ fn render_markdown(path: &str, text: &str) -> (String, String) {
     (title, html)
 }
 
-/// Splits off the first heading.
 fn split_title(events: Vec<Event<'_>>) -> (String, Vec<Event<'_>>) {
     let is_end = |event: &Event| matches!(event, Event::End(TagEnd::Heading(HeadingLevel::H1)));
     let Some(end) = events.iter().position(is_end) else { return (String::new(), events) };
@@ -210,7 +202,6 @@ fn target(path: &str, link: &str) -> Option<String> {
     Some(place.map_or(page.clone(), |place| format!("{page}#{place}")))
 }
 
-/// Adds ids to headings, for links.
 fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     for at in 0..events.len() {
         let Event::Start(Tag::Heading { level, .. }) = events[at] else { continue };

@@ -2,7 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{self, url_encode},
     leaderboard::{LeaderboardControls, LeaderboardParams, Orders, day},
     request::RequestContext,
@@ -34,7 +34,6 @@ struct LeaderboardPage {
 struct EmbeddedLeaderboard {
     title: String,
     caption: String,
-    /// Full page address.
     address: String,
     view: LeaderboardView,
     columns: Vec<Key>,
@@ -53,7 +52,7 @@ struct AllOrdersPage {
     columns: Vec<Key>,
 }
 
-/// A team's method with its entries in all orders.
+/// A team's method with the entries in all orders.
 struct MethodRow {
     /// Any entry, for the data shared by all.
     any: LeaderboardRow,
@@ -63,7 +62,6 @@ struct MethodRow {
 
 struct OrderEntry {
     row: LeaderboardRow,
-    /// Index in the leaderboard.
     position: usize,
     tied_with: Option<u32>,
 }
@@ -72,7 +70,7 @@ pub(super) async fn page(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let phase = context.phase(&id).await?;
     // A form sends empty fields: redirect to the canonical address, which can be shared.
     if params.has_blanks {
@@ -91,7 +89,7 @@ pub(super) async fn embedded(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let phase = context.phase(&id).await?;
     let order = params.order(&phase)?;
     let page = LeaderboardPage::new(params.read(&context, &phase, order).await?, &params);
@@ -153,12 +151,6 @@ impl LeaderboardPage {
         Self { shell, caption: caption(&view), columns, controls, orders, leader, view }
     }
 
-    /// Returns the API address.
-    fn api_address(&self, suffix: &str) -> String {
-        self.controls.api_address(&format!("leaderboard{suffix}"))
-    }
-
-    /// Returns the address for frames.
     fn embedded(&self) -> String {
         format!("/embed/{}{}", url_encode(&self.view.phase.id), self.controls.query_string())
     }
@@ -170,39 +162,18 @@ impl LeaderboardPage {
         is_public.then(|| format!("/compare?first={}&second={}", url_encode(&row.run), url_encode(leader)))
     }
 
-    fn is_key(&self, key: &Key) -> bool {
-        self.view.key == *key
-    }
-
     fn aria_sort(&self, key: &Key) -> &'static str {
         match key.direction() {
-            _ if !self.is_key(key) => "none",
+            _ if self.view.key != *key => "none",
             Direction::Higher => "descending",
             Direction::Lower => "ascending",
         }
     }
-
-    fn tied_with(&self, row: &LeaderboardRow) -> Option<u32> {
-        tied_with(&self.view.rows, row)
-    }
 }
 
 impl AllOrdersPage {
-    fn is_key(&self, key: &Key) -> bool {
-        self.controls.key == *key
-    }
-
-    /// Returns true if the viewer cannot see all scores.
     fn is_partial(&self) -> bool {
         self.views.iter().any(|view| !view.complete)
-    }
-
-    /// Returns API formats and addresses.
-    fn api_addresses(&self) -> [(&'static str, String); 2] {
-        [
-            ("CSV", self.controls.api_address("leaderboards.csv")),
-            ("JSON", self.controls.api_address("leaderboards")),
-        ]
     }
 }
 
@@ -226,7 +197,7 @@ fn caption(view: &LeaderboardView) -> String {
         format::plural(&view.phase.scenes, "scene"),
         format::metric(&view.key),
         format::better(&view.direction),
-        format::pick(&view.pick),
+        view.pick,
         as_of(view),
         scorers(&view.rows),
     )
@@ -240,12 +211,11 @@ fn orders_caption(views: &[LeaderboardView], controls: &LeaderboardControls) -> 
         counts.join("; "),
         format::metric(&controls.key),
         format::better(&controls.key.direction()),
-        format::pick(&controls.pick),
+        controls.pick,
         views.first().map_or_else(String::new, as_of),
     )
 }
 
-/// Returns the method count, displayed and total.
 fn entry_count(view: &LeaderboardView) -> String {
     let all = format::plural(&view.entries, "method");
     let shown = view.rows.len() as u32;

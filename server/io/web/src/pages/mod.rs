@@ -9,7 +9,7 @@ mod runs;
 mod team;
 
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format,
     leaderboard::LeaderboardParams,
     management::{ActionOutcome, ManagementState, SignedIn},
@@ -26,7 +26,6 @@ use axum::{
     routing::{get, post},
 };
 
-/// Version in the footer.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 pub(crate) fn router() -> Router<Reader> {
@@ -56,7 +55,6 @@ pub(crate) fn router() -> Router<Reader> {
         )
 }
 
-/// Sign-in, and pages for signed-in visitors.
 pub(crate) fn management_router() -> Router<Reader> {
     Router::new()
         .route("/sign-in", get(team::sign_in_page).post(team::sign_in))
@@ -80,8 +78,7 @@ fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300".to_owned())], text)
 }
 
-/// A rendered page.
-type Page = Result<Html<String>, RequestError>;
+type Page = Result<Html<String>>;
 
 fn render(page: &impl Template) -> Page {
     Ok(Html(page.render()?))
@@ -103,9 +100,7 @@ struct PageShell {
 /// Form data on pages for signed-in visitors.
 #[derive(Debug, Default)]
 struct FormContext {
-    /// The session's form key.
     key: String,
-    /// Confirmation of the last action.
     message: Option<String>,
 }
 
@@ -115,13 +110,12 @@ impl FormContext {
     }
 }
 
-/// Stores the confirmation and redirects to a page, so that a reload does not repeat the action.
+// Stores the confirmation and redirects to a page, so that a reload does not repeat the action.
 fn redirect_after(management: &ManagementState, by: &SignedIn, outcome: ActionOutcome, to: &str) -> Response {
     management.sessions.set_message(&by.id, outcome.message);
     Redirect::to(to).into_response()
 }
 
-/// The error for an action that a page does not support.
 fn unknown_action(action: &str) -> RequestError {
     RequestError::Invalid(format!("unknown action '{action}'"))
 }
@@ -138,7 +132,6 @@ enum SiteSection {
     Leaderboards,
     Runs,
     Docs,
-    /// Pages for visitors who sign in.
     Own,
     Elsewhere,
 }
@@ -149,7 +142,6 @@ impl PageShell {
         Self { title: title.into(), trail: vec![], section, context, form, tab: "" }
     }
 
-    /// Appends a page to the trail.
     fn below(mut self, name: impl Into<String>, href: impl Into<String>) -> Self {
         self.trail.push(Breadcrumb { name: name.into(), href: href.into() });
         self
@@ -165,7 +157,6 @@ impl PageShell {
 struct ErrorPage {
     shell: PageShell,
     message: String,
-    /// True if the visitor tried to sign in.
     is_signing_in: bool,
 }
 
@@ -178,7 +169,6 @@ pub(crate) fn error_page(error: &RequestError) -> String {
     page.render().unwrap_or_else(|_| error.class().title.to_owned())
 }
 
-/// Entries per leaderboard on the home page.
 const TOP_ENTRIES: usize = 3;
 
 #[derive(Template)]

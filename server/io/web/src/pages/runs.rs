@@ -2,12 +2,12 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
-    format::{self, url_encode},
+    error::Result,
+    format::{self, NOTHING, url_encode},
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
     plot,
-    request::{CompareQuery, Menu, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, Menu, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
 use askama::Template;
 use avln_challenge::MethodInfo;
@@ -18,7 +18,6 @@ use avln_store::{
 };
 use axum::{
     Extension,
-    extract::Path,
     http::header,
     response::{IntoResponse, Response},
 };
@@ -28,16 +27,13 @@ use std::sync::Arc;
 #[template(path = "runs.html")]
 struct RunsPage {
     shell: PageShell,
-    /// Open runs.
     live: Vec<LiveRunView>,
-    runs: Vec<RunLine>,
-    next: Option<String>,
+    list: RunList,
     query: RunsQuery,
     limit: u32,
 }
 
 impl RunsPage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         format!("/api/v1/runs{suffix}?{}", self.query.address(self.query.before.as_deref()))
     }
@@ -51,8 +47,8 @@ pub(super) async fn list(
     let limit = query.limit()?;
     let mut live = feed.runs(&context).await?;
     live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
-    let RunList { runs, next } = query.list(&context.reader, &context.viewer).await?;
-    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, runs, next, query, limit })
+    let list = query.list(&context.reader, &context.viewer).await?;
+    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, list, query, limit })
 }
 
 /// A time table row: activity, total, time per step, share.
@@ -63,16 +59,14 @@ type TimeRow = (&'static str, String, String, String);
 struct RunPage {
     shell: PageShell,
     view: RunView,
-    /// Live state, if open.
     live: Option<LiveRunView>,
     keys: [Key; 10],
 }
 
 pub(super) async fn one(
     context: RequestContext,
-    Path(id): Path<String>,
+    PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
-    _: StrictQuery<NoParameters>,
 ) -> Page {
     let view = context.run(&id).await?;
     let live = if view.line.state.is_open() { feed.run(&context, &id).await? } else { None };
@@ -89,7 +83,7 @@ impl RunPage {
         Self { shell, view, live, keys: Key::ALL }
     }
 
-    /// Returns what the team states about its method.
+    /// Returns the team's statements about the method.
     fn method_facts(&self) -> Vec<(&'static str, &str)> {
         let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
             &self.view.method;
@@ -132,7 +126,6 @@ impl RunPage {
         Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
     }
 
-    /// Returns the time table; empty without measurements.
     fn times(&self) -> Vec<TimeRow> {
         let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
@@ -146,9 +139,9 @@ impl RunPage {
             return vec![];
         }
         let row = |&(name, seconds): &(&'static str, f64)| {
-            let per_step_ms = self.steps().map(|steps| 1e3 * seconds / steps);
+            let per_step = self.steps().map(|steps| format!("{:.2} ms", 1e3 * seconds / steps));
             let share = format::share(&(seconds / total));
-            (name, format::duration(&seconds), format::maybe_milliseconds(per_step_ms), share)
+            (name, format::duration(&seconds), per_step.unwrap_or_else(|| NOTHING.to_owned()), share)
         };
         parts.iter().map(row).collect()
     }
@@ -167,9 +160,7 @@ struct ComparePage {
     groups: [OutcomeGroup; 4],
 }
 
-/// Episodes with the same outcome.
 struct OutcomeGroup {
-    /// Section id on the page.
     anchor: &'static str,
     heading: &'static str,
     pairs: Vec<PairView>,
@@ -186,7 +177,6 @@ pub(super) async fn compare(context: RequestContext, StrictQuery(query): StrictQ
 }
 
 impl ComparePage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         let [first, second] = [&self.view.first, &self.view.second].map(|line| url_encode(&line.run));
         format!("/api/v1/compare{suffix}?first={first}&second={second}")
@@ -212,7 +202,6 @@ fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
 const LETTER_PX: u32 = 7;
 const MARGIN_PX: u32 = 8;
 
-/// An image with a run's score and rank.
 #[derive(Template)]
 #[template(path = "badge.svg")]
 struct Badge {
@@ -226,11 +215,7 @@ struct BadgeLabel {
     width_px: u32,
 }
 
-pub(super) async fn badge(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
     let view = context.run(&id).await?;
     let phase = context.phase(&view.line.phase).await?;
     let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());
@@ -240,11 +225,7 @@ pub(super) async fn badge(
 }
 
 /// Returns score and rank by the phase's ranking, or the reason for a missing rank.
-async fn standing_text(
-    context: &RequestContext,
-    phase: &PhaseView,
-    view: &RunView,
-) -> Result<String, RequestError> {
+async fn standing_text(context: &RequestContext, phase: &PhaseView, view: &RunView) -> Result<String> {
     let line = &view.line;
     let summary = match &view.summary {
         _ if line.disqualified.is_some() => return Ok("disqualified".to_owned()),

@@ -2,11 +2,11 @@
 
 use super::{FormContext, Page, PageShell, SiteSection, redirect_after, render, unknown_action};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format,
     management::{
-        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, expired_cookie,
-        is_management_page, session_cookie,
+        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, is_management_page,
+        session_cookie,
     },
     request::{StrictQuery, now_unix_ms},
     server::ClientAddress,
@@ -22,9 +22,7 @@ use axum::{
 use serde::Deserialize;
 use std::{sync::Arc, time::Instant};
 
-/// Runs in the list.
 const LISTED_RUNS: u32 = 100;
-/// Longest token lifetime, days.
 const MAX_DAYS: u32 = 3650;
 
 #[derive(Template)]
@@ -34,7 +32,6 @@ struct SignInPage {
     next: String,
 }
 
-/// The page after sign-in.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NextQuery {
@@ -47,14 +44,14 @@ pub(super) async fn sign_in_page(StrictQuery(query): StrictQuery<NextQuery>) -> 
     render(&SignInPage { shell: PageShell::new("Sign in", SiteSection::Own), next })
 }
 
-/// Starts a session, always with a new id: an id that an attacker planted as a cookie is never used.
+// Always a new id: an id that an attacker planted as a cookie is never used.
 pub(super) async fn sign_in(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
     client: Option<Extension<ClientAddress>>,
     before: Option<Extension<SignedIn>>,
     SignInForm(fields): SignInForm,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let client = client.map(|Extension(client)| client);
     if !management.sign_in_limiter.may_try(client, Instant::now()) {
         return Err(RequestError::Attempts);
@@ -75,17 +72,16 @@ pub(super) async fn sign_in(
         tracing::error!(%error, "cannot start a session");
         RequestError::Internal
     })?;
-    let cookie = session_cookie(&id, management.is_secure)?;
+    let cookie = session_cookie(Some(&id), management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response())
 }
 
-/// Ends the session.
 pub(super) async fn sign_out(
     Extension(management): Extension<Arc<ManagementState>>,
     form: SignedForm,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     management.sessions.end(&form.by.id);
-    let cookie = expired_cookie(management.is_secure)?;
+    let cookie = session_cookie(None, management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/")).into_response())
 }
 
@@ -95,7 +91,6 @@ struct TeamPage {
     shell: PageShell,
     by: SignedIn,
     team: String,
-    /// A new token.
     secret: Option<String>,
     tokens: Vec<TokenLine>,
     quotas: Vec<Quota>,
@@ -103,12 +98,11 @@ struct TeamPage {
     now_unix_ms: i64,
 }
 
-/// Redirects organisers to their own page.
 pub(super) async fn page(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
     by: SignedIn,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     if by.holder.viewer == Viewer::Organiser {
         return Ok(Redirect::to("/organise").into_response());
     }
@@ -119,7 +113,7 @@ pub(super) async fn act(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
     SignedForm { by, fields }: SignedForm,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let outcome = management.actions.team_action(by.team()?, action(&fields)?).await?;
     match outcome.secret {
         None => Ok(redirect_after(&management, &by, outcome, "/me")),
@@ -127,7 +121,7 @@ pub(super) async fn act(
     }
 }
 
-fn action(fields: &FormFields) -> Result<TeamAction, RequestError> {
+fn action(fields: &FormFields) -> Result<TeamAction> {
     Ok(match fields.get("action")? {
         "issue" => TeamAction::IssueToken {
             name: fields.name("name")?,
@@ -162,20 +156,11 @@ impl TeamPage {
         !self.by.holder.read_only
     }
 
-    /// Returns true for this session's token.
-    fn is_own(&self, token: &TokenLine) -> bool {
-        token.id == self.by.holder.token
-    }
-
     fn state(&self, token: &TokenLine) -> &'static str {
         match (token.revoked_ms, token.expires_ms) {
             (Some(_), _) => "revoked",
             (None, Some(moment)) if moment <= self.now_unix_ms => "expired",
             _ => "valid",
         }
-    }
-
-    fn is_valid(&self, token: &TokenLine) -> bool {
-        self.state(token) == "valid"
     }
 }

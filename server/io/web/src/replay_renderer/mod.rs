@@ -6,8 +6,8 @@ mod sound;
 pub(crate) use sound::{EpisodeSound, StepLevels, WINDOW_STEPS, sound, window_of};
 
 use crate::{
-    error::RequestError,
-    request::{PictureQuery, RequestContext, StrictQuery},
+    error::{RequestError, Result},
+    request::{PictureQuery, PictureSensor, RequestContext, StrictQuery},
 };
 use avln_episode::Pose;
 use avln_store::{EpisodeView, Replay};
@@ -24,13 +24,11 @@ use tokio::sync::{Mutex, Semaphore};
 
 /// Queue limit, including the current rendering.
 const MAX_WAITING: usize = 8;
-/// Picture cache size, bytes: some hundred steps.
+// Picture cache size, bytes: some hundred steps.
 const PICTURE_BYTES: u64 = 64 << 20;
-/// Estimated picture count in the cache.
 const PICTURES: usize = 256;
-/// Sound cache size, bytes: four episodes at maximum length.
+// Sound cache size, bytes: four episodes at maximum length.
 const SOUND_BYTES: u64 = 128 << 20;
-/// Estimated sound count in the cache.
 const SOUNDS: usize = 16;
 
 /// A camera view to render.
@@ -61,7 +59,7 @@ pub struct RenderedView {
     pub depth_max_m: f32,
 }
 
-/// An episode whose sound is to be rendered.
+/// A request for an episode's sound.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SoundRequest {
     /// Phase id, which defines the rules, scenes and sounds.
@@ -101,11 +99,10 @@ pub trait ReplayRenderer: fmt::Debug + Send + Sync {
     /// Renders an episode's sound from the record.
     ///
     /// # Errors
-    /// If the record is not available, or its replay differs.
+    /// If the record is not available, or the replay differs from it.
     async fn render_sound(&self, request: SoundRequest) -> Result<RenderedSound, RenderError>;
 }
 
-/// A value with a known size.
 trait ByteSize {
     fn bytes(&self) -> usize;
 }
@@ -121,7 +118,6 @@ impl<T: ByteSize> Weighter<String, Arc<T>> for ByteCount {
 
 type ByteCache<T> = Cache<String, Arc<T>, ByteCount>;
 
-/// The renderer with its queue and caches.
 pub(crate) struct RenderQueue {
     renderer: Arc<dyn ReplayRenderer>,
     waiting: Semaphore,
@@ -144,12 +140,7 @@ impl RenderQueue {
         }
     }
 
-    /// Returns the view pictures.
-    async fn pictures(
-        self: Arc<Self>,
-        key: String,
-        request: ViewRequest,
-    ) -> Result<Arc<Pictures>, RequestError> {
+    async fn pictures(self: Arc<Self>, key: String, request: ViewRequest) -> Result<Arc<Pictures>> {
         let renderer = self.renderer.clone();
         let rendering = async move {
             let (width, height) = (request.width, request.height);
@@ -160,10 +151,7 @@ impl RenderQueue {
     }
 
     /// Returns the episode sound; `None` if the viewer may not hear it or the agent requested no sound.
-    pub(crate) async fn sound(
-        self: Arc<Self>,
-        view: &EpisodeView,
-    ) -> Result<Option<Arc<EpisodeSound>>, RequestError> {
+    pub(crate) async fn sound(self: Arc<Self>, view: &EpisodeView) -> Result<Option<Arc<EpisodeSound>>> {
         let Some(request) = sound::request_for(view) else { return Ok(None) };
         let renderer = self.renderer.clone();
         let key = format!("{} {}", request.run, request.ordinal);
@@ -179,8 +167,8 @@ impl RenderQueue {
         self: Arc<Self>,
         cache: fn(&Self) -> &ByteCache<T>,
         key: String,
-        rendering: impl Future<Output = Result<T, RequestError>> + Send + 'static,
-    ) -> Result<Arc<T>, RequestError> {
+        rendering: impl Future<Output = Result<T>> + Send + 'static,
+    ) -> Result<Arc<T>> {
         if let Some(cached) = cache(&self).get(&key) {
             return Ok(cached);
         }
@@ -218,15 +206,14 @@ fn failed(what: &str, error: &RenderError) -> RequestError {
 /// Runs CPU-bound work on a blocking thread.
 async fn on_blocking_thread<T: Send + 'static>(
     work: impl FnOnce() -> Option<T> + Send + 'static,
-) -> Result<T, RequestError> {
+) -> Result<T> {
     tokio::task::spawn_blocking(work).await.ok().flatten().ok_or(RequestError::Internal)
 }
 
-/// Longest side, pixels.
 const MAX_SIDE_PX: u32 = 320;
 /// Field of view for runs without recorded sensors, radians.
 const DEFAULT_HFOV_RAD: f32 = std::f32::consts::FRAC_PI_2;
-/// Depth colour map from near to far: cividis, which also works for colour-blind visitors.
+// Depth colour map from near to far: cividis, which also works for colour-blind visitors.
 const DEPTH: [[f32; 3]; 9] = [
     [0.0, 34.0, 78.0],
     [27.0, 53.0, 110.0],
@@ -238,10 +225,8 @@ const DEPTH: [[f32; 3]; 9] = [
     [223.0, 203.0, 88.0],
     [254.0, 232.0, 56.0],
 ];
-/// Colour for no hit.
 const NO_HIT: [u8; 3] = [0, 0, 0];
 
-/// A rendered view as PNG files.
 #[derive(Debug, PartialEq)]
 struct Pictures {
     rgb: Vec<u8>,
@@ -249,7 +234,7 @@ struct Pictures {
 }
 
 impl Pictures {
-    /// Encodes a view; `None` if its pixels do not match the size.
+    /// Encodes a view; `None` if the pixels do not match the size.
     fn new(view: &RenderedView, width: u32, height: u32) -> Option<Self> {
         let colour = |metres: &f32| depth_colour(*metres / view.depth_max_m.max(f32::MIN_POSITIVE));
         let depth: Vec<u8> = view.depth_m.iter().flat_map(colour).collect();
@@ -298,13 +283,12 @@ fn encode_png(pixels: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// Serves the picture `STEP.png`.
 pub(crate) async fn picture(
     context: RequestContext,
     Path((run, ordinal, file)): Path<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     StrictQuery(query): StrictQuery<PictureQuery>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("picture", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;
@@ -312,8 +296,11 @@ pub(crate) async fn picture(
     let view_request = view_request(&view, step).ok_or_else(unknown)?;
     let key = format!("{run} {} {step}", view.ordinal);
     let pictures = queue.pictures(key, view_request).await?;
-    let png = Bytes::from(if query.is_depth() { pictures.depth.clone() } else { pictures.rgb.clone() });
-    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+    let png = match query.sensor {
+        Some(PictureSensor::Depth) => &pictures.depth,
+        Some(PictureSensor::Rgb) | None => &pictures.rgb,
+    };
+    Ok(([(header::CONTENT_TYPE, "image/png")], Bytes::from(png.clone())).into_response())
 }
 
 /// Returns the view after `step` steps; `None` if the viewer may not see it or the episode was shorter.

@@ -2,25 +2,24 @@
 
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
-    error::RequestError,
-    request::{NoParameters, RequestContext, StrictQuery},
+    error::{RequestError, Result},
+    request::{PathOnly, RequestContext},
 };
 use avln_episode::Sensors;
 use avln_store::EpisodeView;
 use axum::{
     Extension,
     body::Bytes,
-    extract::Path,
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use hound::{SampleFormat, WavSpec, WavWriter};
 use std::io::Cursor;
 
-/// Step limit per file: half a minute, 3.8 MB. A file stays in memory during its download, which must end within the connection
-/// lifetime.
+// Step limit per file: half a minute, 3.8 MB. A file stays in memory during the download, which must end within the connection
+// lifetime.
 pub(crate) const WINDOW_STEPS: u32 = 120;
-/// Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
+// Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
 const REFERENCE_PA: f64 = 20e-6;
 const WAV: WavSpec = WavSpec {
     channels: Sensors::AUDIO_CHANNELS as u16,
@@ -29,14 +28,12 @@ const WAV: WavSpec = WavSpec {
     sample_format: SampleFormat::Float,
 };
 
-/// An episode's sound, with levels by step.
 #[derive(Debug, PartialEq)]
 pub(crate) struct EpisodeSound {
     sound: RenderedSound,
     levels: Vec<StepLevels>,
 }
 
-/// A step's sound levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepLevels {
     /// RMS pressure at the left and right ear, pascals.
@@ -57,7 +54,6 @@ impl StepLevels {
         self.rms.map(level_db)
     }
 
-    /// Returns the combined level, decibels.
     pub(crate) fn both_db(&self) -> Option<f64> {
         let [left, right] = self.rms;
         level_db(((left * left + right * right) / 2.0).sqrt())
@@ -127,11 +123,10 @@ pub(super) fn request_for(view: &EpisodeView) -> Option<SoundRequest> {
 /// Serves the sound file `FIRST-LAST.wav`.
 pub(crate) async fn sound(
     context: RequestContext,
-    Path((run, ordinal, file)): Path<(String, String, String)>,
+    PathOnly((run, ordinal, file)): PathOnly<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     headers: HeaderMap,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;
