@@ -1,20 +1,15 @@
 //! Phases that are heard with a measured head.
 
-#[path = "../../server/sim/acoustics/tests/all/sofa_writer.rs"]
-mod sofa_writer;
+#[path = "../../server/sim/acoustics/tests/all/sofa_file.rs"]
+mod sofa_file;
 
-use avln_arena::{
-    Arena, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-    setup::{NewPhase, open_phase},
-};
+use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;
 use avln_referee::{Audio, Referee};
 use avln_store::Store;
-use sofa_writer::{Table, file};
+use sofa_file::{Table, file};
 use std::{
     fs,
     path::{Path, PathBuf},

@@ -160,7 +160,7 @@ fn ended(status: ExitStatus) -> AgentExit {
 
 async fn stop(child: &mut Child, container: Option<(Engine, String)>) {
     if let Some((engine, name)) = container {
-        let _ = Command::new(engine.program()).args(Engine::kill(&name)).stdout(Stdio::null()).status().await;
+        let _ = Command::new(engine.program()).args(["kill", &name]).stdout(Stdio::null()).status().await;
     }
     let _ = child.kill().await;
 }

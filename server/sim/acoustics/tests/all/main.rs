@@ -8,4 +8,4 @@ mod localisation;
 mod reverberation;
 mod rooms;
 mod sofa;
-mod sofa_writer;
+mod sofa_file;

@@ -1,7 +1,7 @@
 //! Heads from SOFA files: small ones written here, and real ones where `../shared/scenes` lies beside the repository.
 
 use crate::common::{first_wave, lag_us, level_db, listener, opaque_building, point};
-use crate::sofa_writer::{Table, file};
+use crate::sofa_file::{Table, file};
 use avln_acoustics::{Head, HeadError, ImpulseResponse, MeasuredHead, Settings, interaural_delay_s};
 use avln_geom::Rng;
 use std::path::Path;

@@ -1,20 +1,18 @@
-//! A writer for small SOFA files, shared with the tests of `lab`.
+//! A writer for small SOFA files (HDF5), also used by tests of other crates.
 
-#![allow(unreachable_pub, reason = "shared by two test binaries")]
-
-/// A table of a file.
-pub struct Table {
-    pub name: &'static str,
-    pub sizes: Vec<u64>,
-    pub values: Vec<f64>,
+/// A table in a file.
+pub(crate) struct Table {
+    pub(crate) name: &'static str,
+    pub(crate) sizes: Vec<u64>,
+    pub(crate) values: Vec<f64>,
     /// Coordinate type.
-    pub kind: Option<&'static str>,
+    pub(crate) kind: Option<&'static str>,
 }
 
 const SUPERBLOCK_BYTES: usize = 48;
 
 /// A file with these tables and the convention `conventions`.
-pub fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
+pub(crate) fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
     let mut bytes = vec![0; SUPERBLOCK_BYTES];
     let mut links = Vec::new();
     for table in tables {
