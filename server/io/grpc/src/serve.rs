@@ -79,7 +79,16 @@ pub async fn serve<H: Host>(
     for guard in context.claim_interrupted().await {
         tokio::spawn(context.clone().restore(guard));
     }
-    let mut accept = AcceptLoop::new(listener, accept_limits(&limits));
+    let accept_limits = AcceptLimits {
+        max_connections: limits.max_connections,
+        max_connections_per_address: limits.max_connections_per_address,
+        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
+        waits_when_full: false,
+        handshake: limits.first_request,
+        failure_pause: ACCEPT_PAUSE,
+        max_failures: None,
+    };
+    let mut accept = AcceptLoop::new(listener, accept_limits);
     tokio::select! {
         error = accept.run({
             let limits = limits.clone();
@@ -106,21 +115,9 @@ pub async fn serve<H: Host>(
     Ok(())
 }
 
-fn accept_limits(limits: &Limits) -> AcceptLimits {
-    AcceptLimits {
-        max_connections: limits.max_connections,
-        max_connections_per_address: limits.max_connections_per_address,
-        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
-        waits_when_full: false,
-        handshake: limits.first_request,
-        failure_pause: ACCEPT_PAUSE,
-        max_failures: None,
-    }
-}
-
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.
 async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: Routes) {
-    let Connection { stream, opened, place, mut closing, .. } = connection;
+    let Connection { stream, opened, permit, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
     let seen = Arc::new(AtomicBool::new(false));
     let service = service_fn({
@@ -163,7 +160,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
     }
     if meter.exceeds(i64::from(limits.header_bytes)) {
         tracing::warn!("connection closed: its client sent excessive data");
-        place.delay_others(Instant::now() + PENALTY);
+        permit.delay_others(Instant::now() + PENALTY);
     }
 }
 
@@ -205,7 +202,6 @@ pub(crate) async fn routes<H: Host>(
     Ok((routes.prepare(), reporter))
 }
 
-/// Sets the health of server and services.
 pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     use tonic::server::NamedService;
     use tonic_health::ServingStatus::{NotServing, Serving};
@@ -221,7 +217,6 @@ pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     }
 }
 
-/// Info service: public information.
 struct InfoCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]
@@ -255,7 +250,6 @@ impl<H: Host> InfoService for InfoCalls<H> {
     }
 }
 
-/// Play service: streams and unary calls.
 struct PlayCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]

@@ -5,15 +5,12 @@ use avln_geom::{Point2, Point3};
 /// A position in the ground plane, cells: world x and z from the lattice origin.
 pub(crate) type Spot = Point2<f64>;
 
-/// A position over the lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LatticePoint {
     pub(crate) spot: Spot,
-    /// World height, metres.
     pub(crate) height_m: f64,
 }
 
-/// The lattice in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) origin: Point3<f32>,
@@ -40,7 +37,6 @@ impl Lattice {
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
-    /// World height at a level.
     pub(crate) fn height_m(&self, level: u16) -> f32 {
         self.origin.y + f32::from(level) * self.level_m
     }
@@ -49,7 +45,6 @@ impl Lattice {
         metres / f64::from(self.cell_m)
     }
 
-    /// Distance in space, metres.
     pub(crate) fn apart_m(&self, a: &LatticePoint, b: &LatticePoint) -> f64 {
         let flat_m = (a.spot - b.spot).norm() * f64::from(self.cell_m);
         let rise_m = a.height_m - b.height_m;
@@ -92,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lattice_goes_there_and_back() {
+    fn lattice_conversion_is_invertible() {
         let lattice = Lattice { origin: Point3::new(-3.0, 1.0, 2.0), cell_m: 0.05, level_m: 0.2 };
         let point = Point3::new(-2.5, 1.25, 2.1);
         let spot = lattice.spot(&point);
@@ -102,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_apart_in_space() {
+    fn distances_include_height() {
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
         let point = |x: f64, height_m: f64| LatticePoint { spot: Spot::new(x, 0.0), height_m };
         assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 1.0)), 3.0);

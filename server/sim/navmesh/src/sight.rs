@@ -27,7 +27,6 @@ pub(crate) enum VisiblePart {
 }
 
 impl VisiblePart {
-    /// Returns true for a visible spot.
     pub(crate) fn holds(&self, spot: &Spot) -> bool {
         match self {
             Self::Whole => true,
@@ -37,8 +36,6 @@ impl VisiblePart {
         }
     }
 }
-
-/// A view before its entry into a polygon.
 struct Beam {
     /// Portal, as an edge of the entered polygon.
     entry: u32,
@@ -69,7 +66,6 @@ pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &Vis
     }
 }
 
-/// Pushes the views behind the other portals.
 fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     let mut edge = polygons.next(beam.entry);
     while edge != beam.entry {
@@ -120,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inner_corner_of_an_l_hides_what_lies_behind() {
+    fn inner_corner_of_an_l_hides_the_area_behind() {
         // The corner is at (10, 10): visible from (5, 15), and nothing beyond it on the diagonal.
         assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
         assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));
@@ -130,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_are_seen_along_and_storeys_are_not_seen() {
+    fn walls_are_visible_lengthwise_and_storeys_hidden() {
         assert!(sees((0.0, 0.0, 0), (20.0, 0.0, 2)));
         assert!(sees((10.0, 5.0, 0), (20.0, 10.0, 2)));
         assert!(sees((10.0, 10.0, 1), (20.0, 10.0, 2)));

@@ -1,7 +1,7 @@
 //! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test all` rewrites them.
 //!
 //! Filters may change slightly: grey levels may differ by [`MEAN`] on average, and by more than [`MOST`] in
-//! one channel of a hundred.
+//! one channel per hundred.
 
 use crate::scenes::{camera, procedural, shoot, textured};
 use avln_geom::{Point3, angle};
@@ -10,9 +10,9 @@ use std::fs::{self, File};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 
-/// Mean difference of a channel, grey levels.
+/// Mean channel difference, grey levels.
 const MEAN: f64 = 2.0;
-/// Difference exceeded by at most one channel in a hundred, grey levels.
+/// Difference exceeded by at most 1 % of the channels, grey levels.
 const MOST: u8 = 24;
 
 fn path(name: &str) -> PathBuf {
@@ -49,8 +49,8 @@ fn compare(name: &str, frame: &CameraImage) {
     let largest = differences.iter().max().copied().unwrap_or_default();
     assert!(
         mean <= MEAN && far * 100 <= differences.len(),
-        "{name}: the picture differs by {mean:.2} grey levels on average and {largest} at most; {far} of {} channels \
-         differ by more than {MOST}. Look at it, then write it anew with AVLN_BLESS=1",
+        "{name}: the image differs by {mean:.2} grey levels on average and {largest} at most; {far} of {} channels \
+         differ by more than {MOST}. Check the image, then rewrite it with AVLN_BLESS=1",
         differences.len()
     );
 }
@@ -65,20 +65,20 @@ fn in_room(seed: u64, room: usize, [heading_rad, pitch_rad]: [f32; 2]) -> Camera
 }
 
 #[test]
-fn a_procedural_house_looks_as_it_did() {
+fn procedural_house_matches_golden_images() {
     compare("house-21-room-0", &in_room(21, 0, [0.6, -0.2]));
     compare("house-9-room-2", &in_room(9, 2, [2.4, -0.35]));
 }
 
 #[test]
-fn textures_bars_and_tints_look_as_they_did() {
+fn textures_bars_and_tints_match_golden_images() {
     let held = angle::about_up(0.25) * angle::about_right(-0.15);
     let camera = Camera { width: 96, height: 72, ..camera(Point3::new(0.2, 1.5, 1.6), held) };
     compare("textured", &shoot(textured(), &camera));
 }
 
 #[test]
-fn a_picture_that_changed_is_found_out() {
+fn changed_images_are_detected() {
     if std::env::var_os("AVLN_BLESS").is_some() {
         return;
     }
