@@ -39,6 +39,7 @@ impl<'a> File<'a> {
     fn lines(&self) -> impl Iterator<Item = (usize, &'a [u8])> + use<'a> {
         let body = self.bytes.strip_suffix(b"\n").unwrap_or(self.bytes);
         let lines = body.split(|&byte| byte == b'\n').zip(1..).map(|(line, number)| (number, line));
+        // `split` returns a single empty line for an empty file, which has none.
         lines.take(if body.is_empty() { 0 } else { usize::MAX })
     }
 
