@@ -1,6 +1,12 @@
 //! Building, checking and playing a data set on disk.
 
-use avln_arena::{FailureKind, cache::CacheFolder, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
+use avln_arena::{
+    FailureKind,
+    cache::CacheFolder,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    setup::{NewPhase, open_phase},
+};
 use avln_dataset::{CueSpec, EpisodeSpec, PublicGoal, Recipe};
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_interchange::{ForeignFile, Importer, read};

@@ -3,7 +3,12 @@
 #[path = "../../server/sim/acoustics/tests/all/sofa_file.rs"]
 mod sofa_file;
 
-use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
+use avln_arena::{
+    Arena, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    setup::{NewPhase, open_phase},
+};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;

@@ -1,7 +1,10 @@
 //! Building a data set by recipe: resumable, on all processors, one scene's missions in memory for each thread.
 
 use crate::parallel;
-use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, self}};
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{self, DatasetFiles},
+};
 use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
     format::{DATASET_VERSION, digest_of},

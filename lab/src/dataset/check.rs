@@ -1,7 +1,10 @@
 //! Checking and counting a data set that lies on disk.
 
 use crate::parallel;
-use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, SplitFolder}};
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{DatasetFiles, SplitFolder},
+};
 use avln_dataset::{Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, check_scene};
 use avln_episode::Rules;
 use avln_world::Cache;

@@ -1,6 +1,9 @@
 //! Missions of other data sets: finding their files and scenes, and what became of each episode.
 
-use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, read, write_whole}};
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{DatasetFiles, read, write_whole},
+};
 use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
 use avln_interchange::{self as interchange, ForeignEpisode, ForeignFile, Format, Importer, Loss};

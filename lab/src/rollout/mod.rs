@@ -8,7 +8,10 @@ mod record;
 
 use crate::parallel;
 use crate::suite::Oracle;
-use avln_arena::{Failure, FailureKind, dataset::{SplitFolder, check_plain, write_whole}};
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{SplitFolder, check_plain, write_whole},
+};
 use avln_dataset::{EpisodeSpec, SceneLine};
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;

@@ -2,7 +2,14 @@
 
 use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
 use crate::dataset::build::Builder;
-use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, now_unix_ms, servers::RunningServers, setup::{admit, self}};
+use avln_arena::{
+    Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    now_unix_ms,
+    servers::RunningServers,
+    setup::{self, admit},
+};
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};

@@ -5,7 +5,10 @@ use super::{
     oracle::ShortestPath,
     play::client_order,
 };
-use avln_arena::{Arena, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder, servers::RunningServers, setup::admit};
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder,
+    servers::RunningServers, setup::admit,
+};
 use avln_client::{Agent, Play, RunOptions, RunSummary, Sensors};
 use avln_episode::Order;
 use avln_store::{Phase, Reference, Store};
