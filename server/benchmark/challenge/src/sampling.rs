@@ -1,9 +1,27 @@
-//! Drawing a run's episodes: a pure function with the arguments secret and run id. A published secret lets
-//! everybody repeat it.
+//! Episode draws: a pure function of secret and run id, which anybody can repeat after publication of the secret.
 
-use crate::PhaseEpisode;
 use avln_episode::Modality;
 use serde::{Deserialize, Serialize};
+
+/// An episode in a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhaseEpisode {
+    /// Episode id inside the split.
+    pub episode: String,
+    /// Scene name.
+    pub scene: String,
+    /// Goals in mission order.
+    pub goals: Vec<GoalText>,
+}
+
+/// A goal cue in words.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GoalText {
+    /// Cue kind.
+    pub modality: Modality,
+    /// The category's label or the sentence; `None` for an image.
+    pub text: Option<String>,
+}
 
 /// Episode selection and order per run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -165,7 +183,6 @@ fn stratum(episode: &PhaseEpisode) -> [usize; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::GoalText;
     use std::collections::{BTreeMap, BTreeSet};
 
     const SECRET: PhaseSecret = PhaseSecret([7; 32]);

@@ -2,29 +2,29 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Rule set of the task. Every disputed point is a named option, recorded with results.
+/// A rule set for the task. Every disputed point is a named option, recorded with results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Name and version of the rule set.
+    /// Rule set name with version.
     pub name: String,
-    /// Length of MoveForward, metres.
+    /// MoveForward length, metres.
     pub forward_m: f32,
     /// Angle for TurnLeft and TurnRight, degrees; divides 360.
     pub turn_deg: u32,
-    /// Simulated time of a step, seconds.
+    /// Simulated time per step, seconds.
     pub step_s: f32,
     /// Most actions per episode, all five kinds.
     pub max_steps: u32,
-    /// Radius of the body, metres.
+    /// Body radius, metres.
     pub body_radius_m: f32,
-    /// Height of the body, metres.
+    /// Body height, metres.
     pub body_height_m: f32,
-    /// Height of the camera above the base, metres.
+    /// Camera height above the base, metres.
     pub camera_height_m: f32,
-    /// Height of the ears above the base, metres.
+    /// Ear height above the base, metres.
     pub ear_height_m: f32,
-    /// Range of the depth camera, metres; beyond it depth is 0.
+    /// Depth camera range, metres; beyond it depth is 0.
     pub depth_max_m: f32,
     /// Divisor for depth before transport.
     pub depth_divisor: f32,
@@ -32,13 +32,13 @@ pub struct Rules {
     pub audio_samples: u32,
     /// Pose frame in observations.
     pub pose_frame: PoseFrame,
-    /// Schedule of sounding targets.
+    /// Sounding schedule.
     pub sounding: SoundingRule,
     /// Steps per sounding target.
     pub sounding_window_steps: u32,
     /// Source height above the target centre, metres.
     pub source_lift_m: f32,
-    /// Choice of the sound clip.
+    /// Sound clip choice.
     pub sound_clip: SoundClip,
     /// Clip bank.
     #[serde(default)]
@@ -48,9 +48,9 @@ pub struct Rules {
     pub head: HeadRule,
     /// Success radius, metres.
     pub success_radius_m: f32,
-    /// Definition of the success distance.
+    /// Success distance definition.
     pub success_distance: DistanceRule,
-    /// Effect of a wrong Submit in an ordered mission.
+    /// A wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,
     /// Feedback to Submits.
     pub feedback: FeedbackRule,
@@ -62,7 +62,7 @@ pub struct Rules {
     pub rgb_noise: RgbNoise,
 }
 
-/// Frame of observed poses.
+/// Observed poses' frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseFrame {
@@ -72,7 +72,7 @@ pub enum PoseFrame {
     World,
 }
 
-/// Schedule of sounding targets.
+/// Sounding schedule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundingRule {
@@ -82,7 +82,7 @@ pub enum SoundingRule {
     AllInGoalOrder,
 }
 
-/// Choice of the sound clip.
+/// Sound clip choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundClip {
@@ -128,7 +128,7 @@ impl HeadRule {
     }
 }
 
-/// Definition of the success distance, with the visibility condition.
+/// Success distance definition, with the visibility condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DistanceRule {
@@ -138,7 +138,7 @@ pub enum DistanceRule {
     BaseToViewpoint,
 }
 
-/// Effect of a wrong Submit in an ordered mission.
+/// A wrong Submit's effect in an ordered mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WrongSubmit {
@@ -188,15 +188,15 @@ pub enum RgbNoise {
 pub struct UnknownRules(pub String);
 
 impl Rules {
-    /// Name of the default rule set.
+    /// The default rule set's name.
     pub const PAPER: &str = "lh-avln-v1";
-    /// Name of the rule set of the authors' released code.
+    /// Rule set name for the authors' released code.
     pub const AUTHORS: &str = "lh-avln-authors-v1";
-    /// Name of the default rule set with noisy sensors.
+    /// Name for the default rule set with noisy sensors.
     pub const NOISY: &str = "lh-avln-noisy-v1";
-    /// Name of the default rule set with a clip per target.
+    /// Name for the default rule set with a clip per target.
     pub const DISTINCT: &str = "lh-avln-distinct-v1";
-    /// Names of all rule sets.
+    /// All rule set names.
     pub const NAMES: [&str; 4] = [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT];
     /// Half the visible elevation range, radians: a square picture with 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
@@ -283,7 +283,7 @@ impl Rules {
         }
     }
 
-    /// True if episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
+    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
         // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
         // is listed here.
@@ -291,7 +291,7 @@ impl Rules {
         *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
     }
 
-    /// Returns the number of clips per episode.
+    /// Returns the clip count per episode.
     pub fn clips_of_episode(&self, targets: usize) -> usize {
         if self.sound_clip == SoundClip::Distinct { targets } else { 1 }
     }
@@ -300,9 +300,9 @@ impl Rules {
     pub fn leaks(&self) -> Option<&'static str> {
         let (clip, order) = (self.sound_clip, self.sounding);
         match (clip == SoundClip::ByCategory, order == SoundingRule::AllInGoalOrder) {
-            (true, true) => Some("the clip tells a target's category, the time its number"),
-            (true, false) => Some("the clip tells a target's category"),
-            (false, true) => Some("the time tells a target's number"),
+            (true, true) => Some("the clip reveals a target's category, the time its number"),
+            (true, false) => Some("the clip reveals a target's category"),
+            (false, true) => Some("the time reveals a target's number"),
             (false, false) => None,
         }
     }
@@ -315,7 +315,7 @@ impl Rules {
 
 /// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
 ///
-/// An action beyond `step_ms` uses up `bank_ms` of the episode.
+/// An action beyond `step_ms` uses up the episode's `bank_ms`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimeLimits {
@@ -323,7 +323,7 @@ pub struct TimeLimits {
     pub step_ms: u32,
     /// Extra thinking time per episode, milliseconds.
     pub bank_ms: u32,
-    /// Longest run, seconds; 0: until the end of the phase.
+    /// Longest run, seconds; 0: until the phase ends.
     pub run_s: u32,
     /// Longest single disconnection, seconds; 0: lost episodes end at once.
     pub disconnect_s: u32,
@@ -374,7 +374,7 @@ mod tests {
         assert!(Rules { head, ..distinct.clone() }.fits_episodes_of(&distinct));
         assert!(!distinct.fits_episodes_of(&Rules::authors()));
         let leaky = Rules { sound_clip: SoundClip::ByCategory, ..Rules::paper() };
-        assert_eq!(leaky.leaks(), Some("the clip tells a target's category"));
+        assert_eq!(leaky.leaks(), Some("the clip reveals a target's category"));
     }
 
     #[test]

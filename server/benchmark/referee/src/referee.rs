@@ -1,16 +1,72 @@
-use crate::{error::RefereeError, schedule::Schedule, sounds, success::SuccessTest};
+//! The referee and its errors.
+
+use crate::{
+    rules::{Schedule, SuccessTest, motion_of, noise, padded, scaled, world_options},
+    sounds::{self, TooFewClips},
+};
 use avln_episode::{
-    self as episode, Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Pose,
-    PoseFrame, Rules, Sensors, SoundingRule, WrongSubmit,
+    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Pose, PoseFrame, Rules,
+    Sensors, SensorsError, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use avln_world::{
-    Bank, CameraView, DepthNoise, Head, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, World,
-    WorldOptions,
-};
+use avln_world::{Bank, Head, Motion, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
 use std::sync::Arc;
 
-/// Referee of an episode: applies the rules to a world, from the first observation to the sealed record.
+/// Error at the start or during an episode.
+#[derive(Debug, thiserror::Error)]
+pub enum RefereeError {
+    /// Action after the episode's end.
+    #[error("the episode ended after {steps} steps ({}); request the next episode", reason.as_str())]
+    Over {
+        /// End reason.
+        reason: EndReason,
+        /// Steps taken.
+        steps: u32,
+    },
+    /// Different state in a replay.
+    #[error(
+        "step {step} now leads to state {replayed:016x} instead of {recorded:016x}; the scene, the rules or the program changed"
+    )]
+    Diverged {
+        /// Step number from 1.
+        step: u32,
+        /// Recorded state hash.
+        recorded: u64,
+        /// Replayed state hash.
+        replayed: u64,
+    },
+    /// Sensors outside the limits.
+    #[error(transparent)]
+    Sensors(#[from] SensorsError),
+    /// Different goal counts in mission and truth.
+    #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
+    Mismatch {
+        /// Episode id.
+        episode: String,
+        /// Goals in the mission.
+        goals: usize,
+        /// Targets in the truth.
+        targets: usize,
+    },
+    /// Start pose outside the walkable floor.
+    #[error("episode {episode}: {source}")]
+    Start {
+        /// Episode id.
+        episode: String,
+        /// Cause.
+        source: StartError,
+    },
+    /// Too few clips in the bank.
+    #[error("episode {episode}: {source}")]
+    Sounds {
+        /// Episode id.
+        episode: String,
+        /// Cause.
+        source: TooFewClips,
+    },
+}
+
+/// Referee for an episode: applies the rules to a world, from the first observation to the sealed record.
 ///
 /// Synchronous and CPU-bound: every step moves, renders images and renders audio.
 pub struct Referee {
@@ -38,7 +94,7 @@ enum GoalState {
     Skipped,
 }
 
-/// Result of an action.
+/// An action's result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepOutcome {
     /// Observation after the action.
@@ -155,7 +211,7 @@ impl Referee {
         self.end
     }
 
-    /// Returns the largest memory use of the episode, without the scene: audio state, goal pictures, step facts.
+    /// Returns the episode's largest memory use in bytes, without the scene: audio state, goal pictures, step facts.
     pub fn most_bytes(&self) -> usize {
         let picture = |cue: &GoalCue| match cue {
             GoalCue::Image(image) => image.pixels.len(),
@@ -193,7 +249,7 @@ impl Referee {
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
     }
 
-    /// Repeats recorded actions of an interrupted episode with their state hashes. Reaches the same state and
+    /// Repeats an interrupted episode's recorded actions with their state hashes. Reaches the same state and
     /// observation as [`Referee::step`], but renders only the last picture. Returns `None` without actions.
     ///
     /// # Errors
@@ -311,7 +367,7 @@ impl Referee {
         }
     }
 
-    /// Goal completed by a Submit here: the next one, or the nearest in an unordered mission.
+    /// Returns the goal that a Submit completes here: the next one, or the nearest in an unordered mission.
     fn matching_goal(&self) -> Option<usize> {
         self.claimable_goals()
             .filter_map(|goal| Some((self.distance_within(goal)?, goal)))
@@ -319,7 +375,7 @@ impl Referee {
             .map(|(_, goal)| goal)
     }
 
-    /// First goal that would match with a distractor as target.
+    /// Returns the first goal that would match with a distractor as target.
     fn goal_of_a_distractor(&self) -> Option<usize> {
         let targets = &self.truth.targets;
         let at_distractor =
@@ -327,7 +383,7 @@ impl Referee {
         self.claimable_goals().find(at_distractor)
     }
 
-    /// Goals open to a Submit: the next one, or all open ones in an unordered mission.
+    /// Returns the goals open to a Submit: the next one, or all open ones in an unordered mission.
     fn claimable_goals(&self) -> impl Iterator<Item = usize> {
         self.open_goals().take(match self.mission.order {
             Order::Ordered => 1,
@@ -356,13 +412,13 @@ impl Referee {
         (0..self.goals.len()).fold(0, |bits, goal| bits | bit(goal))
     }
 
-    /// Per goal: whether its target is silent.
+    /// Returns per goal whether its target is silent.
     fn silent(&self) -> Vec<bool> {
         let silences = self.rules.sounding == SoundingRule::UnfinishedInDrawnOrder;
         self.goals.iter().map(|&state| silences && state == GoalState::Found).collect()
     }
 
-    /// Returns a hash of body and goal state. Episodes with equal hashes after every step are equal.
+    /// Returns a hash over body and goal state. Episodes with equal hashes after every step are equal.
     pub fn state_hash(&self) -> u64 {
         let fold = |hash: u64, state: &GoalState| hash.rotate_left(5) ^ (*state as u64 + 1);
         self.goals.iter().fold(self.world.state_hash(), fold)
@@ -375,72 +431,18 @@ impl Referee {
             rgb: rgb.filter(|_| self.sensors.rgb),
             depth: depth.filter(|_| self.sensors.depth).map(|depth| scaled(depth, self.rules.depth_divisor)),
             audio: senses.audio.map(|audio| padded(&audio, self.rules.audio_samples as usize)),
-            pose: self.told_pose(),
+            pose: self.observed_pose(),
             remaining_steps: self.rules.max_steps.saturating_sub(self.steps()),
             remaining_submits: self.submit_limit().saturating_sub(self.submits_used),
             feedback,
         }
     }
 
-    fn told_pose(&self) -> Pose {
+    fn observed_pose(&self) -> Pose {
         let pose = self.world.pose();
         match self.rules.pose_frame {
             PoseFrame::Start => pose.relative_to(&self.truth.start),
             PoseFrame::World => pose,
         }
     }
-}
-
-fn motion_of(action: Action) -> Motion {
-    match action {
-        Action::MoveForward => Motion::Forward,
-        Action::TurnLeft => Motion::Left,
-        Action::TurnRight => Motion::Right,
-        Action::Submit | Action::Stop => Motion::Stay,
-    }
-}
-
-fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
-    let view = CameraView { width: sensors.width, height: sensors.height, hfov_rad: sensors.hfov_rad };
-    WorldOptions {
-        forward_m: rules.forward_m,
-        turn_deg: rules.turn_deg,
-        camera_height_m: rules.camera_height_m,
-        ear_height_m: rules.ear_height_m,
-        depth_max_m: rules.depth_max_m,
-        samples_per_step: rules.samples_per_step() as usize,
-        view: (sensors.rgb || sensors.depth).then_some(view),
-        audio: sensors.audio,
-        head: Head::default(),
-        noise: Noise::default(),
-    }
-}
-
-fn noise(rules: &Rules, seed: u64) -> Noise {
-    let depth = match rules.depth_noise {
-        episode::DepthNoise::None => DepthNoise::None,
-        episode::DepthNoise::Redwood => DepthNoise::Redwood,
-    };
-    let rgb = match rules.rgb_noise {
-        episode::RgbNoise::None => RgbNoise::None,
-        episode::RgbNoise::Gaussian => RgbNoise::Gaussian,
-    };
-    Noise { depth, rgb, seed }
-}
-
-fn scaled(mut depth: Vec<f32>, divisor: f32) -> Vec<f32> {
-    if divisor != 1.0 {
-        depth.iter_mut().for_each(|metres| *metres /= divisor);
-    }
-    depth
-}
-
-/// Appends silence per ear up to `length` samples.
-fn padded(audio: &[f32], length: usize) -> Vec<f32> {
-    let samples = audio.len() / Sensors::AUDIO_CHANNELS as usize;
-    let mut out = vec![0.0; length.max(samples) * Sensors::AUDIO_CHANNELS as usize];
-    for (ear, heard) in out.chunks_mut(length.max(samples)).zip(audio.chunks(samples.max(1))) {
-        ear[..heard.len()].copy_from_slice(heard);
-    }
-    out
 }

@@ -1,9 +1,8 @@
 //! Paired comparison of two runs.
 
 use crate::{
-    bootstrap::{clusters, intervals},
     metrics::Key,
-    score::{EpisodeScore, Estimate, sorted},
+    score::{EpisodeScore, Estimate, clusters, intervals, sorted},
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -75,7 +74,7 @@ pub(crate) fn pairs<'a>(
     sorted(first).into_iter().filter_map(of_both).collect()
 }
 
-/// Id and goal order: both orders share episodes, but are not comparable.
+/// Returns id and goal order: both orders share episodes, but are not comparable.
 fn identity(score: &EpisodeScore) -> (&str, &str) {
     (&score.episode, score.order.as_str())
 }

@@ -1,7 +1,7 @@
-//! Formulas: episode metrics from facts; run means and intervals from episodes.
+//! Formulas: episode metrics from facts; run means from episodes, with bootstrap intervals.
 
-use crate::bootstrap::{clusters, intervals};
 use avln_episode::{Order, Point3, Rules};
+use avln_geom::SplitMix64;
 use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
@@ -164,7 +164,7 @@ fn entered_region(record: &Record, goal: usize) -> bool {
     at_start || record.steps.iter().any(|step| step.in_region & bit != 0)
 }
 
-/// Sum over straight lines between consecutive base positions, metres.
+/// Sums the straight lines between consecutive base positions, metres.
 fn path_length_m(record: &Record) -> f64 {
     // Poses are f32. The sum over up to 1,000 steps is f64, so that rounding errors do not add up.
     let mut at = record.start.position;
@@ -184,7 +184,7 @@ fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
     (squared(0) + squared(1) + squared(2)).sqrt()
 }
 
-/// `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
+/// Returns `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
 fn efficiency(least: f64, spent: f64) -> f64 {
     if !least.is_finite() || least < 0.0 {
         return 0.0;
@@ -193,10 +193,10 @@ fn efficiency(least: f64, spent: f64) -> f64 {
     if most > 0.0 { least / most } else { 1.0 }
 }
 
-/// Lower bound for actions in a success: forward steps along the reference tour, and one claim per goal.
+/// Returns a lower bound for actions in a success: forward steps on the reference tour, and a claim per goal.
 fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
-    // Turns are excluded, so that no success needs fewer actions. The margin keeps a tour with exactly n forward steps
-    // at n although its length is a rounded sum.
+    // Turns are excluded, so that no success needs fewer actions. The margin lets a tour with exactly n forward steps count as n,
+    // although its length is a rounded sum.
     (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }
 
@@ -269,4 +269,84 @@ fn share_of_all_goals(scores: &[&EpisodeScore]) -> f64 {
 fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
     (count > 0).then(|| sum / f64::from(count))
+}
+
+/// Resamples per interval of the percentile bootstrap over scenes (Efron 1979).
+pub(crate) const RESAMPLES: usize = 1000;
+
+/// A cluster, drawn as a whole: sums per column, and the episode count.
+pub(crate) struct Cluster<const K: usize> {
+    sums: [f64; K],
+    count: usize,
+}
+
+/// Groups rows by scene; with a single scene every row is a cluster. Rows with equal scenes must be adjacent.
+pub(crate) fn clusters<const K: usize>(rows: &[(&str, [f64; K])]) -> Vec<Cluster<K>> {
+    // Episodes in a scene are correlated, so scenes are resampled. A single scene leaves only episodes to resample.
+    let one_scene = rows.windows(2).all(|pair| pair[0].0 == pair[1].0);
+    let same = |a: &(&str, [f64; K]), b: &(&str, [f64; K])| !one_scene && a.0 == b.0;
+    rows.chunk_by(same).map(total).collect()
+}
+
+fn total<const K: usize>(rows: &[(&str, [f64; K])]) -> Cluster<K> {
+    let mut sums = [0.0; K];
+    for (_, values) in rows {
+        for (sum, value) in sums.iter_mut().zip(values) {
+            *sum += value;
+        }
+    }
+    Cluster { sums, count: rows.len() }
+}
+
+/// Returns sorted means per column over clusters drawn with replacement.
+fn resampled_means<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [Vec<f64>; K] {
+    let mut draw = SplitMix64::new(seed);
+    let mut means: [Vec<f64>; K] = std::array::from_fn(|_| Vec::with_capacity(RESAMPLES));
+    for _ in 0..RESAMPLES {
+        let mut sums = [0.0; K];
+        let mut count = 0;
+        for _ in clusters {
+            let drawn = &clusters[draw.below(clusters.len())];
+            count += drawn.count;
+            for (sum, value) in sums.iter_mut().zip(&drawn.sums) {
+                *sum += value;
+            }
+        }
+        for (column, sum) in means.iter_mut().zip(sums) {
+            column.push(sum / count as f64);
+        }
+    }
+    for column in &mut means {
+        column.sort_by(f64::total_cmp);
+    }
+    means
+}
+
+/// Returns the middle 95 % of resampled means per column, as (low, high). `clusters` must not be empty.
+pub(crate) fn intervals<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [(f64, f64); K] {
+    let means = resampled_means(clusters, seed);
+    std::array::from_fn(|column| {
+        (means[column][RESAMPLES / 40 - 1], means[column][RESAMPLES - RESAMPLES / 40 - 1])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opposite_scenes_give_the_full_interval() {
+        let rows = [("a", [0.0]), ("a", [0.0]), ("b", [1.0]), ("b", [1.0])];
+        let grouped = clusters(&rows);
+        assert_eq!(grouped.len(), 2);
+        assert_eq!(intervals(&grouped, 1), [(0.0, 1.0)]);
+    }
+
+    #[test]
+    fn fair_coin_interval_matches_normal_approximation() {
+        // 100 episodes in a scene, half with 1: 0.5 ± 1.96 × sqrt(0.25 / 100) = 0.402 to 0.598.
+        let rows: Vec<_> = (0..100).map(|i| ("a", [f64::from(i % 2)])).collect();
+        let [(low, high)] = intervals(&clusters(&rows), 9);
+        assert!((low - 0.402).abs() < 0.02 && (high - 0.598).abs() < 0.02, "{low} to {high}");
+    }
 }

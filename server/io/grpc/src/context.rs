@@ -1,9 +1,9 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     registry::{SessionGuard, SessionRegistry},
-    session::{Opening, Session},
+    session::Session,
     sim_pool::SimPool,
     watchdog::Watchdog,
     wire,
@@ -55,7 +55,7 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's open run.
-    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun> {
         let open = self.any_run(token).await?;
         let Some(state) = &open.over else { return Ok(open) };
         let message = format!("run '{}' is {state}; start another run", open.run);
@@ -63,20 +63,18 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's run, open or over.
-    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
+    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun> {
         let token = token.to_owned();
         call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
-    /// Closes the run and returns the status.
-    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
+    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd> {
         let run = run.to_owned();
         call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
             .await
             .map(wire::run_end)
     }
 
-    /// Opens a session.
     pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
         self.session(Interrupted {
             open: open.clone(),
@@ -88,12 +86,7 @@ impl<H: Host> ServiceContext<H> {
 
     /// Opens a session with restored episodes.
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
-        Arc::new(Session::open(Opening {
-            host: self.host.clone(),
-            pool: self.pool.clone(),
-            limits: &self.limits,
-            interrupted,
-        }))
+        Arc::new(Session::open(self.host.clone(), self.pool.clone(), &self.limits, interrupted))
     }
 }
 
@@ -103,7 +96,6 @@ pub(crate) type RunGuard<H> = SessionGuard<Session<H>>;
 /// A reply to a gRPC call.
 pub(crate) type Reply<T> = Result<Response<T>, Status>;
 
-/// Returns a call's bearer token.
 pub(crate) fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
     let Some(value) = metadata.get("authorization") else {
         let message = "this call needs the metadata 'authorization: Bearer <token>'";

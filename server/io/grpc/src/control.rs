@@ -17,7 +17,6 @@ use tokio::{
 /// Retry delay during a drain, seconds.
 const RETRY_AFTER_S: u32 = 60;
 
-/// Returns the system time, milliseconds since 1970-01-01 UTC.
 pub(crate) fn unix_ms() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
 }
@@ -195,7 +194,6 @@ impl Control {
         self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// Records an episode's end.
     pub(crate) fn ended(&self, run: &str, slot: u32, reason: EndReason) {
         let mut statistics = self.statistics();
         statistics.slots.remove(&(run.to_owned(), slot));
@@ -208,7 +206,6 @@ impl Control {
         self.statistics().sessions.insert(run.to_owned(), is_there);
     }
 
-    /// Records a session's end.
     pub(crate) fn closed(&self, run: &str) {
         self.statistics().sessions.remove(run);
     }
@@ -244,11 +241,9 @@ impl Control {
         self.draining().map_or_else(|| self.statistics().notice.clone(), |drain| drain.reason)
     }
 
-    /// Ends a run's session after a cancellation outside gRPC.
-    ///
-    /// The caller must have stored the cancellation: if the session ends first with the run's last episode, the run counts as
-    /// completed.
+    /// Ends a run's session after a cancellation outside gRPC, which the caller must have stored.
     pub fn leave(&self, run: &str) {
+        // If the session ended first, with the run's last episode, the run would count as completed.
         self.statistics().cancelled.push(run.to_owned());
         self.0.cancelling.notify_one();
     }
@@ -264,8 +259,7 @@ impl Control {
         }
     }
 
-    /// Begins a drain: no run and no episode begins any more, and open episodes have `patience` to end. Later calls have no
-    /// effect.
+    /// Begins a drain: no run and no episode begins, and open episodes have `patience` to end. The first call counts.
     pub fn drain(&self, reason: &str, patience: Duration) {
         self.0.drain.send_if_modified(|drain| {
             let first = drain.is_none();

@@ -17,10 +17,8 @@ use std::{io, time::Duration};
 pub trait Host: Send + Sync + 'static {
     /// The application's episode type.
     type Episode: Episode;
-
     /// Returns the server's identity.
     fn info(&self) -> ServerInfo;
-
     /// Returns the operator's controls, if there is an operator.
     fn control(&self) -> Option<&Control> {
         None
@@ -28,28 +26,20 @@ pub trait Host: Send + Sync + 'static {
 
     /// Returns the phases visible to the account's team, or the public ones without an account.
     async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal>;
-
     /// Returns a token's account.
     async fn account(&self, token: &str) -> Result<Account, Refusal>;
-
     /// Starts a run, or returns an earlier one with the same `client_request_id`.
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal>;
-
     /// Returns a run's status for the account's team.
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
-
     /// Returns all of the team's runs, newest first.
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal>;
-
     /// Cancels a run. Scored episodes remain.
     async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
-
     /// Returns the team's quotas in a phase, or in all visible phases.
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal>;
-
     /// Returns a run token's run, open or over.
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
-
     /// Returns a slot's next episode; `None` if none is left.
     async fn next_episode(
         &self,
@@ -57,7 +47,6 @@ pub trait Host: Send + Sync + 'static {
         slot: u32,
         sensors: &Sensors,
     ) -> Result<Option<HostedEpisode<Self::Episode>>, Refusal>;
-
     /// Stores an episode. Returns the result if the phase shows results to agents.
     ///
     /// An episode without an end reason broke down and counts as a server fault.
@@ -66,25 +55,18 @@ pub trait Host: Send + Sync + 'static {
         run: &str,
         hosted: HostedEpisode<Self::Episode>,
     ) -> Result<Option<EpisodeOutcome>, Refusal>;
-
     /// Returns an episode's end; `None` if no result is stored.
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal>;
-
     /// Returns the runs interrupted by the last stop. Called once, before clients are admitted.
     async fn interrupted(&self) -> Result<Vec<String>, Refusal>;
-
     /// Restores a run's open episodes. If that is impossible, they restart.
     async fn restore(&self, run: &str) -> Result<Interrupted<Self::Episode>, Refusal>;
-
     /// Closes a run after the agent has finished or left, and returns the status. Later calls have no effect.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
-
     /// Takes back a hanging episode. It restarts, without charge.
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal>;
-
     /// Returns expired open runs. Called periodically.
     async fn overdue(&self) -> Result<Vec<String>, Refusal>;
-
     /// Ends an expired run. Open episodes are concluded afterwards.
     async fn expire_run(&self, run: &str) -> Result<(), Refusal>;
 }
@@ -244,24 +226,14 @@ pub trait Episode: Send + 'static {
     fn state_hash(&self) -> u64;
 }
 
-/// Episode log, from which a restarted server restores the episode.
+/// Episode log, from which a restarted server restores the episode. After an error of `acting` or `acted`, the episode is a
+/// server fault.
 pub trait EpisodeLog: Send + 'static {
     /// Records that an action is about to be carried out.
-    ///
-    /// # Errors
-    /// If it cannot be written. The episode is then a server fault.
     fn acting(&mut self, step: u32) -> io::Result<()>;
-
     /// Records an action, before the result is sent to the agent.
-    ///
-    /// # Errors
-    /// If it cannot be written. The episode is then a server fault.
     fn acted(&mut self, acted: &Acted) -> io::Result<()>;
-
     /// Records a restart of the agent's clock after a disconnect of `away`, because an observation had not arrived.
-    ///
-    /// # Errors
-    /// If it cannot be written. The episode continues.
     fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()>;
 }
 

@@ -6,7 +6,7 @@ use crate::{
     context::{RunGuard, ServiceContext},
     host::{Host, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Result, call_host},
     session::Session,
     wire,
 };
@@ -34,15 +34,13 @@ pub(crate) struct Agreement {
 }
 
 impl<H: Host> ServiceContext<H> {
-    /// Checks a Hello, stops or takes over the run's present session, and returns the session to play.
-    ///
-    /// `slots` is the limit for the connection type.
+    /// Checks a Hello, stops or takes over the run's present session, and returns the session to play, with up to `slots` slots.
     pub(crate) async fn admit(
         self: &Arc<Self>,
         token: &str,
         hello: &v1::Hello,
         slots: u32,
-    ) -> Result<Admission<H>, Failure> {
+    ) -> Result<Admission<H>> {
         // Before the present session is stopped: a Hello that will be refused must not end the run of another connection.
         let (open, _) = self.check(token, hello).await?;
         let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
@@ -75,31 +73,23 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Checks a Hello against the run of the token and the server.
-    pub(crate) async fn check(
-        &self,
-        token: &str,
-        hello: &v1::Hello,
-    ) -> Result<(OpenRun, Agreement), Failure> {
+    pub(crate) async fn check(&self, token: &str, hello: &v1::Hello) -> Result<(OpenRun, Agreement)> {
         let open = self.open_run(token).await?;
-        let agreement = self.agree(hello, &open)?;
-        Ok((open, agreement))
-    }
-
-    fn agree(&self, hello: &v1::Hello, open: &OpenRun) -> Result<Agreement, Refusal> {
         if !hello.run.is_empty() && hello.run != open.run {
             let named = Limits::shorten(&hello.run);
             let message =
                 format!("the token plays run {}, not '{named}'; use the token of that run", open.run);
-            return Err(Refusal::new(Reason::TokenScope, message));
+            return Err(Failure::new(Reason::TokenScope, message));
         }
         let info = self.host.info();
         wire::check_client(hello.client.as_ref(), &info.clients)?;
         let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
-        Ok(Agreement {
+        let agreement = Agreement {
             sensors: wire::sensors(hello.sensors.as_ref(), &open.sensors)?,
             slots: hello.slots.clamp(1, open.slot_limit()),
             api_minor: client_minor.min(info.api_minor),
-        })
+        };
+        Ok((open, agreement))
     }
 
     /// Refuses a client and detaches the session that was handed over to it.
@@ -108,7 +98,7 @@ impl<H: Host> ServiceContext<H> {
         previous: Option<Arc<Session<H>>>,
         guard: RunGuard<H>,
         refused: Failure,
-    ) -> Result<T, Failure> {
+    ) -> Result<T> {
         if let Some(session) = previous {
             self.end(session, guard, StopReason::ConnectionLost).await?;
         }
@@ -149,7 +139,7 @@ impl<H: Host> ServiceContext<H> {
         session: Arc<Session<H>>,
         guard: RunGuard<H>,
         reason: StopReason,
-    ) -> Result<Option<v1::RunEnd>, Failure> {
+    ) -> Result<Option<v1::RunEnd>> {
         match reason.ending() {
             Ending::Close(end) => session.close(end).await,
             Ending::KeepForRestart => session.leave().await,
@@ -247,7 +237,7 @@ impl<H: Host> ServiceContext<H> {
         }
     }
 
-    async fn try_restore(self: &Arc<Self>, guard: RunGuard<H>) -> Result<(), Failure> {
+    async fn try_restore(self: &Arc<Self>, guard: RunGuard<H>) -> Result<()> {
         let run = guard.run.clone();
         let interrupted =
             call_host("restore a run", &self.host, |host| async move { host.restore(&run).await }).await?;

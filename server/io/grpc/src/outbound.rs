@@ -123,7 +123,6 @@ impl Outbound {
         self.state.is_cut.send_replace(true);
     }
 
-    /// Records a round trip.
     pub(crate) fn measured(&self, took: Duration) {
         let mut round_trip = self.state.round_trip.lock();
         // The shortest: longer ones contain pauses of either side.
@@ -168,7 +167,6 @@ pub(crate) struct PingTimer {
 }
 
 impl PingTimer {
-    /// Sends a Ping.
     pub(crate) async fn tick(&mut self, out: &Outbound, deadline: &RunDeadline) {
         self.nonce += 1;
         let ping = v1::Ping {
@@ -224,7 +222,6 @@ impl RunDeadline {
         }
     }
 
-    /// Returns the warning.
     pub(crate) fn notice(&self) -> v1::Notice {
         let seconds = self.remaining_s().unwrap_or_default();
         v1::Notice {

@@ -9,6 +9,9 @@ use std::{
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
 
+/// A result with [`Failure`] by default.
+pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
+
 /// A request that the server refuses.
 ///
 /// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
@@ -69,7 +72,6 @@ impl Failure {
         Self { incident, ..Self::new(Reason::SimFault, message) }
     }
 
-    /// Returns the frame that reports the failure on a stream.
     pub(crate) fn frame(&self, subject: FaultSubject<'_>, recoverable: bool) -> v1::Fault {
         v1::Fault {
             slot: subject.slot,
@@ -134,7 +136,7 @@ pub(crate) async fn call_host<H, T, F>(
     attempt: &'static str,
     host: &Arc<H>,
     call: impl FnOnce(Arc<H>) -> F,
-) -> Result<T, Failure>
+) -> Result<T>
 where
     T: Send + 'static,
     F: Future<Output = Result<T, Refusal>> + Send + 'static,

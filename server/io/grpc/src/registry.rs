@@ -48,7 +48,6 @@ struct HandedOver<S> {
 struct SessionEntry<S> {
     guard: u64,
     team: String,
-    /// Slots granted to the session.
     slots: u32,
     attachment: watch::Sender<Attachment>,
     /// Closed when the guard is dropped.
@@ -83,12 +82,10 @@ impl<S> SessionRegistry<S> {
         Arc::new(Self { entries: Mutex::new(entries), summary: watch::Sender::default(), limits })
     }
 
-    /// Returns whether the server stops.
     pub(crate) fn is_shut(&self) -> bool {
         self.summary.borrow().is_shut
     }
 
-    /// Waits until the server stops.
     pub(crate) async fn shutting(&self) {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.is_shut).await;
@@ -178,10 +175,9 @@ impl<S> SessionRegistry<S> {
     }
 
     /// Removes the session that guard number `guard` handed over, if no connection took it.
-    ///
-    /// The session does not identify the hand-over: one session passes through many of them, and a late call for an
-    /// earlier one must not remove it.
     pub(crate) fn take_unclaimed(&self, run: &str, guard: u64) -> Option<Arc<S>> {
+        // The session does not identify the hand-over: one session passes through several, and a late call for an earlier
+        // hand-over must not remove it.
         let mut entries = self.entries.lock();
         let is_unclaimed = entries.handed_over.get(run).is_some_and(|waiting| waiting.guard == guard);
         if is_unclaimed { entries.handed_over.remove(run).map(|waiting| waiting.session) } else { None }
@@ -224,8 +220,7 @@ impl<S> SessionEntries<S> {
 }
 
 impl<S> SessionGuard<S> {
-    /// Grants slots: the smaller of `wished` and the team's share, but at least 1 and at least `held`, the number needed for
-    /// open episodes.
+    /// Grants slots: `wished`, up to the team's share, but at least 1 and at least the `held` slots with open episodes.
     pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
         let mut entries = self.registry.entries.lock();
         let share = entries.share(team, self.registry.limits.max_slots);
@@ -237,7 +232,6 @@ impl<S> SessionGuard<S> {
         granted
     }
 
-    /// Records a change of the attachment.
     pub(crate) fn apply(&self, event: AttachmentEvent) {
         if let Some(entry) = self.registry.entries.lock().by_run.get(&self.run) {
             entry.apply(event);
@@ -270,7 +264,6 @@ impl<S> SessionGuard<S> {
         guard
     }
 
-    /// Waits until the session must end.
     pub(crate) async fn stopped(&mut self) -> StopReason {
         let closing = self.attachment.wait_for(|attachment| attachment.stop_reason().is_some()).await;
         // The sender lives in the registry as long as this guard. Draining would lose no episode.

@@ -5,7 +5,7 @@ use crate::{
     context::{Reply, ServiceContext, bearer},
     host::{Host, RunRequest},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
+    refusal::{Failure, Refusal, Result, call_host},
     wire,
 };
 use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
@@ -18,34 +18,27 @@ use tonic::{Request, Response, Status, metadata::MetadataMap};
 
 /// Time between looks at a watched run.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
-/// Default runs per page.
+// Runs per page.
 const PAGE: usize = 50;
-/// Maximum runs per page.
 const LARGEST_PAGE: usize = 200;
-/// Longest method name, characters.
+// Longest texts in requests, characters.
 const MAX_METHOD_CHARS: usize = 80;
-/// Longest method version, characters.
 const MAX_VERSION_CHARS: usize = 40;
-/// Longest method description, characters.
 const MAX_DESCRIPTION_CHARS: usize = 2000;
-/// Longest code or paper address, characters.
 const MAX_URL_CHARS: usize = 500;
-/// Longest licence or training data description, characters.
 const MAX_NOTE_CHARS: usize = 500;
-/// Longest request id, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
-/// A team's runs.
 pub(crate) struct RunCalls<H: Host>(pub(crate) Arc<ServiceContext<H>>);
 
 impl<H: Host> RunCalls<H> {
-    async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn account(&self, metadata: &MetadataMap) -> Result<Account> {
         let token = bearer(metadata)?;
         call_host("look an account up", &self.0.host, |host| async move { host.account(&token).await }).await
     }
 
     /// Returns the account, if it belongs to a team.
-    async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn team(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.account(metadata).await?;
         match account.scope {
             TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
@@ -56,7 +49,7 @@ impl<H: Host> RunCalls<H> {
     }
 
     /// Returns the account, if it may start and cancel runs.
-    async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+    async fn participant(&self, metadata: &MetadataMap) -> Result<Account> {
         let account = self.team(metadata).await?;
         match account.scope {
             TokenScope::Participant => Ok(account),
@@ -64,13 +57,13 @@ impl<H: Host> RunCalls<H> {
         }
     }
 
-    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
+    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus> {
         let (account, run) = (account.clone(), checked_id(run)?);
         call_host("look a run up", &self.0.host, |host| async move { host.run(&account, &run).await }).await
     }
 
     /// Returns the requested order, or the phase's only order.
-    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
+    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
             v1::Order::Unordered => return Ok(Order::Unordered),
@@ -83,7 +76,7 @@ impl<H: Host> RunCalls<H> {
         Ok(only_order(&phases, phase)?)
     }
 
-    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
+    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest> {
         let info = self.0.host.info();
         wire::check_client(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();
@@ -238,7 +231,6 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// Checks a method description.
 fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
         name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,

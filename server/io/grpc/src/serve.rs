@@ -120,7 +120,7 @@ fn accept_limits(limits: &Limits) -> AcceptLimits {
 
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.
 async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: Routes) {
-    let Connection { stream, opened, place, mut closing, .. } = connection;
+    let Connection { stream, opened, permit, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
     let seen = Arc::new(AtomicBool::new(false));
     let service = service_fn({
@@ -163,7 +163,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
     }
     if meter.exceeds(i64::from(limits.header_bytes)) {
         tracing::warn!("connection closed: its client sent excessive data");
-        place.delay_others(Instant::now() + PENALTY);
+        permit.delay_others(Instant::now() + PENALTY);
     }
 }
 
@@ -205,7 +205,6 @@ pub(crate) async fn routes<H: Host>(
     Ok((routes.prepare(), reporter))
 }
 
-/// Sets the health of server and services.
 pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     use tonic::server::NamedService;
     use tonic_health::ServingStatus::{NotServing, Serving};
@@ -221,7 +220,6 @@ pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     }
 }
 
-/// Info service: public information.
 struct InfoCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]
@@ -255,7 +253,6 @@ impl<H: Host> InfoService for InfoCalls<H> {
     }
 }
 
-/// Play service: streams and unary calls.
 struct PlayCalls<H: Host>(Arc<ServiceContext<H>>);
 
 #[tonic::async_trait]

@@ -3,7 +3,7 @@
 use crate::{
     host::{Episode, HostedEpisode},
     limits::Limits,
-    refusal::Failure,
+    refusal::{Failure, Result},
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
@@ -18,9 +18,8 @@ use std::{
 use tokio::sync::oneshot;
 use tracing::Span;
 
-/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced.
-///
-/// Clones share the threads, which end with the last clone.
+/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced. Clones share
+/// the threads, which end with the last clone.
 #[derive(Clone)]
 pub(crate) struct SimPool(Arc<PoolOwner>);
 
@@ -55,10 +54,7 @@ impl SimPool {
         Self(Arc::new(PoolOwner(state)))
     }
 
-    /// Runs a team's job in turn and waits for the result.
-    ///
-    /// # Errors
-    /// If the job panics, or does not commit within `limit` after the start.
+    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         team: &str,
@@ -145,16 +141,13 @@ impl SimClient {
         Self { pool, team, longest_start: limits.preparation, longest_step: limits.step }
     }
 
-    /// Runs simulator work on an episode. A panic is returned as a fault together with the episode.
-    ///
-    /// # Errors
-    /// If the work hangs. The episode is lost with it.
+    /// Runs simulator work on an episode. Returns the episode even after a panic, but not if the work hangs.
     pub(crate) async fn run<E: Episode, T: Send + 'static>(
         &self,
         mut hosted: HostedEpisode<E>,
         limit: Duration,
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(HostedEpisode<E>, Result<T, Failure>), Failure> {
+    ) -> Result<(HostedEpisode<E>, Result<T>)> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, limit, move |token| {
             let begun = Instant::now();
@@ -169,7 +162,6 @@ impl SimClient {
     }
 }
 
-/// Ends an episode from outside.
 pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
     // After an earlier panic the simulator may be in any state, and this call may panic too.
     if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
@@ -177,8 +169,7 @@ pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndRea
     }
 }
 
-/// Fair queue of jobs: the team with the least processor time is first, regardless of queue length. Teams that
-/// always have jobs waiting get equal time.
+/// Fair job queue: the team with the least processor time is first, so busy teams get equal time at any queue length.
 #[derive(Debug)]
 struct FairQueue<J> {
     teams: BTreeMap<String, TeamQueue<J>>,
@@ -209,7 +200,6 @@ impl<J> Default for FairQueue<J> {
 }
 
 impl<J> FairQueue<J> {
-    /// Appends a job to a team's queue.
     fn push(&mut self, team: &str, job: J) {
         let level = self.level;
         let queue = self.teams.entry(team.to_owned()).or_insert_with(|| TeamQueue {

@@ -4,7 +4,7 @@ use crate::{
     attachment::StopReason,
     context::{RunGuard, ServiceContext, bearer},
     host::Host,
-    refusal::{Failure, Refusal},
+    refusal::{Failure, Refusal, Result},
     registry::UnaryClient,
     session::{Session, SlotReply, SlotRequest},
 };
@@ -34,7 +34,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     /// Handles Reset: Hello and Ready in a single call.
-    pub(crate) async fn reset(&self, request: v1::ResetRequest) -> Result<v1::ResetResponse, Failure> {
+    pub(crate) async fn reset(&self, request: v1::ResetRequest) -> Result<v1::ResetResponse> {
         self.context.registry.check_open()?;
         let hello = request.hello.unwrap_or_default();
         check_slot(request.ready.unwrap_or_default().slot)?;
@@ -54,8 +54,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         Ok(v1::ResetResponse { welcome: Some(client.welcome.clone()), outcome: Some(outcome) })
     }
 
-    /// Handles Step.
-    pub(crate) async fn step(&self, request: v1::StepRequest) -> Result<v1::StepResponse, Failure> {
+    pub(crate) async fn step(&self, request: v1::StepRequest) -> Result<v1::StepResponse> {
         let act = request.act.ok_or_else(|| Failure::new(Reason::BadRequest, "Step needs an Act"))?;
         check_slot(act.slot)?;
         let client = self.find().await?;
@@ -66,7 +65,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     /// Handles End: Abandon or Goodbye.
-    pub(crate) async fn end(&self, request: v1::EndRequest) -> Result<v1::EndResponse, Failure> {
+    pub(crate) async fn end(&self, request: v1::EndRequest) -> Result<v1::EndResponse> {
         let frame = match request.frame {
             Some(end_request::Frame::Abandon(abandon)) => {
                 check_slot(abandon.slot)?;
@@ -92,7 +91,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     /// Opens or resumes a session for unary calls.
-    async fn open(&self, hello: &v1::Hello) -> Result<Arc<Client<H>>, Failure> {
+    async fn open(&self, hello: &v1::Hello) -> Result<Arc<Client<H>>> {
         let admission = self.context.admit(&self.token, hello, 1).await?;
         let session = admission.session;
         session.attach_unary().await;
@@ -105,7 +104,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     /// Sends a request to the slot and waits for the reply.
-    async fn send(&self, client: &Client<H>, request: SlotRequest) -> Result<SlotReply, Failure> {
+    async fn send(&self, client: &Client<H>, request: SlotRequest) -> Result<SlotReply> {
         // Before and after, so that a long step does not count as idle time.
         client.last_call.send_replace(Instant::now());
         let reply = client.session.call(SLOT, request).await;
@@ -114,8 +113,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         reply.map_err(|failure| self.context.registry.check_open().err().map_or(failure, Failure::from))
     }
 
-    /// Returns the token's client.
-    async fn find(&self) -> Result<Arc<Client<H>>, Failure> {
+    async fn find(&self) -> Result<Arc<Client<H>>> {
         if let Some(client) = self.context.registry.unary_client(&self.token) {
             return Ok(client);
         }
@@ -129,13 +127,12 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     /// Ends the run's session and then the run.
-    async fn leave(&self, run: &str) -> Result<v1::RunEnd, Failure> {
+    async fn leave(&self, run: &str) -> Result<v1::RunEnd> {
         self.context.registry.stop(run, StopReason::Cancelled).await;
         self.context.finish_run(run).await
     }
 }
 
-/// Waits for a session's end and carries it out.
 async fn supervise<H: Host>(context: Arc<ServiceContext<H>>, client: Arc<Client<H>>, mut guard: RunGuard<H>) {
     let reason = tokio::select! {
         biased;
@@ -160,7 +157,7 @@ async fn idle<H: Host>(client: &Client<H>, limit: Duration) {
     }
 }
 
-fn check_slot(slot: u32) -> Result<(), Failure> {
+fn check_slot(slot: u32) -> Result<()> {
     if slot == SLOT {
         return Ok(());
     }

@@ -76,8 +76,8 @@ const COMMITTED: u8 = 1;
 const ABANDONED: u8 = 2;
 
 impl CancelToken {
-    /// Commits the job: the result counts from now on, regardless of the time limit. Returns false if the job was abandoned
-    /// before. Visible effects must come after this call.
+    /// Commits the job: the result counts, regardless of the time limit. Returns false if the job was abandoned before.
+    // Visible effects must come after this call.
     #[must_use]
     pub(crate) fn commit(&self) -> bool {
         // A single atomic exchange decides the race between job and watchdog, so exactly one side wins.
@@ -98,7 +98,6 @@ impl CancelToken {
         self.state.load(Ordering::Acquire) == ABANDONED
     }
 
-    /// Waits until the job is abandoned.
     pub(crate) async fn given_up(&self) {
         self.given_up.notified().await;
     }
@@ -130,17 +129,13 @@ impl Watchdog {
         let held = token.clone();
         let span = Span::current();
         let body = move || {
-            watchdog.watched(
-                limit,
-                &held,
-                || {},
-                || {
-                    let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
-                    if held.commit() {
-                        let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
-                    }
-                },
-            );
+            let work = || {
+                let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
+                if held.commit() {
+                    let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
+                }
+            };
+            watchdog.watched(limit, &held, || {}, work);
         };
         if let Err(error) = thread::Builder::new().name("avln-work".to_owned()).spawn(body) {
             return Err(Lost::Panicked(format!("cannot start a thread: {error}")));
@@ -148,8 +143,8 @@ impl Watchdog {
         settle(limit, &token, result).await
     }
 
-    /// Runs `work` on this thread. If it does not commit within `limit`, it is abandoned, and the watchdog calls `then` on
-    /// another thread. Returns false if the work was abandoned.
+    /// Runs `work` on this thread. If it does not commit within `limit`, the watchdog abandons it and calls `then` on another
+    /// thread. Returns false if the work was abandoned.
     pub(crate) fn watched(
         &self,
         limit: Duration,
@@ -244,7 +239,6 @@ pub(crate) async fn settle<T>(
     }
 }
 
-/// Returns a panic's message.
 pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let message = panic.downcast_ref::<&str>().copied();
     let message = message.or_else(|| panic.downcast_ref::<String>().map(String::as_str));

@@ -1,10 +1,10 @@
 //! Certificates and keys, reloaded when the files change.
 
-use crate::Protocol;
+use parking_lot::Mutex;
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     time::{Duration, Instant, SystemTime},
 };
 use tokio_rustls::{
@@ -68,7 +68,7 @@ impl Identity {
     /// If a file cannot be read or has other content, or certificate and key do not match.
     pub fn read(certificate: &Path, key: &Path) -> Result<Self, TlsError> {
         let files = ReloadingFiles::read(certificate, key)?;
-        let warning = out_of_date(&files.loaded().certified.cert)
+        let warning = out_of_date(&files.loaded.lock().certified.cert)
             .map(|problem| format!("the certificate in {} {problem}", certificate.display()));
         let config = ServerConfig::builder_with_provider(provider())
             .with_safe_default_protocol_versions()
@@ -83,9 +83,9 @@ impl Identity {
         self.warning.as_deref()
     }
 
-    pub(crate) fn acceptor(&self, protocol: Protocol) -> TlsAcceptor {
+    pub(crate) fn acceptor(&self, protocol_name: &[u8]) -> TlsAcceptor {
         let mut config = self.config.clone();
-        config.alpn_protocols = vec![protocol.name().to_vec()];
+        config.alpn_protocols = vec![protocol_name.to_vec()];
         TlsAcceptor::from(Arc::new(config))
     }
 }
@@ -123,10 +123,6 @@ impl ReloadingFiles {
         Ok(Self { certificate: certificate.to_owned(), key: key.to_owned(), loaded })
     }
 
-    fn loaded(&self) -> MutexGuard<'_, LoadedPair> {
-        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Reloads the files if they have changed.
     fn refresh(&self, loaded: &mut LoadedPair) {
         let versions = file_versions(&self.certificate, &self.key);
@@ -151,7 +147,7 @@ impl ReloadingFiles {
 
 impl ResolvesServerCert for ReloadingFiles {
     fn resolve(&self, _: ClientHello<'_>) -> Option<Arc<CertifiedKey>> {
-        let mut loaded = self.loaded();
+        let mut loaded = self.loaded.lock();
         // Blocking calls in an async task, but short and at most once a second.
         if loaded.checked.elapsed() >= CHECK_INTERVAL {
             loaded.checked = Instant::now();
@@ -191,7 +187,7 @@ fn read_chain(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
 
 fn not_pem(what: &'static str, path: &Path, error: &pem::Error) -> TlsError {
     let problem = match error {
-        pem::Error::NoItemsFound => format!("it holds no {what}"),
+        pem::Error::NoItemsFound => format!("the file contains no {what}"),
         pem::Error::Io(error) => format!("it cannot be read: {error}"),
         other => format!("it is damaged: {other}"),
     };
@@ -257,7 +253,7 @@ mod tests {
         let files =
             ReloadingFiles::read(&folder.path().join("cert.pem"), &folder.path().join("key.pem")).unwrap();
         let served = || {
-            let mut loaded = files.loaded();
+            let mut loaded = files.loaded.lock();
             files.refresh(&mut loaded);
             loaded.certified.cert[0].to_vec()
         };

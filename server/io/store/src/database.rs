@@ -1,12 +1,10 @@
 //! The database file: opening, conversions of column values, online copies and their inspection.
 
-use crate::error::{StoreError, sqlite_code};
-use avln_challenge::{EpisodeState, Reference, RunState, TokenScope, UnknownWord, Visibility};
-use avln_episode::{EndReason, Order};
+use crate::error::{Result, StoreError, sqlite_code};
 use quick_cache::sync::Cache;
 use serde::de::DeserializeOwned;
 use sqlx::{
-    Database, Decode, FromRow, Row, Sqlite, Transaction, Type,
+    Database, Decode, FromRow, Row, Sqlite, Type,
     error::BoxDynError,
     migrate::{MigrateError, Migrator},
     sqlite::{
@@ -20,11 +18,15 @@ use std::{
     collections::BTreeMap,
     fmt,
     path::Path,
+    str::FromStr,
     sync::Arc,
     time::Duration,
 };
 
 static MIGRATIONS: Migrator = sqlx::migrate!("../../../migrations");
+
+/// A transaction on the database. Dropped without commit, it is rolled back.
+pub(crate) type Transaction<'a> = sqlx::Transaction<'a, Sqlite>;
 
 /// The newest schema version known to this program.
 pub const SCHEMA_VERSION: i64 = 9;
@@ -49,11 +51,11 @@ impl Store {
     ///
     /// # Errors
     /// If the file cannot be used, is no LH-AVLN Arena database, is locked by another program or has a newer schema.
-    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+    pub async fn open(path: &Path) -> Result<Self> {
         Self::open_with_timeout(path, BUSY_TIMEOUT).await
     }
 
-    pub(crate) async fn open_with_timeout(path: &Path, busy: Duration) -> Result<Self, StoreError> {
+    pub(crate) async fn open_with_timeout(path: &Path, busy: Duration) -> Result<Self> {
         let explained = |error| explain(path, error);
         // The migrator creates a table first, so a foreign file must be rejected before it runs.
         if path.exists() {
@@ -75,8 +77,8 @@ impl Store {
         self.write.close().await;
     }
 
-    /// Begins a transaction with write access. A transaction dropped without commit is rolled back.
-    pub(crate) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+    /// Begins a transaction with write access.
+    pub(crate) async fn begin(&self) -> Result<Transaction<'static>> {
         match self.write.begin_with(BEGIN).await {
             // SQLite itself rolls a transaction back when the disk is full. sqlx then counts it as open on this connection, so
             // the connection is replaced.
@@ -129,7 +131,7 @@ pub(crate) fn connect_options(path: &Path, busy: Duration) -> SqliteConnectOptio
 }
 
 /// Rejects an existing foreign file, without changing it.
-pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<(), StoreError> {
+pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<()> {
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(connect_options(path, busy)).await;
     let pool = pool.map_err(|error| explain(path, error))?;
     let identity = read_identity(&pool).await;
@@ -174,36 +176,6 @@ fn explain_migration(path: &Path, error: MigrateError) -> StoreError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Word<T>(pub(crate) T);
 
-/// An enum with words for database columns.
-pub(crate) trait FromWord: Sized {
-    fn from_word(word: &str) -> Result<Self, UnknownWord>;
-}
-
-/// Implements [`FromWord`] by the inherent method.
-macro_rules! from_word {
-    ($($name:ident),+) => {
-        $(impl FromWord for $name {
-            fn from_word(word: &str) -> Result<Self, UnknownWord> {
-                $name::from_word(word)
-            }
-        })+
-    };
-}
-from_word!(EpisodeState, Reference, RunState, TokenScope, Visibility);
-
-impl FromWord for Order {
-    fn from_word(word: &str) -> Result<Self, UnknownWord> {
-        word.parse().map_err(|_| UnknownWord { kind: "order", word: word.to_owned() })
-    }
-}
-
-impl FromWord for EndReason {
-    fn from_word(word: &str) -> Result<Self, UnknownWord> {
-        let found = Self::ALL.into_iter().find(|reason| reason.as_str() == word);
-        found.ok_or_else(|| UnknownWord { kind: "end reason", word: word.to_owned() })
-    }
-}
-
 impl<T> Type<Sqlite> for Word<T> {
     fn type_info() -> SqliteTypeInfo {
         <str as Type<Sqlite>>::type_info()
@@ -214,15 +186,18 @@ impl<T> Type<Sqlite> for Word<T> {
     }
 }
 
-impl<'r, T: FromWord> Decode<'r, Sqlite> for Word<T> {
+impl<'r, T: FromStr<Err: Into<BoxDynError>>> Decode<'r, Sqlite> for Word<T> {
     fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
         // An unknown word comes from a newer program or a damaged file: the whole row is rejected.
         let word = <&str as Decode<Sqlite>>::decode(value)?;
-        Ok(Self(T::from_word(word)?))
+        word.parse().map(Self).map_err(Into::into)
     }
 }
 
-pub(crate) fn word<T: FromWord>(row: &SqliteRow, column: &str) -> Result<T, sqlx::Error> {
+pub(crate) fn word<T: FromStr<Err: Into<BoxDynError>>>(
+    row: &SqliteRow,
+    column: &str,
+) -> Result<T, sqlx::Error> {
     row.try_get::<Word<T>, _>(column).map(|Word(value)| value)
 }
 
@@ -273,7 +248,7 @@ pub struct KeptRun {
 ///
 /// # Errors
 /// If `path` is no LH-AVLN Arena database, or the copy cannot be written.
-pub async fn copy_database(path: &Path, to: &Path) -> Result<(), StoreError> {
+pub async fn copy_database(path: &Path, to: &Path) -> Result<()> {
     reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
     // VACUUM INTO reads in one transaction: the copy is consistent while others write. Copying the files would miss the WAL.
@@ -286,7 +261,7 @@ pub async fn copy_database(path: &Path, to: &Path) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// If the copy is damaged, no LH-AVLN Arena database or has a newer schema.
-pub async fn inspect_database(path: &Path) -> Result<Inventory, StoreError> {
+pub async fn inspect_database(path: &Path) -> Result<Inventory> {
     reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
     let inventory = inspect(&pool, path).await;
@@ -294,13 +269,13 @@ pub async fn inspect_database(path: &Path) -> Result<Inventory, StoreError> {
     inventory
 }
 
-async fn read_only(path: &Path) -> Result<SqlitePool, StoreError> {
+async fn read_only(path: &Path) -> Result<SqlitePool> {
     let options = connect_options(path, BUSY_TIMEOUT).read_only(true);
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await;
     pool.map_err(|error| explain(path, error))
 }
 
-async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError> {
+async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory> {
     let newest = "SELECT MAX(version) FROM _sqlx_migrations WHERE success";
     let schema: i64 =
         sqlx::query_scalar(newest).fetch_one(pool).await.map_err(|error| explain(path, error))?;
@@ -326,7 +301,7 @@ async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError
     })
 }
 
-async fn read_kept_runs(pool: &SqlitePool) -> Result<Vec<KeptRun>, StoreError> {
+async fn read_kept_runs(pool: &SqlitePool) -> Result<Vec<KeptRun>> {
     let select = "SELECT id, settled AS is_settled, (SELECT json_group_object(ordinal, attempts) FROM episodes e \
                   WHERE e.run = id AND NOT settled) AS attempts \
                   FROM (SELECT id, state NOT IN ('created', 'running') AND NOT EXISTS \

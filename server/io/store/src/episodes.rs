@@ -2,8 +2,8 @@
 
 use crate::{
     commitment::read_key,
-    database::{Store, Word, value},
-    error::StoreError,
+    database::{Store, Transaction, Word, value},
+    error::{Result, StoreError},
     facts::pack,
     runs::{Run, read_run},
     scores::{add_to_totals, complete_run, count_fault},
@@ -12,7 +12,7 @@ use avln_challenge::{EpisodeState, RunState, TimeAccount};
 use avln_episode::EndReason;
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 
 /// Attempts at an episode before repeated server failures end it.
 const MAX_ATTEMPTS: i64 = 3;
@@ -105,7 +105,7 @@ impl Store {
         run: &str,
         handle: &str,
         now_unix_ms: i64,
-    ) -> Result<Option<AssignedEpisode>, StoreError> {
+    ) -> Result<Option<AssignedEpisode>> {
         let mut tx = self.begin().await?;
         let found = read_run(&mut tx, run).await?;
         // A completed run has no pending episodes: the agent gets `None` and no error.
@@ -131,7 +131,7 @@ impl Store {
     }
 
     /// Returns the next episode for [`Store::assign_next_episode`], by id.
-    pub async fn next_pending(&self, run: &str) -> Result<Option<String>, StoreError> {
+    pub async fn next_pending(&self, run: &str) -> Result<Option<String>> {
         let select =
             "SELECT episode FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
         Ok(sqlx::query_scalar(select).bind(run).fetch_optional(&self.read).await?)
@@ -147,7 +147,7 @@ impl Store {
         &self,
         result: &EpisodeResult<'_>,
         now_unix_ms: i64,
-    ) -> Result<RecordedResult, StoreError> {
+    ) -> Result<RecordedResult> {
         let mut tx = self.begin().await?;
         let WrittenResult { is_new, counts } = write_result(&mut tx, result, now_unix_ms).await?;
         let run = read_run(&mut tx, result.run).await?;
@@ -159,7 +159,7 @@ impl Store {
     ///
     /// # Errors
     /// If the run is unknown.
-    pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+    pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         complete_run(&mut tx, run, now_unix_ms).await?;
         let run = read_run(&mut tx, run).await?;
@@ -168,13 +168,13 @@ impl Store {
     }
 
     /// Returns all running episodes by run and handle. After a restart these are the interrupted ones.
-    pub async fn running_episodes(&self) -> Result<Vec<RunningEpisode>, StoreError> {
+    pub async fn running_episodes(&self) -> Result<Vec<RunningEpisode>> {
         let select = "SELECT run, handle, episode FROM episodes WHERE state = 'running' ORDER BY run, handle";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
     /// Returns an attempt's status; `None` if there is none, or a later attempt replaced it.
-    pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>, StoreError> {
+    pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>> {
         let select = "SELECT state, end_reason, metrics FROM episodes WHERE run = $1 AND handle = $2";
         let row: Option<(Word<_>, Option<Word<_>>, Option<Json<_>>)> =
             sqlx::query_as(select).bind(run).bind(handle).fetch_optional(&self.read).await?;
@@ -187,12 +187,7 @@ impl Store {
 
     /// Returns an attempt lost by the server to the pending episodes; after three attempts the episode is abandoned. Returns
     /// false, without changes, if the attempt is not running.
-    pub async fn reopen_episode(
-        &self,
-        run: &str,
-        handle: &str,
-        now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    pub async fn reopen_episode(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
              state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
@@ -215,7 +210,7 @@ impl Store {
 }
 
 /// Draws the next attempt's name; `None` if the phase has no secret or no episode is pending.
-async fn draw_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Option<String>, StoreError> {
+async fn draw_handle(tx: &mut Transaction<'_>, run: &Run) -> Result<Option<String>> {
     let Some(key) = read_key(tx, &run.phase).await? else { return Ok(None) };
     let select = "SELECT ordinal, attempts FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
     let next: Option<(i64, i64)> = sqlx::query_as(select).bind(&run.id).fetch_optional(&mut **tx).await?;
@@ -224,10 +219,10 @@ async fn draw_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Opti
 
 /// Writes all rows changed by a result.
 pub(crate) async fn write_result(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     result: &EpisodeResult<'_>,
     now_unix_ms: i64,
-) -> Result<WrittenResult, StoreError> {
+) -> Result<WrittenResult> {
     let counts = result.record.end != EndReason::ServerFault;
     let attempt = find_attempt(tx, result).await?;
     match attempt.state.0 {
@@ -250,22 +245,19 @@ pub(crate) async fn write_result(
     Ok(WrittenResult { is_new: true, counts })
 }
 
-async fn find_attempt(
-    tx: &mut Transaction<'_, Sqlite>,
-    result: &EpisodeResult<'_>,
-) -> Result<AttemptRow, StoreError> {
+async fn find_attempt(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>) -> Result<AttemptRow> {
     let select = "SELECT ordinal, state, attempts FROM episodes WHERE run = $1 AND handle = $2";
     let found = sqlx::query_as(select).bind(result.run).bind(result.handle).fetch_optional(&mut **tx).await?;
     found.ok_or_else(|| StoreError::unknown("episode", result.handle))
 }
 
 async fn close_episode(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     result: &EpisodeResult<'_>,
     ordinal: i64,
     retry: bool,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let end = result.record.end;
     let is_fault = end == EndReason::ServerFault;
     let state = match end {
@@ -290,11 +282,7 @@ async fn close_episode(
     Ok(())
 }
 
-async fn write_facts(
-    tx: &mut Transaction<'_, Sqlite>,
-    result: &EpisodeResult<'_>,
-    ordinal: i64,
-) -> Result<(), StoreError> {
+async fn write_facts(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>, ordinal: i64) -> Result<()> {
     let truth = serde_json::to_vec(result.truth).map_err(|error| StoreError::damaged("truth", error))?;
     // All runs in a phase share an episode's truth: rows are stored once, by hash.
     let digest = blake3::hash(&truth).to_hex().to_string();
@@ -325,7 +313,7 @@ mod tests {
 
     const PLACE: &str = "hall";
 
-    async fn store_with_running_episode(folder: &std::path::Path) -> Result<Store, StoreError> {
+    async fn store_with_running_episode(folder: &std::path::Path) -> Result<Store> {
         let store = Store::open_with_timeout(&folder.join("arena.db"), Duration::from_millis(1)).await?;
         let split = Split { name: "val".to_owned(), digest: "d".to_owned(), scenes: 1, episodes: 1 };
         store.upsert_split(&split).await?;

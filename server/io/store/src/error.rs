@@ -1,5 +1,8 @@
-use avln_challenge::{Quota, QuotaWindow, UnknownWord, calendar::rfc3339};
+use avln_challenge::{Quota, QuotaWindow, calendar::rfc3339};
 use std::path::PathBuf;
+
+/// A result with [`StoreError`] by default.
+pub type Result<T, E = StoreError> = std::result::Result<T, E>;
 
 /// A store error, with a next step in the message.
 #[derive(Debug, thiserror::Error)]
@@ -235,11 +238,5 @@ impl From<sqlx::Error> for StoreError {
             }
             (_, error) => Self::Database(error),
         }
-    }
-}
-
-impl From<UnknownWord> for StoreError {
-    fn from(error: UnknownWord) -> Self {
-        Self::damaged(error.kind, format!("unknown word '{}'", error.word))
     }
 }

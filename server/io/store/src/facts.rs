@@ -2,13 +2,13 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    database::{FromWord, Store},
-    error::StoreError,
+    database::{Store, Transaction},
+    error::{Result, StoreError},
 };
-use avln_episode::{Action, EndReason, Point3, Pose};
+use avln_episode::{Action, Point3, Pose};
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use sqlx::{Sqlite, Transaction, types::Json};
+use sqlx::types::Json;
 
 /// An episode's ground truth and facts: the input for scoring.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,13 +41,13 @@ pub struct Pruned {
 
 impl Store {
     /// Returns an episode's facts; `None` if it has none.
-    pub async fn facts(&self, run: &str, ordinal: u32) -> Result<Option<Facts>, StoreError> {
+    pub async fn facts(&self, run: &str, ordinal: u32) -> Result<Option<Facts>> {
         let mut tx = self.read.begin().await?;
         read_facts(&mut tx, run, ordinal).await
     }
 
     /// Returns the scored episodes of a run in playing order.
-    pub async fn scored_episodes(&self, run: &str) -> Result<Vec<ScoredEpisode>, StoreError> {
+    pub async fn scored_episodes(&self, run: &str) -> Result<Vec<ScoredEpisode>> {
         let mut tx = self.read.begin().await?;
         let select =
             "SELECT ordinal, metrics FROM episodes WHERE run = $1 AND metrics IS NOT NULL ORDER BY ordinal";
@@ -61,14 +61,14 @@ impl Store {
     }
 
     /// Returns the runs that ended before `moment_unix_ms`, by id.
-    pub async fn runs_ended_before(&self, moment_unix_ms: i64) -> Result<Vec<String>, StoreError> {
+    pub async fn runs_ended_before(&self, moment_unix_ms: i64) -> Result<Vec<String>> {
         let select =
             "SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1 ORDER BY id";
         Ok(sqlx::query_scalar(select).bind(moment_unix_ms).fetch_all(&self.read).await?)
     }
 
     /// Counts records that [`Store::prune_records`] would delete.
-    pub async fn old_records(&self, moment_unix_ms: i64) -> Result<u64, StoreError> {
+    pub async fn old_records(&self, moment_unix_ms: i64) -> Result<u64> {
         let select = "SELECT COUNT(*) FROM records WHERE run IN \
                       (SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1)";
         let records: i64 = sqlx::query_scalar(select).bind(moment_unix_ms).fetch_one(&self.read).await?;
@@ -82,7 +82,7 @@ impl Store {
         moment_unix_ms: i64,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<Pruned, StoreError> {
+    ) -> Result<Pruned> {
         let mut tx = self.begin().await?;
         let old = "DELETE FROM records WHERE run IN \
                    (SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1)";
@@ -98,11 +98,7 @@ impl Store {
     }
 }
 
-pub(crate) async fn read_facts(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-    ordinal: u32,
-) -> Result<Option<Facts>, StoreError> {
+pub(crate) async fn read_facts(tx: &mut Transaction<'_>, run: &str, ordinal: u32) -> Result<Option<Facts>> {
     let select = "SELECT t.body, r.body FROM records r JOIN truths t ON t.digest = r.truth \
                   WHERE r.run = $1 AND r.ordinal = $2";
     let row: Option<(Vec<u8>, Vec<u8>)> =
@@ -174,7 +170,7 @@ fn pack_pose(out: &mut Vec<u8>, pose: &Pose) {
     }
 }
 
-fn unpack(bytes: &[u8]) -> Result<Record, StoreError> {
+fn unpack(bytes: &[u8]) -> Result<Record> {
     let mut from = Unpack { bytes };
     let record = from.record();
     record
@@ -213,7 +209,7 @@ impl Unpack<'_> {
         }
         let rules = self.text()?;
         let start = self.pose()?;
-        let end = EndReason::from_word(&self.text()?).ok()?;
+        let end = self.text()?.parse().ok()?;
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
         // A damaged count must not allocate: collecting stops after the last byte.
@@ -266,6 +262,7 @@ impl Unpack<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_episode::EndReason;
 
     fn sample() -> Record {
         let pose = |x: f32| Pose { position: Point3::new(x, 0.1, -3.7), heading_rad: -1.000_000_1 };

@@ -36,7 +36,7 @@ pub use catalog::{Scene, SceneMap, Split};
 pub use commitment::Commitment;
 pub use database::{Inventory, KeptRun, SCHEMA_VERSION, Store, copy_database, inspect_database};
 pub use episodes::{AssignedEpisode, EpisodeResult, EpisodeStatus, RecordedResult, RunningEpisode};
-pub use error::StoreError;
+pub use error::{Result, StoreError};
 pub use facts::{Facts, Pruned, ScoredEpisode};
 pub use phases::{Phase, Ranking};
 pub use runs::Run;

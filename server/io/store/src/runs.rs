@@ -1,12 +1,12 @@
 use crate::{
     admission::read_charge,
     audit::{AuditNote, add_notes},
-    database::{Store, json, optional_json, word},
-    error::StoreError,
+    database::{Store, Transaction, json, optional_json, word},
+    error::{Result, StoreError},
 };
 use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
 use avln_episode::{Order, Sensors};
-use sqlx::{FromRow, Row, Sqlite, Transaction, sqlite::SqliteRow, types::Json};
+use sqlx::{FromRow, Row, sqlite::SqliteRow, types::Json};
 use std::collections::BTreeMap;
 
 /// A method's pass over a phase's episodes, or a sample. Times are milliseconds since 1970-01-01 UTC.
@@ -114,7 +114,7 @@ impl Store {
     ///
     /// # Errors
     /// If the run is unknown.
-    pub async fn charge(&self, run: &str) -> Result<Charge, StoreError> {
+    pub async fn charge(&self, run: &str) -> Result<Charge> {
         let mut tx = self.read.begin().await?;
         let Run { id, team, phase, .. } = read_run(&mut tx, run).await?;
         read_charge(&mut tx, &team, &phase, &id).await
@@ -124,33 +124,33 @@ impl Store {
     ///
     /// # Errors
     /// If there is none ([`StoreError::Unknown`]).
-    pub async fn run(&self, id: &str) -> Result<Run, StoreError> {
+    pub async fn run(&self, id: &str) -> Result<Run> {
         let mut tx = self.read.begin().await?;
         read_run(&mut tx, id).await
     }
 
     /// Returns a phase's completed runs, newest first.
-    pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>, StoreError> {
+    pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         let state = Some(RunState::Completed);
         read_runs(&mut tx, &RunFilter { phase: Some(phase), state, ..RunFilter::default() }).await
     }
 
     /// Returns a team's runs, newest first.
-    pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>, StoreError> {
+    pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
     }
 
     /// Returns the open runs past the deadline, by id.
-    pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>, StoreError> {
+    pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>> {
         let select =
             "SELECT id FROM run_overview WHERE state IN ('created', 'running') AND ends_ms <= $1 ORDER BY id";
         Ok(sqlx::query_scalar(select).bind(now_unix_ms).fetch_all(&self.read).await?)
     }
 
     /// Returns the open runs, newest first.
-    pub async fn open_runs(&self) -> Result<Vec<Run>, StoreError> {
+    pub async fn open_runs(&self) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         // Open runs have two states, and the filter takes one.
         let runs = read_runs(&mut tx, &RunFilter::default()).await?;
@@ -161,7 +161,7 @@ impl Store {
     ///
     /// # Errors
     /// If the run is unknown.
-    pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
+    pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<()> {
         let mut tx = self.begin().await?;
         // An agent may reconnect with fewer sensors; the leaderboard must show all sensors it ever used.
         let mut senses = sensors.clone();
@@ -179,7 +179,7 @@ impl Store {
     ///
     /// # Errors
     /// If the run is unknown.
-    pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+    pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         self.end_run(run, RunState::Cancelled, now_unix_ms).await
     }
 
@@ -188,7 +188,7 @@ impl Store {
     ///
     /// # Errors
     /// If the run is unknown.
-    pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run, StoreError> {
+    pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         // The last result may complete the run at the same moment: the first end wins.
         let update = "UPDATE runs SET state = $3, finished_ms = $1 \
@@ -209,7 +209,7 @@ impl Store {
         verified: bool,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         let mut tx = self.begin().await?;
         let found = read_run(&mut tx, run).await?;
         if verified && found.state.is_open() {
@@ -230,7 +230,7 @@ impl Store {
         reason: Option<&str>,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         let mut tx = self.begin().await?;
         let before = read_run(&mut tx, run).await?.ruling;
         let after = Ruling { disqualified: reason.map(str::to_owned), ..before.clone() };
@@ -240,13 +240,13 @@ impl Store {
 
 /// Writes a changed ruling with its audit note and commits.
 async fn write_ruling(
-    mut tx: Transaction<'_, Sqlite>,
+    mut tx: Transaction<'_>,
     run: &str,
     before: &Ruling,
     after: &Ruling,
     note: AuditNote,
     now_unix_ms: i64,
-) -> Result<bool, StoreError> {
+) -> Result<bool> {
     if before == after {
         return Ok(false);
     }
@@ -260,17 +260,14 @@ async fn write_ruling(
     Ok(true)
 }
 
-pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {
+pub(crate) async fn read_run(tx: &mut Transaction<'_>, id: &str) -> Result<Run> {
     let select = "SELECT * FROM run_overview WHERE id = $1";
     let run = sqlx::query_as(select).bind(id).fetch_optional(&mut **tx).await?;
     run.ok_or_else(|| StoreError::unknown("run", id))
 }
 
 /// Returns the selected runs, newest first.
-pub(crate) async fn read_runs(
-    tx: &mut Transaction<'_, Sqlite>,
-    filter: &RunFilter<'_>,
-) -> Result<Vec<Run>, StoreError> {
+pub(crate) async fn read_runs(tx: &mut Transaction<'_>, filter: &RunFilter<'_>) -> Result<Vec<Run>> {
     let select = "SELECT * FROM run_overview WHERE ($1 IS NULL OR team = $1) AND ($2 IS NULL OR phase = $2) \
                   AND ($3 IS NULL OR state = $3) ORDER BY created_ms DESC, id";
     let state = filter.state.map(RunState::as_str);

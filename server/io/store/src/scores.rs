@@ -1,15 +1,15 @@
 //! Episode scores, running totals, the final summary and rescoring.
 
 use crate::{
-    database::{Store, Word},
-    error::StoreError,
+    database::{Store, Transaction, Word},
+    error::{Result, StoreError},
     runs::read_run,
 };
 use avln_episode::{Modality, Order};
 use avln_scoring::{EpisodeScore, Metrics, Summary, summarise};
 use avln_truth::EpisodeTruth;
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 use std::collections::BTreeMap;
 
 /// Seed for all resampled intervals and tests: equal data gives equal pages.
@@ -59,7 +59,7 @@ impl Store {
         rescored: &BTreeMap<u32, Metrics>,
         keep: bool,
         now_unix_ms: i64,
-    ) -> Result<Rescored, StoreError> {
+    ) -> Result<Rescored> {
         let mut tx = self.begin().await?;
         read_run(&mut tx, run).await?;
         let scores = read_scores(&mut tx, run).await?;
@@ -90,11 +90,11 @@ impl Store {
 
 /// Adds a result to the run's totals.
 pub(crate) async fn add_to_totals(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &str,
     truth: &EpisodeTruth,
     metrics: &Metrics,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let category = count_goals(truth, metrics, Modality::Category);
     let description = count_goals(truth, metrics, Modality::Description);
     let image = count_goals(truth, metrics, Modality::Image);
@@ -129,11 +129,7 @@ fn count_goals(truth: &EpisodeTruth, metrics: &Metrics, modality: Modality) -> M
 }
 
 /// Counts an attempt lost by the server; `abandoned` if it was the last one.
-pub(crate) async fn count_fault(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-    abandoned: bool,
-) -> Result<(), StoreError> {
+pub(crate) async fn count_fault(tx: &mut Transaction<'_>, run: &str, abandoned: bool) -> Result<()> {
     let update =
         "UPDATE run_summaries SET server_faults = server_faults + 1, given_up = given_up + $2 WHERE run = $1";
     sqlx::query(update).bind(run).bind(abandoned).execute(&mut **tx).await?;
@@ -141,11 +137,7 @@ pub(crate) async fn count_fault(
 }
 
 /// Completes a running run without open episodes, and stores means and intervals.
-pub(crate) async fn complete_run(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
+pub(crate) async fn complete_run(tx: &mut Transaction<'_>, run: &str, now_unix_ms: i64) -> Result<()> {
     // In the transaction of the last result: a crash between the two would leave a finished run open. Late results of a cancelled
     // run do not complete it.
     let complete = "UPDATE runs SET state = 'completed', finished_ms = $2 \
@@ -162,10 +154,7 @@ pub(crate) async fn complete_run(
 }
 
 /// Returns the scored episodes of a run in playing order.
-pub(crate) async fn read_scores(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-) -> Result<Vec<EpisodeScore>, StoreError> {
+pub(crate) async fn read_scores(tx: &mut Transaction<'_>, run: &str) -> Result<Vec<EpisodeScore>> {
     let select = "SELECT e.episode, e.scene, r.mission_order, e.metrics FROM episodes e JOIN runs r ON r.id = e.run \
                   WHERE e.run = $1 AND e.metrics IS NOT NULL ORDER BY e.ordinal";
     let rows: Vec<(String, String, Word<Order>, Json<Metrics>)> =
@@ -177,10 +166,10 @@ pub(crate) async fn read_scores(
 
 /// Returns a run's metrics by another scorer; `None` if that scorer never scored it.
 async fn read_rescored_metrics(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &str,
     scorer: &str,
-) -> Result<Option<BTreeMap<u32, Metrics>>, StoreError> {
+) -> Result<Option<BTreeMap<u32, Metrics>>> {
     let select = "SELECT 1 FROM rescores WHERE run = $1 AND scorer = $2";
     let found: Option<i64> =
         sqlx::query_scalar(select).bind(run).bind(scorer).fetch_optional(&mut **tx).await?;
@@ -194,13 +183,13 @@ async fn read_rescored_metrics(
 }
 
 async fn write_rescore(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &str,
     scorer: &str,
     rescored: &BTreeMap<u32, Metrics>,
     summary: Option<&Summary>,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let insert = "INSERT INTO rescores (run, scorer, scored_ms, summary) VALUES ($1, $2, $3, $4)";
     let row = sqlx::query(insert).bind(run).bind(scorer).bind(now_unix_ms);
     row.bind(summary.map(Json)).execute(&mut **tx).await?;
@@ -213,10 +202,7 @@ async fn write_rescore(
 }
 
 /// Returns a run's stored means by other scorers, oldest first.
-pub(crate) async fn read_rescores(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-) -> Result<Vec<Rescore>, StoreError> {
+pub(crate) async fn read_rescores(tx: &mut Transaction<'_>, run: &str) -> Result<Vec<Rescore>> {
     let select = "SELECT scorer, scored_ms, summary FROM rescores WHERE run = $1 ORDER BY scored_ms, scorer";
     Ok(sqlx::query_as(select).bind(run).fetch_all(&mut **tx).await?)
 }

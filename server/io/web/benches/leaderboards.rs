@@ -1,7 +1,7 @@
 //! Latency of pages over a full database: 1000 runs of 550 episodes, 200 requests per second.
 //!
-//! `cargo bench -p avln-web --bench leaderboards -- 20` measures each page for 20 seconds; the default is 10. The latency of a request
-//! starts at its scheduled time, so a stalled server also counts for the requests behind it (no coordinated omission).
+//! `cargo bench -p avln-web --bench leaderboards -- 20` measures each page for 20 seconds; the default is 10. Latency is
+//! measured from the scheduled time, so a stalled server also counts for the waiting requests (no coordinated omission).
 
 use avln_episode::{EndReason, Modality, Order, Rules};
 use avln_scoring::{EpisodeScore, Metrics, summarise};
@@ -89,7 +89,7 @@ async fn report(name: &str, web: SocketAddr, path: &str, seconds: u32) {
     println!("| {name} | {first_ms:.0} | {bytes} | {:.1} | {:.1} | {:.1} |", at(0.5), at(0.99), at(1.0));
 }
 
-/// Sends `count` requests at the rate, and returns the latency of each from its scheduled time, milliseconds.
+/// Sends `count` requests at [`RATE`], and returns the latencies, milliseconds.
 async fn send_requests(web: SocketAddr, path: &str, count: u32) -> Vec<f64> {
     let idle: Arc<Mutex<Vec<Visitor>>> = Arc::default();
     idle.lock().await.extend((0..VISITORS).map(|_| Visitor::new(web)));
@@ -151,7 +151,7 @@ impl Visitor {
     }
 }
 
-/// Reads a response up to its declared length or its final chunk.
+/// Reads a response up to the declared length or the final chunk.
 async fn read_answer(stream: &mut TcpStream) -> io::Result<usize> {
     let (mut bytes, mut part) = (Vec::new(), [0; 16 << 10]);
     loop {
@@ -183,7 +183,7 @@ struct FilledDatabase {
     bytes: u64,
 }
 
-/// Creates a database with a phase and its runs: half of them ordered, and ten runs per method and order.
+/// Creates a database with a phase: half of the runs are ordered, with ten runs per method and order.
 async fn fill_database(folder: &Path) -> FilledDatabase {
     let path = folder.join(DATABASE);
     let known = Store::open(&path).await.expect("a database");

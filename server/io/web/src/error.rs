@@ -12,7 +12,8 @@ use axum::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-pub(crate) type HandlerResult = Result<Response, RequestError>;
+/// The result of a handler or of a step in it.
+pub(crate) type Result<T, E = RequestError> = std::result::Result<T, E>;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum RequestError {
@@ -36,18 +37,18 @@ pub(crate) enum RequestError {
         "this token cannot be used to sign in: it is unknown, expired, revoked, or the token of a run; use a token of a team or an organiser"
     )]
     WrongToken,
-    #[error("too many failed attempts to sign in; try again in a minute")]
+    #[error("too many failed attempts to sign in; wait a minute before the next one")]
     Attempts,
     #[error(
-        "the form came from another site or from a page of an older session, and nothing was changed; open the page again and send the form from there"
+        "the form came from another site or from a page of an older session, and nothing was changed; reload the page and send the form from there"
     )]
     Foreign,
     #[error("{0}; nothing was changed")]
     Refused(String),
-    #[error("too many visitors are waiting for pictures or sound; try again in a few seconds")]
+    #[error("too many visitors are waiting for pictures or sound; wait a few seconds")]
     Crowded,
     #[error(
-        "{limit} visitors are following runs, which is the limit; load the page again to see the progress, or come back later"
+        "{limit} visitors are following runs, which is the limit; reload the page to see the progress, or come back later"
     )]
     Followed { limit: usize },
     #[error("the server is busy; try again in a few seconds")]

@@ -72,11 +72,6 @@ pub(crate) fn duration(seconds: &f64) -> String {
     }
 }
 
-/// A duration, milliseconds with two decimals.
-pub(crate) fn maybe_milliseconds(milliseconds: Option<f64>) -> String {
-    milliseconds.map_or_else(|| NOTHING.to_owned(), |ms| format!("{ms:.2} ms"))
-}
-
 /// A time for people: UTC, whole minutes.
 pub(crate) fn moment(unix_ms: i64) -> String {
     let stamp = rfc3339(unix_ms);
@@ -115,7 +110,7 @@ pub(crate) fn mean(key: &Key, value: &f64) -> String {
     }
 }
 
-/// A difference with its interval; shares differ in percentage points.
+/// A difference with interval; shares differ in percentage points.
 pub(crate) fn difference(difference: &Difference) -> String {
     let Estimate { value, low, high } = difference.estimate;
     let (factor, digits) = match difference.key.metric().unit {
@@ -152,7 +147,7 @@ pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
     }
 }
 
-/// A share with its interval as text and bar.
+/// A share with the interval as text and bar.
 pub(crate) fn estimate_html(estimate: &Estimate) -> String {
     let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
     let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
@@ -177,7 +172,7 @@ pub(crate) fn order(order: &Order) -> &'static str {
     }
 }
 
-/// The rank with its interval. It contains only digits, so it needs no escaping.
+/// The rank with interval. It contains only digits, so it needs no escaping.
 pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
     match standing {
         None => NOTHING.to_owned(),
@@ -314,7 +309,7 @@ pub(crate) fn sensor_list(sensors: &Option<Sensors>) -> String {
     [word(rgb, "colour"), word(depth, "depth"), word(audio, "sound")].join(", ")
 }
 
-/// A count with its noun; the plural ends in s.
+/// A count with a noun that has a regular plural.
 pub(crate) fn plural(count: &u32, noun: &str) -> String {
     let s = if *count == 1 { "" } else { "s" };
     format!("{count} {noun}{s}")

@@ -118,10 +118,7 @@ async fn fetch(router: &Router, address: &str) -> Result<(bool, Vec<u8>), Freeze
     let failed = |status| FreezeError::Page { address: address.to_owned(), status };
     let request = Request::get(address).body(Body::empty());
     let request = request.map_err(|_| failed(StatusCode::BAD_REQUEST))?;
-    let answer = match router.clone().oneshot(request).await {
-        Ok(answer) => answer,
-        Err(never) => match never {},
-    };
+    let Ok(answer) = router.clone().oneshot(request).await;
     if answer.status() != StatusCode::OK {
         return Err(failed(answer.status()));
     }
@@ -182,7 +179,9 @@ impl Scope {
         let inside = match parts[..] {
             [""] | ["leaderboard"] => return Some(self.first.clone()),
             ["runs"] => return Some(self.list.clone()),
-            ["api", "v1", table @ ("runs" | "runs.csv")] => return Some(self.table_of_runs(table)),
+            ["api", "v1", table @ ("runs" | "runs.csv")] => {
+                return Some(self.list.replacen("/runs", &format!("/api/v1/{table}"), 1));
+            }
             ["assets", _] | ["docs"] | ["docs", _] | ["docs", _, _] => query.is_empty(),
             ["api", "v1", "openapi.json"] => query.is_empty(),
             ["leaderboard", phase] => known(phase) && is_plain_selection(query),
@@ -198,10 +197,6 @@ impl Scope {
             _ => false,
         };
         inside.then(|| link.to_owned())
-    }
-
-    fn table_of_runs(&self, table: &str) -> String {
-        self.list.replacen("/runs", &format!("/api/v1/{table}"), 1)
     }
 
     fn shows_replays(&self, run: &str) -> bool {

@@ -1,7 +1,7 @@
 //! Leaderboard selection: query parameters, and the links that change them.
 
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{rfc3339, url_encode},
     request::RequestContext,
 };
@@ -44,7 +44,7 @@ pub(crate) struct LeaderboardParams {
     pub(crate) team: String,
     /// Filters by colour, depth and sound: true for agents with the sensor.
     pub(crate) sensors: [Option<bool>; 3],
-    /// Only runs completed on or before this day; its end in milliseconds since 1970-01-01 UTC.
+    /// Latest completion time, milliseconds since 1970-01-01 UTC.
     pub(crate) as_of_unix_ms: Option<i64>,
     /// Columns; empty for the default ones.
     pub(crate) columns: Vec<Key>,
@@ -55,7 +55,7 @@ pub(crate) struct LeaderboardParams {
 impl<S: Sync> FromRequestParts<S> for LeaderboardParams {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self> {
         let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
         let Query(pairs) = pairs.map_err(|error| RequestError::Invalid(error.body_text()))?;
         Self::from_pairs(&pairs)
@@ -63,7 +63,7 @@ impl<S: Sync> FromRequestParts<S> for LeaderboardParams {
 }
 
 impl LeaderboardParams {
-    fn from_pairs(pairs: &[(String, String)]) -> Result<Self, RequestError> {
+    fn from_pairs(pairs: &[(String, String)]) -> Result<Self> {
         let mut params = Self::default();
         for (name, value) in pairs {
             params.set(name, value)?;
@@ -71,7 +71,7 @@ impl LeaderboardParams {
         Ok(params)
     }
 
-    fn set(&mut self, name: &str, value: &str) -> Result<(), RequestError> {
+    fn set(&mut self, name: &str, value: &str) -> Result<()> {
         if value.is_empty() {
             self.has_blanks = true;
         }
@@ -96,7 +96,7 @@ impl LeaderboardParams {
         Ok(())
     }
 
-    pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order, RequestError> {
+    pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order> {
         match self.orders {
             Some(Orders::One(order)) => Ok(order),
             Some(Orders::Both) => {
@@ -129,7 +129,7 @@ impl LeaderboardParams {
         context: &RequestContext,
         phase: &PhaseView,
         order: Order,
-    ) -> Result<LeaderboardView, RequestError> {
+    ) -> Result<LeaderboardView> {
         let query = self.query(phase, order, context.now_unix_ms);
         let view = context.reader.leaderboard(&context.viewer, &query).await?;
         view.ok_or_else(|| RequestError::unknown("phase", phase.id.clone()))
@@ -139,7 +139,7 @@ impl LeaderboardParams {
         &self,
         context: &RequestContext,
         phase: &PhaseView,
-    ) -> Result<Vec<LeaderboardView>, RequestError> {
+    ) -> Result<Vec<LeaderboardView>> {
         let mut views = Vec::new();
         for &order in &phase.orders {
             views.push(self.read(context, phase, order).await?);
@@ -148,7 +148,7 @@ impl LeaderboardParams {
     }
 
     /// Rejects a selection of columns, for responses with all columns.
-    pub(crate) fn reject_columns(&self) -> Result<(), RequestError> {
+    pub(crate) fn reject_columns(&self) -> Result<()> {
         if self.columns.is_empty() {
             return Ok(());
         }
@@ -216,13 +216,13 @@ fn first_order(phase: &PhaseView) -> Order {
 }
 
 /// Parses a value; `None` if it is empty.
-fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<Option<T>, RequestError> {
+fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<Option<T>> {
     let wrong = |error| RequestError::Invalid(format!("{name}: {error}"));
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-/// Finds a value by its word; `None` if it is empty.
-fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<Option<T>, RequestError> {
+/// Finds the choice for `value`; `None` if it is empty.
+fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<Option<T>> {
     if value.is_empty() {
         return Ok(None);
     }
@@ -232,8 +232,8 @@ fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<O
     found.map(|(_, choice)| Some(choice)).ok_or_else(wrong)
 }
 
-/// Parses a day such as `2026-07-01` and returns its last millisecond.
-fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
+/// Returns the last millisecond of a day such as `2026-07-01`.
+fn parse_day(value: &str) -> Result<Option<i64>> {
     if value.is_empty() {
         return Ok(None);
     }
@@ -343,7 +343,7 @@ impl LeaderboardControls {
         Key::ALL.into_iter().map(|key| (key, shown.contains(&key))).collect()
     }
 
-    /// Returns true if the form differs from its defaults; the page then shows it open.
+    /// Returns true if the form has entries; the page then shows it open.
     pub(crate) fn is_open(&self) -> bool {
         self.params.is_filtered() || self.params.as_of_unix_ms.is_some() || !self.params.columns.is_empty()
     }
@@ -353,7 +353,7 @@ impl LeaderboardControls {
 mod tests {
     use super::*;
 
-    fn params(query: &str) -> Result<LeaderboardParams, RequestError> {
+    fn params(query: &str) -> Result<LeaderboardParams> {
         let uri = format!("/x?{query}").parse().expect("an address");
         let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(&uri).expect("pairs");
         LeaderboardParams::from_pairs(&pairs)

@@ -1,7 +1,7 @@
-//! Live state of open runs, from the database and the running arena; and its Server-Sent Events.
+//! Live state of open runs, from the database and the running arena, and Server-Sent Events.
 
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format::{self, NOTHING, with_named_times},
     request::{NoParameters, PathOnly, RequestContext, StrictQuery, now_unix_ms},
     server::{MAX_CONNECTIONS, Streaming},
@@ -11,7 +11,7 @@ use axum::{
     Extension,
     http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header},
     response::{
-        IntoResponse,
+        IntoResponse, Response,
         sse::{Event, KeepAlive, Sse},
     },
 };
@@ -54,13 +54,13 @@ pub struct LiveSession {
 pub struct LiveSlot {
     /// Slot number.
     pub slot: u32,
-    /// Steps so far.
+    /// Steps taken.
     pub step: u32,
     /// Last step's duration from observation to observation, seconds.
     pub last_step_s: Option<f64>,
     /// Mean step duration, seconds.
     pub mean_step_s: Option<f64>,
-    /// Time when the agent received its last observation, milliseconds since 1970-01-01 UTC.
+    /// Time of the last observation, milliseconds since 1970-01-01 UTC.
     pub since_unix_ms: i64,
 }
 
@@ -218,16 +218,12 @@ impl LiveFeed {
         Self { live_status, permits: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)), closed }
     }
 
-    pub(crate) async fn run(
-        &self,
-        context: &RequestContext,
-        id: &str,
-    ) -> Result<Option<LiveRunView>, RequestError> {
+    pub(crate) async fn run(&self, context: &RequestContext, id: &str) -> Result<Option<LiveRunView>> {
         let run = context.reader.live_run(&context.viewer, id).await?;
         Ok(run.map(|run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms())))
     }
 
-    pub(crate) async fn runs(&self, context: &RequestContext) -> Result<Vec<LiveRunView>, RequestError> {
+    pub(crate) async fn runs(&self, context: &RequestContext) -> Result<Vec<LiveRunView>> {
         let runs = context.reader.live_runs(&context.viewer, MAX_RUNS).await?;
         let view = |run| LiveRunView::new(run, self.live_status.as_deref(), now_unix_ms());
         Ok(runs.into_iter().map(view).collect())
@@ -239,7 +235,7 @@ pub(crate) async fn run(
     PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
     headers: HeaderMap,
-) -> HandlerResult {
+) -> Result<Response> {
     subscribe(Subscription { feed, context, run: Some(id) }, &headers).await
 }
 
@@ -248,7 +244,7 @@ pub(crate) async fn runs(
     Extension(feed): Extension<Arc<LiveFeed>>,
     headers: HeaderMap,
     _: StrictQuery<NoParameters>,
-) -> HandlerResult {
+) -> Result<Response> {
     subscribe(Subscription { feed, context, run: None }, &headers).await
 }
 
@@ -272,7 +268,7 @@ struct Snapshot {
 
 impl Subscription {
     /// Returns the current state; `None` for an unknown run.
-    async fn read(&self) -> Result<Option<Snapshot>, RequestError> {
+    async fn read(&self) -> Result<Option<Snapshot>> {
         let (data, is_last) = match &self.run {
             Some(id) => match self.feed.run(&self.context, id).await? {
                 Some(live) => (with_named_times(&live.json())?, !live.run.line.state.is_open()),
@@ -335,7 +331,7 @@ async fn shut_down(closed: Option<watch::Receiver<()>>) {
     }
 }
 
-async fn subscribe(subscription: Subscription, headers: &HeaderMap) -> HandlerResult {
+async fn subscribe(subscription: Subscription, headers: &HeaderMap) -> Result<Response> {
     let unknown = || RequestError::unknown("run", subscription.run.clone().unwrap_or_default());
     let snapshot = subscription.read().await?.ok_or_else(unknown)?;
     let sent = headers.get(LAST_EVENT_ID).and_then(|id| id.to_str().ok()).unwrap_or_default().to_owned();

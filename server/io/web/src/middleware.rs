@@ -69,7 +69,7 @@ const FRAMED: [(HeaderName, &str); 1] = [(
 pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveStatus>>) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
-    // The path without its query: search words do not belong into a log.
+    // The path without the query: search words do not belong into a log.
     let access_log = TraceLayer::new_for_http()
         .make_span_with(|request: &Request| {
             tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
@@ -87,7 +87,7 @@ pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveSt
         .layer(access_log)
 }
 
-/// Limits time and address length, gives errors a body, and adds the headers.
+/// Limits time and address length, and adds error bodies and headers.
 async fn finish_response(
     State(live_status): State<Option<Arc<dyn LiveStatus>>>,
     request: Request,
@@ -119,7 +119,7 @@ async fn finish_response(
     response
 }
 
-/// Gives an error its body: problem details (RFC 9457) for programs, a page for people.
+/// Adds the body of an error: problem details (RFC 9457) for programs, a page for people.
 fn with_error_body(bare: Response, for_programs: bool, path: &str, context: PageContext) -> Response {
     let error = bare.extensions().get::<RequestError>().cloned();
     let error = error.unwrap_or_else(|| RequestError::of_status(bare.status()));
@@ -163,7 +163,12 @@ async fn cache_and_compress(
     // A weak tag, because it is the same for all encodings of the body.
     let hash = blake3::hash(&body);
     let tag = format!("W/\"{}\"", &hash.to_hex()[..32]);
-    set_caching(&mut parts.headers, &tag, is_private);
+    // Caches may store public responses, with revalidation, but no private ones.
+    let control = if is_private { "private, no-store" } else { "public, no-cache" };
+    parts.headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
+    if let Ok(tag) = HeaderValue::from_str(&tag) {
+        parts.headers.insert(header::ETAG, tag);
+    }
     if known.is_some_and(|known| matches_tag(&known, &tag)) {
         parts.status = StatusCode::NOT_MODIFIED;
         parts.headers.remove(header::CONTENT_TYPE);
@@ -177,15 +182,6 @@ async fn cache_and_compress(
         compressed.compress(hash, body, accepted.as_ref(), &mut parts.headers)
     };
     Response::from_parts(parts, Body::from(body))
-}
-
-/// Lets caches store public responses, with revalidation, and forbids copies of private responses.
-fn set_caching(headers: &mut HeaderMap, tag: &str, is_private: bool) {
-    let control = if is_private { "private, no-store" } else { "public, no-cache" };
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
-    if let Ok(tag) = HeaderValue::from_str(tag) {
-        headers.insert(header::ETAG, tag);
-    }
 }
 
 fn matches_tag(known: &HeaderValue, tag: &str) -> bool {

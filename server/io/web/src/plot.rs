@@ -179,7 +179,7 @@ pub(crate) fn stacked(counts: &[u32]) -> String {
     svg + "</svg>"
 }
 
-/// Draws a bar for `count` in a table whose largest count is `most`.
+/// Draws a bar for `count` in a table with the maximum `most`.
 pub(crate) fn bar(count: &u32, most: u32) -> String {
     let width = 100.0 * f64::from(*count) / f64::from(most.max(1));
     format!(

@@ -1,6 +1,9 @@
 //! Request data: viewer, page context, and typed query parameters.
 
-use crate::{error::RequestError, format::url_encode};
+use crate::{
+    error::{RequestError, Result},
+    format::url_encode,
+};
 use avln_store::{
     CompareView, EpisodeView, Incomparable, MissionsView, PhaseView, Reader, RunList, RunView, Viewer,
 };
@@ -26,7 +29,7 @@ pub(crate) struct RequestContext {
 impl FromRequestParts<Reader> for RequestContext {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self> {
         let now_unix_ms = now_unix_ms();
         let viewer = match parts.headers.get(header::AUTHORIZATION) {
             // Set by the session middleware.
@@ -41,22 +44,22 @@ impl FromRequestParts<Reader> for RequestContext {
 }
 
 impl RequestContext {
-    pub(crate) async fn phase(&self, id: &str) -> Result<PhaseView, RequestError> {
+    pub(crate) async fn phase(&self, id: &str) -> Result<PhaseView> {
         let phase = self.reader.phase(&self.viewer, id, self.now_unix_ms).await?;
         phase.ok_or_else(|| RequestError::unknown("phase", id))
     }
 
-    pub(crate) async fn missions(&self, phase: &str) -> Result<MissionsView, RequestError> {
+    pub(crate) async fn missions(&self, phase: &str) -> Result<MissionsView> {
         let missions = self.reader.missions(&self.viewer, phase).await?;
         missions.ok_or_else(|| RequestError::unknown("public list of missions of phase", phase))
     }
 
-    pub(crate) async fn run(&self, id: &str) -> Result<RunView, RequestError> {
+    pub(crate) async fn run(&self, id: &str) -> Result<RunView> {
         let run = self.reader.run(&self.viewer, id).await?;
         run.ok_or_else(|| RequestError::unknown("run", id))
     }
 
-    pub(crate) async fn episode(&self, run: &str, ordinal: &str) -> Result<EpisodeView, RequestError> {
+    pub(crate) async fn episode(&self, run: &str, ordinal: &str) -> Result<EpisodeView> {
         let unknown = || RequestError::unknown("episode", format!("{ordinal} of run {run}"));
         let index = ordinal.parse().map_err(|_| unknown())?;
         self.reader.episode(&self.viewer, run, index).await?.ok_or_else(unknown)
@@ -157,7 +160,7 @@ pub(crate) struct StrictQuery<T>(pub(crate) T);
 impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self> {
         match Query::<T>::try_from_uri(&parts.uri) {
             Ok(Query(parameters)) => Ok(Self(parameters)),
             Err(error) => Err(RequestError::Invalid(error.body_text())),
@@ -171,7 +174,7 @@ pub(crate) struct PathOnly<T>(pub(crate) T);
 impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for PathOnly<T> {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self> {
         StrictQuery::<NoParameters>::from_request_parts(parts, state).await?;
         let path = Path::from_request_parts(parts, state).await;
         path.map(|Path(path)| Self(path)).map_err(|error| RequestError::of_status(error.status()))
@@ -190,7 +193,7 @@ pub(crate) struct CompareQuery {
 }
 
 impl CompareQuery {
-    pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView, RequestError> {
+    pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView> {
         let Self { first, second } = self;
         let reason = match context.reader.compare(&context.viewer, [first, second]).await? {
             Some(Ok(view)) => return Ok(view),
@@ -229,20 +232,14 @@ impl ReplayQuery {
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PictureQuery {
-    sensor: Option<PictureSensor>,
+    pub(crate) sensor: Option<PictureSensor>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum PictureSensor {
+pub(crate) enum PictureSensor {
     Rgb,
     Depth,
-}
-
-impl PictureQuery {
-    pub(crate) fn is_depth(self) -> bool {
-        self.sensor == Some(PictureSensor::Depth)
-    }
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -256,7 +253,7 @@ pub(crate) struct RunsQuery {
 impl RunsQuery {
     pub(crate) const LIMITS: (u32, u32) = (50, 200);
 
-    pub(crate) fn limit(&self) -> Result<u32, RequestError> {
+    pub(crate) fn limit(&self) -> Result<u32> {
         let (usual, most) = Self::LIMITS;
         match self.limit.unwrap_or(usual) {
             limit if (1..=most).contains(&limit) => Ok(limit),
@@ -273,7 +270,7 @@ impl RunsQuery {
         parameter("phase", self.phase.as_deref()) + &parameter("before", before) + &format!("limit={limit}")
     }
 
-    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, RequestError> {
+    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList> {
         let before = self.before.as_deref();
         let list = reader.older_runs(viewer, self.phase.as_deref(), before, self.limit()?).await?;
         list.ok_or_else(|| RequestError::unknown("run", before.unwrap_or_default()))

@@ -43,7 +43,7 @@ const CONNECTION_LIFETIME: Duration = Duration::from_secs(60);
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
 /// Size limit for request heads, bytes.
 const MAX_HEAD_BYTES: usize = 16 * 1024;
-/// Consecutive failures of `accept` before the server gives up.
+/// Consecutive failures of `accept` before the server stops.
 const ACCEPT_ATTEMPTS: u32 = 100;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
@@ -113,7 +113,7 @@ async fn serve_connections(
 
 /// Serves requests until the client disconnects, the connection's lifetime ends or the server shuts down.
 async fn serve_connection(connection: Connection, router: Router, proxies: Arc<[TrustedProxy]>) {
-    let Connection { stream, peer, mut closing, place: _place, .. } = connection;
+    let Connection { stream, peer, mut closing, permit: _permit, .. } = connection;
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
     let add_client_address = move |mut request: Request<Incoming>| {
@@ -131,7 +131,7 @@ async fn serve_connection(connection: Connection, router: Router, proxies: Arc<[
     };
     if ended.is_none() {
         connection.as_mut().graceful_shutdown();
-        // A client too slow for its last response loses the rest.
+        // A client too slow for the last response loses the rest.
         let _ = timeout(SHUTDOWN_TIMEOUT, connection).await;
     }
 }
@@ -184,7 +184,7 @@ pub(crate) fn client_address(peer: IpAddr, headers: &HeaderMap, trusted: &[Trust
     let values: Vec<&str> =
         headers.get_all(FORWARDED_FOR).iter().filter_map(|value| value.to_str().ok()).collect();
     let mut client = peer;
-    // A proxy appends its peer's address. Entries left of the first untrusted address are the client's claims.
+    // Each proxy appends the address of the peer. Entries left of the first untrusted address are the client's claims.
     for entry in values.iter().rev().flat_map(|value| value.rsplit(',')) {
         let Ok(address) = entry.trim().parse::<IpAddr>() else { break };
         client = address.to_canonical();

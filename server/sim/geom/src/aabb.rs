@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distance_is_to_the_surface_and_zero_inside() {
+    fn box_distance_is_zero_inside() {
         let unit = Aabb::new(Point3::new(1.0, 1.0, 1.0), Point3::origin());
         assert_eq!(unit.distance_m(&Point3::new(0.5, 0.5, 0.5)), 0.0);
         assert_eq!(unit.distance_m(&Point3::new(4.0, 5.0, 0.5)), 5.0);
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn around_nothing_is_none() {
+    fn box_around_no_points_is_none() {
         assert_eq!(Aabb::around([]), None);
     }
 }

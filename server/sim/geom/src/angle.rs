@@ -62,14 +62,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wrap_keeps_the_half_open_interval() {
+    fn wrapped_angles_are_in_the_half_open_interval() {
         for (angle, wrapped) in [(0.0, 0.0), (PI, PI), (-PI, PI), (3.0 * PI, PI), (TAU, 0.0), (-0.5, -0.5)] {
             assert!((wrap(angle) - wrapped).abs() < 1e-5, "wrap({angle}) = {}", wrap(angle));
         }
     }
 
     #[test]
-    fn quaternions_of_any_length_are_the_same_rotation() {
+    fn quaternion_length_does_not_change_the_rotation() {
         let wanted = about_up(1.0) * about_right(0.5);
         let [x, y, z, w] = <[f32; 4]>::from(wanted.coords).map(f64::from);
         for scale in [-1.0, 1e-300, 1e-20, 3.0, 1e300] {
@@ -82,13 +82,13 @@ mod tests {
     }
 
     #[test]
-    fn a_pitch_looks_up() {
+    fn positive_pitch_looks_up() {
         let ahead = about_right(0.5) * -nalgebra::Vector3::z();
         assert!((ahead.y - 0.5_f32.sin()).abs() < 1e-6 && (ahead.z + 0.5_f32.cos()).abs() < 1e-6, "{ahead}");
     }
 
     #[test]
-    fn directions_are_spread_evenly() {
+    fn spread_directions_are_even() {
         let sum: Vector3<f32> = (0..1000).map(|index| spread_direction(index, 1000)).sum();
         assert!(sum.norm() < 1.0, "{sum}");
         for axis in [Vector3::x(), Vector3::y(), Vector3::new(0.6, 0.0, 0.8)] {

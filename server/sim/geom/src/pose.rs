@@ -54,7 +54,7 @@ mod tests {
     use std::f32::consts::FRAC_PI_2;
 
     #[test]
-    fn a_left_turn_from_minus_z_faces_minus_x() {
+    fn left_turn_from_minus_z_faces_minus_x() {
         let pose = Pose::new(Point3::origin(), FRAC_PI_2);
         assert!((pose.forward() - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
         let rotated = pose.rotation() * Vector3::new(0.0, 0.0, -1.0);

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tree_agrees_with_brute_force() {
+    fn tree_agrees_with_brute_force() {
         let mut rng = Rng::new(5);
         for count in [1, 2, 3, 4, 5, 9, 60, 300] {
             let (positions, triangles) = random_soup(&mut rng, count);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn barycentric_weights_lead_to_the_point_that_was_hit() {
+    fn barycentric_weights_lead_to_the_hit_point() {
         let mut rng = Rng::new(8);
         let (positions, triangles) = random_soup(&mut rng, 40);
         let mesh = RayMesh::new(&positions, &triangles);
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_blocks_and_its_surface_does_not_block_itself() {
+    fn wall_blocks_except_at_its_own_surface() {
         let positions = [(-1.0, -1.0), (1.0, -1.0), (0.0, 2.0)].map(|(x, y)| Point3::new(x, y, 0.0));
         let mesh = RayMesh::new(&positions, &[[0, 1, 2]]);
         let (front, back) = (Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, -1.0));
@@ -227,12 +227,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_never_hit() {
+    fn empty_mesh_is_never_hit() {
         assert!(RayMesh::new(&[], &[]).cast(&Point3::origin(), &Vector3::x(), 1.0).is_none());
     }
 
     #[test]
-    fn many_copies_of_one_triangle_are_a_tree_too() {
+    fn copies_of_a_triangle_form_a_tree() {
         let positions = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| Point3::new(x, y, 0.0));
         let mesh = RayMesh::new(&positions, &[[0, 1, 2]; 500]);
         let hit = mesh.cast(&Point3::new(0.2, 0.2, 1.0), &Vector3::new(0.0, 0.0, -1.0), 5.0);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_visitor_sees_every_triangle_of_the_boxes_it_enters_once() {
+    fn visitor_receives_triangles_in_entered_boxes_once() {
         let (positions, triangles) = random_soup(&mut Rng::new(2), 200);
         let mut visitor = RightHalf(Vec::new());
         RayMesh::new(&positions, &triangles).visit(&mut visitor);

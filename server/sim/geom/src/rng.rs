@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_stream_of_a_seed_is_fixed() {
+    fn seed_streams_are_fixed() {
         // The first words of the authors' reference implementation.
         let mut words = SplitMix64::new(0);
         assert_eq!([words.next_u64(), words.next_u64()], [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4]);
@@ -121,21 +121,21 @@ mod tests {
     }
 
     #[test]
-    fn words_are_the_stream_of_their_key_in_any_order() {
+    fn words_form_the_key_stream_in_any_order() {
         let mut words = SplitMix64::new(77);
         let stream: Vec<u64> = (0..50).map(|_| words.next_u64()).collect();
         assert!((0..50).rev().all(|index| Rng::word(77, index) == stream[index as usize]));
     }
 
     #[test]
-    fn forks_differ_by_label_and_leave_the_parent_alone() {
+    fn forks_differ_by_label_without_advancing_the_parent() {
         let parent = Rng::new(1);
         assert_ne!(parent.fork("a").next_u64(), parent.fork("b").next_u64());
         assert_eq!(parent.fork("a").next_u64(), parent.fork("a").next_u64());
     }
 
     #[test]
-    fn draws_stay_inside_their_bounds() {
+    fn draws_stay_in_bounds() {
         let mut rng = Rng::new(3);
         let mut seen = [0; 5];
         for _ in 0..1000 {

@@ -1,5 +1,5 @@
 //! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
-//! and returns matching words.
+//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.p`.
 
 pub(super) mod beds;
 pub(super) mod cabinets;
@@ -29,26 +29,26 @@ use avln_geom::{Point3, Rng, Vector3, angle};
 use avln_scene::{Attributes, Lamp};
 use parts::*;
 
-/// A furniture kind: names, variants, and drawing function.
+/// A furniture kind.
 pub(super) struct Make {
-    /// Category name, from mpcat40 if possible.
+    /// Category, from mpcat40 if possible.
     pub(super) category: &'static str,
     /// Common name if the category is more general; otherwise empty.
     pub(super) noun: &'static str,
-    /// Number of shapes in `draw`.
+    /// Style count.
     pub(super) styles: usize,
-    /// The likelier ones first.
+    /// Materials, likelier first.
     pub(super) substances: &'static [Substance],
-    /// Colour words, the likelier ones first.
-    pub(super) colors: &'static [&'static str],
-    /// Draws the style of the draft; returns size and shape words.
+    /// Colour words, likelier first.
+    pub(super) colors: &'static str,
+    /// Draws the draft's style; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
 }
 
 /// Size word and shape word; may be empty.
 pub(super) type Words = [&'static str; 2];
 
-/// A piece of furniture that is being drawn.
+/// A piece in progress.
 pub(super) struct Draft {
     pub(super) m: Model,
     pub(super) rng: Rng,
@@ -57,35 +57,36 @@ pub(super) struct Draft {
     pub(super) substance: Substance,
     /// Main paint.
     pub(super) p: Paint,
-    /// The paint of legs, frames and handles.
+    /// Paint for legs, frames and handles.
     pub(super) trim: Paint,
     /// Requested width, height and depth, metres; 0 for any.
     pub(super) wish: [f32; 3],
-    /// Instead of the make's noun.
+    /// Common name, initially the kind's.
     pub(super) noun: &'static str,
-    /// Instead of the substance's word.
+    /// Material word, initially the substance's.
     pub(super) material: &'static str,
 }
 
 impl Draft {
-    /// A length in [`low`, `high`), in whole centimetres.
+    /// Draws a length in [`low`, `high`), in whole centimetres.
     pub(super) fn len(&mut self, low: f32, high: f32) -> f32 {
         (self.rng.range(low, high) * 100.0).round() / 100.0
     }
 
-    /// The requested width, or a random width in the range.
+    /// Returns the requested width, or draws one.
     pub(super) fn width(&mut self, low: f32, high: f32) -> f32 {
+        // Always draws, so that a request does not shift later draws.
         let drawn = self.len(low, high);
         if self.wish[0] > 0.0 { self.wish[0] } else { drawn }
     }
 
-    /// The requested height, or a random height in the range.
+    /// Returns the requested height, or draws one.
     pub(super) fn height(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[1] > 0.0 { self.wish[1] } else { drawn }
     }
 
-    /// The requested depth, or a random depth in the range.
+    /// Returns the requested depth, or draws one.
     pub(super) fn depth(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[2] > 0.0 { self.wish[2] } else { drawn }
@@ -96,7 +97,7 @@ impl Draft {
         words.split('|').nth(self.style).unwrap_or("")
     }
 
-    /// Returns true if the main part is upholstered or draped.
+    /// Returns true for upholstered or draped pieces.
     pub(super) fn soft(&self) -> bool {
         self.substance.is_soft()
     }
@@ -106,24 +107,25 @@ impl Draft {
         self.p.brightness() < 0.3
     }
 
-    /// Bare metal for taps, pipes and handles.
+    /// Metal paint for taps, pipes and handles.
     pub(super) fn metal(&self) -> Paint {
+        // Bright metal on a dark piece would change the mean colour, and so the colour word.
         if self.dark() { Paint::CHROME.times(0.4) } else { Paint::CHROME }
     }
 
-    /// A box in the main paint: upholstered for soft substances, otherwise with fine bevels.
+    /// Adds a box in the main paint: upholstered for soft substances, otherwise with fine bevels.
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
         self.m.soft(x, y, z, bevel, self.p);
     }
 
-    /// A turned shape of the main paint; `profile` is in shares of `radius` and `height`.
+    /// Adds a turned shape in the main paint; `profile` is in shares of `radius` and `height`.
     pub(super) fn turned(&mut self, profile: &[[f32; 2]], radius: f32, height: f32, sides: usize) {
         let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();
         self.m.lathe([0.0, 0.0], &profile, sides, self.p);
     }
 
-    /// A plain box of the main paint.
+    /// Adds a plain box in the main paint.
     pub(super) fn board(&mut self, x: Span, y: Span, z: Span) {
         self.m.block(x, y, z, self.p);
     }
@@ -139,14 +141,14 @@ pub(super) struct Look {
     pub(super) trim: Paint,
 }
 
-/// A paint for legs and frames that matches the brightness of the main paint.
+/// Chooses a paint for legs and frames that matches the main paint's brightness.
 fn trim(rng: &mut Rng, main: Paint) -> Paint {
     let paints: &[Paint] = match main.brightness() {
         dark if dark < 0.3 => &[Paint::WALNUT, Paint::DARK_METAL],
         bright if bright > 0.75 => &[Paint::OAK, Paint::STEEL, Paint::BRASS],
         _ => &[Paint::OAK, Paint::WALNUT, Paint::STEEL, Paint::DARK_METAL, Paint::BRASS],
     };
-    *rng.choose(paints).expect("there are some")
+    *rng.choose(paints).expect("the list is not empty")
 }
 
 impl Make {
@@ -156,14 +158,14 @@ impl Make {
         styles: usize,
         draw: fn(&mut Draft) -> Words,
     ) -> Self {
-        Self { category, noun, styles, substances: &[], colors: &[], draw }
+        Self { category, noun, styles, substances: &[], colors: "", draw }
     }
 
-    const fn made_of(self, substances: &'static [Substance], colors: &'static [&'static str]) -> Self {
+    const fn made_of(self, substances: &'static [Substance], colors: &'static str) -> Self {
         Self { substances, colors, ..self }
     }
 
-    /// A look that it comes in.
+    /// Draws a look.
     pub(super) fn look(&self, taste: &mut Taste) -> Look {
         let style = taste.style(self.styles);
         let (substance, tint) = taste.look(self.category, style, self.substances, self.colors);
@@ -171,18 +173,18 @@ impl Make {
         Look { rng: taste.rng.fork(self.category), style, substance, tint, trim }
     }
 
-    /// A piece of any size that suits.
+    /// Draws a piece with any size.
     pub(super) fn any(&self, taste: &mut Taste) -> Piece {
         self.sized(taste, [0.0; 3])
     }
 
-    /// A piece with an approximate width, height and depth; zeros are free.
+    /// Draws a piece with an approximate width, height and depth; zeros are free.
     pub(super) fn sized(&self, taste: &mut Taste, wish: [f32; 3]) -> Piece {
         let look = self.look(taste);
         self.drawn(&look, wish)
     }
 
-    /// The piece with all choices made.
+    /// Draws a piece with a given look.
     pub(super) fn drawn(&self, look: &Look, wish: [f32; 3]) -> Piece {
         let Look { rng, style, substance, tint, trim } = look.clone();
         let p = substance.paint(tint);
@@ -197,7 +199,7 @@ impl Make {
             size: said(size),
             shape: said(shape),
         };
-        Piece::new(self.category, draft.m, attributes)
+        Piece { category: self.category, model: draft.m, attributes }
     }
 }
 
@@ -210,7 +212,7 @@ mod tests {
     use avln_scene::colors::PALETTE;
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// Everything that can be placed, doors and windows aside.
+    /// All furniture except doors and windows.
     const MAKES: &[&Make] = &[
         &seats::CHAIR,
         &seats::OFFICE_CHAIR,
@@ -281,7 +283,7 @@ mod tests {
         &openings::BLIND,
     ];
 
-    /// The piece of a make with everything chosen by `seed` but the style.
+    /// Draws a piece with a given style; `seed` determines the rest.
     fn piece(make: &Make, style: usize, seed: u64) -> Piece {
         let mut taste = Taste::new(Rng::new(seed).fork(make.category), Pool::Train);
         let (substance, tint) = taste.look(make.category, style, make.substances, make.colors);
@@ -291,12 +293,12 @@ mod tests {
     }
 
     #[test]
-    fn every_category_comes_in_many_shapes_colours_and_materials() {
+    fn categories_have_many_shapes_colours_and_materials() {
         let mut kinds: BTreeMap<&str, (usize, BTreeSet<&str>, BTreeSet<&str>)> = BTreeMap::new();
         for make in MAKES {
             let (shapes, colors, materials) = kinds.entry(make.category).or_default();
             *shapes += make.styles;
-            colors.extend(make.colors);
+            colors.extend(make.colors.split(' '));
             match make.category {
                 "picture" => (0..80).for_each(|seed| {
                     let said = piece(make, 0, seed).attributes.material;
@@ -343,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn styles_of_a_make_differ() {
+    fn styles_of_a_furniture_kind_differ() {
         let mut alike = Vec::new();
         for make in MAKES {
             let shapes: BTreeSet<String> = (0..make.styles)
@@ -362,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_colour_of_nearly_all_pieces_goes_by_the_word_that_is_said() {
+    fn mean_colours_nearly_always_match_their_word() {
         let mut missed: BTreeMap<&str, u32> = BTreeMap::new();
         let (mut all, mut wrong) = (0, 0);
         for make in MAKES.iter().filter(|make| make.category != "mirror") {
@@ -386,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_out_for_one_pool_is_shown_by_no_other() {
+    fn reserved_combinations_stay_in_their_pool() {
         for pool in Pool::ALL {
             let mut taste = Taste::new(Rng::new(3), pool);
             for _ in 0..40 {

@@ -1,4 +1,4 @@
-//! Colours, surface paints, and materials of objects.
+//! Colours, surface paints and object materials.
 
 use super::texture::Pattern;
 use avln_scene::colors::name_of;
@@ -16,14 +16,13 @@ fn byte(value: f32) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// Paint of a surface.
+/// A surface paint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Paint {
-    /// The substance, in words that acoustics understands.
+    /// Material, a word known to the acoustics.
     pub(super) material: &'static str,
-    /// Base colour.
     pub(super) rgb: [u8; 3],
-    /// Picture that the base colour multiplies.
+    /// Picture multiplied by the base colour.
     pub(super) pattern: Option<Pattern>,
 }
 
@@ -46,13 +45,13 @@ impl Paint {
         Self { material, rgb, pattern: None }
     }
 
-    /// Perceived brightness of the base colour, 0 to 1 (ITU-R BT.601 weights).
+    /// Perceived brightness, 0 to 1 (ITU-R BT.601 weights), without the pattern.
     pub(super) fn brightness(&self) -> f32 {
         let [r, g, b] = self.rgb.map(f32::from);
         (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
     }
 
-    /// The paint scaled in brightness.
+    /// Scales the brightness.
     pub(super) fn times(self, factor: f32) -> Self {
         Self { rgb: self.rgb.map(|value| byte(f32::from(value) * factor)), ..self }
     }
@@ -63,6 +62,7 @@ impl Paint {
 }
 
 /// Mean brightness of every substance's pattern, 0 to 1.
+// Computed once: every drawn colour needs a mean.
 static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
     let patterns = SUBSTANCES.iter().filter_map(|(.., pattern)| *pattern);
     patterns.map(|pattern| (pattern, pattern.mean())).collect()
@@ -98,7 +98,7 @@ pub(super) enum Substance {
     Rubber,
 }
 
-/// Description, acoustic material and pattern of every substance, in the order of the enum.
+/// Description, acoustic material and pattern per substance, in enum order.
 const SUBSTANCES: [(Substance, &str, &str, Option<Pattern>); 25] = [
     (Substance::Wood, "wooden", "wood", Some(Pattern::Grain)),
     (Substance::Bamboo, "bamboo", "wood", Some(Pattern::Bamboo)),
@@ -128,12 +128,12 @@ const SUBSTANCES: [(Substance, &str, &str, Option<Pattern>); 25] = [
 ];
 
 impl Substance {
-    /// The word that describes it.
+    /// Describing word.
     pub(super) fn word(self) -> &'static str {
         SUBSTANCES[self as usize].1
     }
 
-    /// Surface material, a word known to the acoustics.
+    /// Acoustic material.
     pub(super) fn surface(self) -> &'static str {
         SUBSTANCES[self as usize].2
     }
@@ -142,9 +142,10 @@ impl Substance {
         SUBSTANCES[self as usize].3
     }
 
-    /// Returns true if its pattern preserves the colour word in mean room light.
+    /// Returns true if the pattern preserves the colour word in mean room light.
     pub(super) fn keeps(self, tint: Tint) -> bool {
         let paint = self.paint(tint);
+        // Two light levels, because the baked light differs over a piece.
         let light = 0.85 + 0.07 * paint.brightness();
         let seen = light * self.pattern().map_or(1.0, |pattern| MEANS[&pattern]);
         let lit = |light: f32| name_of(tint.rgb.map(|value| (f32::from(value) * light) as u8));
@@ -156,7 +157,6 @@ impl Substance {
         matches!(self.surface(), "fabric" | "leather" | "carpet")
     }
 
-    /// A surface of it in the colour `tint`.
     pub(super) fn paint(self, tint: Tint) -> Paint {
         Paint { material: self.surface(), rgb: tint.rgb, pattern: self.pattern() }
     }

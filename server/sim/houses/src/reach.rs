@@ -1,4 +1,4 @@
-//! Reachability of rooms on a lattice of free floor, without a navmesh.
+//! Room reachability on a lattice, without a navmesh.
 
 use super::plan::{Opening, Plan, RoomKind, WALL_M, around};
 use super::rect::{CELL_M, Lattice, Rect};
@@ -6,16 +6,17 @@ use super::{floor_m, shell};
 use avln_scene::Object;
 
 /// Height range of obstacles above the floor, metres.
+// The body climbs 0.2 m and is 1.5 m high.
 const BODY_M: [f32; 2] = [0.2, 1.5];
 
-/// Standing area of a body and its connected parts.
+/// Connected parts of a body's standing area.
 pub(super) struct Reach {
     /// Cells by room.
     rooms: Vec<Vec<Cell>>,
     lattice: Lattice,
     /// Part per cell; `None` for blocked cells.
     piece_of: Vec<Option<usize>>,
-    /// Cells of each piece.
+    /// Cell count per part.
     sizes: Vec<usize>,
 }
 
@@ -46,10 +47,11 @@ impl Reach {
     }
 
     fn largest(&self) -> Option<usize> {
+        // The first of equally large parts, for a stable result.
         (0..self.sizes.len()).max_by_key(|&piece| (self.sizes[piece], usize::MAX - piece))
     }
 
-    /// Share of the free floor that is the largest piece, 0 to 1.
+    /// Largest part's share of the free floor, 0 to 1.
     pub(super) fn share(&self) -> f32 {
         let most = self.sizes.iter().max().copied().unwrap_or(0);
         most as f32 / self.sizes.iter().sum::<usize>().max(1) as f32
@@ -62,7 +64,7 @@ impl Reach {
         (0..self.rooms.len()).filter(|&room| largest.is_none() || !entered(&self.rooms[room])).collect()
     }
 
-    /// The openings that the largest piece does not go through.
+    /// Openings that the largest part does not pass.
     pub(super) fn blocked<'a>(&self, plan: &'a Plan, radius_m: f32) -> Vec<&'a Opening> {
         let largest = self.largest();
         let passable = |opening: &Opening| {
@@ -79,16 +81,16 @@ fn through(opening: &Opening, radius_m: f32) -> Rect {
     let beyond = WALL_M / 2.0 + radius_m + CELL_M;
     let across = [opening.line_m - beyond, opening.line_m + beyond];
     let along = [opening.along[0] + radius_m, opening.along[1] - radius_m];
-    if opening.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+    opening.rect(along, across)
 }
 
-/// The floor in front of an opening, on both sides of it.
+/// Floor in front of an opening, on both sides.
 pub(super) fn doorstep(opening: &Opening, depth_m: f32) -> Rect {
     let across = [opening.line_m - depth_m, opening.line_m + depth_m];
-    if opening.along_x { Rect::new(opening.along, across) } else { Rect::new(across, opening.along) }
+    opening.rect(opening.along, across)
 }
 
-/// Obstacles in a room, seen from above.
+/// Obstacle footprints in a room.
 fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     let floor_m = floor_m(plan.rooms[index].storey);
     let in_room = objects.iter().filter(|object| object.region == Some(index as u16));
@@ -98,7 +100,7 @@ fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     solid.map(|object| Rect::of(&object.bounds)).collect()
 }
 
-/// Standing cells of a room.
+/// Standing cells in a room.
 fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], radius_m: f32) -> Vec<Cell> {
     let room = &plan.rooms[index];
     let walls = room.faces();
@@ -111,8 +113,7 @@ fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], ra
     floor.into_iter().flat_map(|rect| lattice.cells_in(room.storey, rect)).filter(clear).collect()
 }
 
-/// Connected parts of the free cells: part per cell, and part sizes. Cells in a `joined` group (stairs)
-/// count as neighbours.
+/// Returns the part per cell and the part sizes. Cells in a `joined` group (stairs) count as neighbours.
 fn pieces(lattice: &Lattice, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
     let mut is_joined = vec![false; free.len()];
     joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
@@ -129,6 +130,7 @@ fn pieces(lattice: &Lattice, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<u
             piece_of[cell] = Some(piece);
             size += 1;
             open.extend(lattice.neighbours(cell));
+            // The lattice has no heights: all stairwell cells together connect the storeys.
             if is_joined[cell] {
                 open.extend(joined.iter().flat_map(|group| group.iter()));
             }
@@ -158,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_houses_can_be_walked_everywhere_even_over_stairs() {
+    fn empty_houses_are_walkable_everywhere() {
         for seed in 0..2000 {
             let plan = Plan::draw(&Rng::new(seed), 6 + seed as usize % 19, 1 + seed as usize / 19 % 2);
             let reach = Reach::of(&plan, &[], 0.25);
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crate_in_its_only_door_seals_a_room() {
+    fn crate_in_the_only_door_seals_a_room() {
         let plan = Plan::draw(&Rng::new(5), 9, 1);
         let doors = |room: usize| plan.openings.iter().filter(move |door| door.rooms.contains(&room));
         let room = (0..9).find(|&room| doors(room).count() == 1).expect("a room with one door");

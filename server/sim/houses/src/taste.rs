@@ -1,46 +1,33 @@
-//! Random choices of style, material and colour, and the shades of the colour words per pool.
+//! Random styles, materials and colours; shades per pool.
 
 use super::Pool;
 use super::paint::{Substance, Tint};
 use avln_geom::Rng;
 use std::collections::BTreeMap;
 
-/// Colours of upholstery and cloth.
-pub(super) const CLOTH: &[&str] = &[
-    "blue", "grey", "red", "green", "brown", "teal", "yellow", "white", "orange", "purple", "black", "pink",
-];
+/// Upholstery and cloth colours.
+pub(super) const CLOTH: &str = "blue grey red green brown teal yellow white orange purple black pink";
 
-/// Colours of furniture, the common ones first.
-pub(super) const WOOD: &[&str] = &[
-    "brown", "white", "brown", "black", "grey", "blue", "green", "teal", "red", "yellow", "orange", "purple",
-    "pink",
-];
+/// Furniture colours, common ones first.
+pub(super) const WOOD: &str = "brown white brown black grey blue green teal red yellow orange purple pink";
 
-/// Colours of bathroom furniture.
-pub(super) const SANITARY: &[&str] = &[
-    "white", "white", "white", "grey", "pink", "teal", "black", "green", "yellow", "blue", "brown", "purple",
-    "red", "orange",
-];
+/// Bathroom furniture colours.
+pub(super) const SANITARY: &str =
+    "white white white grey pink teal black green yellow blue brown purple red orange";
 
-/// Colours of machines.
-pub(super) const MACHINE: &[&str] = &[
-    "white", "grey", "black", "white", "grey", "red", "teal", "blue", "green", "yellow", "orange", "pink",
-    "brown", "purple",
-];
+/// Machine colours.
+pub(super) const MACHINE: &str =
+    "white grey black white grey red teal blue green yellow orange pink brown purple";
 
-/// Colours of screens' cases and frames.
-pub(super) const DARK: &[&str] = &[
-    "black", "black", "grey", "black", "white", "brown", "red", "blue", "teal", "green", "yellow", "orange",
-    "purple", "pink",
-];
+/// Screen cases and dark frames.
+pub(super) const DARK: &str =
+    "black black grey black white brown red blue teal green yellow orange purple pink";
 
-/// Colours of leaves and blossoms.
-pub(super) const GREENERY: &[&str] = &[
-    "green", "green", "green", "red", "green", "yellow", "pink", "purple", "white", "orange", "teal", "blue",
-    "brown", "grey", "black",
-];
+/// Leaf and blossom colours.
+pub(super) const GREENERY: &str =
+    "green green green red green yellow pink purple white orange teal blue brown grey black";
 
-/// Random styles, materials, sizes and colours for the furniture of a house.
+/// Random styles, materials and colours for a house's furniture.
 pub(super) struct Taste {
     pub(super) rng: Rng,
     pool: Pool,
@@ -53,7 +40,8 @@ impl Taste {
     }
 
     /// Draws a word, with preference for earlier words and words not yet used for `category`.
-    pub(super) fn tint(&mut self, category: &'static str, words: &[&'static str]) -> Tint {
+    pub(super) fn tint(&mut self, category: &'static str, words: &'static str) -> Tint {
+        let words: Vec<&str> = words.split(' ').collect();
         let weight = |(place, word): (usize, &&'static str)| {
             let used = self.used.get(&(category, *word)).copied().unwrap_or(0);
             1.0 / ((1.5 + place as f32) * (1.0 + used as f32))
@@ -64,7 +52,7 @@ impl Taste {
         self.shade(word)
     }
 
-    /// Some shade of `word` of this pool.
+    /// Draws a shade from the pool.
     pub(super) fn shade(&mut self, word: &'static str) -> Tint {
         let rgb = *self.rng.choose(shades(self.pool, word)).expect("every colour word has shades");
         Tint { word, rgb }
@@ -76,13 +64,13 @@ impl Taste {
         substances[self.weighted(&weights)]
     }
 
-    /// A material and a colour for style number `style` of `category` that this pool may show together.
+    /// Draws a material and a colour that the pool may combine with `style`.
     pub(super) fn look(
         &mut self,
         category: &'static str,
         style: usize,
         substances: &[Substance],
-        words: &[&'static str],
+        words: &'static str,
     ) -> (Substance, Tint) {
         for _ in 0..12 {
             let substance = self.substance(substances);
@@ -92,18 +80,18 @@ impl Taste {
                 return (substance, tint);
             }
         }
-        (substances[0], self.shade(words[0]))
+        let likeliest = words.split(' ').next().unwrap_or_default();
+        (substances[0], self.shade(likeliest))
     }
 
-    /// Draws a style below `count` that this pool may show.
-    ///
-    /// The second-last style is reserved for validation and the last for test (the last two of every eight in
-    /// larger sets); those pools show their styles every other time.
+    /// Draws a style below `count` from the pool's styles.
     pub(super) fn style(&mut self, count: usize) -> usize {
         let own = match self.pool {
             Pool::Train => None,
             pool => Some(pool),
         };
+        // The second-last style is reserved for validation, the last for test (the last two in every eight of
+        // larger sets). Half of the draws in these two pools show reserved styles.
         let wanted = own.filter(|_| self.rng.chance(0.5));
         let fitting: Vec<usize> = (0..count).filter(|&style| owner(style, count) == wanted).collect();
         let common = || (0..count).filter(|&style| owner(style, count).is_none()).collect();
@@ -111,13 +99,13 @@ impl Taste {
         choice[self.rng.below(choice.len())]
     }
 
-    /// An index drawn with probabilities in proportion to `weights`.
+    /// Draws an index in proportion to `weights`.
     pub(super) fn weighted(&mut self, weights: &[f32]) -> usize {
         weighted(&mut self.rng, weights).unwrap_or(weights.len() - 1)
     }
 }
 
-/// An index drawn in proportion to `weights`; `None` if they are empty, or if rounding exhausts them.
+/// Draws an index in proportion to `weights`; `None` if they are empty, or if rounding exhausts them.
 pub(super) fn weighted(rng: &mut Rng, weights: &[f32]) -> Option<usize> {
     let mut left = rng.range(0.0, weights.iter().sum());
     weights.iter().position(|weight| {
@@ -126,7 +114,7 @@ pub(super) fn weighted(rng: &mut Rng, weights: &[f32]) -> Option<usize> {
     })
 }
 
-/// The only pool with style `style` of `count`; `None` for shared styles.
+/// Returns the only pool with a style; `None` for shared styles.
 pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     if count < 4 {
         return None;
@@ -139,9 +127,10 @@ pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     }
 }
 
-/// The only pool with a style in this material and colour; `None` for shared combinations: four of five.
+/// Returns the only pool with this combination; `None` for shared combinations, four in five.
 pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) -> Option<Pool> {
-    let place = CLOTH.iter().position(|known| *known == word).unwrap_or(0);
+    let place = CLOTH.split(' ').position(|known| known == word).unwrap_or(0);
+    // Multipliers without a common factor with ten spread the reserved combinations evenly.
     match (style * 3 + substance as usize * 7 + place) % 10 {
         4 => Some(Pool::Validation),
         9 => Some(Pool::Test),
@@ -149,7 +138,7 @@ pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) 
     }
 }
 
-/// The first word below `low`, the second above `high`, otherwise empty.
+/// Returns the first word below `low`, the second above `high`, otherwise an empty word.
 pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2]) -> &'static str {
     if value < low {
         words[0]
@@ -160,7 +149,7 @@ pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2
     }
 }
 
-/// The sRGB shades of every colour word in a pool. A shade matches its word in full light and in room shade.
+/// A pool's sRGB shades per colour word. A shade matches the word in full light and in room shade.
 type Shades = [(&'static str, &'static [[u8; 3]]); 12];
 
 const TRAIN_SHADES: Shades = [
@@ -208,7 +197,7 @@ const TEST_SHADES: Shades = [
     ("white", &[[255, 255, 252], [253, 252, 248], [251, 252, 246]]),
 ];
 
-/// The shades of `word` in `pool`; empty for other words.
+/// Shades for `word` in `pool`; empty for other words.
 fn shades(pool: Pool, word: &str) -> &'static [[u8; 3]] {
     let rows = match pool {
         Pool::Train => &TRAIN_SHADES,
@@ -230,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn styles_that_are_held_out_are_shown_by_their_own_pool_only() {
+    fn reserved_styles_stay_in_their_pool() {
         for (count, common, validation, test) in
             [(8, 6, vec![6], vec![7]), (5, 3, vec![3], vec![4]), (16, 12, vec![6, 14], vec![7, 15])]
         {
@@ -252,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn every_shade_keeps_its_name_in_bright_and_in_dim_light() {
+    fn shades_match_their_word_in_any_light() {
         for pool in Pool::ALL {
             for (word, _) in PALETTE {
                 assert!(shades(pool, word).len() >= 3, "{word}");
@@ -268,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn no_pool_has_a_shade_of_another() {
+    fn pools_have_disjoint_shades() {
         let pools = [TRAIN_SHADES, VALIDATION_SHADES, TEST_SHADES];
         let all: Vec<_> = pools.iter().flatten().flat_map(|(_, shades)| shades.iter()).collect();
         assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), all.len());

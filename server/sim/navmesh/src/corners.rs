@@ -3,7 +3,7 @@ use crate::polygons::{NONE, Polygons};
 use crate::sight::{Eye, VisiblePart, look};
 use std::ops::Range;
 
-// Rounding makes exact tangents turn by up to this much, cells squared.
+// Largest turn of an exact tangent by rounding, cells squared.
 const SLACK: f64 = 1e-7;
 
 /// The bends on shortest paths, and their straight connections.
@@ -18,7 +18,6 @@ pub(crate) struct Corners {
     links: Vec<Link>,
 }
 
-/// A wall corner as seen from the floor.
 #[derive(Clone, Copy)]
 pub(crate) struct WallCorner {
     pub(crate) eye: Eye,
@@ -31,7 +30,6 @@ pub(crate) struct WallCorner {
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Link {
     pub(crate) to: u32,
-    /// Length in space, metres.
     pub(crate) metres: f64,
 }
 
@@ -52,7 +50,7 @@ impl Corners {
             + size_of_val(self.links.as_slice())
     }
 
-    /// Finds the corners; `height_m` maps an edge to the ground height at its start.
+    /// Finds the corners; `height_m` maps an edge to the ground height at the start.
     pub(crate) fn new(polygons: &Polygons, lattice: Lattice, height_m: impl Fn(u32) -> f64) -> Self {
         let (corners, at_edge) = find(polygons, height_m);
         let mut found = Self { lattice, corners, at_edge, first_link: vec![0], links: Vec::new() };
@@ -77,7 +75,6 @@ impl Corners {
         &self.links[range(corner as usize)..range(corner as usize + 1)]
     }
 
-    /// Distance in space, metres.
     pub(crate) fn metres_to(&self, corner: u32, place: &LatticePoint) -> f64 {
         self.lattice.apart_m(&self.get(corner).eye.place, place)
     }

@@ -28,7 +28,6 @@ pub(crate) fn corridor_m(
     Some(points.windows(2).map(|leg| lattice.apart_m(&leg[0], &leg[1])).sum())
 }
 
-/// Search state by polygon: entry point and best path.
 #[derive(Clone, Copy)]
 struct Node {
     place: LatticePoint,
@@ -52,7 +51,6 @@ impl<'a> CorridorSearch<'a> {
         Self { polygons, lattice, goal, nodes, waiting: BinaryHeap::new() }
     }
 
-    /// Returns the portals between the two polygons.
     fn run(mut self, from: Eye) -> Option<Vec<u32>> {
         let total_m = HEURISTIC * self.lattice.apart_m(&from.place, &self.goal.place);
         self.nodes[from.polygon as usize] =
@@ -107,8 +105,6 @@ impl<'a> CorridorSearch<'a> {
         steps_to(entered(last), |portal| entered(self.polygons.owner(portal)))
     }
 }
-
-/// A funnel side: tip and portal.
 #[derive(Clone, Copy)]
 struct Side {
     tip: LatticePoint,

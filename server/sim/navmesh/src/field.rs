@@ -59,7 +59,6 @@ impl NavMesh {
 ///
 /// With a different mesh, methods panic or return wrong results.
 pub struct DistanceField {
-    /// Ordered by polygon.
     seeds: Vec<Seed>,
     /// By mesh corner.
     corners: Vec<Way>,
@@ -71,7 +70,6 @@ struct Seed {
     weight_m: f64,
 }
 
-/// The next stop on a path.
 #[derive(Clone, Copy, PartialEq)]
 enum Next {
     Nowhere,
@@ -79,7 +77,6 @@ enum Next {
     Seed(u32),
 }
 
-/// A path to the best seed.
 #[derive(Clone, Copy)]
 struct Way {
     metres: f64,
@@ -101,7 +98,7 @@ impl Way {
 }
 
 impl DistanceField {
-    /// Returns the distance to the best seed plus its weight, metres; `None` without a seed on the island.
+    /// Returns distance plus weight for the best seed, metres; `None` without a seed on the island.
     pub fn distance_m(&self, mesh: &NavMesh, point: &NavPoint) -> Option<f64> {
         self.way(mesh, point).metres()
     }
@@ -197,7 +194,6 @@ pub struct Outlook {
 
 /// Indexed mesh points for repeated distance queries.
 pub struct Places {
-    /// Ordered by polygon, then by index.
     places: Vec<IndexedPlace>,
 }
 

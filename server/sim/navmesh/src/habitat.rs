@@ -55,7 +55,7 @@ impl NavMesh {
         let reach_cells = self.step_reach(f64::from((end - from.position).norm()));
         let step = Step { start, polygon: from.polygon, target, reach_cells, slides };
         let Slide { end: reached, blocked } = self.step(&step)?;
-        // Habitat's own meshes must reproduce its bits; with scene heights the result is only a position.
+        // Habitat's own meshes must reproduce Habitat's bits; with scene heights the result is only a position.
         let exact = matches!(self.surface, Surface::Detail(_)) && blocked && slides;
         let stopped = exact.then(|| stop(self, reached.polygon, end)).flatten();
         let place = stopped.unwrap_or(reached.position);
@@ -104,7 +104,6 @@ impl NavMesh {
         NavPoint { position: self.lattice.point(&nearest, height_m), polygon: on.polygon }
     }
 
-    /// Height of the nearest straight rim, metres.
     fn rim_m(&self, polygon: u32, spot: &Spot) -> f64 {
         let side = |edge| [edge, self.polygons.next(edge)].map(|edge| self.polygons.corner(edge));
         nearest_height_m(spot, self.polygons.edges(polygon).map(side))
@@ -140,7 +139,6 @@ impl NavMesh {
         }
     }
 
-    /// Mean polygon corner.
     fn middle(&self, polygon: u32) -> Point3<f32> {
         let corners = self.polygons.corners(polygon);
         let count = corners.len() as f64;

@@ -4,7 +4,6 @@ use avln_geom::Rng;
 
 /// Connected mesh parts, the main island first.
 pub(crate) struct Islands {
-    /// Island by polygon.
     pub(crate) of_polygon: Vec<u32>,
     pub(crate) parts: Vec<Island>,
 }
@@ -42,8 +41,6 @@ impl Islands {
         }
         Self { of_polygon, parts }
     }
-
-    /// Samples a spot and its polygon, uniform by area.
     pub(crate) fn sample(&self, polygons: &Polygons, rng: &mut Rng, island: u32) -> (Spot, u32) {
         let triangles = &self.parts[island as usize].triangles;
         let total = triangles.last().map_or(0.0, |entry| entry.0);

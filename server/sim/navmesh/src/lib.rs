@@ -1,16 +1,13 @@
 //! Walkable area and geodesic distances.
 //!
-//! A [`NavMesh`] is the floor of a scene, eroded by the body: convex polygons over a lattice of cells, joined
-//! at edges. A [`NavPoint`] is a position with its polygon. Movement and lines of sight go from polygon to
-//! neighbour, so storeys above each other never mix. Shortest paths are exact in the ground plane of the
-//! polygons; their legs are measured in space.
+//! A [`NavMesh`] is a scene's floor, eroded by the body: convex polygons over a lattice, joined at edges. A
+//! [`NavPoint`] is a position with a polygon. Movement and lines of sight pass from polygon to neighbour, so
+//! storeys above each other never mix. Shortest paths are exact in the ground plane.
 //!
-//! Meshes are built with the arena's settings ([`NavMesh::build`]), with other settings, by default Habitat's
-//! ([`NavMesh::build_with`]), or read from Habitat files ([`NavMesh::from_detour`]). `habitat` contains
-//! Habitat-compatible queries.
+//! Meshes have the arena's settings ([`NavMesh::build`]), other settings, by default Habitat's
+//! ([`NavMesh::build_with`]), or come from Habitat files ([`NavMesh::from_detour`]).
 //!
-//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `polygons`, `sight`, `route`,
-//! `field`.
+//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `sight`, `route`, `field`, `habitat`.
 //!
 //! *Never*: depends on missions or sounds; reads a clock, the environment or a file; iterates in hash order.
 
@@ -35,7 +32,7 @@ mod walk;
 pub use detour::DetourError;
 pub use field::{CornerWays, DistanceField, Exit, Exits, Outlook, Places};
 pub use mesh::{NavMesh, NavPoint, Slide};
-pub use settings::{Body, Finish, NavMeshError, NavMeshSettings, OutOfRange};
+pub use settings::{Body, Finish, NavMeshError, NavMeshSettings};
 
 #[cfg(test)]
 mod fixtures {

@@ -12,7 +12,7 @@ use avln_scene::Scene;
 
 // Rounding to f32 moves positions by less than this, cells (5 micrometres).
 const ROUNDING_CELLS: f64 = 1e-4;
-// Detour searches walls this much beyond half the step length, metres.
+// Detour's wall search radius exceeds half the step length by this, metres.
 const STEP_RIM_M: f64 = 0.001;
 // Recast polygons share corners bit by bit; this is only slack, metres.
 pub(crate) const SHARED_M: f64 = 1e-6;
@@ -49,7 +49,6 @@ pub struct Slide {
 pub struct NavMesh {
     pub(crate) lattice: Lattice,
     headroom_m: f32,
-    /// Highest step, metres.
     pub(crate) climb_m: f32,
     pub(crate) polygons: Polygons,
     pub(crate) corners: Corners,
@@ -58,7 +57,6 @@ pub struct NavMesh {
     pub(crate) surface: Surface,
 }
 
-/// A mesh before joining.
 pub(crate) struct Parts {
     pub(crate) lattice: Lattice,
     pub(crate) headroom_m: f32,
@@ -124,7 +122,7 @@ impl NavMesh {
 
     /// Returns the nearest mesh point within `max_distance_m` in space.
     ///
-    /// Polygons are compared by their nearest point in the plane, at its height.
+    /// Polygons are compared by their nearest point in the plane, with height.
     pub fn snap(&self, point: &Point3<f32>, max_distance_m: f32) -> Option<NavPoint> {
         let spot = self.lattice.spot(point);
         let cell_m = f64::from(self.lattice.cell_m);
@@ -228,7 +226,6 @@ impl NavMesh {
         Some(Slide { end: self.point(&walked.end, walked.polygon), blocked: walked.blocked })
     }
 
-    /// Portal search radius of a step, cells.
     pub(crate) fn step_reach(&self, length_m: f64) -> f64 {
         self.lattice.cells(0.5 * length_m + STEP_RIM_M)
     }

@@ -5,15 +5,12 @@ use avln_geom::{Point2, Point3};
 /// A position in the ground plane, cells: world x and z from the lattice origin.
 pub(crate) type Spot = Point2<f64>;
 
-/// A position over the lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LatticePoint {
     pub(crate) spot: Spot,
-    /// World height, metres.
     pub(crate) height_m: f64,
 }
 
-/// The lattice in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) origin: Point3<f32>,
@@ -40,7 +37,6 @@ impl Lattice {
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
-    /// World height at a level.
     pub(crate) fn height_m(&self, level: u16) -> f32 {
         self.origin.y + f32::from(level) * self.level_m
     }
@@ -49,7 +45,6 @@ impl Lattice {
         metres / f64::from(self.cell_m)
     }
 
-    /// Distance in space, metres.
     pub(crate) fn apart_m(&self, a: &LatticePoint, b: &LatticePoint) -> f64 {
         let flat_m = (a.spot - b.spot).norm() * f64::from(self.cell_m);
         let rise_m = a.height_m - b.height_m;

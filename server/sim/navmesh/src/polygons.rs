@@ -10,7 +10,6 @@ pub(crate) const MIN_POLYGON_M2: f64 = 1e-5;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
     pub(crate) corners: Vec<LatticePoint>,
-    /// Floor patch.
     pub(crate) region: u16,
     /// Covering triangles with heights; empty with scene heights.
     pub(crate) detail: Vec<[LatticePoint; 3]>,
@@ -30,7 +29,6 @@ impl RawPolygon {
         self.detail.iter().map(area).sum()
     }
 
-    /// Returns true with at least three different corners in the plane.
     pub(crate) fn has_three_sides(&self) -> bool {
         let mut plan: Vec<_> = self.corners.iter().map(|corner| key(&corner.spot)).collect();
         plan.sort_unstable();
@@ -54,7 +52,6 @@ impl RawPolygon {
     }
 }
 
-/// Sort and equality key.
 fn key(spot: &Spot) -> (i64, i64) {
     let ordered = |value: f64| {
         // Adding 0 makes -0 and 0 equal; flipping the other bits of negative numbers sorts them.
@@ -113,7 +110,6 @@ impl Polygons {
         &self.from[edge as usize].spot
     }
 
-    /// Start of `edge` with its height.
     pub(crate) fn corner(&self, edge: u32) -> LatticePoint {
         self.from[edge as usize]
     }
@@ -122,7 +118,6 @@ impl Polygons {
         &self.from[self.next(edge) as usize].spot
     }
 
-    /// Next edge around the polygon.
     pub(crate) fn next(&self, edge: u32) -> u32 {
         let edges = self.edges(self.owner[edge as usize]);
         if edge + 1 == edges.end { edges.start } else { edge + 1 }
@@ -198,8 +193,6 @@ fn twins(outlines: &[Vec<LatticePoint>], max_gap_m: f64) -> Vec<u32> {
 
 /// Bin side, cells (0.5 m).
 const BIN_CELLS: f64 = 10.0;
-
-/// A grid for polygon lookups.
 pub(crate) struct Bins {
     columns: i64,
     rows: i64,
@@ -261,15 +254,12 @@ impl Bins {
         &self.polygons[self.first[bin] as usize..self.first[bin + 1] as usize]
     }
 }
-
-/// Returns the lowest and highest bin of a polygon.
 fn bounds(corners: &[LatticePoint]) -> (i64, i64, i64, i64) {
     let bin = |value: f64| (value / BIN_CELLS).floor() as i64;
     let (min, max) = extent(corners);
     (bin(min.x), bin(min.y), bin(max.x), bin(max.y))
 }
 
-/// Returns the lowest and highest coordinates.
 pub(crate) fn extent(corners: &[LatticePoint]) -> (Spot, Spot) {
     let first = corners[0].spot;
     corners.iter().fold((first, first), |(min, max), c| (min.inf(&c.spot), max.sup(&c.spot)))

@@ -12,7 +12,6 @@ const X: usize = 0;
 const Y: usize = 1;
 const Z: usize = 2;
 
-/// A small convex outline.
 #[derive(Clone, Copy)]
 struct Outline {
     corners: [Point3<f32>; MAX_CORNERS],
@@ -33,7 +32,6 @@ impl Outline {
         }
     }
 
-    /// Smallest and largest value on `axis`.
     fn reach(&self, axis: usize) -> (f32, f32) {
         let values = self.corners().iter().map(|corner| corner[axis]);
         values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))

@@ -7,7 +7,6 @@ use rerecast::{CompactHeightfield, RegionId};
 
 // Region numbers start at 1; the upper half has another meaning in `rerecast`.
 const MAX_REGIONS: usize = 0x7fff;
-/// `rerecast` neighbour directions.
 const LOWER_X: u8 = 0;
 const LOWER_Z: u8 = 3;
 const NONE: u32 = u32::MAX;
@@ -56,8 +55,6 @@ impl Links {
         Self { walkable, lower_x, lower_z }
     }
 }
-
-/// Flags walkable cells in connected parts from `min_cells`.
 fn in_large_parts(links: &Links, min_cells: u32) -> Vec<bool> {
     let count = links.walkable.len() as u32;
     let mut parent: Vec<u32> = (0..count).collect();
@@ -100,13 +97,11 @@ impl Below {
     }
 
     /// Returns the continued region: the only one touched, if it touches no other run.
-    fn goes_on(&self, touched: &[u32]) -> Option<u32> {
+    fn continued(&self, touched: &[u32]) -> Option<u32> {
         let alone = self.region != NONE && !self.others && touched[self.region as usize] == self.cells;
         alone.then_some(self.region)
     }
 }
-
-/// Returns the regions by cell, and the region count.
 fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32>, usize) {
     let (mut region_of, mut run_of) = (vec![NONE; chosen.len()], vec![0; chosen.len()]);
     let mut count = 0;
@@ -133,7 +128,7 @@ fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32
             count as u32 - 1
         };
         let regions: Vec<_> =
-            runs.iter().map(|run| run.goes_on(&touched).unwrap_or_else(&mut open)).collect();
+            runs.iter().map(|run| run.continued(&touched).unwrap_or_else(&mut open)).collect();
         spans.iter().for_each(|&span| region_of[span] = regions[run_of[span]]);
     }
     (region_of, count)

@@ -30,14 +30,11 @@ impl NavMesh {
     }
 }
 
-/// A path between two points.
 struct Route {
     metres: f64,
-    /// Corner indices.
     bends: Vec<u32>,
 }
 
-/// The best known path to a corner.
 #[derive(Clone, Copy)]
 struct Reached {
     metres: f64,

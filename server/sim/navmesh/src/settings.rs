@@ -74,7 +74,7 @@ impl Default for NavMeshSettings {
 impl From<&Body> for NavMeshSettings {
     /// Returns the arena's settings: levels of 5 cm, scene heights.
     fn from(body: &Body) -> Self {
-        // With Habitat's levels of 20 cm a body could climb almost twice as high as its measure.
+        // With Habitat's 20 cm levels a body could climb almost twice the permitted height.
         Self { body: *body, level_m: 0.05, edge_error_cells: 0.99, finish: Finish::Scene, ..Self::default() }
     }
 }
@@ -103,12 +103,14 @@ impl NavMeshSettings {
     }
 }
 
-fn check_ranges(values: &[(&'static str, f32, f32, f32)]) -> Result<(), OutOfRange> {
-    // Written so that NaN is outside.
-    match values.iter().find(|(_, value, low, high)| !(low..=high).contains(&value)) {
-        Some(&(field, value, low, high)) => Err(OutOfRange { field, value, low, high }),
-        None => Ok(()),
+fn check_ranges(values: &[(&str, f32, f32, f32)]) -> Result<(), String> {
+    for (field, value, low, high) in values {
+        // NaN is outside too.
+        if !(low..=high).contains(&value) {
+            return Err(format!("{field} is {value}; write {low} to {high}"));
+        }
     }
+    Ok(())
 }
 
 /// Settings in whole cells, rounded by `finish`.
@@ -148,25 +150,15 @@ impl Cells {
     }
 }
 
-/// A value outside the accepted range.
-#[derive(Debug, thiserror::Error)]
-#[error("{field} is {value}; write {low} to {high}")]
-pub struct OutOfRange {
-    field: &'static str,
-    value: f32,
-    low: f32,
-    high: f32,
-}
-
 /// A failed navmesh construction.
 #[derive(Debug, thiserror::Error)]
 pub enum NavMeshError {
     /// An invalid body measure.
     #[error("the body's {0}")]
-    Body(OutOfRange),
+    Body(String),
     /// An invalid setting.
     #[error("the navmesh setting {0}")]
-    Settings(OutOfRange),
+    Settings(String),
     /// A scene without triangles.
     #[error("scene `{scene}` has no triangles, and so no floor; check that its mesh was imported")]
     Empty {
@@ -197,16 +189,15 @@ pub enum NavMeshError {
     },
     /// No surface is large, level and free enough.
     #[error(
-        "scene `{scene}` has no floor for a body of radius {radius_m} m and height {height_m} m: no upward surface of \
-         1 square metre with that headroom; check that Y is up, the unit is metres and floors face upwards"
+        "scene `{scene}` has no floor for a body of radius {} m and height {} m: no upward surface of \
+         1 square metre with that headroom; check that Y is up, the unit is metres and floors face upwards",
+        .body.radius_m, .body.height_m
     )]
     NoFloor {
         /// Scene name.
         scene: String,
-        /// Body radius, metres.
-        radius_m: f32,
-        /// Body height, metres.
-        height_m: f32,
+        /// Walking body.
+        body: Body,
     },
     /// A failed step in the polygon library.
     #[error("cannot turn scene `{scene}` into walkable polygons: {stage} failed: {reason}")]

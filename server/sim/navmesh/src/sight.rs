@@ -27,7 +27,6 @@ pub(crate) enum VisiblePart {
 }
 
 impl VisiblePart {
-    /// Returns true for a visible spot.
     pub(crate) fn holds(&self, spot: &Spot) -> bool {
         match self {
             Self::Whole => true,
@@ -37,8 +36,6 @@ impl VisiblePart {
         }
     }
 }
-
-/// A view before its entry into a polygon.
 struct Beam {
     /// Portal, as an edge of the entered polygon.
     entry: u32,
@@ -69,7 +66,6 @@ pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &Vis
     }
 }
 
-/// Pushes the views behind the other portals.
 fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     let mut edge = polygons.next(beam.entry);
     while edge != beam.entry {

@@ -7,11 +7,8 @@ use avln_scene::Scene;
 // Polygon edges deviate less from the raster than this, cells.
 const SEARCH_CELLS: i64 = 4;
 
-/// Ground heights under polygons.
 pub(crate) enum Surface {
-    /// Scene surfaces.
     Scene(Box<Ground>),
-    /// Triangles supplied with the polygons.
     Detail(Detail),
 }
 
@@ -26,7 +23,6 @@ impl Surface {
         }
     }
 
-    /// Returns the height, metres.
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         match self {
             Self::Scene(ground) => ground.height_m(polygon, spot),
@@ -42,8 +38,6 @@ impl Surface {
         }
     }
 }
-
-/// Scene surfaces, found through the lattice floors.
 pub(crate) struct Ground {
     lattice: Lattice,
     floors: Floors,
@@ -65,8 +59,6 @@ impl Ground {
         let hit = self.faces.cast(&above, &-Vector3::y(), 3.0 * level_m);
         hit.map_or(top - 1.5 * level_m, |hit| top - hit.distance)
     }
-
-    /// Lattice cell top, metres.
     fn top_m(&self, polygon: u32, spot: &Spot) -> f32 {
         let (region, fallback_m) = self.patches[polygon as usize];
         let level = self.level_near(spot.x.floor() as i64, spot.y.floor() as i64, region);
@@ -130,7 +122,6 @@ impl Detail {
         })
     }
 
-    /// Returns the lowest and highest corner, metres.
     pub(crate) fn reach_m(&self, polygon: u32) -> (f64, f64) {
         let heights = self.of(polygon).iter().flatten().map(|corner| corner.height_m);
         heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)))

@@ -25,11 +25,9 @@ const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
 
-/// A scene's walkable part before joining.
 pub(crate) struct Voxels {
     pub(crate) lattice: Lattice,
     pub(crate) polygons: Vec<RawPolygon>,
-    /// Present with scene heights.
     pub(crate) floors: Option<Floors>,
 }
 
@@ -66,22 +64,21 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
         tries[1].1 = 0.0;
     }
     let attempt = |&(regions, margin_m): &(Finish, f32)| {
-        guarded(|| on_lattice(scene, settings, &bounds.grown(margin_m), regions))
+        guarded(scene, || on_lattice(scene, settings, &bounds.grown(margin_m), regions))
     };
     let first = attempt(&tries[0]);
-    let built = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)));
-    let voxels = built.map_err(|failure| failure.of(scene))?;
+    let voxels = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)))?;
     if voxels.polygons.is_empty() {
-        let (radius_m, height_m) = (settings.body.radius_m, settings.body.height_m);
-        return Err(NavMeshError::NoFloor { scene: scene.name.clone(), radius_m, height_m });
+        return Err(NavMeshError::NoFloor { scene: scene.name.clone(), body: settings.body });
     }
     Ok(voxels)
 }
 
 // The pipeline indexes by file geometry, and a fault must not stop the server.
-fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
-        .unwrap_or_else(|_| Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() }))
+fn guarded<T>(scene: &Scene, run: impl FnOnce() -> Result<T, NavMeshError>) -> Result<T, NavMeshError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_or_else(|_| {
+        Err(failed(scene, "rasterising", "the polygon library cannot handle the geometry"))
+    })
 }
 
 fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError> {
@@ -115,19 +112,8 @@ fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError
     Err(NavMeshError::TooLarge { scene: scene.name.clone(), size_m: size.into(), limit })
 }
 
-struct Failure {
-    stage: &'static str,
-    reason: String,
-}
-
-impl Failure {
-    fn at<E: Display>(stage: &'static str) -> impl FnOnce(E) -> Self {
-        move |error| Self { stage, reason: error.to_string() }
-    }
-
-    fn of(self, scene: &Scene) -> NavMeshError {
-        NavMeshError::Voxels { scene: scene.name.clone(), stage: self.stage, reason: self.reason }
-    }
+fn failed(scene: &Scene, stage: &'static str, reason: impl Display) -> NavMeshError {
+    NavMeshError::Voxels { scene: scene.name.clone(), stage, reason: reason.to_string() }
 }
 
 /// Runs the pipeline inside `around`, with floors divided by `regions`.
@@ -136,46 +122,45 @@ fn on_lattice(
     settings: &NavMeshSettings,
     around: &Aabb,
     regions: Finish,
-) -> Result<Voxels, Failure> {
+) -> Result<Voxels, NavMeshError> {
     let cells = Cells::new(settings);
     let mut field = open_floor(scene, settings, &cells, around)?;
     match regions {
         Finish::Habitat => {
             field.build_distance_field();
             let built = field.build_regions(0, cells.min_area, cells.merge_area);
-            built.map_err(Failure::at("dividing into regions"))?;
+            built.map_err(|error| failed(scene, "dividing into regions", error))?;
         }
         Finish::Scene => {
             let too_many = |count| format!("{count} regions are more than 32767");
             let divided = divide(&mut field, u32::from(cells.min_area)).map_err(too_many);
-            divided.map_err(Failure::at("dividing into regions"))?;
+            divided.map_err(|error| failed(scene, "dividing into regions", error))?;
         }
     }
-    let mesh = cut(&field, settings, &cells)?;
+    let mesh = cut(scene, &field, settings, &cells)?;
     let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { settings.detail_cells * settings.cell_m };
     let error_m = settings.detail_error_levels * settings.level_m;
     let detail = match settings.finish {
         Finish::Habitat => Some(DetailNavmesh::new(&mesh, &field, spacing_m, error_m)),
         Finish::Scene => None,
     };
-    let detail = detail.transpose().map_err(Failure::at("sampling heights"))?;
+    let detail = detail.transpose().map_err(|error| failed(scene, "sampling heights", error))?;
     let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
     let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
     let floors = detail.is_none().then(|| floors(&field));
     Ok(Voxels { lattice, polygons, floors })
 }
 
-/// Returns the permitted cells for the body centre.
 fn open_floor(
     scene: &Scene,
     settings: &NavMeshSettings,
     cells: &Cells,
     around: &Aabb,
-) -> Result<CompactHeightfield, Failure> {
+) -> Result<CompactHeightfield, NavMeshError> {
     let [min, max] = [around.min, around.max].map(|corner| [corner.x, corner.y, corner.z].into());
     let aabb = Aabb3d { min, max };
     let builder = HeightfieldBuilder { aabb, cell_size: settings.cell_m, cell_height: settings.level_m };
-    let mut field = builder.build().map_err(Failure::at("laying out the lattice"))?;
+    let mut field = builder.build().map_err(|error| failed(scene, "laying out the lattice", error))?;
     let (_, least) = sin_cos(settings.body.slope_deg.to_radians());
     for index in 0..scene.mesh.triangles.len() {
         let corners = scene.corners(index);
@@ -186,22 +171,24 @@ fn open_floor(
     field.filter_low_hanging_walkable_obstacles(cells.climb);
     field.filter_ledge_spans(cells.clearance, cells.climb);
     field.filter_walkable_low_height_spans(cells.clearance);
-    let mut field = field.into_compact(cells.height, cells.climb).map_err(Failure::at("finding floors"))?;
+    let mut field = field
+        .into_compact(cells.height, cells.climb)
+        .map_err(|error| failed(scene, "finding floors", error))?;
     field.erode_walkable_area(cells.radius);
     Ok(field)
 }
 
-/// Cuts outlines into polygons.
 fn cut(
+    scene: &Scene,
     field: &CompactHeightfield,
     settings: &NavMeshSettings,
     cells: &Cells,
-) -> Result<PolygonNavmesh, Failure> {
+) -> Result<PolygonNavmesh, NavMeshError> {
     let attempt = |max_error| {
         let contours = field.build_contours(max_error, cells.edge_max, BuildContoursFlags::DEFAULT);
-        contours.into_polygon_mesh(MAX_CORNERS).map_err(Failure::at("cutting polygons"))
+        contours.into_polygon_mesh(MAX_CORNERS).map_err(|error| failed(scene, "cutting polygons", error))
     };
-    let loosest = guarded(|| attempt(settings.edge_error_cells));
+    let loosest = guarded(scene, || attempt(settings.edge_error_cells));
     CLOSER_EDGE_ERRORS_CELLS.into_iter().fold(loosest, |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 

@@ -9,7 +9,6 @@ const SAME_CELLS: f64 = 1e-4;
 // Directions with a smaller cross product are parallel, cells squared.
 const PARALLEL: f64 = 1e-9;
 
-/// A requested step.
 pub(crate) struct Step {
     pub(crate) start: Spot,
     pub(crate) polygon: u32,
@@ -20,7 +19,6 @@ pub(crate) struct Step {
     pub(crate) slides: bool,
 }
 
-/// The end of a step.
 pub(crate) struct Walked {
     pub(crate) end: Spot,
     pub(crate) polygon: u32,
@@ -48,7 +46,14 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
                     seen.push(neighbour);
                     queue.push_back(neighbour);
                 }
-            } else if let Some(end) = stop(step, from, to) {
+                continue;
+            }
+            let end = if step.slides {
+                Some(nearest_on_segment(&step.target, from, to))
+            } else {
+                crossing(step, from, to)
+            };
+            if let Some(end) = end {
                 let gap = (end - step.target).norm_squared();
                 if best.is_none() || gap < least {
                     least = gap;
@@ -58,11 +63,6 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
         }
     }
     best
-}
-
-/// Returns a candidate end at a wall.
-fn stop(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
-    if step.slides { Some(nearest_on_segment(&step.target, from, to)) } else { crossing(step, from, to) }
 }
 
 /// Returns the step's intersection with a segment.

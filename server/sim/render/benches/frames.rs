@@ -1,5 +1,5 @@
-//! Frames per second of processor time on a core: `cargo bench -p avln-render --bench frames`; with `-- light`
-//! the cost of baking light in procedural houses, with `-- noise` the cost of sensor noise.
+//! Frames per second on one core: `cargo bench -p avln-render --bench frames`; with `-- light` the cost of
+//! baking light in procedural houses, with `-- noise` the cost of sensor noise.
 //!
 //! `AVLN_BENCH_SCENE` selects a scene file, `AVLN_BENCH_TRIANGLES` the size of the scan-like scene.
 
@@ -58,7 +58,7 @@ fn report(scene: Scene) {
     }
 }
 
-/// The median of some rounds over all cameras.
+/// The median over several rounds with all cameras.
 fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> f64 {
     let round = |_| {
         let start = seconds();
@@ -72,7 +72,7 @@ fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> f64 
     rounds[ROUNDS / 2]
 }
 
-/// Processor time of this thread if the system reports it, otherwise elapsed time.
+/// Processor time of this thread, or elapsed time without a report from the system.
 fn seconds() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
@@ -84,7 +84,7 @@ fn wall_seconds() -> f64 {
     START.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// Random headings in the middles of the rooms.
+/// Random headings in room centres.
 fn cameras(scene: &Scene) -> Vec<Camera> {
     let mut rng = Rng::new(1);
     let camera = |index: usize| {
@@ -114,7 +114,7 @@ fn bake_lights() {
     }
 }
 
-/// Renders a pixel, which bakes the light; prints the best of several rounds.
+/// Renders a pixel, which bakes the light; prints the best time.
 fn first_picture(name: &str, seed: u64, options: &HouseOptions) {
     let scene = Arc::new(house("bench", seed, options));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));

@@ -65,7 +65,7 @@ fn argument(name: &str) -> Option<String> {
     std::env::args().skip_while(|word| word != name).nth(1)
 }
 
-/// The scene with its own colours as light, so that all renderers draw the same mesh.
+/// A scene lit by surface colours: all renderers draw the same mesh.
 fn scene() -> Scene {
     let scene = match argument("--scene") {
         Some(path) => open::open(path.as_ref()).expect("a scene"),
@@ -74,7 +74,7 @@ fn scene() -> Scene {
     Scene { lighting: Lighting::Painted, ..scene }
 }
 
-/// Mean seconds per image over the fastest of several rounds per camera, and the results.
+/// Mean seconds per image, with the fastest round per camera, and the results.
 fn timed<T>(cameras: &[Camera], mut take: impl FnMut(&Camera) -> T) -> (f64, Vec<T>) {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     let mut seen = Vec::new();
@@ -106,7 +106,7 @@ fn agreement(ours: &[CameraImage], theirs: &[Vec<f32>]) {
     println!("    {differ} of {all} pixels differ by more than 0.1 %");
 }
 
-/// Depth of every pixel by rays, row-major; 0 for a miss.
+/// Depth by pixel, from rays, row-major; 0 for a miss.
 fn depths(camera: &Camera, cast: impl Fn(&Point3<f32>, &Vector3<f32>) -> Option<f32>) -> Vec<f32> {
     let [right, up, ahead] = axes(camera);
     let half = 0.5 * camera.width as f32;
@@ -127,7 +127,7 @@ fn cast(mesh: &TriMesh, from: &Point3<f32>, to: &Vector3<f32>) -> Option<f32> {
     mesh.cast_local_ray(&Ray::new(glam_from_point(from), glam_from_vector(to)), REACH_M, false)
 }
 
-/// Prints the limit set by memory bandwidth.
+/// Prints the memory bandwidth limit.
 fn print_bandwidth(ours_s: f64) {
     const BYTES: usize = 256 << 20;
     let (mut from, mut to) = (vec![1_u8; BYTES], vec![2_u8; BYTES]);
@@ -163,7 +163,7 @@ fn refined(scene: Scene, least: usize) -> Scene {
     }
 }
 
-/// The mesh without edges longer than `longest_m`, by repeated halving of the longest edge.
+/// The mesh without edges longer than `longest_m`, by repeated halving.
 fn halved(mesh: &Mesh, longest_m: f32) -> Mesh {
     let mut fine = Mesh { triangles: vec![], material_of: vec![], instance_of: vec![], ..mesh.clone() };
     let mut middles: BTreeMap<[u32; 2], u32> = BTreeMap::new();
@@ -239,7 +239,7 @@ fn cameras(scene: &Scene, rays: &RayMesh, count: usize, side: u32) -> Vec<Camera
     cameras
 }
 
-/// To the right, up and ahead of a camera, world frame.
+/// Camera directions right, up and ahead, world frame.
 fn axes(camera: &Camera) -> [Vector3<f32>; 3] {
     [Vector3::x(), Vector3::y(), -Vector3::z()].map(|axis| camera.world_from_camera * axis)
 }

@@ -1,7 +1,7 @@
-//! Baked light for scenes with lamps, stored in the vertex colours of a finer mesh.
+//! Baked light for scenes with lamps, in the vertex colours of a finer mesh.
 //!
-//! Every triangle of the finer mesh is a sample: indirect light with ambient occlusion from a fixed set of
-//! rays, and the visible lamps. A vertex uses the mean of the smoothly adjacent triangles.
+//! A triangle of the finer mesh is a sample: indirect light with ambient occlusion from a fixed ray set, and
+//! the visible lamps. A vertex has the mean of smoothly adjacent triangles.
 
 mod gather;
 #[cfg(test)]
@@ -12,9 +12,9 @@ use avln_scene::{Lighting, Mesh, Scene};
 use gather::{LEAST, Sample, samples};
 use std::collections::BTreeMap;
 
-/// Returns the mesh of `scene`, subdivided for light, with light factors as vertex colours: RGB, 0 to 255,
-/// multiplied with the sRGB surface colour. `None` if surfaces contain their light. `rays` contains the scene
-/// triangles in order; the result has a different order.
+/// Returns the subdivided mesh with light factors as vertex colours: RGB, 0 to 255, multiplied with the sRGB
+/// surface colour. `None` if surfaces contain their light. `rays` contains the scene triangles in order; the
+/// result has a different order.
 pub(crate) fn lit(scene: &Scene, rays: &RayMesh) -> Option<Mesh> {
     let Lighting::Lamps(lamps) = &scene.lighting else { return None };
     let mut mesh = cut(&scene.mesh);
@@ -25,11 +25,10 @@ pub(crate) fn lit(scene: &Scene, rays: &RayMesh) -> Option<Mesh> {
 
 /// Longer edges are halved, metres.
 const LONGEST_M: f32 = 0.5;
-/// Edges that are longer still belong to no room and stay whole, metres.
+// Longer edges belong to no room, and halving them would multiply the triangles, metres.
 const ENDLESS_M: f32 = 64.0;
 
-/// Subdivides edges longer than 0.4 m. The split depends only on the end points, so adjacent triangles stay
-/// adjacent.
+/// Subdivides edges longer than 0.5 m.
 fn cut(mesh: &Mesh) -> Mesh {
     let vertices = Mesh {
         positions: mesh.positions.clone(),
@@ -55,12 +54,12 @@ fn cut(mesh: &Mesh) -> Mesh {
 
 struct Cutter {
     mesh: Mesh,
-    /// The vertex in the middle of an edge, by the ends of the edge, the smaller first.
+    /// Middle vertex by edge, the smaller end first.
     middle_of: BTreeMap<[u32; 2], u32>,
 }
 
 impl Cutter {
-    /// Splits a triangle at its longest edge; `None` if no edge is split.
+    /// Splits a triangle at its longest edge; `None` without a long edge.
     fn halves(&mut self, [a, b, c]: [u32; 3]) -> Option<[[u32; 3]; 2]> {
         let edges = [[a, b, c], [b, c, a], [c, a, b]];
         let lengths = edges.map(|[from, to, _]| self.length_to_cut(from, to));
@@ -73,7 +72,7 @@ impl Cutter {
         Some([[middle, to, apex], [from, middle, apex]])
     }
 
-    /// Squared length of an edge, metres squared; 0 if it is not split.
+    /// Squared edge length, metres squared; 0 if it stays whole.
     fn length_to_cut(&self, from: u32, to: u32) -> f32 {
         let place = |vertex: u32| -> Point3<f32> { self.mesh.positions[vertex as usize] };
         let length = (place(from) - place(to)).norm_squared();
@@ -85,6 +84,7 @@ impl Cutter {
         let mesh = &mut self.mesh;
         *self.middle_of.entry([from.min(to), from.max(to)]).or_insert_with(|| {
             let [from, to] = [from, to].map(|vertex| vertex as usize);
+            // Depends only on the end points, so both neighbours of an edge split it alike and stay adjacent.
             let position = (mesh.positions[from].coords + mesh.positions[to].coords) * 0.5;
             let uv = (mesh.uvs[from].coords + mesh.uvs[to].coords) * 0.5;
             mesh.positions.push(position.into());
@@ -95,21 +95,21 @@ impl Cutter {
     }
 }
 
-/// Largest angle of a smooth transition, 50 degrees: the cosine.
+/// Cosine of the largest angle in a smooth transition, 50 degrees.
 const SMOOTH: f32 = 0.643;
 /// Exposure before the tone curve.
 const EXPOSURE: f32 = 2.8;
-/// Exposed light that shows a surface in its own colour.
+/// Exposed light that shows the surface colour unchanged.
 const WHITE: f32 = 6.0;
-/// Iterations in which covered triangles borrow light from neighbours.
+/// Iterations of borrowing light from neighbours.
 const ROUNDS: usize = 2;
-/// Weight of a triangle with borrowed light.
+// Too small to change a mean with real samples, but enough to be used without one.
 const BORROWED: f32 = 1e-6;
 
-/// A key that is the same for the same place.
+/// A position's bits.
 type PositionKey = [u32; 3];
 
-/// Colours every corner of `mesh` from the triangle `samples`. Vertices at light discontinuities are split.
+/// Colours the corners of `mesh`. Vertices at light discontinuities are split.
 fn spread(samples: Vec<Sample>, mesh: &mut Mesh) {
     let colors = corner_colors(samples, mesh);
     let mut painter = Painter::new(mesh.positions.len());
@@ -123,12 +123,12 @@ fn spread(samples: Vec<Sample>, mesh: &mut Mesh) {
     mesh.colors = painter.colors;
 }
 
-/// Creates a vertex per pair of old vertex and colour.
+/// Vertices by original vertex and colour.
 struct Painter {
-    /// The newest copy of every old vertex, and for every copy the previous copy.
+    /// Newest copy by original vertex, and previous copy by copy.
     newest: Vec<u32>,
     before: Vec<u32>,
-    /// Old vertex and colour of every new vertex.
+    /// Original vertex by copy.
     source: Vec<u32>,
     colors: Vec<[u8; 3]>,
 }
@@ -157,7 +157,7 @@ impl Painter {
     }
 }
 
-/// Three colours for each triangle.
+/// Returns three colours per triangle.
 fn corner_colors(mut samples: Vec<Sample>, mesh: &Mesh) -> Vec<[u8; 3]> {
     let mut corners = placed_corners(mesh);
     corners.sort_unstable();
@@ -175,17 +175,17 @@ fn corner_colors(mut samples: Vec<Sample>, mesh: &Mesh) -> Vec<[u8; 3]> {
     colors
 }
 
-/// Every triangle corner with its position.
+/// Returns the triangle corners with their positions.
 fn placed_corners(mesh: &Mesh) -> Vec<(PositionKey, u32)> {
     let key = |vertex: u32| {
         let place = mesh.positions[vertex as usize];
-        // Adding 0 makes -0 and 0 the same.
+        // Adding 0 makes -0 and 0 equal.
         [place.x, place.y, place.z].map(|value| (value + 0.0).to_bits())
     };
     mesh.triangles.iter().flatten().zip(0..).map(|(&vertex, corner)| (key(vertex), corner)).collect()
 }
 
-/// Covered samples borrow light from their neighbours: part of the triangle may still be visible.
+/// Lets covered samples borrow light from neighbours.
 fn borrow(samples: &mut [Sample], corners: &[(PositionKey, u32)]) {
     let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
     for group in corners.chunk_by(|(a, _), (b, _)| a == b) {
@@ -203,7 +203,7 @@ fn borrow(samples: &mut [Sample], corners: &[(PositionKey, u32)]) {
     }
 }
 
-/// The mean of those samples that go on smoothly from a surface with this normal; `None` without any.
+/// Returns the mean over smoothly adjacent samples; `None` without any.
 fn mean_light(around: &[Sample], normal: &Vector3<f32>) -> Option<[f32; 3]> {
     let (mut light, mut weight) = ([0.0; 3], 0.0);
     for sample in around.iter().filter(|sample| sample.normal.dot(normal) > SMOOTH) {
@@ -215,8 +215,8 @@ fn mean_light(around: &[Sample], normal: &Vector3<f32>) -> Option<[f32; 3]> {
     (weight > 0.0).then(|| light.map(|channel| channel / weight))
 }
 
-/// The factor of a surface's sRGB colour, 0 to 255, for some light: Reinhard's extended curve (2002) up to the white point,
-/// then a gamma of 2.
+/// Returns the factor on a surface's sRGB colour, 0 to 255: Reinhard's extended curve (2002) up to the white
+/// point, then a gamma of 2.
 fn shown(light: f32) -> u8 {
     let exposed = EXPOSURE * light;
     let compressed = exposed * (1.0 + exposed / (WHITE * WHITE)) / (1.0 + exposed);

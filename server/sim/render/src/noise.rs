@@ -1,4 +1,4 @@
-//! Sensor noise, disabled by default. Instances are unaffected.
+//! Sensor noise for depth and colour, disabled by default.
 //!
 //! Noise depends only on seed, image number and pixel, so it is equal on every platform and in every thread.
 
@@ -6,21 +6,21 @@ use crate::camera::CameraImage;
 use avln_geom::Rng;
 use std::sync::LazyLock;
 
-/// The sensors' noise and the seed that it is drawn with.
+/// Noise models and their seed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Noise {
-    /// Of depth.
+    /// Depth noise.
     pub depth: DepthNoise,
-    /// Of colours.
+    /// Colour noise.
     pub rgb: RgbNoise,
-    /// Seed of the draws.
+    /// Random seed.
     pub seed: u64,
 }
 
-/// Depth noise by model name.
+/// A depth noise model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthNoise {
-    /// Depth as it is.
+    /// No noise.
     #[default]
     None,
     /// A structured-light camera after Choi, Zhou and Koltun, "Robust Reconstruction of Indoor Scenes" (CVPR
@@ -28,15 +28,15 @@ pub enum DepthNoise {
     /// position shifted by a normal deviate of 0.25 pixels, on every other pixel and row. The disparity 35.13
     /// m / z, in pixels, has a normal deviate of 1/36 and is rounded to 1/8; depth is 35.13 m over the
     /// result. Depth steps are z² / 281 m: 4 mm at 1 m, 32 mm at 3 m, 89 mm at 5 m; the overall deviation is
-    /// 0.0455 z² / 35.13 m: 1.3 mm, 12 mm, 32 mm. No depth from 10 m. Omits the measured lens distortion of a
-    /// specific camera (table `dist-model`), a position-dependent depth factor.
+    /// 0.0455 z² / 35.13 m: 1.3 mm, 12 mm, 32 mm. No depth from 10 m. Omits the measured lens distortion
+    /// (table `dist-model`), a position-dependent depth factor.
     Redwood,
 }
 
-/// Colour noise by model name.
+/// A colour noise model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RgbNoise {
-    /// Colours as they are.
+    /// No noise.
     #[default]
     None,
     /// A normal deviate of 51 grey levels per channel and pixel, clamped to 0 to 255: Habitat's
@@ -45,7 +45,7 @@ pub enum RgbNoise {
 }
 
 impl DepthNoise {
-    /// The model called `name`: `none` or `redwood`.
+    /// Returns the model `none` or `redwood`.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "none" => Some(Self::None),
@@ -56,7 +56,7 @@ impl DepthNoise {
 }
 
 impl RgbNoise {
-    /// The model called `name`: `none` or `gaussian`.
+    /// Returns the model `none` or `gaussian`.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "none" => Some(Self::None),
@@ -67,8 +67,8 @@ impl RgbNoise {
 }
 
 impl Noise {
-    /// Adds noise for image number `index` to a frame with a depth range of `depth_max_m`, metres. A pixel
-    /// without depth stays empty; noisy depth beyond the range becomes 0.
+    /// Adds noise to image number `index`. A pixel without depth stays empty; noisy depth beyond
+    /// `depth_max_m` becomes 0.
     pub fn apply(&self, frame: &mut CameraImage, index: u64, depth_max_m: f32) {
         let key = |sensor: u64| Rng::word(Rng::word(self.seed, sensor), index);
         match self.depth {
@@ -82,18 +82,17 @@ impl Noise {
     }
 }
 
-/// Deviation of the shift to the side, pixels.
+/// Deviation of the sideways shift, pixels.
 const SHIFT_PX: f32 = 0.25;
 /// Disparity at 1 m, pixels.
 const DISPARITY_PX_M: f32 = 35.13;
-/// Deviation of disparity, pixels.
+/// Disparity deviation, pixels.
 const DISPARITY_NOISE_PX: f32 = 1.0 / 36.0;
-/// Steps of disparity in a pixel.
+/// Disparity steps per pixel.
 const STEPS_PER_PX: f32 = 8.0;
-/// Range of the model, metres.
+/// Model range, metres.
 const REACH_M: f32 = 10.0;
 
-/// See [`DepthNoise::Redwood`].
 fn redwood(frame: &mut CameraImage, key: u64, depth_max_m: f32) {
     let normal = Normal::table();
     let (width, height) = (frame.width as usize, frame.height as usize);
@@ -114,14 +113,14 @@ fn redwood(frame: &mut CameraImage, key: u64, depth_max_m: f32) {
     }
 }
 
-/// The even row or column that is read instead of `index`, of `count`.
+/// Returns the even row or column that is read instead of `index`.
 #[inline]
 fn place(index: usize, deviate: f32, count: usize) -> usize {
     let shifted = (index as f32 + deviate * SHIFT_PX + 0.5) as u32 as usize;
     shifted.min(count - 1) & !1
 }
 
-/// Depth from the rounded disparity; 0 for no depth.
+/// Returns the depth from the rounded disparity; 0 for no depth.
 #[inline]
 fn measured_m(depth_m: f32, deviate: f32) -> f32 {
     if depth_m <= 0.0 || depth_m >= REACH_M {
@@ -135,8 +134,7 @@ fn measured_m(depth_m: f32, deviate: f32) -> f32 {
 const BITS: u32 = 12;
 const COUNT: usize = 1 << BITS;
 
-/// Deviates of the normal distribution with mean 0 and deviation 1, drawn from a table of 4,096 equally likely values up
-/// to 3.67: their deviation is 0.999.
+/// Normal deviates (mean 0, deviation 0.999) from a table with 4,096 equally likely values up to 3.67.
 struct Normal {
     quantiles: Box<[f32; COUNT]>,
 }
@@ -144,7 +142,6 @@ struct Normal {
 static NORMAL: LazyLock<Normal> = LazyLock::new(Normal::new);
 
 impl Normal {
-    /// The table, made once.
     fn table() -> &'static Self {
         &NORMAL
     }
@@ -159,7 +156,7 @@ impl Normal {
         Self { quantiles }
     }
 
-    /// Three independent deviates for the place `index` of the stream of `key`.
+    /// Returns three independent deviates for position `index` in the stream `key`.
     #[inline]
     fn three(&self, key: u64, index: usize) -> [f32; 3] {
         let bits = Rng::word(key, index as u64);
@@ -167,8 +164,7 @@ impl Normal {
     }
 }
 
-/// The value that a normal deviate stays below with probability `share`, from 0.5 to 0.9999: halves an interval until it is
-/// below 2^-40.
+/// Returns the quantile for a share from 0.5 to 0.9999, by bisection to 2^-40.
 fn quantile(share: f64) -> f64 {
     let (mut low, mut high) = (0.0, 4.0);
     for _ in 0..42 {
@@ -179,10 +175,9 @@ fn quantile(share: f64) -> f64 {
     low
 }
 
-/// Deviation of each channel, grey levels.
+/// Channel deviation, grey levels.
 const DEVIATION: f32 = 0.2 * 255.0;
 
-/// See [`RgbNoise::Gaussian`].
 fn gaussian(frame: &mut CameraImage, key: u64) {
     let normal = Normal::table();
     for (pixel, color) in frame.rgb.as_chunks_mut::<3>().0.iter_mut().enumerate() {

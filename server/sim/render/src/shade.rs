@@ -1,4 +1,4 @@
-//! Shading: colour, depth and instance of every pixel from its hit.
+//! Shading: colour, depth and instance by pixel.
 
 use crate::camera::CameraImage;
 use crate::model::{BLOCK, LEVEL_BITS, Level, ModelView, NO_TEXTURE};
@@ -7,35 +7,33 @@ use avln_scene::InstanceId;
 use avln_simd::Work;
 
 const WHITE: u32 = u32::MAX;
-/// Pixels that are worked on at a time.
+/// Pixels per run.
 const RUN: usize = 64;
 
-/// Writes an image from the depth buffer.
+/// Conversion from the depth buffer to an image.
 pub(crate) struct Shader<'a> {
     pub(crate) view: ModelView<'a>,
     pub(crate) depth_max_m: f32,
     pub(crate) scratch: &'a Scratch,
-    /// Output with lists of the right length.
+    /// Output, with lists of full length.
     pub(crate) frame: &'a mut CameraImage,
 }
 
-/// Adjacent pixels of a row.
+/// Adjacent pixels in a row.
 struct Run {
     /// Reciprocal depth, 1/metres; 0 for background.
     nearness: [f32; RUN],
-    /// Shading records.
     record: [u32; RUN],
     /// Planar depth, metres; 0 for background.
     depth_m: [f32; RUN],
-    /// Texture coordinates.
     u: [f32; RUN],
     v: [f32; RUN],
     /// Texture level, both words; see [`ModelView::levels`].
     level: [[u32; RUN]; 2],
-    /// The colour of material and corners, RGB.
+    /// RGB.
     tint: [u32; RUN],
     instance: [u32; RUN],
-    /// RGBA, of the texture first and of the surface in the end.
+    /// RGBA: the texture, in the end the surface.
     color: [u32; RUN],
 }
 
@@ -66,14 +64,14 @@ impl Work for Shader<'_> {
     }
 }
 
-/// Colour inputs of a run.
+/// Required colour inputs of a run.
 struct ColourInputs {
     is_textured: bool,
     is_tinted: bool,
 }
 
 impl Shader<'_> {
-    /// Computes texture coordinates, tints and instances of the pixels.
+    /// Computes texture coordinates, tints and instances.
     #[inline(always)]
     fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> ColourInputs {
         let records = &self.scratch.records;
@@ -100,7 +98,7 @@ impl Shader<'_> {
         looks
     }
 
-    /// Writes pixels from number `first` on.
+    /// Writes pixels from index `first`.
     #[inline(always)]
     fn write(&mut self, run: &Run, first: usize, count: usize) {
         let pixels = first..first + count;
@@ -119,7 +117,7 @@ impl Shader<'_> {
     }
 }
 
-/// RGB at column, row and depth, from planes over depth.
+/// Returns RGB from planes over depth.
 #[inline(always)]
 fn varying_tint(planes: &[f32; 9], [column, row, depth_m]: [f32; 3]) -> u32 {
     let channel = |first: usize| {
@@ -148,7 +146,6 @@ impl Default for Run {
 }
 
 impl Run {
-    /// Multiplies colours by tints.
     #[inline(always)]
     fn tint_all(&mut self) {
         for (color, &tint) in self.color.iter_mut().zip(&self.tint) {
@@ -156,7 +153,7 @@ impl Run {
         }
     }
 
-    /// Takes `count` pixels of the screen.
+    /// Loads `count` screen pixels.
     #[inline(always)]
     fn take(&mut self, from: &Scratch, first: usize, count: usize) {
         self.nearness[..count].copy_from_slice(&from.screen.nearness[first..first + count]);
@@ -169,8 +166,7 @@ impl Run {
     }
 }
 
-/// Returns true if a surface with holes is solid at a pixel, from the planes of its record, column, row and
-/// reciprocal depth.
+/// Returns true if a surface with holes is solid at a pixel (column, row, reciprocal depth).
 #[inline(always)]
 pub(crate) fn is_solid(
     view: &ModelView,
@@ -188,14 +184,13 @@ pub(crate) fn is_solid(
 }
 
 const SIDE: u32 = BLOCK as u32;
-/// Texels of a block.
 const AREA: u32 = SIDE * SIDE;
 
-/// Texture level with texels about as large as a pixel, for `footprint` full-size texels per pixel: half of
-/// log2(`footprint`), rounded and clamped to the levels of `texture`.
+/// Returns the texture level with texels about as large as a pixel, for `footprint` full-size texels per
+/// pixel: half of log2(`footprint`), rounded and clamped.
 #[inline(always)]
 fn level_of(footprint: f32, texture: u32) -> u32 {
-    // The exponent of a float is log2 rounded down; values below 1 and NaN are clamped.
+    // A float's exponent is log2 rounded down; values below 1 and NaN are clamped.
     let log2 = (footprint.to_bits() >> 23) as i32 - 127;
     let level = (log2 + 1) >> 1;
     let last = (texture & ((1 << LEVEL_BITS) - 1)) as i32 - 1;
@@ -203,7 +198,7 @@ fn level_of(footprint: f32, texture: u32) -> u32 {
     (texture >> LEVEL_BITS) + (if level > 0 { level } else { 0 }) as u32
 }
 
-/// Bilinear lookup of `count` pixels.
+/// Looks `count` pixels up, bilinearly.
 #[inline(always)]
 fn sample(texels: &[u32], run: &mut Run, count: usize) {
     let mut at = [[0; RUN]; 4];
@@ -230,14 +225,13 @@ fn sample(texels: &[u32], run: &mut Run, count: usize) {
     }
 }
 
-/// Bilinear lookup of a single pixel.
 fn sample_one(texels: &[u32], uv: [f32; 2], level: Level) -> u32 {
     let Neighbours { at, across, down } = Neighbours::new(uv, level);
     let [a, b, c, d] = at.map(|at| texels.get(at as usize).copied().unwrap_or(WHITE));
     mix(mix(a, b, across), mix(c, d, across), down)
 }
 
-/// Four texels around a position, and the weights of the right and lower ones, 0 to 255 of 256.
+/// Four texels around a position; weights of the right and lower ones, 0 to 255 of 256.
 struct Neighbours {
     /// Upper left, upper right, lower left, lower right.
     at: [u32; 4],
@@ -264,7 +258,7 @@ impl Neighbours {
     }
 }
 
-/// The two texels of `count` around a repeating coordinate, and the weight of the second, 0 to 255.
+/// Returns the two texels around a repeating coordinate, and the second's weight, 0 to 255.
 #[inline(always)]
 fn along(coordinate: f32, count: u32) -> (u32, u32, u32) {
     // Texel centres are half a texel (128 of 256 steps) after their start.
@@ -278,7 +272,7 @@ fn along(coordinate: f32, count: u32) -> (u32, u32, u32) {
 /// Fractional part, 0 to 1; 0 for NaN.
 #[inline(always)]
 fn fraction(value: f32) -> f32 {
-    /// Numbers of this size have no binary places left, so that adding it rounds.
+    // Floats of this size have no binary places, so adding it rounds.
     const ROUNDER: f32 = 12_582_912.0;
     let nearest = (value + ROUNDER) - ROUNDER;
     let floor = nearest - if nearest > value { 1.0 } else { 0.0 };
@@ -287,10 +281,10 @@ fn fraction(value: f32) -> f32 {
     if within < 1.0 { within } else { 1.0 }
 }
 
-/// Nearest integer to `value`, which must be between 0 and 2^23. Cheaper than a checked cast.
+/// Rounds a value between 0 and 2^23; cheaper than a checked cast.
 #[inline(always)]
 fn rounded(value: f32) -> u32 {
-    /// From 2^23 on floats are whole, with the number's bits at the end.
+    // From 2^23 on floats are whole and end with the number's bits.
     const WHOLE: f32 = 8_388_608.0;
     (value + WHOLE).to_bits() & 0x007f_ffff
 }
@@ -307,12 +301,12 @@ fn mix(a: u32, b: u32, weight: u32) -> u32 {
     (even >> 8 & EVEN) | (odd & !EVEN)
 }
 
-/// Product of red, green and blue of two colours, rounded; 255 is one.
+/// Returns the rounded RGB product; 255 is one.
 #[inline(always)]
 pub(crate) fn modulate(a: u32, b: u32) -> u32 {
     let channel = |shift: u32| {
         let product = (a >> shift & 255) * (b >> shift & 255) + 128;
-        // Source: Blinn, "Three wrongs make a right" (1995): the product over 255, rounded.
+        // Blinn, "Three wrongs make a right" (1995): the product over 255, rounded.
         (product + (product >> 8)) >> 8
     };
     channel(0) | channel(8) << 8 | channel(16) << 16

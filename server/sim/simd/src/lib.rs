@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mapped_file_reads_as_it_was_written_even_once_unlinked() {
+    fn mapped_file_is_readable_after_unlink() {
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let path = folder.path().join("file");
         std::fs::write(&path, b"some bytes").expect("a file");

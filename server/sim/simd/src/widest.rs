@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn results_do_not_depend_on_the_width() {
+    fn results_are_equal_at_every_width() {
         let values = std::array::from_fn(|i| (i as f32).sqrt());
         let portable = run_at(Width::Portable, Sum(values));
         assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());

@@ -1,6 +1,6 @@
 //! A body that moves in a building, step by step.
 //!
-//! [`SceneAssets`] is shared by all episodes in a building; a [`World`] is a body in it. Equal assets,
+//! [`SceneAssets`] is shared by all episodes in a building; a [`World`] is a body inside. Equal assets,
 //! options and motions give equal senses and equal [`World::state_hash`]es.
 //!
 //! Start reading at [`World`].
@@ -8,7 +8,6 @@
 //! *Never*: depends on goals, budgets or scores; reads a clock; starts threads.
 
 mod assets;
-mod sight;
 pub mod stats;
 mod world;
 

@@ -5,10 +5,10 @@
 use crate::{
     attachment::StopReason,
     control::Control,
-    host::{Host, Interrupted, Restored},
+    host::{Host, HostedEpisode, Interrupted, Restored},
     limits::Limits,
     outbound::Outbound,
-    refusal::{Failure, Refusal},
+    refusal::{Failure, Refusal, Result},
     sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
@@ -39,6 +39,8 @@ pub(crate) use playing::{SlotReply, SlotRequest};
 
 /// Frames that may wait per slot: an action, and another sent too early.
 const WAITING_FRAMES: usize = 2;
+
+type Hosted<H> = HostedEpisode<<H as Host>::Episode>;
 
 /// State shared by all slots.
 pub(crate) struct SessionContext<H> {
@@ -79,19 +81,14 @@ struct Absence {
     used: Duration,
 }
 
-/// Parameters of [`Session::open`].
-pub(crate) struct Opening<'a, H: Host> {
-    pub(crate) host: Arc<H>,
-    pub(crate) pool: SimPool,
-    pub(crate) limits: &'a Limits,
-    /// The run, with the episodes to continue.
-    pub(crate) interrupted: Interrupted<H::Episode>,
-}
-
 impl<H: Host> Session<H> {
     /// Opens the slots of a run, without a client.
-    pub(crate) fn open(opening: Opening<'_, H>) -> Self {
-        let Opening { host, pool, limits, interrupted } = opening;
+    pub(crate) fn open(
+        host: Arc<H>,
+        pool: SimPool,
+        limits: &Limits,
+        interrupted: Interrupted<H::Episode>,
+    ) -> Self {
         let Interrupted { open, sensors, episodes, away } = interrupted;
         let state = Arc::new(SessionContext {
             frame_bytes: Limits::frame_bytes(&sensors, open.rules.audio_samples),
@@ -137,7 +134,6 @@ impl<H: Host> Session<H> {
         }
     }
 
-    /// Returns the run's progress.
     pub(crate) fn progress(&self) -> v1::RunProgress {
         self.state.progress.progress()
     }
@@ -152,7 +148,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot, which replies on the stream.
-    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<(), Failure> {
+    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<()> {
         // Without waiting: the reader of a stream must never block on a busy slot.
         self.sender(slot)?.try_send(SlotCommand::Handle(request, None)).map_err(|_| {
             let message =
@@ -162,7 +158,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot and waits for the reply.
-    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply, Failure> {
+    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply> {
         let (reply, answer) = oneshot::channel();
         let sent = self.sender(slot)?.send(SlotCommand::Handle(request, Some(reply))).await;
         match (sent, answer.await) {
@@ -171,7 +167,7 @@ impl<H: Host> Session<H> {
         }
     }
 
-    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>, Failure> {
+    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>> {
         let granted = self.granted.load(Ordering::Relaxed);
         let known = (slot < granted).then(|| self.slots.get(slot as usize)).flatten();
         known.ok_or_else(|| {
@@ -259,12 +255,6 @@ impl<H: Host> Session<H> {
     }
 }
 
-impl<H> std::fmt::Debug for Session<H> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("run", &self.state.run).finish_non_exhaustive()
-    }
-}
-
 /// Changes a slot's audience. Returns whether the clock restarted.
 async fn switch(
     slot: &mpsc::Sender<SlotCommand>,
@@ -304,12 +294,10 @@ impl ProgressTracker {
         Self { tally: watch::Sender::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
     }
 
-    /// Counts a request for an episode.
     fn requested(&self) {
         self.tally.send_modify(|tally| tally.busy += 1);
     }
 
-    /// Counts episodes returned to the host.
     fn returned(&self) -> u32 {
         self.tally.borrow().returned
     }
@@ -334,7 +322,6 @@ impl ProgressTracker {
         self.done_before + self.tally.borrow().started
     }
 
-    /// Counts an episode that ended and was stored.
     fn ended(&self, reason: EndReason) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
@@ -365,7 +352,6 @@ impl ProgressTracker {
         RunProgress { total: self.total, done, in_flight: tally.busy, eta_s }
     }
 
-    /// Waits until no episode is left, or the agent let too many time out.
     async fn over(&self) -> StopReason {
         let mut tallies = self.tally.subscribe();
         // The sender lives in self, so waiting cannot fail.

@@ -5,7 +5,7 @@ use crate::{
     host::{Episode, HostedEpisode},
     limits::Limits,
     outbound::{Departure, Outbound},
-    refusal::{Failure, FaultSubject},
+    refusal::{Failure, FaultSubject, Result},
     wire,
 };
 use avln_episode::{Action, TimeLimits};
@@ -13,7 +13,6 @@ use avln_proto::v1::{self, Reason};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// Agent request to a slot.
 #[derive(Clone, Debug)]
 pub(crate) enum SlotRequest {
     Ready,
@@ -23,13 +22,18 @@ pub(crate) enum SlotRequest {
     Abandon(v1::Abandon),
 }
 
-/// Slot reply.
 #[derive(Clone, Debug)]
 pub(crate) enum SlotReply {
     Start(Box<v1::EpisodeStart>),
     NothingLeft,
     Step(Box<v1::StepResponse>),
     Ended(Box<v1::EpisodeEnd>),
+}
+
+impl SlotReply {
+    pub(super) fn step(observation: Option<v1::Observation>, episode_end: Option<v1::EpisodeEnd>) -> Self {
+        Self::Step(Box::new(v1::StepResponse { observation, episode_end }))
+    }
 }
 
 /// Receiver for slot replies.
@@ -42,7 +46,6 @@ pub(crate) enum Audience {
     Nobody,
 }
 
-/// Open episode.
 pub(super) struct OpenEpisode<E> {
     pub(super) hosted: HostedEpisode<E>,
     /// Number in the run, from 1.
@@ -66,7 +69,7 @@ pub(super) struct FinishedEpisode {
 
 impl LastStep {
     /// Returns the action to carry out; `None` if `act` is a repetition.
-    pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>, Failure> {
+    pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>> {
         let action = wire::action(act.action).ok_or_else(|| unknown_action(act.action))?;
         let taken = self.observation.step;
         not_ahead(act.step, taken + 1)?;
@@ -132,19 +135,18 @@ impl<E: Episode> OpenEpisode<E> {
 
 impl FinishedEpisode {
     /// Repeats the last reply to a repeated action, and refuses any other.
-    pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply, Failure> {
+    pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply> {
         same_episode(&self.end.episode, &act.episode)?;
         let taken = &self.last.observation;
-        let mut response = v1::StepResponse { observation: None, episode_end: Some(self.end.clone()) };
+        let end = Some(self.end.clone());
         let again = act.step == taken.step && self.last.action == Some(act.action);
         if again && self.last.is_last() {
-            response.observation = Some(taken.clone());
-            return Ok(SlotReply::Step(Box::new(response)));
+            return Ok(SlotReply::step(Some(taken.clone()), end));
         }
         // An episode that ended while the agent was thinking: a stream has received the end, a unary caller learns it only here.
         let cut_short = !self.last.is_last();
         if is_unary && cut_short && self.end.reason() != v1::EndReason::Abandoned {
-            return Ok(SlotReply::Step(Box::new(response)));
+            return Ok(SlotReply::step(None, end));
         }
         let ended = self.end.reason().as_str_name();
         let message =
@@ -155,15 +157,11 @@ impl FinishedEpisode {
     /// Returns the frames that a client with this last position has missed.
     pub(super) fn missed(&self, known: &v1::SlotPosition) -> SlotReply {
         let unseen = self.last.is_last() && known.step < self.last.observation.step;
-        SlotReply::Step(Box::new(v1::StepResponse {
-            observation: unseen.then(|| self.last.observation.clone()),
-            episode_end: Some(self.end.clone()),
-        }))
+        SlotReply::step(unseen.then(|| self.last.observation.clone()), Some(self.end.clone()))
     }
 }
 
 impl SlotRequest {
-    /// Returns the subject for faults about this request.
     pub(crate) fn subject(&self, slot: u32) -> FaultSubject<'_> {
         let (episode, step) = match self {
             Self::Ready | Self::Resume => ("", 0),
@@ -174,7 +172,7 @@ impl SlotRequest {
     }
 }
 
-pub(super) fn same_episode(held: &str, named: &str) -> Result<(), Failure> {
+pub(super) fn same_episode(held: &str, named: &str) -> Result<()> {
     if held == named {
         return Ok(());
     }
@@ -182,7 +180,7 @@ pub(super) fn same_episode(held: &str, named: &str) -> Result<(), Failure> {
     Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 
-pub(super) fn not_ahead(step: u32, latest: u32) -> Result<(), Failure> {
+pub(super) fn not_ahead(step: u32, latest: u32) -> Result<()> {
     if step <= latest {
         return Ok(());
     }
@@ -209,7 +207,6 @@ pub(super) struct ChessClock {
 /// Start of the agent's thinking time.
 #[derive(Clone, Debug)]
 enum Thinking {
-    /// No observation was sent.
     NotYet,
     /// The observation was queued, and may have left.
     Sent(Departure),
@@ -224,7 +221,6 @@ impl ChessClock {
         Self { step, bank: millis(limits.bank_ms), thinking: Thinking::NotYet }
     }
 
-    /// Sets the rest of the bank.
     pub(super) fn with_bank(self, bank: Duration) -> Self {
         Self { bank, ..self }
     }
@@ -245,7 +241,6 @@ impl ChessClock {
         }
     }
 
-    /// Returns whether the clock runs.
     pub(super) fn runs(&self) -> bool {
         self.since().is_some()
     }
@@ -290,7 +285,6 @@ impl ChessClock {
         }
     }
 
-    /// Returns the account that agents receive.
     pub(super) fn account(&self) -> v1::TimeAccount {
         let whole = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
         v1::TimeAccount { step_ms: self.step.map(whole).unwrap_or_default(), bank_ms: whole(self.bank) }

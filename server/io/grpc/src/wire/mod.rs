@@ -16,7 +16,7 @@ mod run;
 mod sensors;
 
 pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
-pub(crate) use run::{phase, public_metrics, quota, run, run_end, scope, seconds, server_info};
+pub(crate) use run::{episode_end, phase, quota, run, run_end, scope, seconds, server_info};
 pub(crate) use sensors::{check_client, sensors};
 
 /// Defines conversions of enums with the same variants in the benchmark and in the protocol.
@@ -58,7 +58,6 @@ pub(crate) fn action_number(action: Action) -> i32 {
     action.index() as i32 + 1
 }
 
-/// Describes rules and sensors.
 pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
     v1::TaskSpec {
         rules: rules.name.clone(),
@@ -100,7 +99,6 @@ fn head(head: &HeadRule) -> String {
     }
 }
 
-/// Builds a mission.
 pub(crate) fn mission(mission: &Mission) -> v1::Mission {
     let goals = mission.goals.iter().map(|cue| v1::Goal { cue: Some(goal_cue(cue)) });
     v1::Mission { order: order(mission.order).into(), goals: goals.collect() }
@@ -117,13 +115,11 @@ fn goal_cue(cue: &GoalCue) -> Cue {
     }
 }
 
-/// Builds the digests that results depend on.
 pub(crate) fn digests(digests: &Digests) -> v1::Digests {
     let Digests { engine, dataset, scorer, config } = digests.clone();
     v1::Digests { engine, dataset, scorer, config }
 }
 
-/// Builds the time limits.
 pub(crate) fn time_limits(time: &TimeLimits) -> v1::TimeLimits {
     v1::TimeLimits {
         step_ms: time.step_ms,

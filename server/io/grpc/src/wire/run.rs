@@ -1,6 +1,10 @@
 //! Server, phases, quotas and runs.
 
-use crate::{control::unix_ms, host::ServerInfo, limits::Limits};
+use crate::{
+    control::unix_ms,
+    host::{ServerInfo, StoredEnd},
+    limits::Limits,
+};
 use avln_challenge::{MethodInfo, PhaseInfo, Quota, RunState, RunStatus, TokenScope};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
@@ -126,7 +130,19 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
     }
 }
 
-/// Builds the end of a stream.
+/// Builds an episode's end, without the run's progress.
+pub(crate) fn episode_end(slot: u32, episode: &str, end: StoredEnd) -> v1::EpisodeEnd {
+    v1::EpisodeEnd {
+        slot,
+        episode: episode.to_owned(),
+        step: end.steps,
+        reason: super::end_reason(end.reason).into(),
+        terminated: end.reason.is_terminated(),
+        metrics: end.outcome.map(|outcome| public_metrics(outcome.metrics, 0)),
+        progress: None,
+    }
+}
+
 pub(crate) fn run_end(status: RunStatus) -> v1::RunEnd {
     let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
     v1::RunEnd {
@@ -155,7 +171,7 @@ fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
 }
 
 /// Builds public metrics over a number of episodes; 0 for a single episode.
-pub(crate) fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
+fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
     let metric = |(name, value)| v1::Metric { name, value, low: None, high: None, n: episodes };
     v1::PublicMetrics { metrics: metrics.into_iter().map(metric).collect() }
 }

@@ -2,8 +2,8 @@
 
 use crate::{
     catalog::SceneMap,
-    database::value,
-    error::StoreError,
+    database::{Transaction, value},
+    error::Result,
     facts::{Facts, read_facts},
     phases::read_heads,
     runs::Run,
@@ -17,7 +17,7 @@ use avln_episode::{EndReason, Modality, Order, Point3, Pose, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_truth::Target;
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction, types::Json};
+use sqlx::types::Json;
 
 /// A run's episode. Data hidden from the viewer is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
@@ -131,12 +131,7 @@ pub struct TargetView {
 
 impl Reader {
     /// Returns a run's episode; `None` if there is none visible to the viewer.
-    pub async fn episode(
-        &self,
-        viewer: &Viewer,
-        run: &str,
-        ordinal: u32,
-    ) -> Result<Option<EpisodeView>, StoreError> {
+    pub async fn episode(&self, viewer: &Viewer, run: &str, ordinal: u32) -> Result<Option<EpisodeView>> {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
@@ -165,11 +160,7 @@ impl Reader {
     }
 }
 
-async fn read_goals(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-    episode: &str,
-) -> Result<Vec<GoalText>, StoreError> {
+async fn read_goals(tx: &mut Transaction<'_>, phase: &str, episode: &str) -> Result<Vec<GoalText>> {
     let select = "SELECT goals FROM phase_episodes WHERE phase = $1 AND episode = $2";
     let goals: Option<Json<Vec<GoalText>>> =
         sqlx::query_scalar(select).bind(phase).bind(episode).fetch_optional(&mut **tx).await?;
@@ -178,11 +169,11 @@ async fn read_goals(
 
 /// Returns the replay with the scene's map and the phase's rules.
 async fn read_replay(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &Run,
     row: &EpisodeRow,
     facts: Facts,
-) -> Result<Option<Replay>, StoreError> {
+) -> Result<Option<Replay>> {
     let Some(head) = read_heads(tx, Some(&run.phase)).await?.pop() else { return Ok(None) };
     let select = "SELECT map FROM scenes WHERE name = $1";
     let Json(map) = sqlx::query_scalar(select).bind(&row.scene).fetch_one(&mut **tx).await?;

@@ -2,8 +2,8 @@
 
 use crate::{
     accounts::read_reference,
-    database::{Word, value},
-    error::StoreError,
+    database::{Transaction, Word, value},
+    error::{Result, StoreError},
     phases::{Phase, read_heads},
     runs::{Run, read_run},
     scores::{INTERVAL_SEED, Rescore, read_rescores, read_scores},
@@ -13,7 +13,7 @@ use avln_challenge::{EpisodeState, MethodInfo, Reference, RunState, TimeAccount}
 use avln_episode::{EndReason, Modality, Order, Sensors};
 use avln_scoring::{EpisodeScore, Metrics, Summary, summarise};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// A run in a list. Times are milliseconds since 1970-01-01 UTC.
@@ -175,7 +175,7 @@ pub(crate) struct EpisodeRow {
 
 impl Reader {
     /// Returns the viewer's access to a run's log.
-    pub async fn log_access(&self, viewer: &Viewer, id: &str) -> Result<LogAccess, StoreError> {
+    pub async fn log_access(&self, viewer: &Viewer, id: &str) -> Result<LogAccess> {
         let mut tx = self.snapshot().await?;
         Ok(match find_run(&mut tx, viewer, id).await? {
             Some((run, Sight { replays: true, .. })) if run.state.is_open() => LogAccess::Later,
@@ -185,7 +185,7 @@ impl Reader {
     }
 
     /// Returns the run called `id`; `None` if there is none visible to the viewer.
-    pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>, StoreError> {
+    pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>> {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, id).await? else { return Ok(None) };
         let totals = read_totals(&mut tx, id).await?;
@@ -212,12 +212,7 @@ impl Reader {
 }
 
 /// Returns a run's view without rescores and eligibility.
-async fn read_view(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &Run,
-    sight: Sight,
-    totals: &TotalsRow,
-) -> Result<RunView, StoreError> {
+async fn read_view(tx: &mut Transaction<'_>, run: &Run, sight: Sight, totals: &TotalsRow) -> Result<RunView> {
     let rows = read_episodes(tx, &run.id, None).await?;
     let scores = if sight.scores { read_scores(tx, &run.id).await? } else { vec![] };
     let mut health = BTreeMap::new();
@@ -250,10 +245,10 @@ async fn read_view(
 
 /// Returns a run and the viewer's access; `None` if there is none visible to the viewer.
 pub(crate) async fn find_run(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     viewer: &Viewer,
     id: &str,
-) -> Result<Option<(Run, Sight)>, StoreError> {
+) -> Result<Option<(Run, Sight)>> {
     let run = match read_run(tx, id).await {
         Ok(run) => run,
         Err(StoreError::Unknown { .. }) => return Ok(None),
@@ -264,11 +259,7 @@ pub(crate) async fn find_run(
     Ok(sight.map(|sight| (run, sight)))
 }
 
-pub(crate) async fn read_line(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: Run,
-    sight: Sight,
-) -> Result<RunLine, StoreError> {
+pub(crate) async fn read_line(tx: &mut Transaction<'_>, run: Run, sight: Sight) -> Result<RunLine> {
     let reference = read_reference(tx, &run.team).await?;
     let totals = read_totals(tx, &run.id).await?;
     Ok(RunLine {
@@ -290,7 +281,7 @@ pub(crate) async fn read_line(
     })
 }
 
-async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<TotalsRow, StoreError> {
+async fn read_totals(tx: &mut Transaction<'_>, run: &str) -> Result<TotalsRow> {
     let select = "SELECT scored, isr, category_goals, category_found, description_goals, description_found, \
                   image_goals, image_found, server_faults FROM run_summaries WHERE run = $1";
     Ok(sqlx::query_as(select).bind(run).fetch_optional(&mut **tx).await?.unwrap_or_default())
@@ -298,10 +289,10 @@ async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<Tota
 
 /// Returns a run's episode at `ordinal`, or all episodes.
 pub(crate) async fn read_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &str,
     ordinal: Option<u32>,
-) -> Result<Vec<EpisodeRow>, StoreError> {
+) -> Result<Vec<EpisodeRow>> {
     let select = "SELECT ordinal, state, end_reason, episode, scene, metrics, time_account, finished_ms \
                   FROM episodes WHERE run = $1 AND ($2 IS NULL OR ordinal = $2) ORDER BY ordinal";
     Ok(sqlx::query_as(select).bind(run).bind(ordinal).fetch_all(&mut **tx).await?)

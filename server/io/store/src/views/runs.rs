@@ -1,7 +1,8 @@
 //! Run lists, open runs and run comparison.
 
 use crate::{
-    error::StoreError,
+    database::Transaction,
+    error::Result,
     phases::{PhaseHead, read_heads},
     runs::{Run, RunFilter, read_run, read_runs},
     scores::INTERVAL_SEED,
@@ -13,7 +14,6 @@ use crate::{
 use avln_challenge::RunState;
 use avln_scoring::{Comparison, EpisodeScore, Metrics, compare};
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
 use std::collections::BTreeMap;
 
 /// A page in the run list.
@@ -38,12 +38,7 @@ pub struct LiveRun {
 
 impl Reader {
     /// Returns the newest `limit` runs visible to the viewer, in one phase or all.
-    pub async fn runs(
-        &self,
-        viewer: &Viewer,
-        phase: Option<&str>,
-        limit: u32,
-    ) -> Result<Vec<RunLine>, StoreError> {
+    pub async fn runs(&self, viewer: &Viewer, phase: Option<&str>, limit: u32) -> Result<Vec<RunLine>> {
         let list = self.older_runs(viewer, phase, None, limit).await?;
         Ok(list.map(|list| list.runs).unwrap_or_default())
     }
@@ -55,7 +50,7 @@ impl Reader {
         phase: Option<&str>,
         before: Option<&str>,
         limit: u32,
-    ) -> Result<Option<RunList>, StoreError> {
+    ) -> Result<Option<RunList>> {
         let mut tx = self.snapshot().await?;
         if let Some(before) = before
             && find_run(&mut tx, viewer, before).await?.is_none()
@@ -83,7 +78,7 @@ impl Reader {
     }
 
     /// Returns the team's newest `limit` runs; empty for other viewers.
-    pub async fn own_runs(&self, viewer: &Viewer, limit: u32) -> Result<Vec<RunLine>, StoreError> {
+    pub async fn own_runs(&self, viewer: &Viewer, limit: u32) -> Result<Vec<RunLine>> {
         let Viewer::Team(team) = viewer else { return Ok(vec![]) };
         let mut tx = self.snapshot().await?;
         let phases = read_heads(&mut tx, None).await?;
@@ -98,7 +93,7 @@ impl Reader {
     }
 
     /// Returns a run's progress; `None` if there is none visible to the viewer.
-    pub async fn live_run(&self, viewer: &Viewer, id: &str) -> Result<Option<LiveRun>, StoreError> {
+    pub async fn live_run(&self, viewer: &Viewer, id: &str) -> Result<Option<LiveRun>> {
         let mut tx = self.snapshot().await?;
         match find_run(&mut tx, viewer, id).await? {
             Some((run, sight)) => read_progress(&mut tx, run, sight).await.map(Some),
@@ -107,7 +102,7 @@ impl Reader {
     }
 
     /// Returns the newest `limit` open runs visible to the viewer.
-    pub async fn live_runs(&self, viewer: &Viewer, limit: u32) -> Result<Vec<LiveRun>, StoreError> {
+    pub async fn live_runs(&self, viewer: &Viewer, limit: u32) -> Result<Vec<LiveRun>> {
         let mut tx = self.snapshot().await?;
         let phases = read_heads(&mut tx, None).await?;
         let mut runs = Vec::new();
@@ -133,11 +128,7 @@ fn sight_in(phases: &[PhaseHead], viewer: &Viewer, phase: &str, team: &str) -> O
     Sight::of(viewer, team, &head.phase)
 }
 
-async fn read_progress(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: Run,
-    sight: Sight,
-) -> Result<LiveRun, StoreError> {
+async fn read_progress(tx: &mut Transaction<'_>, run: Run, sight: Sight) -> Result<LiveRun> {
     let select = "SELECT COUNT(*) FROM episodes WHERE run = $1 AND state = 'running'";
     let playing: u32 = sqlx::query_scalar(select).bind(&run.id).fetch_one(&mut **tx).await?;
     Ok(LiveRun { playing, steps_visible: sight.replays, line: read_line(tx, run, sight).await? })
@@ -188,7 +179,7 @@ impl Reader {
         &self,
         viewer: &Viewer,
         [first, second]: [&str; 2],
-    ) -> Result<Option<Result<CompareView, Incomparable>>, StoreError> {
+    ) -> Result<Option<Result<CompareView, Incomparable>>> {
         let Some(first) = self.run(viewer, first).await? else { return Ok(None) };
         let Some(second) = self.run(viewer, second).await? else { return Ok(None) };
         if first.line.phase != second.line.phase || first.line.order != second.line.order {

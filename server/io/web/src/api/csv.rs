@@ -2,7 +2,7 @@
 
 use super::json::{find_leaderboard, find_leaderboards};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format,
     leaderboard::LeaderboardParams,
     replay::{Moment, moments},
@@ -12,13 +12,18 @@ use crate::{
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
 use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
-use axum::{Extension, extract::Path, http::header, response::IntoResponse};
+use axum::{
+    Extension,
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
 use csv::{Terminator, WriterBuilder};
+use std::error::Error;
 
-/// A row definition: columns with names and cells. A single definition keeps header and rows consistent.
+/// A row definition. A single list for names and cells prevents a header that does not match the rows.
 struct Row<T>(Vec<Column<T>>);
 
-/// A column: its name, and the cell of a row.
 struct Column<T> {
     name: String,
     cell: Box<dyn Fn(&T) -> String>,
@@ -45,24 +50,20 @@ impl<T> Row<T> {
         self
     }
 
-    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> HandlerResult
+    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> Result<Response>
     where
         T: 'a,
     {
-        let mut writer = WriterBuilder::new().terminator(Terminator::CRLF).from_writer(Vec::new());
-        let written = (|| {
+        let write = || -> Result<Vec<u8>, Box<dyn Error>> {
+            let mut writer = WriterBuilder::new().terminator(Terminator::CRLF).from_writer(Vec::new());
             writer.write_record(self.0.iter().map(|column| &column.name))?;
             for row in rows {
                 writer.write_record(self.0.iter().map(|column| (column.cell)(row)))?;
             }
-            writer.flush()?;
-            csv::Result::Ok(())
-        })();
-        let table = written
-            .map_err(|error| error.to_string())
-            .and_then(|()| writer.into_inner().map_err(|error| error.to_string()));
-        let table = table.map_err(|error| {
-            tracing::error!(error, "cannot write a CSV table");
+            Ok(writer.into_inner()?)
+        };
+        let table = write().map_err(|error| {
+            tracing::error!(%error, "cannot write a CSV table");
             RequestError::Internal
         })?;
         Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], table).into_response())
@@ -88,7 +89,7 @@ pub(super) async fn leaderboard(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> HandlerResult {
+) -> Result<Response> {
     leaderboard_table(vec![find_leaderboard(&context, &id, &params).await?])
 }
 
@@ -96,7 +97,7 @@ pub(super) async fn leaderboards(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> HandlerResult {
+) -> Result<Response> {
     leaderboard_table(find_leaderboards(&context, &id, &params).await?)
 }
 
@@ -105,7 +106,7 @@ struct OrderedRow {
     row: LeaderboardRow,
 }
 
-fn leaderboard_table(views: Vec<LeaderboardView>) -> HandlerResult {
+fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response> {
     let entries = views.into_iter().flat_map(|view| {
         let order = view.order;
         view.rows.into_iter().map(move |row| OrderedRow { order, row })
@@ -166,7 +167,7 @@ fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<Ordered
     }
 }
 
-pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
     let view = context.missions(&id).await?;
     Row::<PropertyCount>::new()
         .value("property", |r| r.property.to_owned())
@@ -195,7 +196,7 @@ fn property_counts(view: &MissionsView) -> Vec<PropertyCount> {
 pub(super) async fn compare(
     context: RequestContext,
     StrictQuery(query): StrictQuery<CompareQuery>,
-) -> HandlerResult {
+) -> Result<Response> {
     let view = query.view(&context).await?;
     Row::<PairView>::new()
         .text("episode", |pair| &pair.episode)
@@ -213,7 +214,7 @@ pub(super) async fn compare(
 pub(super) async fn runs(
     context: RequestContext,
     StrictQuery(query): StrictQuery<RunsQuery>,
-) -> HandlerResult {
+) -> Result<Response> {
     let list = query.list(&context.reader, &context.viewer).await?;
     Row::<RunLine>::new()
         .text("run", |line| &line.run)
@@ -234,7 +235,7 @@ pub(super) async fn runs(
         .respond(&list.runs)
 }
 
-pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
     let view = context.run(&id).await?;
     Row::<EpisodeLine>::new()
         .value("ordinal", |line| line.ordinal.to_string())
@@ -260,7 +261,7 @@ struct StepRow {
 pub(super) async fn steps(
     context: RequestContext,
     PathOnly((run, ordinal)): PathOnly<(String, String)>,
-) -> HandlerResult {
+) -> Result<Response> {
     let unknown = || RequestError::unknown("replay", format!("episode {ordinal} of run {run}"));
     let replay = context.episode(&run, &ordinal).await?.replay.ok_or_else(unknown)?;
     let rows = replay.path.iter().zip(moments(&replay));
@@ -288,7 +289,7 @@ pub(super) async fn levels(
     context: RequestContext,
     PathOnly((run, ordinal)): PathOnly<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
-) -> HandlerResult {
+) -> Result<Response> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("of episode {ordinal} of run {run}"));
     let sound = queue.ok_or_else(unknown)?.sound(&view).await?.ok_or_else(unknown)?;

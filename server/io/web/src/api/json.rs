@@ -2,14 +2,20 @@
 
 use super::SCHEMA_VERSION;
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format::with_named_times,
     leaderboard::LeaderboardParams,
     request::{CompareQuery, NoParameters, PathOnly, RequestContext, RunsQuery, StrictQuery},
     server::Streaming,
 };
 use avln_store::{EpisodeLine, LeaderboardView, LogAccess, MissionsView, PhaseView, Quota, RunView};
-use axum::{Extension, Json, body::Body, extract::Path, http::header, response::IntoResponse};
+use axum::{
+    Extension, Json,
+    body::Body,
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
 use serde::Serialize;
 use serde_json::Value;
 use std::{io, path::PathBuf};
@@ -26,7 +32,7 @@ pub struct SignedLogs {
     pub key: String,
 }
 
-type JsonResponse = Result<Json<Value>, RequestError>;
+type JsonResponse = Result<Json<Value>>;
 
 /// Returns `body` with the schema version, and with times by RFC 3339.
 fn respond(body: &impl Serialize) -> JsonResponse {
@@ -152,7 +158,7 @@ pub(super) async fn log(
     context: RequestContext,
     PathOnly(run): PathOnly<String>,
     Extension(logs): Extension<Option<SignedLogs>>,
-) -> HandlerResult {
+) -> Result<Response> {
     let unknown = || RequestError::unknown("log of run", run.clone());
     match context.reader.log_access(&context.viewer, &run).await? {
         LogAccess::None => return Err(unknown()),
@@ -163,7 +169,7 @@ pub(super) async fn log(
         LogAccess::Now => {}
     }
     let SignedLogs { folder, .. } = logs.ok_or_else(unknown)?;
-    // The store has found this run, so its id cannot be a path to another folder.
+    // The store has found this run, so the id cannot be a path to another folder.
     let path = folder.join(format!("{run}.log"));
     let file = File::open(&path).await.map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => unknown(),
@@ -184,7 +190,7 @@ pub(super) async fn find_leaderboard(
     context: &RequestContext,
     id: &str,
     params: &LeaderboardParams,
-) -> Result<LeaderboardView, RequestError> {
+) -> Result<LeaderboardView> {
     let phase = context.phase(id).await?;
     params.reject_columns()?;
     params.read(context, &phase, params.order(&phase)?).await
@@ -194,7 +200,7 @@ pub(super) async fn find_leaderboards(
     context: &RequestContext,
     id: &str,
     params: &LeaderboardParams,
-) -> Result<Vec<LeaderboardView>, RequestError> {
+) -> Result<Vec<LeaderboardView>> {
     if params.orders.is_some() {
         let message = "this address returns all orders; remove the parameter 'order'";
         return Err(RequestError::Invalid(message.to_owned()));

@@ -18,7 +18,7 @@ use openapi::Body;
 use utoipa::ToSchema;
 
 const BASE: &str = "/api/v1";
-/// Schema version; it changes if a field is removed or changes its meaning.
+/// Schema version; it changes if a field is removed or gets another meaning.
 const SCHEMA_VERSION: u32 = 1;
 
 const LEADERBOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
@@ -26,7 +26,7 @@ const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth",
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 const COMPARE_QUERY: &[&str] = &["first", "second"];
 
-/// A route with its description.
+/// A described route.
 struct Endpoint {
     /// Path below [`BASE`].
     path: &'static str,
@@ -49,7 +49,7 @@ impl Endpoint {
         Self::new(path, route, Body::text("text/csv"))
     }
 
-    /// Server-Sent Events. OpenAPI 3.1 describes an event by its data.
+    /// Server-Sent Events. OpenAPI 3.1 describes the data of an event.
     fn events<T: ToSchema>(path: &'static str, route: MethodRouter<Reader>) -> Self {
         Self::new(path, route, Body::of::<T>("text/event-stream"))
     }

@@ -6,7 +6,7 @@ mod sessions;
 
 pub(crate) use form::{FormFields, MAX_FORM_BYTES, SignInForm, SignedForm};
 pub(crate) use sessions::{
-    Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page, session_cookie,
+    Sessions, SignedIn, has_session_cookie, identify, is_management_page, session_cookie,
 };
 
 use crate::server::ClientAddress;
@@ -28,7 +28,7 @@ pub struct TeamCredential {
     pub expires_unix_ms: Option<i64>,
 }
 
-/// A team's action on its data.
+/// A team's action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
@@ -78,7 +78,7 @@ pub enum OrganiserAction {
         /// True if the team may play.
         approved: bool,
     },
-    /// Grants a team runs beyond its quota; requires a reason.
+    /// Grants a team runs beyond the quota; requires a reason.
     Grant {
         /// Team name.
         team: String,
@@ -129,7 +129,7 @@ pub enum ActionError {
     /// The action is not possible; the message is for the visitor.
     #[error("{0}")]
     Refused(String),
-    /// The server failed; the message is for its log.
+    /// The server failed; the message is for the log.
     #[error("{0}")]
     Failed(String),
 }
@@ -200,7 +200,7 @@ const WAIT: Duration = Duration::from_secs(60);
 // Bounds the memory: beyond it, the oldest failure is forgotten.
 const MAX_CLIENTS: usize = 4096;
 
-/// Failed sign-ins by client address: count and last time. `None` stands for requests without an address.
+/// Failed sign-ins by client address: count and last time. `None`: requests without an address.
 #[derive(Debug, Default)]
 pub(crate) struct SignInLimiter(Mutex<BTreeMap<Option<ClientAddress>, (u32, Instant)>>);
 

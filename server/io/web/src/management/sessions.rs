@@ -2,7 +2,7 @@
 
 use super::{ManagementState, TeamCredential};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     request::{CONTEXT, Menu, PageContext, now_unix_ms},
 };
 use avln_store::{Holder, Reader, TokenHash, Viewer};
@@ -48,7 +48,7 @@ impl SignedIn {
         blake3::Hash::from_hex(key).is_ok_and(|key| key == form_key(&self.id))
     }
 
-    pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
+    pub(crate) fn team(&self) -> Result<TeamCredential> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
         if self.holder.read_only {
             let message =
@@ -124,6 +124,7 @@ pub(crate) fn has_session_cookie(headers: &HeaderMap) -> bool {
     [COOKIE, SECURE_COOKIE].iter().any(|name| session_id(headers, name).is_some())
 }
 
+// Written here: the crate `cookie` would add eight crates (`time` and the parts of it) for these lines.
 fn session_id<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     let values = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = values.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
@@ -137,17 +138,12 @@ pub(crate) fn is_management_page(address: &str) -> bool {
     is_page && address.chars().all(is_plain)
 }
 
-/// Returns the `Set-Cookie` value that starts the session `id`.
-pub(crate) fn session_cookie(id: &str, is_secure: bool) -> Result<HeaderValue, RequestError> {
+/// Returns the `Set-Cookie` value that starts the session `id`; `None` deletes the cookie.
+pub(crate) fn session_cookie(id: Option<&str>, is_secure: bool) -> Result<HeaderValue> {
+    let (name, value) = (cookie_name(is_secure), id.unwrap_or_default());
     let secure = if is_secure { "; Secure" } else { "" };
-    let text = format!("{}={id}; Path=/; HttpOnly; SameSite=Strict{secure}", cookie_name(is_secure));
-    HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
-}
-
-/// Returns the `Set-Cookie` value that deletes the cookie.
-pub(crate) fn expired_cookie(is_secure: bool) -> Result<HeaderValue, RequestError> {
-    let mut text = session_cookie("", is_secure)?.as_bytes().to_vec();
-    text.extend_from_slice(b"; Max-Age=0");
+    let expired = if id.is_none() { "; Max-Age=0" } else { "" };
+    let text = format!("{name}={value}; Path=/; HttpOnly; SameSite=Strict{secure}{expired}");
     HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
 }
 
@@ -328,11 +324,11 @@ mod tests {
 
     #[test]
     fn tls_uses_the_host_prefix() {
-        let plain = session_cookie("ab", false).expect("a header");
+        let plain = session_cookie(Some("ab"), false).expect("a header");
         assert_eq!(plain, "avln-session=ab; Path=/; HttpOnly; SameSite=Strict");
-        let secure = session_cookie("ab", true).expect("a header");
+        let secure = session_cookie(Some("ab"), true).expect("a header");
         assert_eq!(secure, "__Host-avln-session=ab; Path=/; HttpOnly; SameSite=Strict; Secure");
-        let gone = expired_cookie(true).expect("a header");
+        let gone = session_cookie(None, true).expect("a header");
         assert_eq!(gone, "__Host-avln-session=; Path=/; HttpOnly; SameSite=Strict; Secure; Max-Age=0");
     }
 

@@ -90,7 +90,8 @@ struct DocumentPage {
 
 /// Serves instructions, metric definitions and the list of documents.
 pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
-    let (decisions, documents) = DOCUMENTS.iter().partition(|document| document.is_decision());
+    let (decisions, documents) =
+        DOCUMENTS.iter().partition(|document| document.slug.starts_with("decisions/"));
     let shell = PageShell::new("How to take part", SiteSection::Docs);
     render(&DocsPage { shell, grpc_address, keys: Key::ALL, documents, decisions })
 }
@@ -107,10 +108,6 @@ impl Document {
         let (title, html) = render_markdown(path, text);
         Self { slug: slug(path), title, html }
     }
-
-    fn is_decision(&self) -> bool {
-        self.slug.starts_with("decisions/")
-    }
 }
 
 /// Returns the document's address below `/docs/`.
@@ -124,7 +121,7 @@ fn address(path: &str) -> Option<String> {
     PATHS.iter().any(|(listed, _)| *listed == path).then(|| format!("/docs/{}", slug(path)))
 }
 
-/// Renders the document at `path` and returns its title (the first heading) and the HTML below it.
+/// Renders the document at `path` and returns the title (the first heading) and the HTML below it.
 ///
 /// Links to other documents lead to their pages; links to other files become plain text. Tables scroll. HTML in the
 /// text is escaped.

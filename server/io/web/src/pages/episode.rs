@@ -1,4 +1,4 @@
-//! Episode page, with its replay.
+//! Episode page, with the replay.
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{

@@ -2,7 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format::{self, url_encode},
     leaderboard::{LeaderboardControls, LeaderboardParams, Orders, day},
     request::RequestContext,
@@ -12,7 +12,7 @@ use avln_scoring::{Direction, Key, Metric};
 use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, RunChoice, Visibility};
 use axum::{
     extract::Path,
-    response::{IntoResponse, Redirect},
+    response::{IntoResponse, Redirect, Response},
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -52,7 +52,7 @@ struct AllOrdersPage {
     columns: Vec<Key>,
 }
 
-/// A team's method with its entries in all orders.
+/// A team's method with the entries in all orders.
 struct MethodRow {
     /// Any entry, for the data shared by all.
     any: LeaderboardRow,
@@ -70,7 +70,7 @@ pub(super) async fn page(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> HandlerResult {
+) -> Result<Response> {
     let phase = context.phase(&id).await?;
     // A form sends empty fields: redirect to the canonical address, which can be shared.
     if params.has_blanks {
@@ -89,7 +89,7 @@ pub(super) async fn embedded(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> HandlerResult {
+) -> Result<Response> {
     let phase = context.phase(&id).await?;
     let order = params.order(&phase)?;
     let page = LeaderboardPage::new(params.read(&context, &phase, order).await?, &params);
@@ -151,10 +151,6 @@ impl LeaderboardPage {
         Self { shell, caption: caption(&view), columns, controls, orders, leader, view }
     }
 
-    fn api_address(&self, suffix: &str) -> String {
-        self.controls.api_address(&format!("leaderboard{suffix}"))
-    }
-
     fn embedded(&self) -> String {
         format!("/embed/{}{}", url_encode(&self.view.phase.id), self.controls.query_string())
     }
@@ -178,13 +174,6 @@ impl LeaderboardPage {
 impl AllOrdersPage {
     fn is_partial(&self) -> bool {
         self.views.iter().any(|view| !view.complete)
-    }
-
-    fn api_addresses(&self) -> [(&'static str, String); 2] {
-        [
-            ("CSV", self.controls.api_address("leaderboards.csv")),
-            ("JSON", self.controls.api_address("leaderboards")),
-        ]
     }
 }
 

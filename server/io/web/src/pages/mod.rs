@@ -9,7 +9,7 @@ mod runs;
 mod team;
 
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format,
     leaderboard::LeaderboardParams,
     management::{ActionOutcome, ManagementState, SignedIn},
@@ -78,7 +78,7 @@ fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300".to_owned())], text)
 }
 
-type Page = Result<Html<String>, RequestError>;
+type Page = Result<Html<String>>;
 
 fn render(page: &impl Template) -> Page {
     Ok(Html(page.render()?))

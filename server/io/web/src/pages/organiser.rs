@@ -2,7 +2,7 @@
 
 use super::{FormContext, Page, PageShell, SiteSection, redirect_after, render, unknown_action};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format::{self, url_encode},
     management::{
         ActionOrigin, ActionOutcome, FormFields, ManagementState, OrganiserAction, ServerHealth, SignedForm,
@@ -69,7 +69,7 @@ impl OrganiserRequest {
         PageShell { form, tab: tab.name, ..shell }.below("Organise", PHASES.href)
     }
 
-    async fn act(&self, action: OrganiserAction, reason: String) -> Result<ActionOutcome, RequestError> {
+    async fn act(&self, action: OrganiserAction, reason: String) -> Result<ActionOutcome> {
         let origin = ActionOrigin { token: self.by.holder.token.clone(), reason };
         Ok(self.management.actions.organiser_action(origin, action).await?)
     }
@@ -109,14 +109,14 @@ pub(super) async fn act_on_phase(
     organiser: OrganiserRequest,
     Path(id): Path<String>,
     SignedForm { fields, .. }: SignedForm,
-) -> HandlerResult {
+) -> Result<Response> {
     let (action, reason) = phase_action(&id, &fields)?;
     let outcome = organiser.act(action, reason).await?;
     Ok(organiser.redirect_after(outcome, &format!("/organise/phases/{}", url_encode(&id))))
 }
 
 /// Returns action and reason. Irreversible actions require the typed phase id.
-fn phase_action(id: &str, fields: &FormFields) -> Result<(OrganiserAction, String), RequestError> {
+fn phase_action(id: &str, fields: &FormFields) -> Result<(OrganiserAction, String)> {
     let phase = id.to_owned();
     Ok(match fields.get("action")? {
         "pause" => (OrganiserAction::Pause(phase), fields.reason()?),
@@ -177,12 +177,12 @@ pub(super) async fn act_on_run(
     organiser: OrganiserRequest,
     Path(id): Path<String>,
     SignedForm { fields, .. }: SignedForm,
-) -> HandlerResult {
+) -> Result<Response> {
     let outcome = organiser.act(run_action(&id, &fields)?, fields.reason()?).await?;
     Ok(organiser.redirect_after(outcome, &format!("/organise/runs/{}", url_encode(&id))))
 }
 
-fn run_action(id: &str, fields: &FormFields) -> Result<OrganiserAction, RequestError> {
+fn run_action(id: &str, fields: &FormFields) -> Result<OrganiserAction> {
     let run = id.to_owned();
     Ok(match fields.get("action")? {
         "verify" => OrganiserAction::Verify { run, verified: true },
@@ -209,7 +209,7 @@ pub(super) async fn teams(organiser: OrganiserRequest) -> Page {
 pub(super) async fn act_on_team(
     organiser: OrganiserRequest,
     SignedForm { fields, .. }: SignedForm,
-) -> HandlerResult {
+) -> Result<Response> {
     let (action, reason) = team_action(&fields)?;
     let outcome = organiser.act(action, reason).await?;
     if outcome.secret.is_none() {
@@ -218,7 +218,7 @@ pub(super) async fn act_on_team(
     Ok(show_teams(&organiser, outcome).await?.into_response())
 }
 
-fn team_action(fields: &FormFields) -> Result<(OrganiserAction, String), RequestError> {
+fn team_action(fields: &FormFields) -> Result<(OrganiserAction, String)> {
     let team = fields.name("team")?;
     Ok(match fields.get("action")? {
         "admit" => (OrganiserAction::Admit { team }, fields.maybe_reason()?),
@@ -273,13 +273,6 @@ pub(super) async fn audit(organiser: OrganiserRequest, StrictQuery(query): Stric
     let older_than = lines.last().map(|line| line.id).filter(|_| has_more);
     let shell = organiser.shell("Audit log", &AUDIT);
     render(&AuditPage { shell, lines, older_than, is_newest: query.before.is_none() })
-}
-
-impl AuditPage {
-    fn range(&self) -> String {
-        let id = |line: Option<&AuditLine>| line.map_or(0, |line| line.id);
-        format!("Lines {} to {}", id(self.lines.first()), id(self.lines.last()))
-    }
 }
 
 #[derive(Template)]

@@ -2,7 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format::{self, url_encode},
     replay::plan,
     request::{GrpcAddress, PathOnly, RequestContext},
@@ -12,7 +12,10 @@ use avln_episode::{
     DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
 };
 use avln_store::{MissionsView, PhaseView, QuotaLimits};
-use axum::{http::header, response::IntoResponse};
+use axum::{
+    http::header,
+    response::{IntoResponse, Response},
+};
 use std::collections::BTreeMap;
 
 /// Width (metres) and number of bins for reference tours; the last bin is open.
@@ -248,7 +251,7 @@ fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
 pub(super) async fn scene(
     context: RequestContext,
     PathOnly((phase, file)): PathOnly<(String, String)>,
-) -> HandlerResult {
+) -> Result<Response> {
     let unknown = || RequestError::unknown("picture", file.clone());
     let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;
     let index: Option<usize> = file.strip_suffix(".svg").and_then(|index| index.parse().ok());

@@ -2,8 +2,8 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::{HandlerResult, RequestError},
-    format::{self, url_encode},
+    error::Result,
+    format::{self, NOTHING, url_encode},
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
     plot,
@@ -16,7 +16,11 @@ use avln_scoring::{Key, Summary};
 use avln_store::{
     CompareView, EpisodeLine, GroupView, PairView, PhaseView, RunLine, RunList, RunView, TimeAccount,
 };
-use axum::{Extension, http::header, response::IntoResponse};
+use axum::{
+    Extension,
+    http::header,
+    response::{IntoResponse, Response},
+};
 use std::sync::Arc;
 
 #[derive(Template)]
@@ -79,7 +83,7 @@ impl RunPage {
         Self { shell, view, live, keys: Key::ALL }
     }
 
-    /// Returns what the team states about its method.
+    /// Returns the team's statements about the method.
     fn method_facts(&self) -> Vec<(&'static str, &str)> {
         let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
             &self.view.method;
@@ -135,9 +139,9 @@ impl RunPage {
             return vec![];
         }
         let row = |&(name, seconds): &(&'static str, f64)| {
-            let per_step_ms = self.steps().map(|steps| 1e3 * seconds / steps);
+            let per_step = self.steps().map(|steps| format!("{:.2} ms", 1e3 * seconds / steps));
             let share = format::share(&(seconds / total));
-            (name, format::duration(&seconds), format::maybe_milliseconds(per_step_ms), share)
+            (name, format::duration(&seconds), per_step.unwrap_or_else(|| NOTHING.to_owned()), share)
         };
         parts.iter().map(row).collect()
     }
@@ -211,7 +215,7 @@ struct BadgeLabel {
     width_px: u32,
 }
 
-pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String>) -> HandlerResult {
+pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
     let view = context.run(&id).await?;
     let phase = context.phase(&view.line.phase).await?;
     let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());
@@ -221,11 +225,7 @@ pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String
 }
 
 /// Returns score and rank by the phase's ranking, or the reason for a missing rank.
-async fn standing_text(
-    context: &RequestContext,
-    phase: &PhaseView,
-    view: &RunView,
-) -> Result<String, RequestError> {
+async fn standing_text(context: &RequestContext, phase: &PhaseView, view: &RunView) -> Result<String> {
     let line = &view.line;
     let summary = match &view.summary {
         _ if line.disqualified.is_some() => return Ok("disqualified".to_owned()),

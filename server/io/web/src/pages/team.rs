@@ -2,11 +2,11 @@
 
 use super::{FormContext, Page, PageShell, SiteSection, redirect_after, render, unknown_action};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     format,
     management::{
-        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, expired_cookie,
-        is_management_page, session_cookie,
+        FormFields, ManagementState, SignInForm, SignedForm, SignedIn, TeamAction, is_management_page,
+        session_cookie,
     },
     request::{StrictQuery, now_unix_ms},
     server::ClientAddress,
@@ -17,7 +17,7 @@ use axum::{
     Extension,
     extract::State,
     http::header,
-    response::{IntoResponse, Redirect},
+    response::{IntoResponse, Redirect, Response},
 };
 use serde::Deserialize;
 use std::{sync::Arc, time::Instant};
@@ -51,7 +51,7 @@ pub(super) async fn sign_in(
     client: Option<Extension<ClientAddress>>,
     before: Option<Extension<SignedIn>>,
     SignInForm(fields): SignInForm,
-) -> HandlerResult {
+) -> Result<Response> {
     let client = client.map(|Extension(client)| client);
     if !management.sign_in_limiter.may_try(client, Instant::now()) {
         return Err(RequestError::Attempts);
@@ -72,16 +72,16 @@ pub(super) async fn sign_in(
         tracing::error!(%error, "cannot start a session");
         RequestError::Internal
     })?;
-    let cookie = session_cookie(&id, management.is_secure)?;
+    let cookie = session_cookie(Some(&id), management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response())
 }
 
 pub(super) async fn sign_out(
     Extension(management): Extension<Arc<ManagementState>>,
     form: SignedForm,
-) -> HandlerResult {
+) -> Result<Response> {
     management.sessions.end(&form.by.id);
-    let cookie = expired_cookie(management.is_secure)?;
+    let cookie = session_cookie(None, management.is_secure)?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/")).into_response())
 }
 
@@ -102,7 +102,7 @@ pub(super) async fn page(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
     by: SignedIn,
-) -> HandlerResult {
+) -> Result<Response> {
     if by.holder.viewer == Viewer::Organiser {
         return Ok(Redirect::to("/organise").into_response());
     }
@@ -113,7 +113,7 @@ pub(super) async fn act(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
     SignedForm { by, fields }: SignedForm,
-) -> HandlerResult {
+) -> Result<Response> {
     let outcome = management.actions.team_action(by.team()?, action(&fields)?).await?;
     match outcome.secret {
         None => Ok(redirect_after(&management, &by, outcome, "/me")),
@@ -121,7 +121,7 @@ pub(super) async fn act(
     }
 }
 
-fn action(fields: &FormFields) -> Result<TeamAction, RequestError> {
+fn action(fields: &FormFields) -> Result<TeamAction> {
     Ok(match fields.get("action")? {
         "issue" => TeamAction::IssueToken {
             name: fields.name("name")?,
@@ -156,19 +156,11 @@ impl TeamPage {
         !self.by.holder.read_only
     }
 
-    fn is_own(&self, token: &TokenLine) -> bool {
-        token.id == self.by.holder.token
-    }
-
     fn state(&self, token: &TokenLine) -> &'static str {
         match (token.revoked_ms, token.expires_ms) {
             (Some(_), _) => "revoked",
             (None, Some(moment)) if moment <= self.now_unix_ms => "expired",
             _ => "valid",
         }
-    }
-
-    fn is_valid(&self, token: &TokenLine) -> bool {
-        self.state(token) == "valid"
     }
 }

@@ -92,6 +92,7 @@ impl MapView {
         let start = walk.first().copied().unwrap_or(bounds.min);
         let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
         let heading = replay.headings_rad.first().copied().unwrap_or_default();
+        let position = |step: &u32| walk.get(*step as usize).copied();
         let tour = by_storey(&replay.reference_path, &storeys);
         let now = MapMoment { replay, storeys: &storeys, moment };
         Self {
@@ -103,11 +104,7 @@ impl MapView {
             floors: floors(&replay.map, &storeys),
             reference: tour.into_iter().map(|(storey, spots)| (storey, line(&spots))).collect(),
             pieces: now.pieces(&walk),
-            collisions: replay
-                .collisions
-                .iter()
-                .filter_map(|&step| walk.get(step as usize).copied())
-                .collect(),
+            collisions: replay.collisions.iter().filter_map(position).collect(),
             start,
             start_degrees: -heading.to_degrees(),
             end: walk.last().copied().unwrap_or(start),

@@ -12,14 +12,14 @@ use std::{f32::consts::FRAC_PI_4, sync::Arc};
 /// Direction names, counter-clockwise from straight ahead in 45-degree steps.
 const DIRECTIONS: [&str; 8] =
     ["ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right"];
-const NOT_READY: &str = "The sound levels are not ready yet. Load the page again in a few seconds.";
+const NOT_READY: &str = "The sound levels are not ready yet. Reload the page in a few seconds.";
 
 #[derive(Debug)]
 pub(crate) struct SoundView {
     pub(crate) window: [u32; 2],
     pub(crate) lines: Vec<SoundLine>,
     /// Last change up to the displayed step.
-    newest: Option<usize>,
+    pub(crate) newest: Option<usize>,
     pub(crate) levels: Option<SoundLevels>,
     /// Note about missing levels; empty if none were requested.
     pub(crate) note: &'static str,
@@ -59,11 +59,6 @@ impl SoundView {
             note: if is_requested && levels.is_none() { NOT_READY } else { "" },
             levels: levels.map(|levels| SoundLevels::new(levels, last, step)),
         }
-    }
-
-    /// Returns true for the last change up to the displayed step.
-    pub(crate) fn is_newest(&self, index: &usize) -> bool {
-        self.newest == Some(*index)
     }
 
     pub(crate) fn file(&self) -> String {

@@ -6,12 +6,18 @@ mod sound;
 pub(crate) use sound::{EpisodeSound, StepLevels, WINDOW_STEPS, sound, window_of};
 
 use crate::{
-    error::{HandlerResult, RequestError},
-    request::{PictureQuery, RequestContext, StrictQuery},
+    error::{RequestError, Result},
+    request::{PictureQuery, PictureSensor, RequestContext, StrictQuery},
 };
 use avln_episode::Pose;
 use avln_store::{EpisodeView, Replay};
-use axum::{Extension, body::Bytes, extract::Path, http::header, response::IntoResponse};
+use axum::{
+    Extension,
+    body::Bytes,
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
 use quick_cache::{OptionsBuilder, Weighter, sync::Cache};
 use std::{fmt, future::Future, sync::Arc};
 use tokio::sync::{Mutex, Semaphore};
@@ -20,11 +26,9 @@ use tokio::sync::{Mutex, Semaphore};
 const MAX_WAITING: usize = 8;
 // Picture cache size, bytes: some hundred steps.
 const PICTURE_BYTES: u64 = 64 << 20;
-/// Estimated picture count in the cache.
 const PICTURES: usize = 256;
 // Sound cache size, bytes: four episodes at maximum length.
 const SOUND_BYTES: u64 = 128 << 20;
-/// Estimated sound count in the cache.
 const SOUNDS: usize = 16;
 
 /// A camera view to render.
@@ -55,7 +59,7 @@ pub struct RenderedView {
     pub depth_max_m: f32,
 }
 
-/// An episode whose sound is to be rendered.
+/// A request for an episode's sound.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SoundRequest {
     /// Phase id, which defines the rules, scenes and sounds.
@@ -95,7 +99,7 @@ pub trait ReplayRenderer: fmt::Debug + Send + Sync {
     /// Renders an episode's sound from the record.
     ///
     /// # Errors
-    /// If the record is not available, or its replay differs.
+    /// If the record is not available, or the replay differs from it.
     async fn render_sound(&self, request: SoundRequest) -> Result<RenderedSound, RenderError>;
 }
 
@@ -136,11 +140,7 @@ impl RenderQueue {
         }
     }
 
-    async fn pictures(
-        self: Arc<Self>,
-        key: String,
-        request: ViewRequest,
-    ) -> Result<Arc<Pictures>, RequestError> {
+    async fn pictures(self: Arc<Self>, key: String, request: ViewRequest) -> Result<Arc<Pictures>> {
         let renderer = self.renderer.clone();
         let rendering = async move {
             let (width, height) = (request.width, request.height);
@@ -151,10 +151,7 @@ impl RenderQueue {
     }
 
     /// Returns the episode sound; `None` if the viewer may not hear it or the agent requested no sound.
-    pub(crate) async fn sound(
-        self: Arc<Self>,
-        view: &EpisodeView,
-    ) -> Result<Option<Arc<EpisodeSound>>, RequestError> {
+    pub(crate) async fn sound(self: Arc<Self>, view: &EpisodeView) -> Result<Option<Arc<EpisodeSound>>> {
         let Some(request) = sound::request_for(view) else { return Ok(None) };
         let renderer = self.renderer.clone();
         let key = format!("{} {}", request.run, request.ordinal);
@@ -170,8 +167,8 @@ impl RenderQueue {
         self: Arc<Self>,
         cache: fn(&Self) -> &ByteCache<T>,
         key: String,
-        rendering: impl Future<Output = Result<T, RequestError>> + Send + 'static,
-    ) -> Result<Arc<T>, RequestError> {
+        rendering: impl Future<Output = Result<T>> + Send + 'static,
+    ) -> Result<Arc<T>> {
         if let Some(cached) = cache(&self).get(&key) {
             return Ok(cached);
         }
@@ -209,7 +206,7 @@ fn failed(what: &str, error: &RenderError) -> RequestError {
 /// Runs CPU-bound work on a blocking thread.
 async fn on_blocking_thread<T: Send + 'static>(
     work: impl FnOnce() -> Option<T> + Send + 'static,
-) -> Result<T, RequestError> {
+) -> Result<T> {
     tokio::task::spawn_blocking(work).await.ok().flatten().ok_or(RequestError::Internal)
 }
 
@@ -237,7 +234,7 @@ struct Pictures {
 }
 
 impl Pictures {
-    /// Encodes a view; `None` if its pixels do not match the size.
+    /// Encodes a view; `None` if the pixels do not match the size.
     fn new(view: &RenderedView, width: u32, height: u32) -> Option<Self> {
         let colour = |metres: &f32| depth_colour(*metres / view.depth_max_m.max(f32::MIN_POSITIVE));
         let depth: Vec<u8> = view.depth_m.iter().flat_map(colour).collect();
@@ -291,7 +288,7 @@ pub(crate) async fn picture(
     Path((run, ordinal, file)): Path<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     StrictQuery(query): StrictQuery<PictureQuery>,
-) -> HandlerResult {
+) -> Result<Response> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("picture", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;
@@ -299,8 +296,11 @@ pub(crate) async fn picture(
     let view_request = view_request(&view, step).ok_or_else(unknown)?;
     let key = format!("{run} {} {step}", view.ordinal);
     let pictures = queue.pictures(key, view_request).await?;
-    let png = Bytes::from(if query.is_depth() { pictures.depth.clone() } else { pictures.rgb.clone() });
-    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+    let png = match query.sensor {
+        Some(PictureSensor::Depth) => &pictures.depth,
+        Some(PictureSensor::Rgb) | None => &pictures.rgb,
+    };
+    Ok(([(header::CONTENT_TYPE, "image/png")], Bytes::from(png.clone())).into_response())
 }
 
 /// Returns the view after `step` steps; `None` if the viewer may not see it or the episode was shorter.

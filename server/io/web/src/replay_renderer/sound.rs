@@ -2,7 +2,7 @@
 
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
-    error::{HandlerResult, RequestError},
+    error::{RequestError, Result},
     request::{PathOnly, RequestContext},
 };
 use avln_episode::Sensors;
@@ -16,7 +16,7 @@ use axum::{
 use hound::{SampleFormat, WavSpec, WavWriter};
 use std::io::Cursor;
 
-// Step limit per file: half a minute, 3.8 MB. A file stays in memory during its download, which must end within the connection
+// Step limit per file: half a minute, 3.8 MB. A file stays in memory during the download, which must end within the connection
 // lifetime.
 pub(crate) const WINDOW_STEPS: u32 = 120;
 // Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
@@ -126,7 +126,7 @@ pub(crate) async fn sound(
     PathOnly((run, ordinal, file)): PathOnly<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     headers: HeaderMap,
-) -> HandlerResult {
+) -> Result<Response> {
     let view = context.episode(&run, &ordinal).await?;
     let unknown = || RequestError::unknown("sound", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;

@@ -31,7 +31,7 @@ const PAGES: [(&str, &str); 14] = [
     ("badge.svg", "/runs/run_rude/badge.svg"),
     ("error.html", "/nowhere"),
 ];
-/// Limit of the compressed size of a first page with its assets, bytes.
+/// Limit for a first page with assets, compressed, bytes.
 const FIRST_LOAD_BYTES: usize = 60_000;
 
 #[tokio::test]
@@ -149,7 +149,7 @@ fn object_fits(document: &Value, schema: &Value, fields: &Map<String, Value>) ->
     })
 }
 
-/// Collects the properties of an object, whose parts may be in `allOf`.
+/// Collects the properties of an object, also from parts in `allOf`.
 fn collect_properties(
     document: &Value,
     schema: &Value,

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Number of narrow beds tried instead of a wide one: low beds fit below windows.
+/// Narrow beds tried instead of a wide bed.
+// Low narrow beds fit below windows, and styles differ in height.
 const NARROW_BEDS: usize = 5;
 
 impl Decorator<'_> {
@@ -30,7 +31,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds the furniture missing in the main part of a bedroom, and a reading corner.
+    /// Adds furniture missing in the main part, and a reading corner.
     pub(super) fn bedroom_corner(&mut self) {
         if !self.has("bed") {
             self.bed_group();
@@ -50,7 +51,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Places a bed with its long side at a wall; the back of the spot is the head.
+    /// Places a bed with the long side at a wall; the spot's back is the head.
     fn stand_along_wall(&mut self, bed: &Piece) -> Option<Spot> {
         const TURN: u8 = 1;
         let turned = Piece { model: bed.model.moved(TURN, Vector3::zeros()), ..bed.clone() };
@@ -58,7 +59,7 @@ impl Decorator<'_> {
         Some(Spot { side: Side::ALL[(spot.side as usize + usize::from(TURN)) % 4], ..spot })
     }
 
-    /// A bed with cushions, clothes, nightstands, a bench and a rug.
+    /// Adds a bed with cushions, clothes, nightstands, a bench and a rug.
     fn bed_group(&mut self) -> Option<Spot> {
         let wide = self.maybe(0.7);
         let width = if wide { self.taste.rng.range(1.4, 1.7) } else { self.taste.rng.range(0.95, 1.1) };
@@ -100,7 +101,7 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// A chest of drawers, sometimes with a television, opposite the bed if possible.
+    /// Adds a chest of drawers, sometimes with a television, opposite the bed if possible.
     fn chest(&mut self, bed: Option<&Spot>) {
         let chest = cabinets::CHEST.any(self.taste);
         let wish = bed.map_or(Wish::Anywhere, |bed| Wish::Facing(bed.side.opposite(), bed.along()));
@@ -140,7 +141,7 @@ impl Decorator<'_> {
         self.lay_rug([0.8, 0.55], Side::North, room.center());
     }
 
-    /// A sink on a pedestal, or on a cabinet; a mirror above it.
+    /// Adds a sink on a pedestal or cabinet, and a mirror above.
     pub(super) fn wash_place(&mut self) {
         let on_cabinet = self.maybe(0.55) && self.area_m2() > 4.5;
         if on_cabinet && let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A piece in a row at a wall.
+/// A piece in a kitchen row.
 #[derive(Clone, Copy, PartialEq)]
 enum KitchenUnit {
     Counter(f32),
@@ -41,8 +41,8 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds counters and machines in a row at a wall, with cabinets and a hood above. Returns true if there
-    /// was room.
+    /// Adds a row of counters and machines at a wall, with cabinets and a hood above; returns false without
+    /// room.
     fn row_of(&mut self, units: &[KitchenUnit], look: &Look) -> bool {
         let pieces: Vec<Piece> = units.iter().map(|unit| self.unit(*unit, look)).collect();
         let total: f32 = pieces.iter().map(|piece| piece.size().x + GAP_M).sum();
@@ -126,7 +126,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds an island with stools. Returns true if there was room.
+    /// Adds an island with stools; returns false without room.
     fn island(&mut self, look: &Look) -> bool {
         let width = self.taste.rng.range(1.1, 1.6);
         let Some((side, center)) = self.place_for([width, 0.7 + 0.5]) else { return false };
@@ -163,7 +163,7 @@ impl Decorator<'_> {
 }
 
 impl Decorator<'_> {
-    /// A table with chairs; smaller tables are tried if necessary.
+    /// Adds a table with chairs; tries smaller tables if necessary.
     pub(super) fn dining_set(&mut self, chairs: usize) {
         let round = self.maybe(0.3);
         for wanted in [8, 6, 4, 2].into_iter().filter(|&wanted| wanted <= chairs) {
@@ -214,8 +214,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Free position for a piece of `width` by `depth` and its back side, preferably wide in the longer room
-    /// direction.
+    /// Returns a free position and back side for a piece, preferably wide in the longer room direction.
     pub(super) fn place_for(&self, [width, depth]: [f32; 2]) -> Option<(Side, [f32; 2])> {
         let room = self.space.room.size();
         let mut turns = [(Side::North, [width, depth]), (Side::West, [depth, width])];
@@ -226,7 +225,7 @@ impl Decorator<'_> {
     }
 }
 
-/// A position moved by an offset in the frame of a piece with its back to `side`.
+/// Moves a position by an offset in the frame of a piece with the back to `side`.
 pub(super) fn shifted(side: Side, center: [f32; 2], offset: [f32; 2]) -> [f32; 2] {
     let [x, z] = turned(side.quarter(), offset);
     [center[0] + x, center[1] + z]

@@ -5,13 +5,12 @@ use super::*;
 /// Placement of a single piece.
 #[derive(Clone, Copy)]
 enum Way {
-    /// With its back to a wall and free floor in front, metres.
+    /// Back to a wall, free floor in front, metres.
     Stand(Wish, f32),
     /// On a wall, with the centre at this height, metres.
     Hang(f32),
-    /// A picture of a drawn format, at eye height.
+    /// A picture at eye height.
     Picture,
-    /// A towel, a coat.
     Towel,
     Coat,
 }
@@ -19,7 +18,7 @@ enum Way {
 use Way::*;
 use Wish::*;
 
-/// A furniture kind, its weight, and its placement.
+/// A furniture kind, weight and placement.
 type Extra = (&'static Make, f32, Way);
 
 const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);
@@ -46,7 +45,7 @@ const COAT: Extra = (&textiles::HANGING, 0.10, Coat);
 const RADIATOR: Extra = (&hearths::RADIATOR, 0.25, Stand(Anywhere, 0.0));
 const BOARD: Extra = (&pictures::BOARD, 0.5, Hang(1.5));
 
-/// Permitted extras for a room kind.
+/// Permitted extras per room kind.
 fn choice(kind: RoomKind) -> &'static [Extra] {
     match kind {
         RoomKind::Hallway | RoomKind::Entryway => {
@@ -121,7 +120,7 @@ impl Decorator<'_> {
 }
 
 impl Decorator<'_> {
-    /// A reading corner: an armchair, a lamp or small table, a shelf.
+    /// Adds a reading corner: an armchair, a lamp or small table, a shelf.
     pub(super) fn corner(&mut self) {
         if let Some(chair) = self.armchair(Wish::Corner) {
             let table = tables::SIDE_TABLE.any(self.taste);
@@ -136,7 +135,7 @@ impl Decorator<'_> {
         self.put(&plants::FLOOR_PLANT, Wish::Corner, 0.0);
     }
 
-    /// A place to work at, or shelves.
+    /// Adds a desk or shelves.
     pub(super) fn work_corner(&mut self) {
         if self.maybe(0.5) {
             self.desk();
@@ -145,7 +144,7 @@ impl Decorator<'_> {
         self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.4);
     }
 
-    /// A place for tableware.
+    /// Adds storage for tableware.
     pub(super) fn pantry(&mut self) {
         let make = if self.maybe(0.5) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
         if let Some(cabinet) = self.put(make, Wish::Anywhere, 0.5)

@@ -35,7 +35,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// A sofa with cushions, a low table and a rug before it.
+    /// Adds a sofa with cushions, a low table and a rug in front.
     fn sofa_group(&mut self, width: f32) -> Option<Spot> {
         let width = width + self.taste.rng.range(-0.3, 0.25);
         let mut sofa = seats::SOFA.sized(self.taste, [width, 0.0, 0.0]);
@@ -66,7 +66,7 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// An armchair, often with a cushion.
+    /// Adds an armchair, often with a cushion.
     pub(super) fn armchair(&mut self, wish: Wish) -> Option<Spot> {
         let chair = seats::ARMCHAIR.any(self.taste);
         let spot = self.stand(&chair, wish, 0.5)?;
@@ -144,7 +144,7 @@ impl Decorator<'_> {
         self.lay_rug([1.8, 0.7], side, room.center());
     }
 
-    /// Adds curtains at a window, a blind in its upper part, or a radiator below.
+    /// Adds curtains at a window, a blind in the upper part, or a radiator below.
     pub(super) fn dress_window(
         &mut self,
         side: Side,
@@ -169,7 +169,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds a picture with an approximate size and its centre at `eye_m`.
+    /// Adds a picture with an approximate size, centre at `eye_m`.
     pub(super) fn picture_sized(
         &mut self,
         [width, height]: [f32; 2],
@@ -180,13 +180,11 @@ impl Decorator<'_> {
         self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
     }
 
-    /// Adds a mirror, if there is room.
     pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
         let mirror = pictures::MIRROR.sized(self.taste, [width, height, 0.0]);
         self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);
     }
 
-    /// A bin in a corner.
     pub(super) fn bin(&mut self) {
         self.put(&decor::BIN, Wish::Corner, 0.0);
     }
@@ -212,7 +210,7 @@ impl Decorator<'_> {
         self.bin();
     }
 
-    /// A desk with a monitor, a lamp and a chair.
+    /// Adds a desk with a monitor, a lamp and a chair.
     pub(super) fn desk(&mut self) {
         let Some(desk) = self.put(&tables::DESK, Wish::Middle, 0.9) else { return };
         let monitor = screens::MONITOR.any(self.taste);

@@ -3,7 +3,7 @@
 use super::*;
 
 impl Decorator<'_> {
-    /// The closed front door of the house.
+    /// Adds the house's closed front door.
     pub(super) fn entrance(&mut self) {
         let here = |door: &Window| door.room == self.index && door.is_on(&self.space.room);
         if let Some(place) = self.plan.entrance.filter(here) {
@@ -14,7 +14,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// The windows of the plan, some with curtains.
+    /// Adds windows, some with curtains.
     pub(super) fn windows(&mut self, kind: RoomKind) {
         let (plan, part) = (self.plan, self.space.room);
         for side in Side::ALL {
@@ -47,7 +47,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Fixes a piece before something flat that hangs on the wall already.
+    /// Fixes a piece in front of a flat piece on the wall.
     pub(super) fn fix_over(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) {
         const FRONT_M: f32 = 0.04;
         let size = piece.size();
@@ -59,7 +59,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Hangs a shallow piece on a wall with its lower edge at `base_m`.
+    /// Hangs a shallow piece, lower edge at `base_m`.
     pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
         const MARGIN_M: f32 = 0.07;
         let size = piece.size();
@@ -74,7 +74,7 @@ impl Decorator<'_> {
         Some(self.fix(piece, side, middle, base_m))
     }
 
-    /// Hangs a deep piece, which takes floor as well when it hangs low.
+    /// Hangs a deep piece, which also uses floor if it hangs low.
     pub(super) fn hang_deep(&mut self, piece: &Piece, base_m: f32, side: Side, middle: f32) -> Option<Spot> {
         let size = piece.size();
         let rect = side.band(&self.space.room, about(middle, size.x), [0.0, size.z]);
@@ -87,10 +87,11 @@ impl Decorator<'_> {
         Some(self.fix(piece, side, middle, base_m))
     }
 
-    /// Fixes a piece to a wall without asking.
+    /// Fixes a piece to a wall without checks.
     pub(super) fn fix(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) -> Spot {
         let size = piece.size();
         let rect = side.band(&self.space.room, about(middle, size.x), [0.002, size.z + 0.002]);
+        // Pieces on a wall do not darken the floor.
         let covered = self.covered.len();
         let spot = self.set(piece, side, &rect, base_m);
         self.covered.truncate(covered);
@@ -108,7 +109,7 @@ impl Decorator<'_> {
         self.hang_deep(piece, base_m, place.side, place.start_m + size.x / 2.0)
     }
 
-    /// Adds a row of equal pictures at eye height.
+    /// Adds equal pictures in a row at eye height.
     pub(super) fn pictures(&mut self, count: usize) {
         let format =
             [[0.45, 0.6], [0.6, 0.45], [0.9, 0.6], [0.5, 0.5], [0.7, 0.95], [1.1, 0.7], [0.35, 0.45]];
@@ -121,7 +122,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Towels at hand height.
+    /// Adds towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
             let towel = textiles::TOWEL.any(self.taste);
@@ -130,7 +131,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Clothes on hooks.
+    /// Adds clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
             let coat = textiles::HANGING.any(self.taste);
@@ -138,7 +139,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Pictures and a lamp over the stairs; on the lower storey the flights are in the way.
+    /// Adds pictures and a lamp over the stairs.
     pub(super) fn stairwell(&mut self) {
         if !self.plan.begins_stairs(self.index) {
             let count = self.count(1, 3);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A bed with a given width and its head towards -z.
+/// A bed; the head is towards -z.
 pub(crate) const BED: Make = Make::new("bed", "", 8, bed)
     .made_of(&[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted], taste::CLOTH);
 

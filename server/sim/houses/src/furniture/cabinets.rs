@@ -4,21 +4,16 @@ use super::*;
 
 const FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Bamboo, Wicker, Glass];
 
-/// A wardrobe.
 pub(crate) const WARDROBE: Make = Make::new("cabinet", "wardrobe", 5, wardrobe).made_of(FACES, taste::WOOD);
-
-/// A low and wide cabinet.
 pub(crate) const SIDEBOARD: Make =
     Make::new("cabinet", "sideboard", 8, sideboard).made_of(FACES, taste::WOOD);
-
-/// A television stand.
 pub(crate) const TV_STAND: Make = Make::new("cabinet", "tv stand", 4, tv_stand).made_of(FACES, taste::WOOD);
 
-/// A wall cabinet; base at y = 0.
+/// Base at y = 0.
 pub(crate) const WALL_CABINET: Make =
     Make::new("cabinet", "wall cabinet", 4, wall_cabinet).made_of(FACES, taste::WOOD);
 
-/// A low cabinet to carry a basin.
+/// A low cabinet below a basin.
 pub(crate) const VANITY: Make = Make::new("cabinet", "vanity", 4, vanity).made_of(FACES, taste::WOOD);
 
 /// A tall cabinet with glass doors, or a locker.
@@ -183,10 +178,7 @@ fn tall_cabinet(k: &mut Draft) -> Words {
 
 const CHEST_FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Wicker, Bamboo, Leather];
 
-/// A chest of drawers.
 pub(crate) const CHEST: Make = Make::new("chest_of_drawers", "", 8, chest).made_of(CHEST_FACES, taste::WOOD);
-
-/// A small chest for the side of a bed.
 pub(crate) const NIGHTSTAND: Make =
     Make::new("chest_of_drawers", "nightstand", 5, nightstand).made_of(CHEST_FACES, taste::WOOD);
 

@@ -2,19 +2,14 @@
 
 use super::*;
 
-/// A vase.
 pub(crate) const VASE: Make = Make::new("vase", "", 8, vase)
     .made_of(&[Ceramic, Glass, Metal, Wood, Marble, Concrete, Terrazzo], taste::CLOTH);
-
-/// A small figure.
 pub(crate) const STATUE: Make = Make::new("statue", "", 8, statue)
     .made_of(&[Marble, Metal, Wood, Ceramic, Concrete, Plastic, Glass], taste::CLOTH);
 
-/// A stack or a row of books.
+/// A stack or row.
 pub(crate) const BOOKS: Make = Make::new("books", "", 8, books)
     .made_of(&[Paper, Leather, Fabric, Striped, Checked, Dotted], taste::CLOTH);
-
-/// A basket for the floor.
 pub(crate) const BASKET: Make =
     Make::new("basket", "", 8, basket).made_of(&[Wicker, Fabric, Plastic, Metal, Knit, Bamboo], taste::WOOD);
 

@@ -2,16 +2,10 @@
 
 use super::*;
 
-/// A fireplace for a wall.
 pub(crate) const FIREPLACE: Make = Make::new("fireplace", "", 8, fireplace).made_of(
     &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
-    &[
-        "red", "white", "grey", "brown", "black", "green", "teal", "yellow", "blue", "orange", "pink",
-        "purple",
-    ],
+    "red white grey brown black green teal yellow blue orange pink purple",
 );
-
-/// A radiator under a window or on a wall.
 pub(crate) const RADIATOR: Make = Make::new("radiator", "", 8, radiator)
     .made_of(&[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble], taste::SANITARY);
 

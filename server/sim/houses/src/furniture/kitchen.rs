@@ -2,21 +2,19 @@
 
 use super::*;
 
-/// Height of a kitchen counter, metres.
+/// Counter height, metres.
 pub(crate) const COUNTER_M: f32 = 0.9;
 
-/// Depth of a kitchen counter, metres.
+/// Counter depth, metres.
 pub(crate) const COUNTER_DEPTH_M: f32 = 0.62;
 
 const FACES: &[Substance] = &[Wood, Wood, Plastic, Metal, Bamboo, Concrete, Marble];
 
-/// A counter of a given width; depth 1 requests a sink cut-out.
+/// A counter; depth 1 requests a sink cut-out.
 pub(crate) const COUNTER: Make = Make::new("counter", "", 8, counter).made_of(FACES, taste::WOOD);
-
-/// An island in the middle of a kitchen.
 pub(crate) const ISLAND: Make = Make::new("counter", "kitchen island", 5, island).made_of(FACES, taste::WOOD);
 
-/// A top of stone or wood.
+/// Draws a stone or wood top.
 fn worktop(k: &mut Draft) -> Paint {
     const TOPS: [Paint; 6] = [
         Paint::plain("stone", [150, 148, 142]).with(Pattern::Marble),
@@ -26,7 +24,7 @@ fn worktop(k: &mut Draft) -> Paint {
         Paint::OAK,
         Paint::plain("metal", [120, 123, 127]).with(Pattern::Brushed),
     ];
-    let top = *k.rng.choose(&TOPS).expect("there are tops");
+    let top = *k.rng.choose(&TOPS).expect("the list is not empty");
     if k.p.brightness() < 0.5 { top.times(0.6) } else { top }
 }
 
@@ -67,10 +65,11 @@ fn counter(k: &mut Draft) -> Words {
     [size, k.by_style("|drawered|drawered||panelled|drawered|plain|drawered")]
 }
 
-/// Half the size of the hole for a kitchen sink, x and z.
+/// Half the sink hole, x and z.
 pub(super) const HOLE_M: [f32; 2] = [0.26, 0.19];
 
 fn holed_top(m: &mut Model, w: f32, y: Span, z: Span, top: Paint) {
+    // Four slabs around the hole; the sink is a separate object.
     let (left, right) = (-HOLE_M[0], HOLE_M[0]);
     m.slab([-w / 2.0, left], y, z, top);
     m.slab([right, w / 2.0], y, z, top);
@@ -118,15 +117,14 @@ fn island(k: &mut Draft) -> Words {
 
 const CASES: &[Substance] = &[Metal, Plastic, Metal, Ceramic, Glass, Wood];
 
-/// A refrigerator.
 pub(crate) const FRIDGE: Make =
     Make::new("appliances", "refrigerator", 5, fridge).made_of(CASES, taste::MACHINE);
 
-/// A cooker with an oven, as high as a counter.
+/// An oven as high as a counter.
 pub(crate) const COOKER: Make =
     Make::new("appliances", "oven", 4, cooker).made_of(&[Metal, Metal, Ceramic, Plastic], taste::MACHINE);
 
-/// A microwave oven, a coffee machine, a kettle or a toaster for a counter.
+/// A microwave oven, coffee machine, kettle or toaster.
 pub(crate) const SMALL: Make = Make::new("appliances", "microwave", 5, small)
     .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], taste::MACHINE);
 
@@ -256,7 +254,6 @@ fn hood(k: &mut Draft) -> Words {
     ["", k.by_style("tapered|square|round")]
 }
 
-/// A machine with a round door.
 pub(crate) const WASHER: Make = Make::new("appliances", "washing machine", 4, washer)
     .made_of(&[Metal, Plastic, Metal, Ceramic], taste::MACHINE);
 

@@ -4,22 +4,18 @@ use super::*;
 
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 
-/// A lamp that hangs from the ceiling at y = 0 (everything below 0).
+/// A ceiling lamp; the ceiling is at y = 0.
 pub(crate) const PENDANT: Make =
     Make::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, taste::CLOTH);
-
-/// A standing lamp.
 pub(crate) const FLOOR_LAMP: Make =
     Make::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, taste::CLOTH);
-
-/// A lamp for a table or nightstand.
 pub(crate) const TABLE_LAMP: Make =
     Make::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, taste::CLOTH);
 
 /// A wall lamp; lower edge at y = 0, back at z = 0.
 pub(crate) const SCONCE: Make = Make::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, taste::CLOTH);
 
-/// Shades in (radius, height), both as shares: a cone, a drum, a bell, a ball.
+/// Shade profiles (radius, height), relative: a cone, a drum, a bell, a ball.
 const PROFILES: [&[[f32; 2]]; 4] = [
     &[[1.0, 0.0], [0.55, 1.0]],
     &[[1.0, 0.0], [1.0, 1.0]],
@@ -32,11 +28,12 @@ const SHAPES: [&str; 4] = ["conical", "cylindrical", "bell-shaped", "spherical"]
 /// Lamp strength per metre of shade radius; see [`Lamp::strength`].
 const STRENGTH_PER_M: f32 = 11.0;
 
-/// The colour of a lamp: a little warm.
+/// Slightly warm lamp colour.
 const LAMPLIGHT: [f32; 3] = [1.0, 0.975, 0.93];
 
-/// Something that shines around the axis at (x, z).
+/// Adds light around the axis at (x, z).
 fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
+    // The lamp radius covers the shade: shades are translucent (docs/decisions/0008).
     let half = 0.5 * (high - low);
     k.m.lamps.push(Lamp {
         position: point(x, low + half, z),
@@ -46,7 +43,7 @@ fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
     });
 }
 
-/// A lampshade around the axis at (x, z).
+/// Adds a lampshade around the axis at (x, z).
 fn shade(k: &mut Draft, kind: usize, center: [f32; 2], radius: f32, [low, high]: Span) {
     let profile: Vec<[f32; 2]> =
         PROFILES[kind % 4].iter().map(|[s, y]| [s * radius, low + y * (high - low)]).collect();

@@ -4,18 +4,15 @@ use super::*;
 
 const DOOR: Make = Make::new("door", "", 4, panelled_door).made_of(
     &[Wood, Wood, Metal, Plastic, Glass],
-    &[
-        "brown", "red", "green", "blue", "black", "white", "grey", "teal", "yellow", "orange", "purple",
-        "pink",
-    ],
+    "brown red green blue black white grey teal yellow orange purple pink",
 );
 
-/// A closed door.
+/// Draws a closed door.
 pub(crate) fn door(taste: &mut Taste) -> Piece {
     DOOR.any(taste)
 }
 
-/// A window; lower edge at y = 0, back at z = 0.
+/// Draws a window; lower edge at y = 0, back at z = 0.
 pub(crate) fn window(width: f32, height: f32) -> Piece {
     let frame = Paint::plain("wood", [240, 238, 232]);
     let pane = Paint::plain("glass", [176, 208, 232]).with(Pattern::Sheen);
@@ -32,14 +29,16 @@ pub(crate) fn window(width: f32, height: f32) -> Piece {
     m.lamps = daylight([width, height]);
     let size = size_word(width, 0.8, 1.4, ["small", "wide"]).to_owned();
     let (material, shape) = ("glass".to_owned(), "rectangular".to_owned());
-    Piece::new("window", m, Attributes { material, size, shape, ..Attributes::default() })
+    let attributes = Attributes { material, size, shape, ..Attributes::default() };
+    Piece { category: "window", model: m, attributes }
 }
 
-/// The light that comes in through a window: lamps side by side just inside.
+/// Daylight through a window: lamps side by side just inside.
 fn daylight([width, height]: [f32; 2]) -> Vec<Lamp> {
     const WIDEST_M: f32 = 0.8;
     const STRENGTH_PER_M2: f32 = 2.2;
     const SKYLIGHT: [f32; 3] = [0.96, 0.98, 1.0];
+    // A row of small lamps approximates a wide pane (docs/decisions/0008).
     let count = (width / WIDEST_M).ceil().max(1.0);
     let piece = width / count;
     let lamp = |index: usize| Lamp {
@@ -79,20 +78,17 @@ fn panelled_door(k: &mut Draft) -> Words {
     ["", k.by_style("panelled|glazed|panelled|arched")]
 }
 
-/// Half of a pair of curtains of a given width and height.
+/// One curtain of a pair.
 pub(crate) const CURTAIN: Make = Make::new("curtain", "", 8, curtain)
     .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], taste::CLOTH);
 
 /// A blind over the upper part of a window.
 pub(crate) const BLIND: Make = Make::new("blinds", "", 8, blind).made_of(
     &[Fabric, Wood, Bamboo, Metal, Plastic, Paper, Striped],
-    &[
-        "white", "brown", "grey", "blue", "green", "teal", "yellow", "red", "black", "orange", "pink",
-        "purple",
-    ],
+    "white brown grey blue green teal yellow red black orange pink purple",
 );
 
-/// A wavy sheet between two heights; `width_at` returns the width at a relative height.
+/// Adds a wavy sheet between two heights; `width_at` returns the width at a relative height.
 fn folds(k: &mut Draft, count: usize, [low, high]: Span, width_at: impl Fn(f32) -> f32) {
     const ROWS: usize = 2;
     let point = |i: usize, row: usize| {

@@ -3,19 +3,16 @@
 use super::super::texture::{Art, Medium, Motif};
 use super::*;
 
-/// A framed picture of the wished width and height.
+/// A framed picture with the requested width and height.
 pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[Paper], taste::CLOTH);
 
-/// A mirror of a given size; colour and material are those of the frame.
+/// A mirror; colour and material are the frame's.
 pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
     &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
-    &[
-        "brown", "black", "white", "grey", "yellow", "red", "blue", "green", "teal", "orange", "pink",
-        "purple",
-    ],
+    "brown black white grey yellow red blue green teal orange pink purple",
 );
 
-/// A frame of `bar` width around an outline, between the wall and `front`.
+/// Adds a frame with width `bar` around an outline, between the wall and `front`.
 fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint) {
     let count = outline.len();
     let middle = outline.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
@@ -41,13 +38,14 @@ fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint
 
 fn picture(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.4, 1.0), k.height(0.4, 0.8));
-    let medium = *k.rng.choose(&Medium::ALL).expect("some");
+    let medium = *k.rng.choose(&Medium::ALL).expect("the list is not empty");
     let motif = Motif::ALL[(k.style + k.rng.below(2) * 4) % 8];
     k.material = medium.word();
     let art = Art { ground: k.tint.rgb, motif, medium, seed: k.rng.next_u64() as u32 };
     let canvas = Paint::plain(medium.surface(), [255; 3]).with(Pattern::Art(art));
     let thin = [Paint::WALNUT, Paint::DARK_METAL];
-    let paint = if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("some") } else { k.trim };
+    let paint =
+        if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("the list is not empty") } else { k.trim };
     let round = matches!(k.style, 6 | 7);
     let outline = match k.style {
         6 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 16),
@@ -101,11 +99,9 @@ fn mirror(k: &mut Draft) -> Words {
     [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
 }
 
-/// A board to write or pin on.
+/// A notice board.
 pub(crate) const BOARD: Make = Make::new("board_panel", "board", 8, board)
     .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], taste::CLOTH);
-
-/// A clock for a wall.
 pub(crate) const CLOCK: Make =
     Make::new("clock", "", 8, clock).made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], taste::CLOTH);
 

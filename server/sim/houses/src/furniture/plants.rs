@@ -4,10 +4,8 @@ use super::*;
 
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
-/// A floor plant with the colour of its leaves and the material of its pot.
+/// Colour words describe the leaves, material words the pot.
 pub(crate) const FLOOR_PLANT: Make = Make::new("plant", "", 8, floor_plant).made_of(POTS, taste::GREENERY);
-
-/// A plant for a table.
 pub(crate) const SMALL_PLANT: Make = Make::new("plant", "", 8, small_plant).made_of(POTS, taste::GREENERY);
 
 fn floor_plant(k: &mut Draft) -> Words {
@@ -39,10 +37,10 @@ fn plant(k: &mut Draft, scale: f32) -> &'static str {
     k.by_style("round|spiky|bushy|columnar|drooping|flowering|broad-leaved|feathery")
 }
 
-/// A pot in a colour that leaves the leaves their word.
+/// Adds a pot in a neutral colour, so that the leaves determine the colour word.
 fn planter(k: &mut Draft, pot: f32, scale: f32) {
     const TONES: [[u8; 3]; 5] = [[150, 148, 144], [140, 84, 58], [96, 98, 100], [60, 62, 66], [122, 104, 82]];
-    let tone = *k.rng.choose(&TONES).expect("some");
+    let tone = *k.rng.choose(&TONES).expect("the list is not empty");
     let paint = k.substance.paint(Tint { word: "", rgb: tone });
     let paint = if k.dark() { paint.times(0.5) } else { paint.times(0.85) };
     let r = pot * 0.44 * (1.25 - 0.25 * scale.min(1.0));
@@ -71,7 +69,7 @@ fn crown(k: &mut Draft, [base, top]: Span, r: f32, leaf: Paint) {
     }
 }
 
-/// A leaf with two sides as a kite in a vertical plane.
+/// A two-sided leaf as a kite in a vertical plane.
 fn blade(k: &mut Draft, foot: Point3<f32>, tip: Point3<f32>, across: Vector3<f32>, leaf: Paint) {
     let middle = foot + (tip - foot) * 0.4;
     k.m.quad([foot, middle + across, tip, middle - across], leaf);
@@ -123,7 +121,7 @@ fn columns(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     }
 }
 
-/// Stems with a ball of petals each.
+/// Stems with a petal ball each.
 fn blossoms(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     let stem = leaf.times(0.85);
     for i in 0..5 {

@@ -3,7 +3,6 @@
 use super::kitchen::HOLE_M;
 use super::*;
 
-/// A toilet with its cistern at the wall.
 pub(crate) const TOILET: Make = Make::new("toilet", "", 8, toilet)
     .made_of(&[Ceramic, Ceramic, Ceramic, Metal, Plastic, Marble, Concrete, Wood], taste::SANITARY);
 
@@ -11,13 +10,10 @@ pub(crate) const TOILET: Make = Make::new("toilet", "", 8, toilet)
 pub(crate) const BATHTUB: Make = Make::new("bathtub", "", 8, bathtub)
     .made_of(&[Ceramic, Ceramic, Plastic, Metal, Marble, Wood, Concrete], taste::SANITARY);
 
-/// A shower: a tray, a back wall, a pipe with a head.
+/// A tray, a back wall, a pipe with a head.
 pub(crate) const SHOWER: Make = Make::new("shower", "", 8, shower).made_of(
     &[Tile, Tile, Marble, Glass, Plastic, Concrete, Terrazzo, Wood],
-    &[
-        "blue", "white", "grey", "teal", "green", "brown", "black", "pink", "yellow", "purple", "orange",
-        "red",
-    ],
+    "blue white grey teal green brown black pink yellow purple orange red",
 );
 
 fn toilet(k: &mut Draft) -> Words {
@@ -96,7 +92,7 @@ fn bathtub(k: &mut Draft) -> Words {
     [size_word(l, 1.55, 1.66, ["small", "large"]), shape]
 }
 
-/// A straight tub: bottom and four walls.
+/// Adds a straight tub: bottom and four walls.
 fn walls(k: &mut Draft, [l, h, w]: [f32; 3], thick: f32) {
     k.board(about(0.0, l), [0.0, 0.16], about(0.0, w));
     k.m.pair([l / 2.0 - thick, l / 2.0], [0.16, h], about(0.0, w), k.p);
@@ -135,7 +131,7 @@ fn shower(k: &mut Draft) -> Words {
     words(k.by_style("square|open|rounded|walled|open|flat|rounded|walled"))
 }
 
-/// Posts and rails of the glass.
+/// Adds the posts and rails around the glass.
 fn frame(k: &mut Draft, half: f32) {
     if matches!(k.style, 1 | 4 | 5) {
         return;
@@ -164,14 +160,13 @@ fn plumbing(k: &mut Draft, half: f32) {
 
 const BOWLS: &[Substance] = &[Ceramic, Ceramic, Marble, Metal, Glass, Concrete, Wood];
 
-/// A wash basin on a pedestal.
 pub(crate) const PEDESTAL_SINK: Make =
     Make::new("sink", "", 5, pedestal_sink).made_of(BOWLS, taste::SANITARY);
 
 /// A basin on top of a cabinet.
 pub(crate) const VESSEL_SINK: Make = Make::new("sink", "", 5, vessel_sink).made_of(BOWLS, taste::SANITARY);
 
-/// A sink for the hole of a counter; y = 0 is the top of the counter.
+/// A sink for a counter hole; y = 0 is the counter top.
 pub(crate) const KITCHEN_SINK: Make = Make::new("sink", "kitchen sink", 3, kitchen_sink)
     .made_of(&[Metal, Metal, Ceramic, Concrete, Marble], taste::MACHINE);
 
@@ -209,7 +204,7 @@ fn vessel_sink(k: &mut Draft) -> Words {
     [size, k.by_style("oval|square|round|rectangular|conical")]
 }
 
-/// A hollow basin between two heights, with a tap at the back.
+/// Adds a hollow basin between two heights, with a tap at the back.
 fn basin(k: &mut Draft, [w, d]: [f32; 2], [low, high]: Span, round: bool) {
     let m = &mut k.m;
     if round {
@@ -229,7 +224,7 @@ fn basin(k: &mut Draft, [w, d]: [f32; 2], [low, high]: Span, round: bool) {
     tap(k, [0.0, -d / 2.0 + 0.04], high);
 }
 
-/// A tap that leans over towards +z.
+/// Adds a tap that leans towards +z.
 fn tap(k: &mut Draft, [x, z]: [f32; 2], base: f32) {
     let metal = k.metal();
     let m = &mut k.m;

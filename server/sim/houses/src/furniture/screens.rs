@@ -4,17 +4,15 @@ use super::*;
 
 const CASES: &[Substance] = &[Plastic, Plastic, Metal, Glass, Wood, Ceramic, Bamboo];
 
-/// A television of the wished width on a foot.
+/// A television on a foot.
 pub(crate) const TV: Make = Make::new("tv_monitor", "television", 5, tv).made_of(CASES, taste::DARK);
 
 /// A wall television; lower edge at y = 0, back at z = 0.
 pub(crate) const WALL_TV: Make =
     Make::new("tv_monitor", "television", 3, wall_tv).made_of(CASES, taste::DARK);
-
-/// A computer's monitor.
 pub(crate) const MONITOR: Make = Make::new("tv_monitor", "monitor", 5, monitor).made_of(CASES, taste::DARK);
 
-/// A case with a screen; `bar` is the frame width.
+/// Adds a case with a screen; `bar` is the frame width.
 fn screen(k: &mut Draft, w: f32, y: Span, z: Span, bar: f32) {
     k.m.soft(about(0.0, w), y, z, 0.008, k.p);
     let (x, inner) = (about(0.0, w - 2.0 * bar), [y[0] + 1.4 * bar, y[1] - bar]);

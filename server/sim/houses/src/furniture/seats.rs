@@ -2,15 +2,10 @@
 
 use super::*;
 
-/// A chair for a dining table or a wall.
 pub(crate) const CHAIR: Make = Make::new("chair", "", 8, chair)
     .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], taste::WOOD);
-
-/// A swivel chair for a desk.
 pub(crate) const OFFICE_CHAIR: Make = Make::new("chair", "office chair", 3, office_chair)
     .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], taste::DARK);
-
-/// A padded chair with arms.
 pub(crate) const ARMCHAIR: Make = Make::new("chair", "armchair", 8, armchair)
     .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], taste::CLOTH);
 
@@ -61,7 +56,7 @@ fn chair(k: &mut Draft) -> Words {
     [size_word(h, 0.86, 0.96, ["low", "tall"]), shape]
 }
 
-/// Posts with slats, rungs or a cross between them.
+/// Adds posts with slats, rungs or a cross between them.
 fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint) {
     k.m.pair([w / 2.0 - 0.04, w / 2.0], [seat, top], [back, back + 0.035], frame);
     k.board(about(0.0, w - 0.08), [top - 0.09, top], [back, back + 0.03]);
@@ -84,7 +79,7 @@ fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint
     }
 }
 
-/// Thin bars on an arc behind a round seat, a rail on top.
+/// Adds thin bars on an arc behind a round seat, a rail on top.
 fn spindles(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint) {
     for i in 0..5 {
         let x = (i as f32 - 2.0) * w * 0.19;
@@ -94,7 +89,7 @@ fn spindles(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint)
     k.m.soft(about(0.0, w), [top - 0.08, top], [back - 0.03, back + 0.02], 0.015, k.p);
 }
 
-/// A low wall around the back half of a round seat.
+/// Adds a low wall around the back half of a round seat.
 fn tub(k: &mut Draft, radius: f32, [low, high]: Span) {
     const STEPS: usize = 8;
     let ring = |radius: f32, i: usize| {
@@ -154,7 +149,6 @@ fn armchair(k: &mut Draft) -> Words {
     [size_word(w, 0.8, 0.92, ["small", "large"]), shape]
 }
 
-/// A sofa as wide as wished.
 pub(crate) const SOFA: Make = Make::new("sofa", "", 8, sofa)
     .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], taste::CLOTH);
 
@@ -193,7 +187,7 @@ impl Upholstery {
     }
 }
 
-/// Base, seat cushions, back and arms.
+/// Adds base, seat cushions, back and arms.
 pub(super) fn upholstered(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize, look: &Upholstery) {
     let (back, front, feet) = (-d / 2.0, d / 2.0, look.feet);
     legs(&mut k.m, [w, d], feet, 0.05, 0.06, k.trim);
@@ -243,7 +237,7 @@ fn sofa(k: &mut Draft) -> Words {
     [size_word(w, 1.65, 2.05, ["small", "large"]), shape]
 }
 
-/// A padded bench with a single arm and a low back over one half.
+/// Draws a padded bench with a single arm and a low back over one half.
 fn daybed(k: &mut Draft, [w, top, d]: [f32; 3]) -> &'static str {
     legs(&mut k.m, [w, d], 0.14, 0.06, 0.04, k.trim);
     k.pad(about(0.0, w), [0.14, 0.3], about(0.0, d));
@@ -253,7 +247,7 @@ fn daybed(k: &mut Draft, [w, top, d]: [f32; 3]) -> &'static str {
     "open"
 }
 
-/// Loose cushions in a frame of bars.
+/// Draws loose cushions in a frame of bars.
 fn framed(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize) -> &'static str {
     let (frame, back) = (k.trim, -d / 2.0);
     for x in [[-w / 2.0, -w / 2.0 + 0.07], [w / 2.0 - 0.07, w / 2.0]] {

@@ -10,7 +10,7 @@ pub(crate) const BOOKCASE: Make = Make::new("shelving", "bookcase", 8, bookcase)
 pub(crate) const WALL_SHELF: Make = Make::new("shelving", "wall shelf", 4, wall_shelf)
     .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], taste::WOOD);
 
-/// A row of books or another object on a board.
+/// Adds books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     let room = x[1] - x[0];
     match k.rng.below(5) {
@@ -37,7 +37,7 @@ fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     }
 }
 
-/// Books as a single block with drawn spines.
+/// Adds books as a single block with drawn spines.
 fn books_row(k: &mut Draft, x: Span, y: f32, z: Span) {
     let height = k.len(0.19, 0.25);
     let spines = Paint::plain("paper", [255; 3]).with(Pattern::Books(k.rng.below(12) as u8));

@@ -2,16 +2,14 @@
 
 use super::*;
 
-const KIT: &[&str] = &[
-    "black", "grey", "red", "blue", "yellow", "green", "purple", "orange", "white", "teal", "pink", "brown",
-];
+const KIT: &str = "black grey red blue yellow green purple orange white teal pink brown";
 
 const BODIES: &[Substance] = &[Metal, Plastic, Rubber, Leather, Wood, Fabric];
 
-/// A large machine: treadmill, bike, rower, cross trainer, weight bench, rack.
+/// A treadmill, bike, rower, cross trainer, weight bench, rack or tower.
 pub(crate) const MACHINE: Make = Make::new("gym_equipment", "", 8, machine).made_of(BODIES, KIT);
 
-/// A small piece: ball, mat, kettlebells, bag.
+/// A ball, mat, kettlebell, step or bag.
 pub(crate) const KIT_PIECE: Make =
     Make::new("gym_equipment", "", 5, kit).made_of(&[Rubber, Plastic, Leather, Fabric, Metal], KIT);
 
@@ -27,7 +25,7 @@ fn machine(k: &mut Draft) -> Words {
     ]
 }
 
-/// A treadmill, used towards -z.
+/// Used towards -z.
 fn treadmill(k: &mut Draft) {
     k.m.block(about(0.0, 0.5), [0.08, 0.15], about(0.0, 1.5), Paint::RUBBER);
     k.m.pair([0.25, 0.36], [0.0, 0.18], about(0.0, 1.55), k.p);
@@ -41,7 +39,7 @@ fn treadmill(k: &mut Draft) {
     k.m.lid(about(0.0, 0.4), [1.18, 1.3], [-0.68, -0.675], Paint::SCREEN);
 }
 
-/// It faces -z.
+/// Faces -z.
 fn bike(k: &mut Draft) {
     for z in [[-0.5, -0.42], [0.42, 0.5]] {
         k.m.block(about(0.0, 0.5), [0.0, 0.06], z, k.p);
@@ -84,7 +82,7 @@ fn dumbbell_rack(k: &mut Draft) {
     }
 }
 
-/// It faces -z.
+/// Faces -z.
 fn rower(k: &mut Draft) {
     k.m.block(about(0.0, 0.1), [0.22, 0.32], [-0.7, 1.0], k.p);
     k.m.block(about(0.0, 0.5), [0.0, 0.24], [0.88, 0.96], k.p);
@@ -95,7 +93,7 @@ fn rower(k: &mut Draft) {
     k.m.pair([0.08, 0.2], [0.18, 0.4], [-0.42, -0.36], k.p);
 }
 
-/// It faces -z.
+/// Faces -z.
 fn cross_trainer(k: &mut Draft) {
     k.m.block(about(0.0, 0.5), [0.0, 0.06], [0.62, 0.7], k.p);
     k.m.block(about(0.0, 0.1), [0.0, 0.08], about(0.0, 1.3), k.p);
@@ -110,7 +108,7 @@ fn cross_trainer(k: &mut Draft) {
     }
 }
 
-/// A tower with a seat and a stack of weights.
+/// A tower with a seat and a weight stack.
 fn tower(k: &mut Draft) {
     k.m.pair([0.4, 0.47], [0.0, 2.0], [-0.5, -0.43], k.p);
     k.m.block(about(0.0, 0.94), [1.94, 2.0], [-0.5, -0.43], k.p);

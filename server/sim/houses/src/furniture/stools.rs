@@ -2,15 +2,10 @@
 
 use super::*;
 
-/// A stool to sit on.
 pub(crate) const STOOL: Make = Make::new("stool", "", 8, stool)
     .made_of(&[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric], taste::WOOD);
-
-/// A tall stool for a counter.
 pub(crate) const BAR_STOOL: Make = Make::new("stool", "bar stool", 5, bar_stool)
     .made_of(&[Wood, Leather, Metal, Fabric, Plastic, Velvet], taste::DARK);
-
-/// A padded footstool.
 pub(crate) const FOOTSTOOL: Make = Make::new("stool", "footstool", 5, footstool)
     .made_of(&[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked], taste::CLOTH);
 

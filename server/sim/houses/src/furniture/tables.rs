@@ -4,26 +4,19 @@ use super::*;
 
 const TOPS: &[Substance] = &[Wood, Glass, Metal, Marble, Plastic, Bamboo, Wicker, Concrete];
 
-/// A dining table of the wished width and depth; round ones are as wide as wished.
 pub(crate) const DINING_TABLE: Make = Make::new("table", "dining table", 8, dining_table)
     .made_of(&[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo], taste::WOOD);
-
-/// A low table for the front of a sofa.
 pub(crate) const COFFEE_TABLE: Make =
     Make::new("table", "coffee table", 8, coffee_table).made_of(TOPS, taste::WOOD);
-
-/// A small table for the side of a sofa or a bath.
 pub(crate) const SIDE_TABLE: Make =
     Make::new("table", "side table", 5, side_table).made_of(TOPS, taste::WOOD);
 
 /// A narrow table for a hallway.
 pub(crate) const CONSOLE: Make = Make::new("table", "console table", 4, console).made_of(TOPS, taste::WOOD);
-
-/// A desk.
 pub(crate) const DESK: Make =
     Make::new("table", "desk", 5, desk).made_of(&[Wood, Metal, Glass, Plastic, Bamboo, Leather], taste::WOOD);
 
-/// Returns true if a dining table of this style has chairs all around.
+/// Returns true for dining tables with chairs all around.
 fn is_round(style: usize) -> bool {
     matches!(style, 3 | 4)
 }

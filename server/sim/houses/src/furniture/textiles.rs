@@ -5,8 +5,6 @@ use super::*;
 /// A towel on a rail or hook; lower edge at y = 0.
 pub(crate) const TOWEL: Make = Make::new("towel", "", 8, towel)
     .made_of(&[Fabric, Wool, Knit, Striped, Checked, Corduroy, Dotted], taste::CLOTH);
-
-/// A pile of folded towels.
 pub(crate) const TOWEL_PILE: Make =
     Make::new("towel", "", 3, pile).made_of(&[Fabric, Wool, Knit, Striped, Corduroy], taste::CLOTH);
 
@@ -16,7 +14,7 @@ fn rail(k: &mut Draft, width: f32, y: f32, paint: Paint) {
     k.m.pair([half - 0.02, half], [y - 0.02, y + 0.02], [0.0, 0.05], paint);
 }
 
-/// A cloth over a rail: the front hangs lower than the back.
+/// Adds a cloth over a rail: the front hangs lower than the back.
 fn cloth(k: &mut Draft, x: Span, y: Span, front: f32) {
     k.m.soft(x, y, [front - 0.03, front], 0.012, k.p);
     let low = y[0] + (y[1] - y[0]) * 0.25;
@@ -104,7 +102,7 @@ pub(crate) const HANGING: Make = Make::new("clothes", "coat", 8, hanging).made_o
 /// Folded or heaped clothes.
 pub(crate) const FOLDED: Make = Make::new("clothes", "", 4, folded).made_of(CLOTHS, taste::CLOTH);
 
-/// A body as an oval with shoulders, from the hem to `length`.
+/// Adds a body as an oval with shoulders, from the hem to `length`.
 fn body(k: &mut Draft, length: f32, hem: f32, waist: f32) {
     let profile = [[hem, 0.0], [waist, length * 0.55], [0.21, length - 0.1], [0.07, length]];
     k.m.oval([0.0, 0.08], [1.0, 0.34], &profile, 12, k.p);
@@ -202,13 +200,9 @@ fn folded(k: &mut Draft) -> Words {
     }
 }
 
-/// A rug of the wished width and depth.
 pub(crate) const RUG: Make = Make::new("rug", "", 8, rug).made_of(
     &[Wool, Fabric, Knit, Striped, Checked, Dotted, Denim, Wicker],
-    &[
-        "red", "blue", "grey", "brown", "green", "teal", "purple", "orange", "pink", "yellow", "black",
-        "white",
-    ],
+    "red blue grey brown green teal purple orange pink yellow black white",
 );
 
 fn rug(k: &mut Draft) -> Words {

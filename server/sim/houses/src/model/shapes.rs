@@ -11,7 +11,7 @@ impl Model {
         self.prism(outline, z, paint, |[x, y], z| Point3::new(x, y, z));
     }
 
-    /// A convex outline in x and -z, counter-clockwise from above, pulled upwards.
+    /// Extrudes a convex outline in x and -z, counter-clockwise from above, in y.
     pub(crate) fn prism_y(&mut self, outline: &[[f32; 2]], y: Span, paint: Paint) {
         self.prism(outline, y, paint, |[x, back], y| Point3::new(x, y, -back));
     }
@@ -40,7 +40,7 @@ impl Model {
         }
     }
 
-    /// A box without its back face.
+    /// Adds a box without the back face.
     pub(crate) fn lid(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
@@ -51,7 +51,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
     }
 
-    /// A box without its underside.
+    /// Adds a box without the underside.
     pub(crate) fn slab(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         self.rim(x, y, z, paint);
@@ -59,7 +59,7 @@ impl Model {
         self.quad([p(0, 1), p(1, 1), p(1, 0), p(0, 0)], paint);
     }
 
-    /// The four upright sides of a box.
+    /// Adds the four upright sides of a box.
     pub(crate) fn rim(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
         self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
@@ -68,7 +68,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
     }
 
-    /// An outline in x and y seen from +z, with a picture stretched over its bounds.
+    /// Adds an outline in x and y seen from +z, with a picture stretched over the bounds.
     pub(crate) fn pictured(&mut self, outline: &[[f32; 2]], z: f32, paint: Paint) {
         let range = |axis: usize| {
             outline.iter().fold([f32::MAX, f32::MIN], |[low, high], p| [low.min(p[axis]), high.max(p[axis])])
@@ -87,8 +87,8 @@ impl Model {
 }
 
 impl Model {
-    /// A solid of revolution about the vertical axis at `center` (x, z). `profile` is (radius, height) from
-    /// bottom to top; open ends are closed by discs.
+    /// Adds a solid of revolution about the vertical axis at `center` (x, z). `profile` is (radius, height)
+    /// from bottom to top; discs close open ends.
     pub(crate) fn lathe(&mut self, center: [f32; 2], profile: &[[f32; 2]], sides: usize, paint: Paint) {
         self.oval(center, [1.0, 1.0], profile, sides, paint);
     }
@@ -110,12 +110,11 @@ impl Model {
         self.disc(&ring, profile[profile.len() - 1], 1.0, paint);
     }
 
-    /// An upright cylinder.
     pub(crate) fn cylinder(&mut self, center: [f32; 2], y: Span, radius: f32, sides: usize, paint: Paint) {
         self.lathe(center, &[[radius, y[0]], [radius, y[1]]], sides, paint);
     }
 
-    /// A straight round bar between two points, without end faces.
+    /// Adds a straight round bar between two points, without end faces.
     pub(crate) fn rod(&mut self, from: Point3<f32>, to: Point3<f32>, radius: f32, paint: Paint) {
         const SIDES: usize = 6;
         let axis = (to - from).normalize();
@@ -136,7 +135,7 @@ impl Model {
         }
     }
 
-    /// A pointed leaf from `base` to `tip`, seen from above.
+    /// Adds a pointed leaf from `base` to `tip`, seen from above.
     pub(crate) fn leaf(&mut self, base: Point3<f32>, tip: Point3<f32>, width: f32, paint: Paint) {
         let along = tip - base;
         let across =
@@ -174,7 +173,7 @@ impl Model {
     }
 }
 
-/// Corners of a turned shape.
+/// The sides of a turned shape.
 struct Ring {
     center: [f32; 2],
     stretch: [f32; 2],
@@ -182,9 +181,9 @@ struct Ring {
 }
 
 impl Ring {
-    /// The corner number `side`; `tilt` is the normal's outward and upward part.
+    /// Corner number `side`; `tilt` is the normal's outward and upward part.
     fn corner(&self, side: usize, radius: f32, y: f32, tilt: [f32; 2], paint: Paint) -> Corner {
-        // Half a step of turn puts flat sides, not edges, towards the axes.
+        // A half step puts flat sides, not edges, towards the axes.
         let turn = TAU * ((side % self.sides) as f32 + 0.5) / self.sides as f32;
         let (sin, cos) = angle::sin_cos(turn);
         let position = Point3::new(
@@ -198,10 +197,11 @@ impl Ring {
 }
 
 impl Model {
-    /// A box with edges cut by `bevel` metres and smooth shading.
+    /// Adds a box with edges cut by `bevel` metres.
     pub(crate) fn soft(&mut self, x: Span, y: Span, z: Span, bevel: f32, paint: Paint) {
         self.solid(x, y, z);
         let spans = [x, y, z];
+        // Opposite bevels of a thin box must not meet.
         let bevel = spans.iter().map(|[low, high]| (high - low) / 2.1).fold(bevel, f32::min);
         for axis in 0..3 {
             for sign in [-1.0, 1.0] {
@@ -211,7 +211,7 @@ impl Model {
         self.soft_edges(&spans, bevel, paint);
     }
 
-    /// A flat side, pulled back from the edges.
+    /// Adds a flat side, pulled back from the edges.
     fn soft_face(&mut self, spans: &[Span; 3], axis: usize, sign: f32, bevel: f32, paint: Paint) {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let corner = |at_u: usize, at_v: usize| {
@@ -225,7 +225,7 @@ impl Model {
         self.quad(if sign > 0.0 { corners } else { [corners[0], corners[3], corners[2], corners[1]] }, paint);
     }
 
-    /// The twelve slanted edges and eight cut corners.
+    /// Adds the twelve slanted edges and eight cut corners.
     fn soft_edges(&mut self, spans: &[Span; 3], bevel: f32, paint: Paint) {
         for corner in 0..8_usize {
             let at = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
@@ -240,7 +240,7 @@ impl Model {
         }
     }
 
-    /// The bevelled edge at corner `at` in direction `axis`.
+    /// Adds the bevelled edge at corner `at` in direction `axis`.
     fn soft_edge(&mut self, spans: &[Span; 3], at: [usize; 3], axis: usize, bevel: f32, paint: Paint) {
         let mut far = at;
         far[axis] = 1;
@@ -251,7 +251,7 @@ impl Model {
         self.quad(if flip { [points[3], points[2], points[1], points[0]] } else { points }, paint);
     }
 
-    /// A flat triangle, counter-clockwise from the visible side.
+    /// Adds a flat triangle, counter-clockwise from the visible side.
     pub(crate) fn triangle(&mut self, points: [Point3<f32>; 3], paint: Paint) {
         let normal = (points[1] - points[0]).cross(&(points[2] - points[0]));
         let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::y);
@@ -262,7 +262,7 @@ impl Model {
         self.triangles.push(([first, first + 1, first + 2], paint));
     }
 
-    /// A pillow on y = `y[0]`: thick in the centre, thin at the seam.
+    /// Adds a pillow on y = `y[0]`: thick in the centre, thin at the seam.
     pub(crate) fn pillow(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         const CELLS: usize = 5;
         let half = (y[1] - y[0]) / 2.0;
@@ -287,12 +287,12 @@ impl Model {
     }
 }
 
-/// The end of a span, `bevel` inside.
+/// Span end, `bevel` inside.
 fn inner(span: Span, end: usize, bevel: f32) -> f32 {
     if end == 0 { span[0] + bevel } else { span[1] - bevel }
 }
 
-/// The point near box corner `at` on the flat side perpendicular to `axis`.
+/// Point near box corner `at` on the flat side perpendicular to `axis`.
 fn soft_tip(spans: &[Span; 3], at: [usize; 3], axis: usize, bevel: f32) -> Point3<f32> {
     let coordinate = |i: usize| if i == axis { spans[i][at[i]] } else { inner(spans[i], at[i], bevel) };
     Point3::new(coordinate(0), coordinate(1), coordinate(2))

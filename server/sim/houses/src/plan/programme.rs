@@ -1,4 +1,4 @@
-//! Room programme: kinds, sizes and groups, their assignment to the blocks of a storey, and the cutting of blocks.
+//! Room programme: kinds, sizes and groups; assignment to a storey's blocks; division of the blocks.
 
 use super::RoomKind::{self, *};
 use super::outline::Outline;
@@ -29,7 +29,7 @@ impl RoomUnit {
     }
 }
 
-/// Largest number per kind, and the probability of the next.
+/// Largest number per kind, and the weight of another.
 const EXTRAS: [(RoomKind, usize, f32); 12] = [
     (DiningRoom, 1, 4.0),
     (Bedroom, 5, 3.0),
@@ -45,7 +45,7 @@ const EXTRAS: [(RoomKind, usize, f32); 12] = [
     (LivingRoom, 2, 0.3),
 ];
 
-/// The uses of `count` rooms, passages not counted. Every house of four or more has the four basic ones.
+/// Draws `count` room kinds without passages. Four or more include the four basic kinds.
 pub(super) fn programme(rng: &mut Rng, count: usize) -> Vec<RoomKind> {
     let mut kinds = vec![LivingRoom, Kitchen, Bedroom, Bathroom];
     kinds.truncate(count);
@@ -67,7 +67,7 @@ fn allowed(kinds: &[RoomKind], kind: RoomKind, most: usize) -> bool {
         }
 }
 
-/// Floor area that a room should have, square metres (after Infinigen Indoors' targets, bedrooms smaller).
+/// Draws a floor area, square metres (after Infinigen Indoors' targets, bedrooms smaller).
 pub(super) fn area_m2(rng: &mut Rng, kind: RoomKind) -> f32 {
     let (low, high) = match kind {
         LivingRoom => (22.0, 30.0),
@@ -86,10 +86,10 @@ pub(super) fn area_m2(rng: &mut Rng, kind: RoomKind) -> f32 {
     rng.range(low, high)
 }
 
-/// Rooms smaller than this keep their size when a house is made smaller, square metres.
+/// Smaller rooms are not shrunk, square metres.
 const SMALL_M2: f32 = 9.5;
 
-/// Puts closets and some bathrooms, laundries and utility rooms into the corners of larger rooms.
+/// Puts closets and some bathrooms, laundries and utility rooms into corners of larger rooms.
 pub(super) fn units(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<RoomUnit> {
     let mut units: Vec<RoomUnit> = Vec::new();
     let (small, large): (Vec<RoomKind>, Vec<RoomKind>) =
@@ -115,7 +115,7 @@ pub(super) fn units(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<RoomUnit> {
     units
 }
 
-/// The best host for a small room.
+/// Returns the best host for a small room.
 fn host(units: &mut [RoomUnit], kind: RoomKind) -> Option<&mut RoomUnit> {
     let hosts: &[RoomKind] = match kind {
         Closet => &[Bedroom, Office, Gym, GameRoom],
@@ -128,7 +128,7 @@ fn host(units: &mut [RoomUnit], kind: RoomKind) -> Option<&mut RoomUnit> {
     free.min_by_key(|unit| (hosts.iter().position(|host| *host == unit.kind), unit.annexes.len()))
 }
 
-/// Makes the larger rooms smaller so that all of them together take at most `most_m2`.
+/// Shrinks the larger rooms until all rooms take at most `most_m2`.
 pub(super) fn fit(units: &mut [RoomUnit], most_m2: f32) {
     let small = |unit: &RoomUnit| unit.area_m2 <= SMALL_M2;
     let annexes: f32 = units.iter().map(|unit| unit.total_m2() - unit.area_m2).sum();
@@ -150,6 +150,7 @@ pub(super) fn by_storey(rng: &mut Rng, units: Vec<RoomUnit>) -> [Vec<RoomUnit>; 
         let height = match unit.kind {
             Garage | Kitchen | LivingRoom | DiningRoom => 0.0,
             Laundry | Utility => 0.3,
+            // The first bathroom is upstairs near the bedrooms, the second below.
             Bathroom if bathrooms == 2 => 0.2,
             GameRoom | Gym => 0.45,
             Library | Office => 0.6,
@@ -161,6 +162,7 @@ pub(super) fn by_storey(rng: &mut Rng, units: Vec<RoomUnit>) -> [Vec<RoomUnit>; 
     let mut storeys = [vec![], vec![]];
     let mut below_m2 = 0.0;
     for (_, unit) in ranked {
+        // Slightly more than half is below: the upper storey may have fewer wings.
         let below = below_m2 + unit.total_m2() / 2.0 < 0.52 * total;
         below_m2 += if below { unit.total_m2() } else { 0.0 };
         storeys[usize::from(!below)].push(unit);
@@ -174,11 +176,13 @@ type Deal = Vec<Vec<usize>>;
 /// Hallway frontage required by a room door, metres.
 const FRONTAGE_M: f32 = 1.4;
 
-/// Least width of a closet's or bathroom's cell, metres.
+/// Smallest width of closets and bathrooms, metres.
 const NARROW_M: f32 = 1.72;
 
-/// The best assignment found by annealing.
+/// Assigns units to blocks by simulated annealing.
 pub(super) fn deal(rng: &mut Rng, blocks: &[Block], units: &[RoomUnit]) -> Deal {
+    // Area, proportions, neighbours and doors are weighed together (docs/decisions/0006). Powers and
+    // exponentials come from libm, for equal bits on every platform.
     const MOVES: i32 = 2500;
     let mut deal: Deal = vec![vec![]; blocks.len()];
     for unit in 0..units.len() {
@@ -200,7 +204,7 @@ pub(super) fn deal(rng: &mut Rng, blocks: &[Block], units: &[RoomUnit]) -> Deal 
     deal
 }
 
-/// An assignment with a unit moved or two swapped, and the two changed blocks.
+/// Returns an assignment with a unit moved or two swapped, and the two changed blocks.
 fn changed(rng: &mut Rng, deal: &Deal) -> Option<(Deal, [usize; 2])> {
     let mut changed = deal.clone();
     let from = rng.below(deal.len());
@@ -221,13 +225,14 @@ fn changed(rng: &mut Rng, deal: &Deal) -> Option<(Deal, [usize; 2])> {
     Some((changed, [from, to]))
 }
 
-/// Cost of the units in a block.
+/// Cost of a block's units.
 fn block_cost(block: &Block, members: &[usize], units: &[RoomUnit]) -> f32 {
     if members.is_empty() {
         return 20.0 + block.rect.area_m2();
     }
     let [length, depth] = measures(block);
     let total: f32 = members.iter().map(|&unit| units[unit].total_m2()).sum();
+    // The logarithm penalises half and double the wanted area equally.
     let stretch = libm::logf(block.rect.area_m2() / total);
     let mut cost = 8.0 * stretch * stretch;
     let mut start = block.hall.span(&block.rect)[0];
@@ -256,7 +261,7 @@ fn least_width_m(unit: &RoomUnit) -> f32 {
     own + if beside { NARROW_M } else { 0.0 }
 }
 
-/// Cost of rooms at the end of a hallway, which are large and single.
+/// Cost at the end of a hallway, which suits a large single room.
 fn closing_cost(members: &[usize], units: &[RoomUnit]) -> f32 {
     let unit = &units[members[0]];
     let suits = matches!(unit.kind, LivingRoom | GameRoom | Garage | DiningRoom | Kitchen | Gym | Library)
@@ -264,23 +269,19 @@ fn closing_cost(members: &[usize], units: &[RoomUnit]) -> f32 {
     6.0 * (members.len() - 1) as f32 + if suits { 0.0 } else { 3.0 }
 }
 
-/// Affinity of two neighbours, 0 or 1.
+/// Affinity between neighbours, 0 or 1.
 pub(super) fn friendship(a: RoomKind, b: RoomKind) -> f32 {
-    const FRIENDS: [[RoomKind; 2]; 12] = [
-        [Kitchen, DiningRoom],
-        [Kitchen, LivingRoom],
-        [DiningRoom, LivingRoom],
-        [Bedroom, Bathroom],
-        [Bedroom, Office],
-        [Gym, Bathroom],
-        [Garage, Utility],
-        [Garage, Laundry],
-        [Kitchen, Laundry],
-        [LivingRoom, Library],
-        [LivingRoom, GameRoom],
-        [Office, Library],
+    const FRIENDS: [(RoomKind, &[RoomKind]); 7] = [
+        (Kitchen, &[DiningRoom, LivingRoom, Laundry]),
+        (DiningRoom, &[LivingRoom]),
+        (Bedroom, &[Bathroom, Office]),
+        (Gym, &[Bathroom]),
+        (Garage, &[Utility, Laundry]),
+        (LivingRoom, &[Library, GameRoom]),
+        (Office, &[Library]),
     ];
-    f32::from(u8::from(FRIENDS.iter().any(|pair| *pair == [a, b] || *pair == [b, a])))
+    let related = |a: RoomKind, b: RoomKind| FRIENDS.iter().any(|(kind, of)| *kind == a && of.contains(&b));
+    f32::from(u8::from(related(a, b) || related(b, a)))
 }
 
 /// Length on the hallway and depth from it.
@@ -289,7 +290,7 @@ fn measures(block: &Block) -> [f32; 2] {
     if block.hall.runs_along_x() { [x, z] } else { [z, x] }
 }
 
-/// A room that was cut from a block.
+/// A room cut from a block.
 #[derive(Clone, Debug)]
 pub(super) struct CutRoom {
     pub(super) kind: RoomKind,
@@ -298,7 +299,7 @@ pub(super) struct CutRoom {
     pub(super) host: usize,
 }
 
-/// Cuts a block into its units, hosts before annexes.
+/// Cuts a block into rooms, hosts before annexes.
 pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[RoomUnit]) -> Vec<CutRoom> {
     let span = block.hall.span(&block.rect);
     let [length, depth] = measures(block);
@@ -308,6 +309,7 @@ pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[Room
     for (place, &member) in members.iter().enumerate() {
         share += units[member].total_m2() / total;
         let last = place + 1 == members.len();
+        // The last room absorbs the rounding, so no gap remains.
         let end = if last { span[1] } else { ((span[0] + length * share) * 100.0).round() / 100.0 };
         let slot = block.hall.strip(&block.rect, [start, end], depth);
         pieces.extend(split(rng, slot, block.hall, &units[member]));
@@ -316,7 +318,7 @@ pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[Room
     pieces
 }
 
-/// The host and annexes of a unit inside its slot.
+/// Cuts a unit's slot into host and annexes.
 fn split(rng: &mut Rng, slot: Rect, hall: Side, unit: &RoomUnit) -> Vec<CutRoom> {
     let holes = match unit.annexes.as_slice() {
         [] => vec![],
@@ -334,15 +336,14 @@ fn split(rng: &mut Rng, slot: Rect, hall: Side, unit: &RoomUnit) -> Vec<CutRoom>
 /// Smallest remaining width next to a closet, metres.
 const BESIDE_M: f32 = 1.4;
 
-/// Position of an annex: closets at the hallway, rooms with windows at the outer wall.
+/// Positions an annex: closets at the hallway, rooms with windows at the outer wall.
 fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     let span = hall.span(slot);
     let (width, depth) = (span[1] - span[0], slot.area_m2() / (span[1] - span[0]));
     let wanted = annex.area_m2 * rng.range(0.8, 1.3);
     let mut along = libm::sqrtf(wanted).max(NARROW_M).min(width);
     let rest = width - along;
-    // The remainder must be wide enough to stand in, otherwise the annex uses the whole width, off the
-    // hallway.
+    // Without enough width for standing next to it, the annex uses the whole width, off the hallway.
     let at_hall = annex.kind == Closet && rest >= BESIDE_M;
     if !at_hall && rest < NARROW_M {
         along = width;
@@ -354,7 +355,7 @@ fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     snapped(slot, hall.band(slot, along, depths))
 }
 
-/// Positions of two annexes: a column at a side of the slot, closets at the hallway.
+/// Positions two annexes: a column at a side of the slot, closets at the hallway.
 fn column(rng: &mut Rng, slot: &Rect, hall: Side, annexes: [&Annex; 2]) -> Vec<Rect> {
     let span = hall.span(slot);
     let depth = slot.area_m2() / (span[1] - span[0]);
@@ -372,7 +373,7 @@ fn column(rng: &mut Rng, slot: &Rect, hall: Side, annexes: [&Annex; 2]) -> Vec<R
     places.into_iter().map(|depths| snapped(slot, hall.band(slot, along, depths))).collect()
 }
 
-/// A rectangle with the edges that nearly touch `slot`'s moved onto them.
+/// Moves edges that nearly touch the edges of `slot` onto them.
 fn snapped(slot: &Rect, rect: Rect) -> Rect {
     let snap = |value: f32, edges: [f32; 2]| {
         edges.into_iter().find(|edge| (edge - value).abs() < 0.02).unwrap_or(value)
@@ -385,7 +386,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programmes_have_the_basic_rooms_and_keep_the_limits() {
+    fn programmes_have_basic_rooms_within_limits() {
         for seed in 0..200 {
             let count = 4 + seed as usize % 19;
             let kinds = programme(&mut Rng::new(seed), count);

@@ -1,8 +1,8 @@
-//! Brightness of wood, stone, tiles, metal, glass, cloth and wallpaper.
+//! Brightness patterns: wood, stone, tiles, metal, glass, cloth and wallpaper.
 
 use super::{Noise, Pattern, SIZE};
 
-/// Boards of `width` rows and `length` columns with individual tones and dark gaps.
+/// Boards with `width` rows and `length` columns, individual tones and dark gaps.
 pub(super) fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> f32 {
     let row = y / width;
     let along = x + row * length * 5 / 8;
@@ -12,21 +12,21 @@ pub(super) fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> 
     if gap { 0.6 } else { tone - 0.08 * noise.smooth(x, y, 32, 2) }
 }
 
-/// Long wavy lines in u direction.
+/// Long wavy lines in u.
 pub(super) fn grain(noise: &Noise, x: u32, y: u32) -> f32 {
     let bent = y as f32 + 5.0 * noise.smooth(x, y, 32, 32);
     let ring = (bent / 5.0).fract();
     0.98 - 0.12 * noise.smooth(x, y, 32, 2) - if ring < 0.22 { 0.05 } else { 0.0 }
 }
 
-/// Canes in v direction with rings.
+/// Canes in v with rings.
 pub(super) fn bamboo(noise: &Noise, x: u32, y: u32) -> f32 {
     let across = (x % 8) as f32 / 7.0 * 2.0 - 1.0;
     let ring = (y + (x / 8) * 23) % SIZE < 2;
     (if ring { 0.78 } else { 1.0 }) - 0.16 * across * across - 0.04 * noise.smooth(x, y, 8, 16)
 }
 
-/// Strips of eight texels over and under each other.
+/// Strips eight texels wide, over and under each other.
 pub(super) fn wicker(x: u32, y: u32) -> f32 {
     let upright = (x / 8 + y / 8).is_multiple_of(2);
     let along = if upright { y % 8 } else { x % 8 };
@@ -36,7 +36,7 @@ pub(super) fn wicker(x: u32, y: u32) -> f32 {
     1.0 - 0.14 * bend * bend - edge
 }
 
-/// Tiles of `size` texels; odd rows are moved by `shift`.
+/// Tiles in texels; odd rows are moved by `shift`.
 pub(super) fn tiles(noise: &Noise, x: u32, y: u32, [width, height]: [u32; 2], shift: u32) -> f32 {
     let row = y / height;
     let along = (x + row * shift) % SIZE;
@@ -56,7 +56,7 @@ pub(super) fn concrete(noise: &Noise, x: u32, y: u32) -> f32 {
     if pore { 0.72 } else { 0.86 + 0.14 * blotch }
 }
 
-/// Chips of three tones in a bright ground.
+/// Chips in three tones on a bright ground.
 pub(super) fn terrazzo(noise: &Noise, x: u32, y: u32) -> f32 {
     let chip = noise.smooth(x, y, 4, 4);
     match chip {
@@ -72,7 +72,7 @@ pub(super) fn sheen(x: u32, y: u32) -> f32 {
     if (8..18).contains(&along) || (24..27).contains(&along) { 1.0 } else { 0.9 }
 }
 
-/// Brightness of a texel, 0 to 1.
+/// Brightness at a texel, 0 to 1.
 pub(super) fn shade(pattern: Pattern, noise: &Noise, x: u32, y: u32) -> f32 {
     match pattern {
         Pattern::Weave => 0.9 + 0.08 * ((x / 2 + y / 2) % 2) as f32 + 0.02 * noise.at(x, y),
@@ -117,7 +117,7 @@ fn dots(x: u32, y: u32) -> f32 {
     if dx * dx + dy * dy < 16.0 { 0.66 } else { 1.0 }
 }
 
-/// An ornament of two leaves and a lozenge in each half of the tile.
+/// Two leaves and a lozenge in each half tile.
 fn damask(x: u32, y: u32) -> f32 {
     let (fx, fy) = ((x % 32) as f32 - 15.5, ((y + (x / 32) * 32) % 64) as f32 - 31.5);
     let leaf = (fx.abs() - 6.0).powi(2) / 20.0 + (fy - 4.0).powi(2) / 120.0 < 1.0;

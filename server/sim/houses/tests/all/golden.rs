@@ -1,6 +1,6 @@
-//! Numbers and digests of some procedural houses. A change of the generator invalidates all earlier splits
-//! and must be deliberate. `AVLN_BLESS=1 cargo test -p avln-houses --test all` rewrites them; state the
-//! reason in the changelog.
+//! Census and digests of some procedural houses. Changes to the generator invalidate all earlier splits and must
+//! be deliberate: `AVLN_BLESS=1 cargo test -p avln-houses --test all` rewrites the file; state the reason in the
+//! changelog.
 
 use avln_houses::{HouseOptions, Pool, house};
 use avln_scene::{digest::digest, stats::census};
@@ -17,7 +17,7 @@ fn line(pool: &str, seed: u64, storeys: u8) -> String {
 }
 
 #[test]
-fn houses_are_what_they_were() {
+fn houses_match_the_golden_digests() {
     let houses = [("train", 1), ("validation", 2), ("test", 3)];
     let found: String =
         houses.iter().flat_map(|&(pool, seed)| [1, 2].map(|storeys| line(pool, seed, storeys))).collect();
@@ -25,6 +25,6 @@ fn houses_are_what_they_were() {
     if std::env::var_os("AVLN_BLESS").is_some() {
         std::fs::write(&path, &found).expect("writable");
     }
-    let told = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(found == told, "{} says\n{told}\nand now it is\n{found}", path.display());
+    let expected = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(found == expected, "{} contains\n{expected}\nbut the houses are\n{found}", path.display());
 }

@@ -17,7 +17,7 @@ fn houses() -> impl Iterator<Item = (u64, Scene)> {
 }
 
 #[test]
-fn a_seed_always_gives_the_same_house_and_another_seed_another() {
+fn houses_depend_only_on_the_seed() {
     let digests: BTreeSet<String> = houses().map(|(_, scene)| digest(&scene)).collect();
     assert_eq!(digests.len(), SEEDS as usize);
     for seed in [0, 7] {
@@ -26,7 +26,7 @@ fn a_seed_always_gives_the_same_house_and_another_seed_another() {
 }
 
 #[test]
-fn meshes_are_whole_and_small() {
+fn meshes_are_complete_and_small() {
     for (seed, scene) in houses() {
         let mesh = &scene.mesh;
         let (corners, triangles) = (mesh.positions.len(), mesh.triangles.len());
@@ -47,7 +47,7 @@ fn meshes_are_whole_and_small() {
 }
 
 #[test]
-fn floors_look_up_and_ceilings_down() {
+fn floors_face_up_and_ceilings_down() {
     for (seed, scene) in houses() {
         for index in 0..scene.mesh.triangles.len() {
             let [a, b, c] = scene.corners(index);
@@ -64,7 +64,7 @@ fn floors_look_up_and_ceilings_down() {
 }
 
 #[test]
-fn boxes_are_those_of_the_triangles_and_lie_in_their_rooms() {
+fn boxes_match_triangles_and_stay_in_rooms() {
     for (seed, scene) in houses() {
         let mut around: BTreeMap<InstanceId, Aabb> = BTreeMap::new();
         for index in 0..scene.mesh.triangles.len() {
@@ -105,13 +105,13 @@ fn touches_wall(scene: &Scene, bounds: &Aabb) -> bool {
     boxes.any(|wall| wall.size().y > 0.3 && wall.intersects(&around))
 }
 
-/// Base height of an object above its room floor.
+/// Base height above the room floor.
 fn above_floor(scene: &Scene, object: &Object) -> f32 {
     object.bounds.min.y - scene.regions[usize::from(object.region.expect("a room"))].bounds.min.y
 }
 
 #[test]
-fn everything_rests_on_something() {
+fn objects_rest_on_a_support() {
     for (seed, scene) in houses() {
         for object in scene.objects.iter().filter(|object| above_floor(&scene, object) > 0.05) {
             let base = &object.bounds;
@@ -129,7 +129,7 @@ fn everything_rests_on_something() {
 }
 
 #[test]
-fn houses_are_full_of_different_things() {
+fn houses_contain_many_different_objects() {
     for (seed, scene) in houses() {
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         scene.objects.iter().for_each(|object| *counts.entry(object.category.as_str()).or_default() += 1);
@@ -143,7 +143,7 @@ fn houses_are_full_of_different_things() {
 }
 
 #[test]
-fn names_of_colours_are_those_of_the_surfaces() {
+fn colour_words_match_the_surfaces() {
     let (mut all, mut agreeing) = (0, 0);
     for (_, scene) in houses() {
         for object in scene.objects.iter().filter(|object| !object.attributes.color.is_empty()) {
@@ -156,7 +156,7 @@ fn names_of_colours_are_those_of_the_surfaces() {
     assert!(agreeing * 100 >= all * 97, "{agreeing} of {all}");
 }
 
-/// Square metres of an object's surface by the name of the colour that they show.
+/// Surface area by colour name, square metres.
 fn area_by_color(scene: &Scene, id: InstanceId) -> BTreeMap<&'static str, f32> {
     let mut areas = BTreeMap::new();
     for index in (0..scene.mesh.triangles.len()).filter(|&index| scene.mesh.instance_of[index] == id) {
@@ -169,7 +169,7 @@ fn area_by_color(scene: &Scene, id: InstanceId) -> BTreeMap<&'static str, f32> {
     areas
 }
 
-/// Sixteen colours of a triangle, spread over it.
+/// Sixteen colours spread over a triangle.
 fn shown(scene: &Scene, index: usize) -> Vec<[u8; 3]> {
     let mesh = &scene.mesh;
     let corners = mesh.triangles[index].map(|corner| corner as usize);
@@ -198,7 +198,7 @@ fn shown(scene: &Scene, index: usize) -> Vec<[u8; 3]> {
 }
 
 #[test]
-fn all_rooms_are_one_floor_for_a_walking_body() {
+fn rooms_are_connected_for_a_walking_body() {
     for seed in 0..SEEDS {
         let scene =
             house("flat", seed, &HouseOptions { rooms: 6..=20, storeys: 1..=1, ..Default::default() });
@@ -207,17 +207,17 @@ fn all_rooms_are_one_floor_for_a_walking_body() {
         for region in &scene.regions {
             let cells = floor.cells_in(&region.bounds);
             let share = cells.iter().filter(|&&cell| reached[cell]).count() as f32 / cells.len() as f32;
-            assert!(share > 0.8, "seed {seed}: {share} of the {} can be reached", region.label);
+            assert!(share > 0.8, "seed {seed}: {share} of the {} is reachable", region.label);
         }
         for object in scene.objects.iter().filter(|object| is_target(&object.category)) {
             let near = object.bounds.grown(1.5);
             let close = floor.cells_in(&near).iter().any(|&cell| reached[cell]);
-            assert!(close, "seed {seed}: nobody gets to {object:?}");
+            assert!(close, "seed {seed}: {object:?} is unreachable");
         }
     }
 }
 
-/// Free 5 cm cells for a disc: floor below, no obstacle from 0.2 m to 1.5 m within its radius.
+/// Free 5 cm cells for a disc: floor below, no obstacle from 0.2 m to 1.5 m within the radius.
 struct WalkableFloor {
     origin: Point3<f32>,
     columns: usize,
@@ -270,7 +270,7 @@ impl WalkableFloor {
         cells.filter(|&cell| self.free[cell]).collect()
     }
 
-    /// For each cell, whether it belongs to the largest connected part.
+    /// Membership in the largest connected part, per cell.
     fn largest_piece(&self) -> Vec<bool> {
         let size = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count();
         let mut seen = vec![false; self.free.len()];
@@ -302,7 +302,7 @@ impl WalkableFloor {
 }
 
 #[test]
-fn any_number_of_rooms_can_be_asked_for() {
+fn room_count_can_be_chosen() {
     for rooms in [0, 1, 2, 3, 4, 5, 9, 12, 16, 20, 24] {
         let scene = house("sized", 3, &HouseOptions { rooms: rooms..=rooms, ..Default::default() });
         assert_eq!(scene.regions.len(), usize::from(rooms.max(1)));
@@ -311,7 +311,7 @@ fn any_number_of_rooms_can_be_asked_for() {
 }
 
 #[test]
-fn most_rooms_of_a_house_have_a_lamp_and_every_window_lets_light_in() {
+fn rooms_have_lamps_and_windows_have_light() {
     for seed in 0..6 {
         let scene = house("lamps", seed, &HouseOptions::default());
         let lamps = scene.lighting.lamps();

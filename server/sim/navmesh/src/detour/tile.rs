@@ -15,11 +15,11 @@ const CORNERS: usize = 6;
 const WALKABLE: u16 = 1;
 /// Flag for an edge into another tile.
 const OUTSIDE: u16 = 0x8000;
-// f32 rounding can turn a straight corner inwards by this much, cells squared.
+// Largest inward turn at a straight corner by f32 rounding, cells squared.
 const SLACK: f64 = 0.5;
 const MAX_SIDE_CELLS: f64 = 60_000.0;
 const MAX_CELLS: f64 = 3.0e7;
-// f32 rounding moves lattice corners by this much, cells. Snapped back, they coincide with their neighbours.
+// Largest f32 rounding at a lattice corner, cells. Snapped back, corners coincide with their neighbours.
 const ROUNDING_CELLS: f64 = 2e-3;
 
 struct Counts {
@@ -43,8 +43,6 @@ struct Stored {
     corners: Vec<usize>,
     walkable: bool,
 }
-
-/// Detail triangle range of a polygon.
 struct Part {
     first_corner: usize,
     first_triangle: usize,

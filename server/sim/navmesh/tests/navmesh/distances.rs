@@ -58,7 +58,7 @@ impl<'a> Raster<'a> {
             for (point, cost) in self.points.iter().zip(self.costs(start)) {
                 let exact = field.distance_m(self.mesh, point).unwrap_or(f64::INFINITY);
                 assert!(exact <= cost + 1e-3, "{exact} > {cost} to {point:?}");
-                // The raster may miss gaps narrower than its spacing, so this bound is limited to its reach.
+                // The raster may miss gaps narrower than the spacing, so this bound only applies inside its reach.
                 assert!(
                     cost.is_infinite() || cost <= exact * EIGHT_WAYS + 0.3,
                     "{exact} << {cost} to {point:?}"

@@ -27,7 +27,7 @@ fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
 #[test]
 fn furniture_in_the_middle_of_a_room_is_left_out() {
     let mesh = hall().block([3.0, 0.0, 2.0], [5.0, 1.0, 4.0]).block([7.0, 0.0, 3.0], [8.0, 3.0, 4.0]).build();
-    // The hall without its rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
+    // The hall without the rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
     let area_m2 = mesh.island_area_m2(mesh.largest_island());
     assert!((area_m2 - (56.84 - 4.84 - 1.44)).abs() < 1.5, "{area_m2}");
     assert_eq!(mesh.snap(&Point3::new(7.5, 0.0, 3.5), 0.5), None);
@@ -258,7 +258,7 @@ fn stairs_join_two_storeys_and_points_above_each_other_stay_apart() {
     assert_eq!(mesh.island_of(&below), mesh.island_of(&above));
     let distance = mesh.distance_m(&below, &above).unwrap();
     // The side of the flight separates it from the adjacent floor from the second step, (4.28, 3.0). The path
-    // goes there, 0.1 m off, around it, up to the end of the opening at (8.2, 3.0), 0.1 m off, and on:
+    // passes it at 0.1 m, continues up to the end of the opening at (8.2, 3.0), 0.1 m off, and on:
     // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + sqrt(3.92^2 + 2.5^2) + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.79, with a rise
     // of 2.5 m: 2.7 m minus one or two steps.
     assert!((distance - 13.79).abs() < 0.3, "{distance}");

@@ -20,7 +20,7 @@ fn bulb(x: f32, y: f32, z: f32) -> Lamp {
     Lamp { position: Point3::new(x, y, z), facing: None, radius_m: 0.1, strength: [2.5; 3] }
 }
 
-/// Adds a box of eight vertices, seen from inside or from outside.
+/// Adds a box with eight vertices, seen from inside or outside.
 fn add_box(mesh: &mut Mesh, min: [f32; 3], max: [f32; 3], from_inside: bool) {
     const SIDES: [[u32; 4]; 6] =
         [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];

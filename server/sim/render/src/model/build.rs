@@ -1,4 +1,4 @@
-//! Makes a model from a scene.
+//! Model construction.
 
 use super::textures::Textures;
 use super::tree::{Content, Node, Tree};
@@ -8,12 +8,12 @@ use avln_geom::Aabb;
 use avln_scene::{Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// The last material, for surfaces without a known material.
+/// Material for surfaces without a known material; the last in a model.
 const PLAIN: [u32; 4] = [u32::MAX, NO_TEXTURE, 0, 0];
 
 impl Model {
-    /// Builds the model of `mesh` with the materials of `scene` and the textures `pictures`. Omits invisible
-    /// triangles: degenerate, or with invalid corners.
+    /// Builds the model of `mesh` with the scene's materials and the textures `pictures`. Omits degenerate
+    /// triangles and triangles with invalid corners.
     pub(crate) fn build(scene: &Scene, mesh: &Mesh, pictures: &[Texture]) -> Self {
         let (boxes, members) = visible(mesh);
         let left_out = mesh.triangles.len() - members.len();
@@ -47,7 +47,7 @@ impl Model {
 }
 
 impl Default for Model {
-    /// The empty model.
+    /// Returns the empty model.
     fn default() -> Self {
         let Textures { levels, texels } = Textures::new();
         let levels = bytemuck::cast_slice(&levels);
@@ -55,7 +55,7 @@ impl Default for Model {
     }
 }
 
-/// The boxes of all triangles, and the numbers of those that can be seen.
+/// Returns all triangle boxes, and the visible triangles.
 fn visible(mesh: &Mesh) -> (Vec<Aabb>, Vec<u32>) {
     let mut members = Vec::with_capacity(mesh.triangles.len());
     let boxes = mesh.triangles.iter().enumerate().map(|(index, triangle)| {
@@ -73,7 +73,7 @@ fn visible(mesh: &Mesh) -> (Vec<Aabb>, Vec<u32>) {
     (boxes.collect(), members)
 }
 
-/// The different pairs of material and instance.
+/// Distinct pairs of material and instance.
 #[derive(Default)]
 struct Surfaces {
     list: Vec<[u32; 2]>,
@@ -81,7 +81,7 @@ struct Surfaces {
 }
 
 impl Surfaces {
-    /// Surface of every triangle; unknown materials map to the plain material.
+    /// Returns the surface by triangle; unknown materials map to the plain material.
     fn of_triangles(&mut self, mesh: &Mesh, materials: usize) -> Vec<u32> {
         let pairs = mesh.material_of.iter().zip(&mesh.instance_of);
         let mut last = None;
@@ -108,7 +108,7 @@ impl Surfaces {
     }
 }
 
-/// Materials of a model, the plain material last.
+/// Returns the materials, the plain material last.
 fn materials(scene: &Scene, pictures: &[Texture], textures: &mut Textures) -> Vec<[u32; 4]> {
     let levels: Vec<u32> = pictures.iter().map(|texture| textures.add(texture)).collect();
     let material = |material: &Material| {
@@ -129,10 +129,10 @@ fn node(Node { bounds, content }: &Node) -> [u32; 8] {
     [min[0], min[1], min[2], max[0], max[1], max[2], number, kind]
 }
 
-/// Hash table slots for equal corners: more than twice the corner count.
+// More than twice the corner count of a cluster, so that probing is short.
 const SLOTS: usize = 512;
 
-/// Packed lists of all clusters; see [`super::ModelView`].
+/// Packed cluster lists; see [`super::ModelView`].
 #[derive(Default)]
 struct Packed {
     clusters: Vec<Cluster>,
@@ -144,7 +144,7 @@ struct Packed {
 /// A corner as bits: position, texture coordinates, colour.
 type Corner = [u32; 6];
 
-/// Distinct corners of a cluster.
+/// A cluster's distinct corners.
 struct Distinct {
     corners: Vec<Corner>,
     /// Index into `corners` plus one, or 0.
@@ -152,7 +152,7 @@ struct Distinct {
 }
 
 impl Packed {
-    /// Adds the cluster of the triangles `members`; `surface_of` returns the surface and a flag for holes.
+    /// Adds a cluster; `surface_of` returns a triangle's surface and a flag for holes.
     fn add(&mut self, mesh: &Mesh, members: &[u32], surface_of: impl Fn(u32) -> (u32, bool)) {
         let mut distinct = Distinct { corners: Vec::with_capacity(CORNERS), slots: [0; SLOTS] };
         let first_triangle = self.triangles.len();
@@ -181,7 +181,7 @@ impl Packed {
 }
 
 impl Distinct {
-    /// The number of `corner` among the different ones, which it joins if it is new.
+    /// Returns the index of `corner`, added if new.
     fn index(&mut self, corner: Corner) -> u8 {
         let mut slot = hash(&corner) % SLOTS;
         while self.slots[slot] != 0 {

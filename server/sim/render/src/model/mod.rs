@@ -1,5 +1,9 @@
-//! A scene prepared for rendering: clusters of triangles under a box tree, and textures in all sizes, in a
-//! single memory block that can be stored in a file.
+//! A scene prepared for rendering: triangle clusters under a box tree, and textures with mipmaps, in a single
+//! memory block.
+//!
+//! File layout: words of four bytes in native order, because files are a cache and never exchanged. A header
+//! (the letters `AVLN`, layout version, word count by section, BLAKE3 hash of all sections), then the
+//! sections.
 
 mod build;
 mod textures;
@@ -12,19 +16,19 @@ use std::ops::Range;
 pub(crate) use textures::{BLOCK, LEVEL_BITS, NO_TEXTURE};
 pub(crate) use tree::CLUSTER;
 
-/// Corners of a cluster, at most.
+/// Corner limit of a cluster.
 pub(crate) const CORNERS: usize = 3 * CLUSTER;
 
-/// Flag of triangles with holes, next to the corner numbers.
+/// Flag of triangles with holes, next to the corner indices.
 pub(crate) const HOLED: u32 = 1 << 24;
 
-/// Sections of a model, in their order.
+/// Section count.
 const SECTIONS: usize = 10;
 
-/// Immutable render data of a scene, shared by threads.
+/// A scene's immutable render data, shared by threads.
 pub struct Model {
     bytes: Box<dyn AsRef<[u8]> + Send + Sync>,
-    /// Byte range of every section.
+    /// Byte ranges.
     sections: [Range<usize>; SECTIONS],
 }
 
@@ -34,39 +38,33 @@ pub(crate) struct ModelView<'a> {
     /// Boxes: smallest and largest corner as float bits, then the left child and 0, or a cluster and 1.
     pub(crate) nodes: &'a [[u32; 8]],
     pub(crate) clusters: &'a [Cluster],
-    /// Per cluster: x of all corners in metres, padded to a multiple of [`LANES`], then y, then z.
+    /// By cluster: x for all corners, metres, padded to a multiple of [`LANES`], then y, then z.
     pub(crate) coordinates: &'a [f32],
-    /// Texture coordinates and colours of corners, in cluster order: u and v as float bits, then RGB.
+    /// Corners in cluster order: u and v as float bits, then RGB.
     pub(crate) corners: &'a [[u32; 3]],
-    /// Per triangle: corners within the cluster, a byte each, and the surface.
+    /// Triangles: corners within the cluster, a byte each, and the surface.
     pub(crate) triangles: &'a [[u32; 2]],
     /// Material, instance.
     pub(crate) surfaces: &'a [[u32; 2]],
     /// Base colour RGBA; first texture level with the level count in the low [`LEVEL_BITS`] bits; alpha
     /// cutoff; 0.
     pub(crate) materials: &'a [[u32; 4]],
-    /// Sizes of textures: first texel; width in the low 16 bits and height in the high.
+    /// Texture levels: first texel; width in the low 16 bits, height in the high.
     pub(crate) levels: &'a [Level],
     /// RGBA, in blocks of 4 by 4.
     pub(crate) texels: &'a [u32],
-    /// Global values: background colour RGB; number of omitted triangles.
+    /// Background RGB; omitted triangle count.
     pub(crate) whole: &'a [u32],
 }
 
-/// Start and size of a texture level; see [`View::levels`].
+/// See [`ModelView::levels`].
 pub(crate) type Level = [u32; 2];
 
-/// Start of the lists of a cluster: coordinate, corner, triangle; then triangle count in the low 16 bits and
-/// corner count in the high.
+/// A cluster's first coordinate, corner and triangle; triangle count in the low 16 bits, corner count in the
+/// high.
 pub(crate) type Cluster = [u32; 4];
 
 impl Model {
-    /// A model in `bytes` with validated sections.
-    fn new(bytes: Box<dyn AsRef<[u8]> + Send + Sync>, sections: [Range<usize>; SECTIONS]) -> Self {
-        Self { bytes, sections }
-    }
-
-    /// The model's lists.
     pub(crate) fn view(&self) -> ModelView<'_> {
         let bytes = (*self.bytes).as_ref();
         let section = |index: usize| &bytes[self.sections[index].clone()];
@@ -84,37 +82,38 @@ impl Model {
         }
     }
 
-    /// Count of visible triangles, without degenerate or invalid triangles.
+    /// Returns the visible triangle count.
     pub fn triangle_count(&self) -> usize {
         self.view().triangles.len()
     }
 
-    /// Bytes that the triangles take, tree included.
+    /// Returns the geometry size, bytes, including the tree.
     pub fn geometry_bytes(&self) -> usize {
         self.sections[..6].iter().map(ExactSizeIterator::len).sum()
     }
 
-    /// Bytes that textures take in all their sizes.
+    /// Returns the texture size, bytes, including mipmaps.
     pub fn texture_bytes(&self) -> usize {
         self.sections[8].len()
     }
 
-    /// All bytes of the model.
+    /// Returns the total size, bytes.
     pub fn byte_count(&self) -> usize {
         (*self.bytes).as_ref().len()
     }
 }
 
 const MAGIC: u32 = u32::from_le_bytes(*b"AVLN");
-/// Version of the layout, the model construction and the light computation.
+// To be raised with every change of layout, model construction or light computation: cached models with an
+// equal version are used as they are.
 const VERSION: u32 = 2;
 const HASH_WORDS: usize = 8;
 const HEADER_WORDS: usize = 2 + SECTIONS + HASH_WORDS;
 const WORD: usize = size_of::<u32>();
-/// Words per entry of every section.
+/// Words per entry, by section.
 const ENTRY_WORDS: [usize; SECTIONS] = [8, 4, 1, 3, 2, 2, 4, 2, 1, 2];
 
-/// Why bytes are not a model.
+/// An unreadable model.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum ModelError {
     /// A different format or version.
@@ -125,13 +124,13 @@ pub enum ModelError {
         /// Version found, or 0.
         found: u32,
     },
-    /// Some are missing or changed.
+    /// Missing or changed bytes.
     #[error("it is damaged: {0}; delete it; the next start regenerates it")]
     Damaged(&'static str),
 }
 
 impl Model {
-    /// Version of the layout, the model construction and the light computation; other versions are rejected.
+    /// Version of layout, construction and light; other versions are rejected.
     pub const VERSION: u32 = VERSION;
 
     /// Reads a model written by [`Model::write`]; the bytes may be a mapped file.
@@ -140,19 +139,19 @@ impl Model {
     /// If the bytes have a different format, are truncated or modified.
     pub fn read(bytes: impl AsRef<[u8]> + Send + Sync + 'static) -> Result<Self, ModelError> {
         let sections = sections(bytes.as_ref())?;
-        Ok(Self::new(Box::new(bytes), sections))
+        Ok(Self { bytes: Box::new(bytes), sections })
     }
 
-    /// Writes the model's bytes.
+    /// Writes the bytes.
     ///
     /// # Errors
-    /// When `out` takes no more.
+    /// If `out` fails.
     pub fn write(&self, mut out: impl Write) -> io::Result<()> {
         out.write_all((*self.bytes).as_ref())
     }
 }
 
-/// Words with borrowable bytes.
+/// Words, borrowed as bytes.
 struct Words(Vec<u32>);
 
 impl AsRef<[u8]> for Words {
@@ -161,7 +160,6 @@ impl AsRef<[u8]> for Words {
     }
 }
 
-/// The model with these sections.
 fn assemble(contents: &[&[u32]; SECTIONS]) -> Model {
     let mut words = vec![MAGIC, VERSION];
     words.extend(contents.iter().map(|section| section.len() as u32));
@@ -171,8 +169,8 @@ fn assemble(contents: &[&[u32]; SECTIONS]) -> Model {
     });
     words.extend(hasher.finalize().as_bytes().as_chunks::<WORD>().0.iter().copied().map(u32::from_ne_bytes));
     contents.iter().for_each(|section| words.extend_from_slice(section));
-    let lengths = contents.map(|section| section.len());
-    Model::new(Box::new(Words(words)), ranges(lengths))
+    let sections = ranges(contents.map(|section| section.len()));
+    Model { bytes: Box::new(Words(words)), sections }
 }
 
 fn ranges(lengths: [usize; SECTIONS]) -> [Range<usize>; SECTIONS] {
@@ -226,7 +224,7 @@ mod tests {
         bytes
     }
 
-    /// Bytes at a word-aligned address.
+    /// Reads bytes from a word-aligned address.
     fn read(bytes: &[u8]) -> Result<Model, ModelError> {
         Model::read(Words(
             bytes.chunks(WORD).map(|word| word.iter().rev().fold(0, |w, &b| w << 8 | u32::from(b))).collect(),
@@ -242,8 +240,6 @@ mod tests {
         assert_eq!(again.view().corners, [[1, 2, 3]]);
     }
 
-    /// Cached models are used as long as the version is equal, so a changed construction without a new
-    /// version would show old images.
     #[test]
     fn models_that_are_built_otherwise_have_another_version() {
         let scene = Arc::new(house("kept", 21, &HouseOptions::small()));

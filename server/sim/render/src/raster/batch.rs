@@ -1,4 +1,4 @@
-//! Projects the triangles of a cluster and works out their edges, eight at a time.
+//! Triangle projection and edge setup, eight triangles at a time.
 
 use super::screen::{PixelRect, SLACK_PX};
 use super::{NEAR_M, ROUNDING, Raster, Scratch};
@@ -6,46 +6,43 @@ use crate::lanes::{Floats, LANES, Numbers};
 use crate::model::CLUSTER;
 use std::array::from_fn;
 
-/// Corners are numbered by bytes.
+// Corner indices are bytes.
 const BYTE: usize = 256;
 
-/// Corners of a cluster on the screen.
+/// A cluster's corners on the screen.
 pub(super) struct Projected {
-    /// Column and row, relative to the centre of the first pixel.
+    /// Column and row, relative to the first pixel's centre.
     pub(super) x: [f32; BYTE],
     pub(super) y: [f32; BYTE],
     /// Reciprocal depth, 1/metres; negative behind the pinhole.
     pub(super) nearness: [f32; BYTE],
-    /// Depth, metres.
     pub(super) depth_m: [f32; BYTE],
 }
 
-/// Eight projected triangles with corners in front of the pinhole; other lanes are undefined.
+/// Eight projected triangles; lanes with a corner behind the pinhole are undefined.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Batch {
-    /// Of each triangle's three corners.
     pub(super) corners: [Position; 3],
     pub(super) nearness: [Floats; 3],
-    /// Reciprocal of twice the signed area.
+    /// Reciprocal of the doubled signed area.
     pub(super) inverse: Floats,
-    /// First column and row covered by the triangle, and the end after the last; empty ranges have end <=
-    /// first.
+    /// First column and row, and the end after the last; empty ranges have end <= first.
     first: [Numbers; 2],
     end: [Numbers; 2],
-    /// Nearness of the nearest corner and a little more.
+    /// Largest nearness plus a rounding margin.
     nearest: Floats,
-    /// Edges opposite to the corners.
+    /// Opposite to the corners.
     edges: [Edges; 3],
-    /// Planes of reciprocal depth, anchored at the farthest corners to minimise rounding.
+    /// Plane of reciprocal depth.
     slope: [Floats; 2],
     anchor: Position,
     least: Floats,
 }
 
-/// All triangles of a cluster.
+/// A cluster's batches.
 pub(super) type Batches = [Batch; CLUSTER / LANES];
 
-/// A number that grows linearly over the picture: `x·column + y·row + constant`.
+/// A linear function over the image: `x·column + y·row + constant`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Plane {
     pub(super) x: f32,
@@ -53,7 +50,7 @@ pub(super) struct Plane {
     pub(super) constant: f32,
 }
 
-/// A plane with its value at an anchor.
+/// A linear function, anchored at a position.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Anchored {
     pub(super) x: f32,
@@ -63,18 +60,18 @@ pub(super) struct Anchored {
     pub(super) value: f32,
 }
 
-/// An edge: inside if its plane is above `limit`.
+/// An edge: inside if the plane is above `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
     pub(super) plane: Plane,
     pub(super) limit: f32,
 }
 
-/// A triangle that is about to be drawn.
+/// A triangle before drawing.
 pub(super) struct TriangleSetup {
     pub(super) edges: [Edge; 3],
     pub(super) nearness: Anchored,
-    /// The largest nearness that it has anywhere, and a little more.
+    /// Largest nearness plus a rounding margin.
     pub(super) nearest: f32,
     pub(super) pixels: PixelRect,
 }
@@ -113,7 +110,7 @@ impl Default for Projected {
 }
 
 impl Raster<'_> {
-    /// Draws the visible part of a cluster.
+    /// Draws a cluster's visible part.
     #[inline(always)]
     pub(super) fn draw_cluster(&mut self, number: usize) {
         let [coordinate, _, first, counts] = self.view.clusters[number];
@@ -143,8 +140,7 @@ impl Raster<'_> {
         self.make_records(number);
     }
 
-    /// Projects `count` corners of a cluster with coordinates from `first`; returns the smallest depth,
-    /// metres.
+    /// Projects `count` corners with coordinates from `first`; returns the smallest depth, metres.
     #[inline(always)]
     fn project(&mut self, first: usize, count: usize) -> f32 {
         let eights = count.div_ceil(LANES);
@@ -177,7 +173,6 @@ impl Raster<'_> {
 }
 
 impl Batch {
-    /// Takes the corners of up to eight triangles.
     #[inline(always)]
     fn gather(&mut self, from: &Projected, triangles: &[[u32; 2]]) {
         let words: [u32; LANES] = from_fn(|lane| triangles.get(lane).map_or(0, |[corners, _]| *corners));
@@ -189,7 +184,7 @@ impl Batch {
         }
     }
 
-    /// A batch with a single triangle: column, row and reciprocal depth per corner.
+    /// Returns a batch with one triangle: column, row and reciprocal depth by corner.
     pub(super) fn single(corners: [[f32; 3]; 3], size: [usize; 2]) -> Self {
         let of = |value: usize| corners.map(|corner| Floats::of(corner[value]));
         let (x, y) = (of(0), of(1));
@@ -199,7 +194,6 @@ impl Batch {
         batch
     }
 
-    /// Works out edges and extents.
     #[inline(always)]
     fn prepare(&mut self, size: [usize; 2]) {
         let [a, b, c] = self.corners;
@@ -211,6 +205,7 @@ impl Batch {
         let [na, nb, nc] = self.nearness;
         let plane = planes(&self.corners, self.inverse, self.nearness);
         self.slope = [plane.x, plane.y];
+        // The farthest corner as anchor minimises rounding.
         let (is_b, is_c) = (na.above(nb), na.least(nb).above(nc));
         let farthest = |axis: usize| is_c.choose(c[axis], is_b.choose(b[axis], a[axis]));
         self.anchor = [farthest(0), farthest(1)];
@@ -224,12 +219,12 @@ impl Batch {
             self.first[axis] = low.most(zero).least(end).rounded_up();
             self.end[axis] = (high + one).most(zero).least(end).rounded_down();
         }
-        // Twice the area is neither 0 nor infinite nor not a number.
+        // The doubled area is neither 0 nor infinite nor NaN.
         let is_there = area.abs().above(zero) & Floats::of(f32::INFINITY).above(area.abs());
         self.end[0] = is_there.keep_numbers(self.end[0]);
     }
 
-    /// Pixels that a triangle may cover, if any.
+    /// Returns the pixels that a triangle may cover, if any.
     #[inline(always)]
     pub(super) fn pixels(&self, lane: usize) -> Option<PixelRect> {
         let first = [self.first[0].0[lane], self.first[1].0[lane]];
@@ -259,10 +254,10 @@ impl Batch {
     }
 }
 
-/// A position on the screen.
+/// A screen position: columns to the right and rows down, relative to the first pixel's centre.
 pub(super) type Position = [Floats; 2];
 
-/// A number that grows linearly over the picture: `x·column + y·row + constant`.
+/// Eight [`Plane`]s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Planes {
     pub(super) x: Floats,
@@ -270,7 +265,7 @@ pub(super) struct Planes {
     pub(super) constant: Floats,
 }
 
-/// Edges: inside if the plane is above `limit`.
+/// Eight [`Edge`]s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Edges {
     pub(super) plane: Planes,
@@ -278,20 +273,19 @@ pub(super) struct Edges {
     pub(super) limit: Floats,
 }
 
-/// Twice the area of triangles; positive when their corners turn to the right.
+/// Doubled areas; positive for corners in clockwise order on the screen.
 #[inline(always)]
 pub(super) fn double_area([ax, ay]: Position, [bx, by]: Position, [cx, cy]: Position) -> Floats {
     (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 }
 
-/// Edges from `a` to `b` of triangles with the inside on the right for `side` 1 and on the left for -1.
-///
-/// From `b` to `a` the values are equal with opposite signs: planes are anchored at the end nearer to the
-/// first pixel, which minimises rounding.
+/// Returns the edges from `a` to `b`, with the inside on the right for `side` 1 and on the left for -1.
 #[inline(always)]
 pub(super) fn edges([ax, ay]: Position, [bx, by]: Position, side: Floats) -> Edges {
     let zero = Floats::of(0.0);
     let (x, y) = ((ay - by) * side, (bx - ax) * side);
+    // The anchor is the end nearer to the first pixel, which minimises rounding. It is the same from `b` to `a`,
+    // so both triangles at an edge have equal values with opposite signs.
     let (far_a, far_b) = (ax.abs() + ay.abs(), bx.abs() + by.abs());
     let is_left = ax.above(bx) | (ax.equals(bx) & ay.above(by));
     let from_b = far_a.above(far_b) | (far_a.equals(far_b) & is_left);
@@ -303,7 +297,7 @@ pub(super) fn edges([ax, ay]: Position, [bx, by]: Position, side: Floats) -> Edg
     }
 }
 
-/// Planes through values at three corners; `inverse` is the reciprocal of the triangles' [`double_area`].
+/// Returns the planes through values at three corners; `inverse` is the reciprocal [`double_area`].
 #[inline(always)]
 pub(super) fn planes(corners: &[Position; 3], inverse: Floats, [a, b, c]: [Floats; 3]) -> Planes {
     let [[ax, ay], [bx, by], [cx, cy]] = *corners;

@@ -1,4 +1,4 @@
-//! Draws triangles pixel by pixel, eight at a time.
+//! Drawing pixel by pixel, eight at a time, and clipping at the near plane.
 
 use super::batch::{Anchored, Batch, Edge, Plane, TriangleSetup};
 use super::screen::{SIDE, Screen, TileRect};
@@ -8,15 +8,14 @@ use crate::model::HOLED;
 use crate::shade::is_solid;
 use avln_geom::{Point3, Vector3};
 
-/// Eight columns of a triangle: increments of edge planes and reciprocal depth from column 0, and edge
-/// limits.
+/// Eight columns of a triangle: plane increments from column 0, and edge limits.
 struct Strip<'a> {
     setup: &'a TriangleSetup,
     edges: [Floats; 3],
     limits: [Floats; 3],
     nearness: Floats,
     column: usize,
-    /// The number to be noted for pixels that are covered.
+    /// Shading record for covered pixels.
     record: u32,
 }
 
@@ -36,10 +35,10 @@ impl TriangleSetup {
         }
     }
 
-    /// Returns true if no pixel of a tile can be inside.
+    /// Returns true if no pixel in a tile can be inside.
     #[inline(always)]
     fn misses(&self, first: [usize; 2]) -> bool {
-        /// Distance from a tile centre to its outermost pixel centres, with a rounding margin.
+        // From a tile centre to its outermost pixel centres, with a rounding margin.
         const HALF: f32 = 0.5 * (SIDE - 1) as f32 + 0.01;
         let [x, y] = first.map(|at| at as f32 + 0.5 * (SIDE - 1) as f32);
         let outside = |Edge { plane, .. }: &Edge| {
@@ -50,7 +49,7 @@ impl TriangleSetup {
 }
 
 impl Screen {
-    /// Draws a triangle, to be noted under the number `record`; whether it is seen anywhere.
+    /// Draws a triangle; returns true if any pixel changed.
     #[inline(always)]
     pub(super) fn fill(&mut self, setup: &TriangleSetup, record: u32) -> bool {
         let [left, top] = setup.pixels.first.map(|at| at as usize);
@@ -90,7 +89,7 @@ impl Screen {
         }
     }
 
-    /// Draws eight pixels of each row from `top` to before `bottom`; whether any changed.
+    /// Draws eight pixels in all rows from `top` to `bottom`; returns true if any changed.
     #[inline(always)]
     fn fill_strip(&mut self, strip: &Strip, top: usize, bottom: usize) -> bool {
         let (stride, first) = (self.stride, top * self.stride + strip.column);
@@ -109,7 +108,7 @@ impl Screen {
 }
 
 impl Strip<'_> {
-    /// Draws eight pixels of a row; those that changed.
+    /// Draws eight pixels in a row; returns the changed ones.
     #[inline(always)]
     fn fill(&self, row: f32, nearness: &mut [f32; SIDE], record: &mut [u32; SIDE]) -> Truths {
         let start = |plane: &Plane| Floats::of(plane.y * row + plane.constant);
@@ -127,7 +126,7 @@ impl Strip<'_> {
 }
 
 impl Raster<'_> {
-    /// Draws a triangle of a surface with holes and the shading record `record`.
+    /// Draws a triangle with holes.
     pub(super) fn fill_holed(&mut self, setup: &TriangleSetup, surface: u32, record: u32) {
         let planes = self.scratch.records.planes[record as usize];
         let screen = &mut self.scratch.screen;
@@ -150,7 +149,7 @@ impl Raster<'_> {
 }
 
 impl Raster<'_> {
-    /// Draws triangle `at` of a cluster if it crosses the near plane; returns true in that case.
+    /// Draws triangle `at` if it crosses the near plane; returns true in that case.
     pub(super) fn clip(&mut self, cluster: usize, at: usize) -> bool {
         let [word, surface] = self.view.triangles[self.view.clusters[cluster][2] as usize + at];
         let [a, b, c, _] = word.to_le_bytes();
@@ -194,8 +193,7 @@ impl Raster<'_> {
         Point3::from([0, 1, 2].map(|axis| self.view.coordinates[first as usize + axis * padded + index]))
     }
 
-    /// Projected corners and reciprocal depths of the part beyond the near plane: three or four. Shared
-    /// corners use the shared projection.
+    /// Returns three or four projected corners with reciprocal depths, for the part beyond the near plane.
     fn outline(&self, corners: &[Vector3<f32>; 3], indices: &[usize; 3]) -> Vec<[f32; 3]> {
         let projected = &self.scratch.projected;
         let mut outline = Vec::with_capacity(4);
@@ -203,6 +201,7 @@ impl Raster<'_> {
             let next = (i + 1) % 3;
             let [is_ahead, next_is_ahead] = [i, next].map(|i| projected.depth_m[indices[i]] >= NEAR_M);
             if is_ahead {
+                // Shared corners use the shared projection: neighbours stay free of cracks.
                 let index = indices[i];
                 outline.push([projected.x[index], projected.y[index], projected.nearness[index]]);
             }
@@ -217,8 +216,7 @@ impl Raster<'_> {
         outline
     }
 
-    /// A triangle with corners on the screen (column, row, nearness) and this plane of nearness; `None` when it covers no
-    /// pixel.
+    /// Returns the setup for a part on the screen (column, row, nearness); `None` without a pixel.
     fn part(&self, corners: [[f32; 3]; 3], nearness: Anchored) -> Option<TriangleSetup> {
         let screen = &self.scratch.screen;
         let batch = Batch::single(corners, [screen.width, screen.height]);
@@ -236,7 +234,7 @@ struct Homogeneous {
 }
 
 impl Homogeneous {
-    /// Creates the planes of a triangle in the camera frame; `None` if seen edge-on.
+    /// Returns the planes of a triangle in the camera frame; `None` if seen edge-on.
     fn new(corners: &[Vector3<f32>; 3]) -> Option<Self> {
         let [a, b, c] = corners.map(|corner| corner.cast::<f64>());
         let normals = [b.cross(&c), c.cross(&a), a.cross(&b)];
@@ -244,20 +242,20 @@ impl Homogeneous {
         inverse_volume.is_finite().then_some(Self { normals, inverse_volume })
     }
 
-    /// The plane of values over depth, in pixels from the picture's middle: across, down, constant.
+    /// Returns the plane of values over depth, in pixels from the image centre: across, down, constant.
     fn gradient(&self, values: [f32; 3]) -> Vector3<f64> {
         let [a, b, c] = values.map(f64::from);
         (self.normals[0] * a + self.normals[1] * b + self.normals[2] * c) * self.inverse_volume
     }
 
-    /// The plane over depth through three corners' values, given the picture's middle.
+    /// Returns the plane over depth through values at the corners.
     fn over_depth(&self, values: [f32; 3], [middle_x, middle_y]: [f32; 2]) -> Plane {
         let sum = self.gradient(values);
         let constant = sum.z - sum.x * f64::from(middle_x) - sum.y * f64::from(middle_y);
         Plane { x: sum.x as f32, y: sum.y as f32, constant: constant as f32 }
     }
 
-    /// The plane of nearness, anchored at a place on the screen.
+    /// Returns the plane of nearness, anchored at a screen position.
     fn nearness(&self, [column, row, _]: [f32; 3], middle: [f32; 2]) -> Anchored {
         let sum = self.gradient([1.0; 3]);
         let [x, y] =

@@ -1,9 +1,9 @@
-//! Rasterisation: the nearest hit of every pixel. The tree is traversed front to back; occluded boxes and
-//! triangles are skipped.
+//! Rasterisation: the nearest hit by pixel. The tree is traversed front to back; occluded boxes and triangles
+//! are skipped.
 //!
-//! A pixel belongs to a projected triangle if the pixel centre is inside its three edges. Both sides of an
-//! edge use equal numbers up to sign, and the top-left rule assigns centres on an edge, so surfaces have no
-//! cracks and no double pixels.
+//! A pixel belongs to a projected triangle if its centre is inside the three edges. Both sides of an edge use
+//! equal numbers up to sign, and the top-left rule assigns centres on an edge, so surfaces have no cracks and
+//! no double pixels.
 
 mod batch;
 mod fill;
@@ -23,21 +23,21 @@ use std::array::from_fn;
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f32 = 1e-3;
+// Rounding changes a nearness by less than this factor.
+const ROUNDING: f32 = 1.0 + 1e-5;
 
-/// Reusable memory for drawing.
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) screen: Screen,
     pub(crate) records: ShadingRecords,
     projected: Box<Projected>,
     batches: Box<Batches>,
-    /// Triangles of the present cluster to draw: numbers and covered pixels.
+    /// Triangles to draw in the current cluster, with covered pixels.
     waiting: Vec<(u8, PixelRect)>,
     /// Boxes to visit, the next one last.
     open: Vec<u32>,
 }
 
-/// Drawing of a single image.
 pub(crate) struct Raster<'a> {
     pub(crate) view: ModelView<'a>,
     pub(crate) lens: Lens,
@@ -49,17 +49,6 @@ impl Work for Raster<'_> {
 
     #[inline(always)]
     fn run(mut self) {
-        self.draw();
-    }
-}
-
-/// More than rounding can change a nearness by.
-const ROUNDING: f32 = 1.0 + 1e-5;
-
-impl Raster<'_> {
-    /// Draws all that can be seen.
-    #[inline(always)]
-    fn draw(&mut self) {
         self.scratch.records.clear();
         self.scratch.open.clear();
         if !self.view.nodes.is_empty() {
@@ -80,14 +69,16 @@ impl Raster<'_> {
             }
         }
     }
+}
 
+impl Raster<'_> {
     fn bounds(&self, node: u32) -> [Point3<f32>; 2] {
         let words = &self.view.nodes[node as usize];
         let corner = |first: usize| Point3::from([0, 1, 2].map(|axis| f32::from_bits(words[first + axis])));
         [corner(0), corner(3)]
     }
 
-    /// The square of the distance from the eye to a box.
+    /// Squared distance from the eye to a box.
     #[inline(always)]
     fn distance(&self, node: u32) -> f32 {
         let [min, max] = self.bounds(node);
@@ -100,7 +91,6 @@ impl Raster<'_> {
         gap(0) * gap(0) + gap(1) * gap(1) + gap(2) * gap(2)
     }
 
-    /// Returns true if a box may be visible.
     #[inline(always)]
     fn may_show(&self, node: u32) -> bool {
         let [x, y, z] = self.camera_from_box(&self.bounds(node));
@@ -120,7 +110,7 @@ impl Raster<'_> {
             .is_some_and(|pixels| screen.shows(&pixels, ROUNDING / nearest_m))
     }
 
-    /// The corners of a box in the camera frame: all x, all y, all z.
+    /// Returns a box's corners in the camera frame: all x, all y, all z.
     #[inline(always)]
     fn camera_from_box(&self, [min, max]: &[Point3<f32>; 2]) -> [Floats; 3] {
         let (low, high) = (min - self.lens.eye, max - self.lens.eye);
@@ -134,7 +124,7 @@ impl Raster<'_> {
         [along(&self.lens.right), along(&self.lens.down), along(&self.lens.forward)]
     }
 
-    /// Returns true if a box near the pinhole may be in the image: false if it is beyond an image border.
+    /// Returns false for a box near the pinhole that is beyond an image border.
     fn may_face(&self, x: &[f32; LANES], y: &[f32; LANES], z: &[f32; LANES]) -> bool {
         let [half_x, half_y] = self.lens.half;
         [(x, half_x), (y, half_y)].into_iter().all(|(values, half)| {

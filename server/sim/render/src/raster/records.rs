@@ -1,4 +1,4 @@
-//! Shading records of the visible triangles.
+//! Shading records: texture coordinates, tint and instance by visible triangle.
 
 use super::batch::{Batch, Plane, Planes, planes};
 use super::{Raster, Scratch};
@@ -10,37 +10,36 @@ use std::array::from_fn;
 /// Flag of constant tints (RGB); other tints index [`ShadingRecords::tints`].
 const TINT_IS_EVEN: u32 = 0xff00_0000;
 
-/// A record per visible triangle in drawing order, after the record of the background.
+/// Records in drawing order; the first is the background.
 #[derive(Default)]
 pub(crate) struct ShadingRecords {
-    /// Planes of u and v times reciprocal depth (x, y, constant), texels of the full size per pixel at one
-    /// metre (scales with depth cubed), and 0.
+    /// Planes of u and v over depth (x, y, constant), full-size texels per pixel at one metre (scales with
+    /// depth cubed), and 0.
     pub(crate) planes: Vec<[f32; 8]>,
     pub(crate) meta: Vec<Meta>,
-    /// Planes of red, green and blue, 0 to 255, times nearness.
+    /// Planes of red, green and blue, 0 to 255, over depth.
     pub(crate) tints: Vec<[f32; 9]>,
-    /// Triangles of the current cluster that were seen and have no record yet, in their order.
+    /// Visible triangles of the current cluster without a record, in drawing order.
     kept: Vec<u8>,
 }
 
-/// Common shading data of a triangle.
+/// A triangle's constant shading data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Meta {
-    /// Texture; see [`ModelView::materials`].
+    /// See [`ModelView::materials`].
     pub(crate) texture: u32,
-    /// Constant colour of material and corners, or the index of the colour planes.
+    /// Constant colour, or an index into [`ShadingRecords::tints`].
     pub(crate) tint: u32,
     pub(crate) instance: u32,
 }
 
-/// A corner's u and v as bits, and RGB.
+/// u and v as bits, and RGB.
 type Corner = [u32; 3];
 
 impl Meta {
-    /// The background.
     pub(crate) const NONE: Self = Self { texture: NO_TEXTURE, tint: u32::MAX, instance: 0 };
 
-    /// Shading data of a surface with these corner colours; varying tints are numbered later.
+    /// Returns the data for corner colours; varying tints are numbered later.
     #[inline(always)]
     fn new(view: &ModelView, surface: u32, [a, b, c]: [u32; 3]) -> Self {
         let [material, instance] = view.surfaces[surface as usize];
@@ -49,13 +48,12 @@ impl Meta {
         Self { texture, tint, instance }
     }
 
-    /// Returns true if the tint is constant.
     #[inline(always)]
     pub(crate) fn is_even(&self) -> bool {
         self.tint & TINT_IS_EVEN != 0
     }
 
-    /// Texels of the texture's full size.
+    /// Returns the full-size texel count.
     #[inline(always)]
     fn texels(&self, view: &ModelView) -> f32 {
         let [_, size] = view.levels[(self.texture >> LEVEL_BITS) as usize];
@@ -63,14 +61,14 @@ impl Meta {
     }
 }
 
-/// The material's red, green and blue, 0 to 1.
+/// Returns the material's RGB, 0 to 1.
 fn base_color(view: &ModelView, surface: u32) -> [f32; 3] {
     let [material, _] = view.surfaces[surface as usize];
     let [r, g, b, _] = view.materials[material as usize][0].to_le_bytes();
     [r, g, b].map(|value| f32::from(value) / 255.0)
 }
 
-/// Corners and surface of triangle `at` in a cluster.
+/// Returns the corners and surface of triangle `at`.
 #[inline(always)]
 pub(super) fn corners(view: &ModelView, cluster: usize, at: usize) -> ([Corner; 3], u32) {
     let [_, first_corner, first, _] = view.clusters[cluster];
@@ -79,10 +77,10 @@ pub(super) fn corners(view: &ModelView, cluster: usize, at: usize) -> ([Corner; 
     (from_fn(|corner| view.corners[first_corner as usize + usize::from([a, b, c][corner])]), surface)
 }
 
-/// Nearest integer; `value` itself beyond the integer range.
+/// Rounds to an integer; returns large values unchanged.
 #[inline(always)]
 fn nearest_whole(value: f32) -> f32 {
-    /// Numbers of this size have no binary places left, so that adding it rounds.
+    // Floats of this size have no binary places, so adding it rounds.
     const ROUNDER: f32 = 12_582_912.0;
     (value + ROUNDER) - ROUNDER
 }
@@ -97,7 +95,7 @@ struct CornerAttributes {
 }
 
 impl CornerAttributes {
-    /// Attributes of the triangles `numbers` of a cluster, which form a batch.
+    /// Loads triangles `numbers` of a batch.
     #[inline(always)]
     fn new(view: &ModelView, cluster: usize, numbers: &[u8]) -> Self {
         let mut looks = Self::default();
@@ -115,7 +113,7 @@ impl CornerAttributes {
     }
 }
 
-/// Shifts texture coordinates by integers towards 0, where precision is higher: textures repeat.
+// Textures repeat, so an integer shift towards 0 is free and gains precision.
 #[inline(always)]
 fn near_zero([a, b, c]: [Floats; 3]) -> [Floats; 3] {
     let whole = Floats(from_fn(|lane| nearest_whole(a.0[lane])));
@@ -132,16 +130,15 @@ impl ShadingRecords {
         self.meta.push(Meta::NONE);
     }
 
-    /// Record of the background.
+    /// Background record.
     pub(crate) const NOTHING: u32 = 0;
 
-    /// The number of the next record.
     #[inline(always)]
     pub(super) fn next(&self) -> u32 {
         (self.planes.len() + self.kept.len()) as u32
     }
 
-    /// Adds a record; `tint` computes the colour planes over depth if needed.
+    /// Adds a record; `tint` computes the colour planes if needed.
     #[inline(always)]
     fn add(&mut self, [u, v]: [Plane; 2], texels: f32, mut meta: Meta, tint: impl FnOnce() -> [Plane; 3]) {
         self.planes.push([u.x, u.y, u.constant, v.x, v.y, v.constant, texels, 0.0]);
@@ -155,7 +152,7 @@ impl ShadingRecords {
 }
 
 impl Raster<'_> {
-    /// Draws the waiting triangles of a cluster and keeps the visible ones for a record.
+    /// Draws the waiting triangles; the visible ones await a record.
     #[inline(always)]
     pub(super) fn draw_waiting(&mut self, cluster: usize) {
         let [_, _, first, _] = self.view.clusters[cluster];
@@ -177,7 +174,7 @@ impl Raster<'_> {
         self.scratch.waiting.clear();
     }
 
-    /// Makes the records of the triangles of a cluster that were kept.
+    /// Makes records for the visible triangles.
     #[inline(always)]
     pub(super) fn make_records(&mut self, cluster: usize) {
         let kept = std::mem::take(&mut self.scratch.records.kept);
@@ -188,7 +185,6 @@ impl Raster<'_> {
         self.scratch.records.kept.clear();
     }
 
-    /// Makes the records of some triangles of a batch.
     #[inline(always)]
     fn make_records_of_batch(&mut self, cluster: usize, which: usize, kept: &[u8]) {
         let view = self.view;
@@ -215,8 +211,8 @@ impl Raster<'_> {
         }
     }
 
-    /// Creates the record of triangle `at` in a cluster across the near plane: `plane` computes planes over
-    /// depth from corner values, `per_area` is the scale of screen areas.
+    /// Makes the record of a triangle across the near plane: `plane` computes planes over depth from corner
+    /// values, `per_area` scales screen areas.
     pub(super) fn make_crossing_record(
         &mut self,
         cluster: usize,
@@ -245,14 +241,14 @@ impl Raster<'_> {
 }
 
 impl Batch {
-    /// The planes over depth through values of the corners.
+    /// Returns the planes over depth through corner values.
     #[inline(always)]
     fn over_depth(&self, [a, b, c]: [Floats; 3]) -> Planes {
         let [na, nb, nc] = self.nearness;
         planes(&self.corners, self.inverse, [a * na, b * nb, c * nc])
     }
 
-    /// The planes of corners' red, green and blue over depth.
+    /// Returns the planes of red, green and blue over depth.
     #[inline(always)]
     fn tints(&self, rgb: &[Numbers; 3]) -> [Planes; 3] {
         from_fn(|channel| {

@@ -1,10 +1,8 @@
-//! Depth and instances of every pixel compared with double-precision rays, from more than a thousand
+//! Depth and instances compared with double-precision rays, pixel by pixel, from more than a thousand
 //! positions.
 //!
-//! A pixel is right if depth agrees within 1 mm or 0.1 % and the instance is that of a surface there. Other
-//! pixels are on a silhouette, where rays 0.02 pixels aside hit a different surface, or wrong. One pixel in
-//! 10,000 may be wrong, because single precision is insufficient for thin triangles with a corner next to the
-//! camera.
+//! A pixel is right if depth agrees within 1 mm or 0.1 % and the instance belongs to a surface there. All
+//! others must be on a silhouette, where rays 0.02 pixels aside hit a different surface.
 
 use crate::rays::{Met, NEAR_M, Trace, instance, nearest, plane_depth_m, ray};
 use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
@@ -15,16 +13,16 @@ use std::sync::Arc;
 
 /// Relative depth tolerance.
 const RIGHT: f64 = 1e-3;
-/// Offset of the silhouette test, pixels.
+/// Silhouette test offset, pixels.
 const BESIDE_PX: f64 = 0.02;
-/// Relative rounding of a corner in single precision.
+/// Relative corner rounding in single precision.
 const ROUNDING: f64 = 4e-7;
-/// Permitted share of silhouette pixels.
+/// Permitted silhouette share.
 const SILHOUETTES: f64 = 0.002;
 /// Permitted share of wrong pixels.
 const WRONG: f64 = 0.0;
 
-/// Comparison result of a scene.
+/// A scene's comparison result.
 #[derive(Debug, Default)]
 struct Tally {
     pixels: usize,
@@ -61,8 +59,7 @@ impl Oracle<'_> {
         nothing || too_near.chain(nearest(met).as_ref()).any(shown)
     }
 
-    /// Returns true if a ray next to the pixel hits a different instance or leaves the plane of the pixel's
-    /// hit.
+    /// Returns true if a ray next to the pixel hits a different instance or leaves the hit's plane.
     fn is_silhouette(&self, camera: &Camera, [x, y]: [f64; 2]) -> bool {
         let middle = nearest(&self.met(camera, [x, y]));
         let beside = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
@@ -99,7 +96,7 @@ impl Oracle<'_> {
     }
 }
 
-/// Compares the pictures of all cameras on two threads.
+/// Compares all images on two threads.
 pub(crate) fn check(scene: Scene, cameras: impl FnOnce(&Scene, &RayMesh) -> Vec<Camera>) {
     let scene = Arc::new(scene);
     let (renderer, tree) = renderer(&scene);
@@ -138,7 +135,7 @@ fn inside(scene: &Scene, rng: &mut Rng) -> Camera {
     camera(eye, tumbled(rng))
 }
 
-/// A pose near the centre of a piece of furniture; the centre itself is often on a surface.
+/// A pose near a furniture centre; the centre itself is often on a surface.
 fn in_furniture(scene: &Scene, rng: &mut Rng) -> Camera {
     match rng.choose(&scene.objects) {
         Some(object) => camera(object.bounds.center() + direction(rng) * 0.01, tumbled(rng)),
@@ -165,7 +162,7 @@ fn outside(scene: &Scene, rng: &mut Rng) -> Camera {
     camera(bounds.center() + away, tumbled(rng))
 }
 
-/// `count` cameras of each kind, with lenses and sizes of all sorts.
+/// `count` cameras per kind, with random lenses and sizes.
 fn all_kinds(scene: &Scene, tree: &RayMesh, count: usize) -> Vec<Camera> {
     let mut rng = Rng::new(scene.mesh.triangles.len() as u64);
     let mut four = |_| {

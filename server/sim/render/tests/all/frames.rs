@@ -1,4 +1,4 @@
-//! Frames of small scenes with hand-computed values.
+//! Small scenes with hand-computed values.
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
 use avln_houses::{HouseOptions, house};
@@ -8,7 +8,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 const WHITE: [u8; 4] = [255; 4];
-/// Texture coordinates of a quad's corners: top-left, bottom-left, bottom-right, top-right.
+/// Texture coordinates: top-left, bottom-left, bottom-right, top-right.
 const WHOLE_TEXTURE: [(f32, f32); 4] = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)];
 
 fn empty_scene() -> Scene {
@@ -28,7 +28,7 @@ fn material(scene: &mut Scene, base_color: [u8; 4], texture: Option<u16>, alpha_
     scene.materials.len() as u16 - 1
 }
 
-/// Adds a quad with corners in the order of `WHOLE_TEXTURE`, seen from the front.
+/// Adds a quad with corners in `WHOLE_TEXTURE` order, seen from the front.
 fn quad(scene: &mut Scene, corners: [(f32, f32, f32); 4], material: u16, instance: u32) {
     let mesh = &mut scene.mesh;
     let base = mesh.positions.len() as u32;
@@ -45,7 +45,7 @@ fn wall(scene: &mut Scene, [x0, x1]: [f32; 2], [y0, y1]: [f32; 2], z: f32, mater
     quad(scene, [(x0, y1, z), (x0, y0, z), (x1, y0, z), (x1, y1, z)], material, instance);
 }
 
-/// A floor (or ceiling) at height `y` over the square of half side `half`.
+/// A square floor (or ceiling) at height `y` with half side `half`.
 fn floor(scene: &mut Scene, half: f32, y: f32, material: u16, instance: u32) {
     quad(scene, [(-half, y, -half), (-half, y, half), (half, y, half), (half, y, -half)], material, instance);
 }
@@ -134,7 +134,7 @@ fn the_border_of_a_90_degree_picture_lies_at_45_degrees() {
 fn a_narrower_lens_and_an_odd_picture_keep_pixels_square() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
-    // A square plate of 2 x 2 m, 4 m ahead of the eye: tangents from -1/4 to 1/4.
+    // A plate, 2 x 2 m, 4 m ahead: tangents from -1/4 to 1/4.
     wall(&mut scene, [-1.0, 1.0], [0.0, 2.0], -4.0, paint, 1);
     let camera = Camera { hfov_rad: 2.0 * 0.5_f32.atan(), ..camera(101, 67) };
     let frame = shoot(scene, &camera);
@@ -170,7 +170,7 @@ fn a_texture_stands_upright_and_reads_from_left_to_right() {
     let paint = material(&mut scene, WHITE, Some(0), None);
     wall(&mut scene, [-1.0, 1.0], [0.0, 2.0], -1.0, paint, 1);
     let frame = shoot(scene, &camera(64, 64));
-    // The wall fills the picture; the middle of each quadrant is the middle of a texel.
+    // The wall fills the image; quadrant middles are texel middles.
     for (quadrant, color) in colors.into_iter().enumerate() {
         let (x, y) = (16 + 32 * (quadrant as u32 % 2), 16 + 32 * (quadrant as u32 / 2));
         let seen = pixel(&frame, x, y);
@@ -247,7 +247,7 @@ fn fine_patterns_fade_to_their_mean_in_the_distance() {
     }
 }
 
-/// A pile of random plates around and behind the eye.
+/// Random plates around and behind the eye.
 fn clutter(rng: &mut Rng, count: u32) -> Scene {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
@@ -296,7 +296,7 @@ fn frames_agree_with_single_rays() {
 
 #[test]
 fn no_ray_slips_between_the_triangles_of_a_closed_surface() {
-    // A ball of triangles around the eye.
+    // A ball around the eye, made from triangles.
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
     let (rings, sectors) = (23, 37);

@@ -1,7 +1,7 @@
 //! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test all` rewrites them.
 //!
 //! Filters may change slightly: grey levels may differ by [`MEAN`] on average, and by more than [`MOST`] in
-//! one channel of a hundred.
+//! one channel per hundred.
 
 use crate::scenes::{camera, procedural, shoot, textured};
 use avln_geom::{Point3, angle};
@@ -10,9 +10,9 @@ use std::fs::{self, File};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 
-/// Mean difference of a channel, grey levels.
+/// Mean channel difference, grey levels.
 const MEAN: f64 = 2.0;
-/// Difference exceeded by at most one channel in a hundred, grey levels.
+/// Difference exceeded by at most 1 % of the channels, grey levels.
 const MOST: u8 = 24;
 
 fn path(name: &str) -> PathBuf {

@@ -105,7 +105,7 @@ fn colours_are_as_wrong_as_documented() {
     let (mean, deviation) =
         spread(&frame.rgb.iter().map(|value| f64::from(*value) - 128.0).collect::<Vec<_>>());
     assert!(mean.abs() < 0.6, "{mean}");
-    // 1.3 % of the deviates are cut off.
+    // 1.3 % of the deviates are clamped.
     assert!((deviation - 51.0).abs() < 1.0, "{deviation}");
     let dark = noisy(&GAUSSIAN, flat(100, 2.0, 0), 3).rgb;
     let at_zero = dark.iter().filter(|value| **value == 0).count() as f64 / dark.len() as f64;

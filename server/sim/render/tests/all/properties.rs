@@ -1,4 +1,4 @@
-//! Properties of every image, also of invalid scenes: invalid parts are omitted or plain.
+//! Properties of every image; invalid scenes: their invalid parts are omitted or plain.
 
 use crate::compare::check;
 use crate::scenes::{
@@ -9,7 +9,7 @@ use avln_render::{Camera, CameraImage};
 use avln_scene::{InstanceId, Material, Scene, Texture};
 use std::sync::Arc;
 
-/// Pixels of two frames that differ by more than 1 mm and 0.1 % of depth, or in their instance.
+/// Pixel count with a different instance, or a depth difference above 1 mm and 0.1 %.
 fn differences(a: &CameraImage, b: &CameraImage) -> usize {
     let same = |pixel: &usize| {
         let (depth, other) = (a.depth[*pixel], b.depth[*pixel]);
@@ -76,7 +76,7 @@ fn closed_rooms_have_no_holes() {
 
 #[test]
 fn cameras_that_stand_on_edges_see_no_holes_either() {
-    // Diagonal and head-on views of the lattice, where pixel rays pass exactly through corners and edges.
+    // Diagonal and head-on lattice views: pixel rays pass exactly through corners and edges.
     let scene = Arc::new(closed_room(&mut Rng::new(1), 1));
     let (renderer, _) = renderer(&scene);
     for (quarter, height) in (0..4).flat_map(|quarter| [(quarter, 0.5), (quarter, 1.5), (quarter, 2.0)]) {
@@ -162,7 +162,7 @@ fn triangles_without_area_are_not_there() {
     assert_eq!(shoot(scene, &ahead()), shoot(clean, &ahead()));
 }
 
-/// Triangles with a corner that is no place, around `eye`.
+/// Adds triangles with an invalid corner around `eye`.
 fn add_nowhere(scene: &mut Scene, eye: Point3<f32>, bad: f32) {
     let (a, b) = (eye, eye + Vector3::repeat(0.4));
     for axis in 0..3 {
@@ -202,7 +202,7 @@ fn a_scene_without_triangles_is_its_backdrop() {
     assert!(frame.instances.iter().all(|id| *id == InstanceId::NONE));
 }
 
-/// A wall across the whole view, of the first material.
+/// A wall across the whole view, in the first material.
 fn wall(materials: Vec<Material>, textures: Vec<Texture>) -> Scene {
     let mut scene = Scene { materials, textures, ..empty() };
     let corner = |x: f32, y: f32| Point3::new(x, y, -2.0);

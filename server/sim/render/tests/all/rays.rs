@@ -1,4 +1,4 @@
-//! Single rays in double precision: slow and independent of the renderer.
+//! Single rays in double precision, slow and independent from the renderer.
 
 use avln_geom::{Aabb, RayMesh, Vector3, Visitor};
 use avln_render::Camera;
@@ -10,10 +10,10 @@ const MARGIN_M: f64 = 1e-4;
 /// Near plane with tolerance, metres: closer surfaces may or may not be visible.
 pub(crate) const NEAR_M: f64 = 1.05e-3;
 
-/// A hit of a ray.
+/// A ray hit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Met {
-    /// Distance in lengths of the direction: planar depth for unit view directions.
+    /// Distance in direction lengths: planar depth for unit view directions.
     pub(crate) depth_m: f64,
     pub(crate) triangle: u32,
     /// From the ray's origin to the triangle's plane, metres.
@@ -32,7 +32,7 @@ pub(crate) struct Trace<'a> {
 }
 
 impl Trace<'_> {
-    /// All candidate hits of the ray, unordered; `tree` contains the scene triangles.
+    /// All candidate hits, unordered; `tree` contains the scene triangles.
     pub(crate) fn through(scene: &Scene, tree: &RayMesh, origin: [f64; 3], direction: [f64; 3]) -> Vec<Met> {
         let mut trace = Trace { scene, origin, direction, nearest: f64::INFINITY, met: Vec::new() };
         tree.visit(&mut trace);
@@ -54,7 +54,7 @@ impl Trace<'_> {
                 (f64::from(bounds.min[axis]) - MARGIN_M, f64::from(bounds.max[axis]) + MARGIN_M);
             let inverse = 1.0 / self.direction[axis];
             let (a, b) = ((low - self.origin[axis]) * inverse, (high - self.origin[axis]) * inverse);
-            // A ray on the box border gives NaN, which min and max ignore.
+            // A ray on the box border yields NaN; min and max ignore it.
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
@@ -83,7 +83,7 @@ impl Visitor for Trace<'_> {
     }
 }
 
-/// Intersection with a triangle, and the distance of its plane (Möller and Trumbore 1997).
+/// Triangle intersection, and the plane's distance (Möller and Trumbore 1997).
 fn crossing([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], direction: [f64; 3]) -> Option<(f64, f64)> {
     let (along, across, offset) = (minus(b, a), minus(c, a), minus(origin, a));
     let p = cross(direction, across);
@@ -99,7 +99,7 @@ fn crossing([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], direction: [f64; 3]) -> 
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m > 0.0).then_some((depth_m, plane_m))
 }
 
-/// Intersection with the plane of a triangle.
+/// Intersection with a triangle's plane.
 pub(crate) fn plane_depth_m(scene: &Scene, triangle: u32, (origin, direction): ([f64; 3], [f64; 3])) -> f64 {
     let [a, b, c] = corners(scene, triangle);
     let normal = cross(minus(b, a), minus(c, a));
@@ -110,7 +110,7 @@ fn corners(scene: &Scene, triangle: u32) -> [[f64; 3]; 3] {
     scene.corners(triangle as usize).map(|corner| <[f32; 3]>::from(corner.coords).map(f64::from))
 }
 
-/// The pinhole and the direction through a point of the picture, in pixels from the left and the top.
+/// Pinhole and direction through an image point, in pixels from left and top.
 pub(crate) fn ray(camera: &Camera, [x, y]: [f64; 2]) -> ([f64; 3], [f64; 3]) {
     let double = |v: Vector3<f32>| <[f32; 3]>::from(v).map(f64::from);
     let axis = |v: Vector3<f32>| double(camera.world_from_camera * v);

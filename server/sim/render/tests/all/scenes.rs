@@ -1,4 +1,4 @@
-//! Buildings to look at.
+//! Scenes and cameras.
 
 use avln_formats::open;
 use avln_geom::{Point2, Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
@@ -9,7 +9,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A house of a seed.
+/// A procedural house.
 pub(crate) fn procedural(seed: u64) -> Scene {
     solid(house(&format!("house-{seed}"), seed, &HouseOptions::default()))
 }
@@ -48,7 +48,7 @@ pub(crate) fn empty() -> Scene {
     }
 }
 
-/// Adds a triangle of the first material.
+/// Adds a triangle in the first material.
 pub(crate) fn add(scene: &mut Scene, corners: [Point3<f32>; 3], instance: u32) {
     let mesh = &mut scene.mesh;
     let first = mesh.positions.len() as u32;
@@ -60,7 +60,7 @@ pub(crate) fn add(scene: &mut Scene, corners: [Point3<f32>; 3], instance: u32) {
     mesh.instance_of.push(InstanceId(instance));
 }
 
-/// A room of 6 × 3 × 5 m around (0, 1.5, 0): every wall is a lattice with inner corners moved randomly in the
+/// A room, 6 × 3 × 5 m around (0, 1.5, 0). Every wall is a lattice with inner corners moved randomly in the
 /// plane, so triangles have all shapes and share edges exactly.
 pub(crate) fn closed_room(rng: &mut Rng, cells: usize) -> Scene {
     let mut scene = empty();
@@ -93,7 +93,7 @@ pub(crate) fn closed_room(rng: &mut Rng, cells: usize) -> Scene {
     scene
 }
 
-/// A hand-made corner of a room with textures: boards of two frequencies, a red pane in front, cut-out bars.
+/// A hand-made room corner with textures: boards in two frequencies, a red pane in front, cut-out bars.
 pub(crate) fn textured() -> Scene {
     let mut scene = empty();
     scene.textures = vec![board(64, [40, 90, 160], [230, 220, 190]), bars()];
@@ -128,7 +128,7 @@ pub(crate) fn textured() -> Scene {
     scene
 }
 
-/// A board of 8 × 8 squares with a gradient from left to right.
+/// A board with 8 × 8 squares and a gradient from left to right.
 fn board(side: u32, dark: [u8; 3], light: [u8; 3]) -> Texture {
     let texel = |at: u32| {
         let (x, y) = (at % side, at / side);
@@ -144,7 +144,7 @@ fn bars() -> Texture {
     Texture { width: 16, height: 16, pixels: (0..256).flat_map(texel).collect() }
 }
 
-/// A renderer of `scene` and its ray tree.
+/// A renderer and the scene's ray tree.
 pub(crate) fn renderer(scene: &Arc<Scene>) -> (Renderer, Arc<RayMesh>) {
     let tree = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     (Renderer::new(Arc::clone(scene), Arc::clone(&tree)), tree)
@@ -154,12 +154,12 @@ pub(crate) fn shoot(scene: Scene, camera: &Camera) -> CameraImage {
     renderer(&Arc::new(scene)).0.render(camera)
 }
 
-/// A small camera of 90 degrees that sees without limit.
+/// A small 90 degree camera with unlimited depth.
 pub(crate) fn camera(eye: Point3<f32>, world_from_camera: UnitQuaternion<f32>) -> Camera {
     Camera { eye, world_from_camera, width: 48, height: 36, hfov_rad: FRAC_PI_2, depth_max_m: f32::MAX }
 }
 
-/// A camera that is held any way.
+/// A random orientation.
 pub(crate) fn tumbled(rng: &mut Rng) -> UnitQuaternion<f32> {
     let heading = angle::about_up(rng.range(-PI, PI));
     let pitch = angle::about_right(rng.range(-FRAC_PI_2, FRAC_PI_2));
@@ -167,7 +167,7 @@ pub(crate) fn tumbled(rng: &mut Rng) -> UnitQuaternion<f32> {
     heading * pitch * angle::rotation([0.0, 0.0, sin.into(), cos.into()]).expect("a roll")
 }
 
-/// A direction, uniform over all.
+/// A random direction, uniform.
 pub(crate) fn direction(rng: &mut Rng) -> Vector3<f32> {
     loop {
         let inside = Vector3::from_fn(|_, _| rng.range(-1.0, 1.0));
