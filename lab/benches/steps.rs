@@ -4,12 +4,7 @@
 //! Processor time is summed over all threads of this process: over gRPC that is server and client together. The simulator's
 //! parts of a step are differences between the same walk with and without a sense; the rest is told by thread.
 
-use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
-use avln_arena::{
-    Arena, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    servers::{Addresses, RunningServers, Servers},
-};
+use avln_arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, servers::{Addresses, RunningServers, Servers}, setup::{NewPhase, NewSplit, admit, make_split, open_phase}};
 use avln_client::{Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;

@@ -1,12 +1,6 @@
 //! Building, checking and playing a data set on disk.
 
-use avln_arena::setup::{NewPhase, open_phase};
-use avln_arena::{
-    FailureKind,
-    cache::CacheFolder,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-};
+use avln_arena::{FailureKind, cache::CacheFolder, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
 use avln_dataset::{CueSpec, EpisodeSpec, PublicGoal, Recipe};
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_interchange::{ForeignFile, Importer, read};
@@ -218,7 +212,7 @@ async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &Ne
     let path = folder.path().display().to_string();
     let refused =
         open_phase(data, store, &by(&path, "lh-avln-distinct-v1")).await.expect_err("one clip").to_string();
-    assert!(refused.contains("need") && refused.contains("the folder has 1"), "{refused}");
+    assert!(refused.contains("need") && refused.contains("the bank has 1"), "{refused}");
     let phase = open_phase(data, store, &by(&path, "lh-avln-v1")).await.expect("one clip is enough");
     drop(folder);
     assert_eq!(data.bank(&phase.rules.sounds).expect("kept").len(), 1);

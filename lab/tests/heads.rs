@@ -1,20 +1,15 @@
 //! Phases that are heard with a measured head.
 
-#[path = "../../server/sim/acoustics/tests/common/sofa.rs"]
-mod sofa;
+#[path = "../../server/sim/acoustics/tests/all/sofa_file.rs"]
+mod sofa_file;
 
-use avln_arena::setup::{NewPhase, open_phase};
-use avln_arena::{
-    Arena, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-};
+use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;
 use avln_referee::{Audio, Referee};
 use avln_store::Store;
-use sofa::{Table, file};
+use sofa_file::{Table, file};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -124,7 +119,7 @@ async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
     bytes[last] ^= 1;
     fs::write(&kept, &bytes).expect("writable");
     let refused = reopened(&data, &store).await.expect_err("changed");
-    assert!(refused.contains(digest) && refused.contains("changed it"), "{refused}");
+    assert!(refused.contains(digest) && refused.contains("was changed"), "{refused}");
     fs::remove_file(&kept).expect("there");
     let refused = reopened(&data, &store).await.expect_err("gone");
     assert!(refused.contains(digest), "{refused}");

@@ -3,8 +3,7 @@
 
 mod digesting_agent;
 
-use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
-use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
+use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder, setup::{NewPhase, NewSplit, make_split, open_phase}};
 use avln_baselines::RandomAgent;
 use avln_client::{Agent, Client, ConnectOptions, EpisodeEnd, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;

@@ -1,8 +1,7 @@
 //! Building a data set by recipe: resumable, on all processors, one scene's missions in memory for each thread.
 
 use crate::parallel;
-use avln_arena::dataset::files::{self, DatasetFiles, cannot};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, self}};
 use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
     format::{DATASET_VERSION, digest_of},
@@ -46,7 +45,7 @@ impl Builder {
             Some(told) if told == builder.recipe => {}
             Some(_) => return Err(builder.other("another recipe")),
             None if builder.files.is_complete() => return Err(builder.other("no recipe")),
-            None => files::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
+            None => dataset::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
         }
         Ok(builder)
     }
@@ -87,18 +86,18 @@ impl Builder {
     /// Writes the files of a scene; the note that it is done comes last.
     fn keep(&self, job: Job, built: BuiltScene) -> Result<(), Failure> {
         let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
-        files::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
-        files::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
+        dataset::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
+        dataset::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
         let done = FinishedScene { line: built.line, statistics: built.statistics };
-        files::write_whole(&self.note_path(job), &json(&done)?)
+        dataset::write_whole(&self.note_path(job), &json(&done)?)
     }
 
     /// Facts of a finished scene.
     fn done(&self, job: Job) -> Option<FinishedScene> {
         let split = &self.recipe.splits[job.split].name;
-        let done: FinishedScene = serde_json::from_slice(&files::read(&self.note_path(job)).ok()?).ok()?;
+        let done: FinishedScene = serde_json::from_slice(&dataset::read(&self.note_path(job)).ok()?).ok()?;
         let same =
-            |path: PathBuf, digest: &str| files::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
+            |path: PathBuf, digest: &str| dataset::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
         let whole = same(self.files.missions_path(split, &done.line.name), &done.line.public)
             && same(self.files.sealed_path(split, &done.line.name), &done.line.sealed);
         whole.then_some(done)
@@ -135,7 +134,7 @@ impl Builder {
             splits: lines,
         })?;
         let building = self.building();
-        std::fs::remove_dir_all(&building).map_err(|error| cannot("remove", &building, &error))?;
+        std::fs::remove_dir_all(&building).map_err(|error| Failure::file("remove", &building, error))?;
         Ok(numbers)
     }
 
@@ -158,7 +157,7 @@ impl Builder {
         if !path.exists() {
             return Ok(None);
         }
-        let recipe = serde_json::from_slice(&files::read(&path)?);
+        let recipe = serde_json::from_slice(&dataset::read(&path)?);
         recipe.map(Some).map_err(|error| {
             Failure::new(FailureKind::Data, format!("{} is no recipe: {error}", path.display()))
                 .hinted("remove the folder and build again")

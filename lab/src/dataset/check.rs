@@ -1,8 +1,7 @@
 //! Checking and counting a data set that lies on disk.
 
 use crate::parallel;
-use avln_arena::dataset::{DatasetFiles, SplitFolder};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, SplitFolder}};
 use avln_dataset::{Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, check_scene};
 use avln_episode::Rules;
 use avln_world::Cache;

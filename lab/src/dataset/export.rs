@@ -1,8 +1,7 @@
 //! Our splits as others read them.
 
 use crate::dataset::openness::Openness;
-use avln_arena::dataset::{SplitFolder, files::write_whole};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{Failure, FailureKind, dataset::{SplitFolder, write_whole}};
 use avln_dataset::SceneLine;
 use avln_episode::Rules;
 use avln_interchange::{ExportedFile, InterchangeError, SceneMissions, Tables, authors_index, authors_scene};

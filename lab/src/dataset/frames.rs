@@ -9,10 +9,7 @@ mod shot;
 pub use record::CATEGORIES;
 
 use crate::parallel;
-use avln_arena::{
-    Failure, FailureKind,
-    dataset::files::{cannot, write_whole},
-};
+use avln_arena::{Failure, FailureKind, dataset::write_whole};
 use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
 use avln_geom::Rng;
@@ -119,7 +116,7 @@ impl Purpose {
 /// When the split is not one that the purpose allows, has fewer houses, or the folder cannot be written.
 pub fn take(options: &FrameOptions, folder: &Path, mut done: impl FnMut()) -> Result<(), Failure> {
     let split = allowed_split(options)?;
-    std::fs::create_dir_all(folder).map_err(|error| cannot("make", folder, &error))?;
+    std::fs::create_dir_all(folder).map_err(|error| Failure::file("make", folder, error))?;
     let houses: Vec<LabelledHouse> =
         (0..options.houses).map(|scene| house(options, Job { split, scene })).collect::<Result<_, _>>()?;
     let rules = options.recipe.rules()?;

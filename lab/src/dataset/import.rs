@@ -1,7 +1,6 @@
 //! Missions of other data sets: finding their files and scenes, and what became of each episode.
 
-use avln_arena::dataset::files::{DatasetFiles, cannot, read, write_whole};
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, read, write_whole}};
 use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
 use avln_interchange::{self as interchange, ForeignEpisode, ForeignFile, Format, Importer, Loss};
@@ -174,7 +173,7 @@ fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 fn collect(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
-    let entries = std::fs::read_dir(folder).map_err(|error| cannot("read", folder, &error))?;
+    let entries = std::fs::read_dir(folder).map_err(|error| Failure::file("read", folder, error))?;
     let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     paths.sort();
     for path in paths {

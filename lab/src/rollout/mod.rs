@@ -8,13 +8,7 @@ mod record;
 
 use crate::parallel;
 use crate::suite::Oracle;
-use avln_arena::{
-    Failure, FailureKind,
-    dataset::{
-        SplitFolder,
-        files::{cannot, check_plain, write_whole},
-    },
-};
+use avln_arena::{Failure, FailureKind, dataset::{SplitFolder, check_plain, write_whole}};
 use avln_dataset::{EpisodeSpec, SceneLine};
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;
@@ -146,7 +140,7 @@ impl RolloutOptions<'_> {
                     .hinted("name another folder with --out, or give the options that it was begun with"))
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => write_whole(&path, &text),
-            Err(error) => Err(cannot("read", &path, &error)),
+            Err(error) => Err(Failure::file("read", &path, error)),
         }
     }
 

@@ -2,14 +2,7 @@
 
 use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
 use crate::dataset::build::Builder;
-use avln_arena::setup::admit;
-use avln_arena::{
-    Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-    now_unix_ms, register,
-    servers::RunningServers,
-};
+use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, now_unix_ms, servers::RunningServers, setup::{admit, self}};
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
@@ -89,7 +82,7 @@ impl SuiteFolder {
         })?;
         let data = DataFolder::open(&folder.join("data"))?;
         let split = build_split(&folder.join("dataset"), &data, size)?;
-        let mut rules = register::rules_of("ladder", &split)?;
+        let mut rules = setup::rules_of("ladder", &split)?;
         rules.sounds = if size.practice { Sounds::Train } else { Sounds::Validation };
         Ok(Self { folder: folder.to_owned(), data, size, split: Arc::new(split), rules, _lock: lock })
     }
@@ -100,7 +93,7 @@ impl SuiteFolder {
 
     /// Returns all missions: the first one of every house, then the second one, and so on.
     pub(super) fn episodes(&self) -> Result<Vec<PhaseEpisode>, Failure> {
-        let mut episodes = register::phase_episodes(&self.split)?;
+        let mut episodes = setup::phase_episodes(&self.split)?;
         let number =
             |episode: &PhaseEpisode| episode.episode.rsplit_once('-').map(|(_, number)| number.to_owned());
         episodes.sort_by_key(|episode| (number(episode), episode.scene.clone()));
@@ -125,7 +118,7 @@ impl SuiteFolder {
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
-        register::register_split(&store, &name, &self.split, &[]).await?;
+        setup::register_split(&store, &name, &self.split, &[]).await?;
         let phase =
             |batch: &Batch| Phase::new(&batch.phase, &name, self.rules.clone(), batch.episodes.clone());
         let phases: Vec<_> = batches.iter().map(phase).collect();
@@ -135,7 +128,7 @@ impl SuiteFolder {
         let live = Arc::new(LiveEpisodes::default());
         let watching = live.clone();
         let arena = Arena::open(&self.data, store.clone(), SCENE_MEMORY_MIB).await?;
-        let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
+        let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
         let servers = RunningServers::local_for(arena, &store).await?;
         Ok(HostedSuite { store, servers, token, live })
     }

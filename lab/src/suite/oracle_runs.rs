@@ -5,11 +5,7 @@ use super::{
     oracle::ShortestPath,
     play::client_order,
 };
-use avln_arena::setup::admit;
-use avln_arena::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder,
-    servers::RunningServers,
-};
+use avln_arena::{Arena, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder, servers::RunningServers, setup::admit};
 use avln_client::{Agent, Play, RunOptions, RunSummary, Sensors};
 use avln_episode::Order;
 use avln_store::{Phase, Reference, Store};
@@ -37,7 +33,7 @@ pub async fn play_oracle(
     let live = Arc::new(LiveEpisodes::default());
     let watching = live.clone();
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
-    let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
+    let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
     let servers = RunningServers::local_for(arena, &store).await?;
     let orders = phase.orders.clone();
     let split = data.missions(&phase.split)?;

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn details_of_a_server_fault_stay_in_the_log() {
+    fn server_fault_details_stay_in_the_log() {
         let status = Status::from(Failure::from(Refusal::internal("target 17 is a sofa")));
         assert_eq!(status.code(), Code::Internal);
         assert!(!status.message().contains("sofa"), "{}", status.message());
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_panic_of_the_host_is_a_server_fault() {
+    async fn host_panics_are_server_faults() {
         let failure =
             call_host::<_, (), _>("test", &Arc::new(()), |_| async { panic!("secret") }).await.unwrap_err();
         assert_eq!(failure.reason, Reason::Internal);

@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn written_plans_are_read_back_and_damage_is_named() {
+    fn plans_round_trip_and_damage_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = plan(folder.path()).write().unwrap();
         assert_eq!(SandboxPlan::read(&path).unwrap(), plan(folder.path()));

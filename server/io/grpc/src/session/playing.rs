@@ -109,10 +109,6 @@ impl<E: Episode> OpenEpisode<E> {
         }
     }
 
-    pub(super) fn position(&self, slot: u32) -> v1::SlotPosition {
-        v1::SlotPosition { slot, episode: self.hosted.handle.clone(), step: self.last.observation.step }
-    }
-
     /// Stops the clock and accounts for the thinking time.
     pub(super) fn stop_clock(&mut self) -> std::time::Duration {
         let thought = self.clock.stop();
