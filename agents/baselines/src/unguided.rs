@@ -127,7 +127,7 @@ impl Agent for RandomAgent {
 fn is_blocked(last: &LastAction, pose: &Pose, forward_m: f32) -> bool {
     let Some((Action::MoveForward, before)) = last else { return false };
     let [dx, dz] = [0, 2].map(|axis| pose.position[axis] - before.position[axis]);
-    dx.hypot(dz) < BLOCKED * forward_m
+    libm::hypotf(dx, dz) < BLOCKED * forward_m
 }
 
 /// A Submit schedule without goal knowledge: after equal step shares, and Stop as the last step.

@@ -118,7 +118,7 @@ impl PagNav {
     fn frontier(&self, heard: FloorPoint, pose: &Pose2d) -> Option<(FloorPoint, f32)> {
         const LOOKED_AT: usize = 8;
         let sound = |place: FloorPoint| {
-            self.weights.search_audio * (-place.distance_m(heard) / self.weights.search_scale_m).exp()
+            self.weights.search_audio * libm::expf(-place.distance_m(heard) / self.weights.search_scale_m)
                 - self.weights.search_way * place.distance_m(pose.place)
         };
         let frontiers = self.map.frontiers().into_iter().map(|(place, _)| (sound(place), place));

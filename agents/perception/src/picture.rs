@@ -61,10 +61,10 @@ pub enum PictureError {
 impl CameraModel {
     /// Returns a pixel's ray at 1 m depth: metres to the right, up and ahead, for a level camera.
     pub(crate) fn ray(&self, [width, height]: [usize; 2], [column, row]: [f32; 2]) -> [f32; 3] {
-        let metres_per_px = 2.0 * (0.5 * self.hfov_rad).tan() / width as f32;
+        let metres_per_px = 2.0 * libm::tanf(0.5 * self.hfov_rad) / width as f32;
         let right = (column + 0.5 - 0.5 * width as f32) * metres_per_px;
         let up = (0.5 * height as f32 - row - 0.5) * metres_per_px;
-        let (sin, cos) = self.pitch_rad.sin_cos();
+        let (sin, cos) = libm::sincosf(self.pitch_rad);
         [right, up * cos + sin, cos - up * sin]
     }
 }
@@ -164,7 +164,7 @@ mod tests {
         // The lowest row of 4 looks down by 0.75 m a metre.
         assert!((level.ray([4, 4], [0.0, 3.0])[1] + 0.75).abs() < 1e-6);
         let up = CameraModel { pitch_rad: 0.5, ..level };
-        assert!((up.ray([2, 2], [0.5, 0.5])[1] - 0.5_f32.sin()).abs() < 1e-6);
+        assert!((up.ray([2, 2], [0.5, 0.5])[1] - libm::sinf(0.5)).abs() < 1e-6);
     }
 
     #[test]

@@ -55,7 +55,7 @@ impl Segmentation {
         let weight = |pixel: &u32| {
             let (row, column) = (*pixel as usize / self.width, *pixel as usize % self.width);
             let (x, y) = (from_middle(column, self.width), from_middle(row, self.height));
-            (-0.5 * (x * x + y * y)).exp()
+            libm::expf(-0.5 * (x * x + y * y))
         };
         segment.mask.iter().map(weight).sum()
     }

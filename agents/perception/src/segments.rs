@@ -52,7 +52,7 @@ fn likelihoods(output: &mut FeatureMap, kinds: usize) -> (Vec<u8>, Vec<f32>) {
             // The maximum is subtracted against overflow.
             let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let best = logits.iter().position(|logit| *logit == most).unwrap_or(0);
-            logits.iter_mut().for_each(|logit| *logit = (*logit - most).exp());
+            logits.iter_mut().for_each(|logit| *logit = libm::expf(*logit - most));
             let sum: f32 = logits.iter().sum();
             logits.iter_mut().for_each(|logit| *logit /= sum);
             categories.push(best as u8);
