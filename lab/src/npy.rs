@@ -1,12 +1,12 @@
-//! NumPy's `.npy` files, format version 1.0: a picture's numbers row by row, little-endian.
+//! NumPy's `.npy` format, version 1.0, little-endian.
 
 use std::io::{self, Write};
 
-/// A kind of number that an array can hold.
+/// A number type of arrays.
 pub trait Element: Copy {
-    /// NumPy's word for it.
+    /// NumPy's type string.
     const KIND: &str;
-    /// Its four bytes, the lowest first.
+    /// Returns the bytes, little-endian.
     fn bytes(self) -> [u8; 4];
 }
 
@@ -24,15 +24,15 @@ impl Element for u32 {
     }
 }
 
-/// Bytes before the header: the magic word, the version, and the header's length in two bytes.
+/// Bytes before the header: magic string, version, and header length.
 const PREAMBLE_BYTES: usize = 10;
-/// The numbers begin at a multiple of this.
+/// Alignment of the numbers.
 const ALIGNMENT_BYTES: usize = 64;
 
-/// Writes `rows × columns` numbers, row-major.
+/// Writes `rows × columns` numbers, row by row.
 ///
 /// # Errors
-/// When `out` cannot be written.
+/// If `out` cannot be written.
 pub fn write<T: Element>(
     mut out: impl Write,
     [rows, columns]: [u32; 2],
@@ -43,11 +43,10 @@ pub fn write<T: Element>(
     out.write_all(&bytes)
 }
 
-/// Writes what stands before `count` records one after the other, each with the `fields` in their order: name, NumPy's word
-/// for the kind of number, and shape as NumPy writes it. The records' bytes follow without gaps.
+/// Writes the header for `count` packed records of `fields`: name, NumPy's type string, and shape in NumPy's notation.
 ///
 /// # Errors
-/// When `out` cannot be written.
+/// If `out` cannot be written.
 pub(crate) fn write_record_header(
     out: impl Write,
     fields: &[(&str, &str, String)],
@@ -58,11 +57,10 @@ pub(crate) fn write_record_header(
     write_header(out, &format!("[{}]", fields.join(", ")), &format!("({count},)"))
 }
 
-/// Writes what stands before the numbers of an array of any dimensions; `kind` is NumPy's word for them. The numbers' bytes
-/// follow, the last dimension fastest.
+/// Writes the header for an array; `kind` is NumPy's type string. The last dimension is contiguous.
 ///
 /// # Errors
-/// When `out` cannot be written.
+/// If `out` cannot be written.
 pub(crate) fn write_array_header(out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
     let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
     write_header(out, &format!("'{kind}'"), &format!("({})", sides.join(" ")))
@@ -79,8 +77,7 @@ fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> 
     out.write_all(header.as_bytes())
 }
 
-/// Parses a two-dimensional array of four-byte numbers: the kind, rows and columns, and the bytes of the numbers. `None` if
-/// the file is another one.
+/// Parses a two-dimensional array of four-byte numbers: type string, shape and bytes; `None` for other content.
 pub fn read(file: &[u8]) -> Option<(String, [usize; 2], Vec<[u8; 4]>)> {
     let rest = file.strip_prefix(b"\x93NUMPY\x01\x00")?;
     let (length, rest) = rest.split_first_chunk()?;
@@ -105,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_read_back_as_they_were() {
+    fn arrays_round_trip() {
         let depth = [0.0, 1.5, f32::MIN_POSITIVE, 3.25e7, -0.1, 7.0];
         let file = written([2, 3], &depth);
         let header = &file[..file.len() - 4 * depth.len()];

@@ -1,4 +1,4 @@
-//! Sharing work between threads whose results do not depend on it.
+//! Parallel work whose results do not depend on the number of threads.
 
 use std::{
     num::NonZeroUsize,
@@ -8,22 +8,24 @@ use std::{
     },
 };
 
-/// As many threads as there are processors, or as were asked for.
-pub(crate) fn threads(asked: Option<usize>) -> usize {
+/// Returns the requested number of threads, or one per processor.
+pub(crate) fn threads(requested: Option<usize>) -> usize {
     let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    asked.unwrap_or(processors).max(1)
+    requested.unwrap_or(processors).max(1)
 }
 
-/// Does `work` for each of `items` on some threads, and tells `done` about each as it is done, in any order.
+/// Applies `work` to every item on several threads, and `done` to the results in any order.
 ///
-/// After a failure nothing new is begun; of all failures the one of the first item is returned.
+/// # Errors
+/// The failure with the lowest index; later items are not begun.
 pub(crate) fn share<T: Sync, R: Send, E: Send>(
     items: &[T],
     threads: usize,
     work: impl Fn(&T) -> Result<R, E> + Sync,
     mut done: impl FnMut(usize, R),
 ) -> Result<(), E> {
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let next = AtomicUsize::new(0);
+    let stop = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
     let mut failed: Option<(usize, E)> = None;
     std::thread::scope(|scope| {
@@ -41,10 +43,12 @@ pub(crate) fn share<T: Sync, R: Send, E: Send>(
                 }
             });
         }
+        // The receiver ends when all senders are dropped, including this one.
         drop(sender);
         for (index, result) in receiver {
             match result {
                 Ok(result) => done(index, result),
+                // Several threads may fail at once: the lowest index makes the error reproducible.
                 Err(error) if failed.as_ref().is_none_or(|first| index < first.0) => {
                     failed = Some((index, error));
                 }
@@ -60,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_items_are_done_once_on_any_number_of_threads() {
+    fn every_item_is_done_once_on_any_number_of_threads() {
         let items: Vec<usize> = (0..100).collect();
         for threads in [1, 2, 8, 200] {
             let mut doubled = vec![0; items.len()];
@@ -76,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_stops_the_rest_and_is_told() {
+    fn a_failure_is_returned_and_stops_the_rest() {
         let items: Vec<usize> = (0..1000).collect();
         let mut done = 0;
         let fail = |&item: &usize| if item == 3 { Err(item) } else { Ok(()) };

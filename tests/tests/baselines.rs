@@ -50,5 +50,5 @@ async fn two_ladders_cannot_be_played_in_one_folder() {
     let lock = fs::File::create(place.path().join("lock")).expect("the lock");
     lock.lock().expect("it is free");
     let refused = suite::run(place.path(), &SuiteOptions::default()).await.expect_err("it is taken");
-    assert!(refused.to_string().contains("another ladder is played"), "{refused}");
+    assert!(refused.to_string().contains("another baseline suite is running"), "{refused}");
 }

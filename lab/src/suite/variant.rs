@@ -1,38 +1,40 @@
-use super::{live_episodes::TrueHints, oracle::ShortestPath, traced::Traced};
+//! The suite's agents.
+
+use super::{hints::TrueHints, oracle::ShortestPath};
 use avln_arena::{Failure, FailureKind};
 use avln_baselines::{Baseline, RandomAgent};
-use avln_client::{Agent, Sensors};
+use avln_client::{Action, Agent, Mission, Observation, Sensors, TaskSpec};
 use avln_kit::perception::{ClassicalRecognition, HintRecognition};
 use avln_pag_nav::{Ablation, PagNav, Recorder};
 use clap::ValueEnum;
 use std::{path::Path, sync::Arc};
 
-/// The agents of the suite, in the order of tables.
+/// The suite's agents, in table order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum AgentVariant {
     /// Walks at random.
     Random,
     /// Walks forward and turns at obstacles.
     ForwardAndTurn,
-    /// Explores the nearest unseen place.
+    /// Explores the nearest unseen area.
     Frontier,
     /// Follows sound; blind.
     SoundFollower,
     /// Explores until it sees a goal's category; deaf.
     Detector,
-    /// Remembers a few views that cover all objects; deaf.
+    /// Remembers a few views of all objects; deaf.
     Snapshot,
     /// PAG-Nav.
     PagNav,
     /// PAG-Nav without hearing.
     PagNavNoAudio,
-    /// PAG-Nav without priors of rooms and objects.
+    /// PAG-Nav without room and object priors.
     PagNavNoPriors,
-    /// PAG-Nav without memory of unseen objects.
+    /// PAG-Nav without a memory for objects out of view.
     PagNavNoMemory,
     /// PAG-Nav without verification before a Submit.
     PagNavNoGate,
-    /// PAG-Nav without the perception network, with depth and colours only.
+    /// PAG-Nav with depth and colours instead of the perception network.
     PagNavNoNetwork,
     /// PAG-Nav with true sound directions; privileged.
     PagNavTrueSounds,
@@ -62,7 +64,7 @@ impl AgentVariant {
         Self::ShortestPath,
     ];
 
-    /// Name in tables, files and on the command line.
+    /// Returns the name in tables, files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",
@@ -81,7 +83,7 @@ impl AgentVariant {
         }
     }
 
-    /// The agent called `name`.
+    /// Returns the variant with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|variant| variant.name() == name)
     }
@@ -91,7 +93,7 @@ impl AgentVariant {
         matches!(self, Self::PagNavTrueSounds | Self::PagNavTrueSight | Self::ShortestPath)
     }
 
-    /// Returns `true` for ablations of PAG-Nav.
+    /// Returns `true` for PAG-Nav's ablations.
     pub fn is_variant(self) -> bool {
         self.name().starts_with("pag-nav-")
     }
@@ -104,7 +106,7 @@ impl AgentVariant {
         }
     }
 
-    /// Returns the requested sensors, with pictures of `side` pixels.
+    /// Returns the requested sensors, with images of `side` pixels.
     pub(super) fn sensors(self, side: u32) -> Sensors {
         let all = Sensors::square(side);
         match (self, self.baseline()) {
@@ -116,8 +118,7 @@ impl AgentVariant {
         }
     }
 
-    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any; PAG-Nav and its variants that
-    /// are not privileged write a trace into `folder` where one is named.
+    /// Creates the agent for one episode. PAG-Nav and its unprivileged variants write a trace into `folder`.
     pub(super) fn agent(
         self,
         seed: u64,
@@ -126,7 +127,7 @@ impl AgentVariant {
     ) -> Result<Box<dyn Agent + Send>, Failure> {
         if let Some(agent) = self.pag_nav(hints) {
             let untraced = |error| Failure::new(FailureKind::Data, error);
-            // Truth for privileged agents, which stays in the process.
+            // A privileged agent's trace would publish ground truth.
             let folder = folder.filter(|_| !self.is_privileged());
             let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
             return Ok(match trace {
@@ -140,9 +141,10 @@ impl AgentVariant {
         })
     }
 
-    /// Returns the variant of PAG-Nav.
+    /// Creates PAG-Nav or an ablation.
     fn pag_nav(self, hints: &Arc<TrueHints>) -> Option<PagNav> {
-        let (agent, none) = (PagNav::default, Ablation::default());
+        let agent = PagNav::default;
+        let none = Ablation::default();
         Some(match self {
             Self::PagNav => agent(),
             Self::PagNavNoAudio => agent().without(Ablation { no_audio: true, ..none }),
@@ -168,12 +170,37 @@ impl AgentVariant {
     }
 }
 
+/// An agent for one episode that completes its trace when dropped.
+struct Traced(PagNav);
+
+impl Agent for Traced {
+    fn enter(&mut self, episode: &str) {
+        self.0.enter(episode);
+    }
+
+    fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        self.0.begin(task, mission);
+    }
+
+    fn act(&mut self, observation: &Observation) -> Action {
+        self.0.act(observation)
+    }
+}
+
+impl Drop for Traced {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.end_trace() {
+            eprintln!("{error}");
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn names_are_those_of_the_command_line_and_nobody_is_left_out() {
+    fn every_variant_has_its_command_line_name() {
         let values: Vec<_> =
             AgentVariant::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect();
         let names: Vec<_> = values.iter().map(|value| value.get_name().to_owned()).collect();

@@ -120,7 +120,8 @@ impl OnnxRecognition {
             self.words.iter().map(|(_, word)| self.scale * cosine(word, embedding)).collect();
         let top = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let all: f32 = scores.iter().map(|score| libm::expf(score - top)).sum();
-        let named = self.words.iter().zip(scores).map(|((word, _), score)| (word, libm::expf(score - top) / all));
+        let named =
+            self.words.iter().zip(scores).map(|((word, _), score)| (word, libm::expf(score - top) / all));
         named.filter(|(_, p)| *p > UNLIKELY).map(|(word, p)| (word.clone(), p)).collect()
     }
 

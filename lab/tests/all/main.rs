@@ -1,5 +1,7 @@
 //! Building, checking and playing a data set on disk.
 
+mod heads;
+
 use avln_arena::setup::{NewPhase, open_phase};
 use avln_arena::{
     FailureKind,
@@ -13,8 +15,7 @@ use avln_interchange::{ForeignFile, Importer, read};
 use avln_lab::dataset::{
     build::Builder,
     check::{self, CheckReport, CheckScope},
-    export::Export,
-    openness::Openness,
+    export::{Export, Openness},
 };
 use avln_store::{Phase, Visibility};
 use avln_world::Cache;

@@ -1,6 +1,6 @@
 //! Phases that are heard with a measured head.
 
-#[path = "../../server/sim/acoustics/tests/common/sofa.rs"]
+#[path = "../../../server/sim/acoustics/tests/common/sofa.rs"]
 mod sofa;
 
 use avln_arena::setup::{NewPhase, open_phase};
