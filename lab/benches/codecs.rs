@@ -4,12 +4,10 @@ use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_houses::{HouseOptions, house};
 use avln_proto::wire::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_render::{Camera, Frame, Renderer};
-use std::{
-    f32::consts::{FRAC_PI_2, PI},
-    hint::black_box,
-    sync::{Arc, OnceLock},
-    time::Instant,
-};
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::hint::black_box;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 const SIDE: u32 = 256;
 const VIEWS: usize = 32;

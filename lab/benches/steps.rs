@@ -4,24 +4,20 @@
 //! Processor time is summed over all threads of this process: over gRPC that is server and client together. The simulator's
 //! parts of a step are differences between the same walk with and without a sense; the rest is told by thread.
 
+use avln_arena::data::DataFolder;
+use avln_arena::servers::{Addresses, RunningServers, Servers};
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
-use avln_arena::{
-    Arena, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    servers::{Addresses, RunningServers, Servers},
-};
+use avln_arena::{Arena, SCENE_MEMORY_MIB};
 use avln_client::{Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
 use avln_referee::{Audio, Referee};
 use avln_world::SceneAssets;
-use std::{
-    collections::BTreeMap,
-    hint::black_box,
-    path::Path,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::collections::BTreeMap;
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tokio::runtime::{Builder, Runtime};
 

@@ -2,71 +2,34 @@
 
 use std::io::{self, Write};
 
-/// A number type of arrays.
-pub trait Element: Copy {
-    /// NumPy's type string.
-    const KIND: &str;
-    /// Returns the bytes, little-endian.
-    fn bytes(self) -> [u8; 4];
-}
-
-impl Element for f32 {
-    const KIND: &str = "<f4";
-    fn bytes(self) -> [u8; 4] {
-        self.to_le_bytes()
-    }
-}
-
-impl Element for u32 {
-    const KIND: &str = "<u4";
-    fn bytes(self) -> [u8; 4] {
-        self.to_le_bytes()
-    }
-}
-
 /// Bytes before the header: magic string, version, and header length.
 const PREAMBLE_BYTES: usize = 10;
 /// Alignment of the numbers.
 const ALIGNMENT_BYTES: usize = 64;
 
-/// Writes `rows × columns` numbers, row by row.
+/// Writes `rows × columns` four-byte numbers, row by row; `kind` is NumPy's type string.
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write<T: Element>(
+pub fn write(
     mut out: impl Write,
+    kind: &str,
     [rows, columns]: [u32; 2],
-    values: impl Iterator<Item = T>,
+    values: impl Iterator<Item = [u8; 4]>,
 ) -> io::Result<()> {
-    write_header(&mut out, &format!("'{}'", T::KIND), &format!("({rows}, {columns})"))?;
-    let bytes: Vec<u8> = values.flat_map(T::bytes).collect();
-    out.write_all(&bytes)
+    write_header(&mut out, &format!("'{kind}'"), &[rows as usize, columns as usize])?;
+    out.write_all(&values.flatten().collect::<Vec<u8>>())
 }
 
-/// Writes the header for `count` packed records of `fields`: name, NumPy's type string, and shape in NumPy's notation.
+/// Writes an array's header; `kind` is NumPy's type description. The last dimension is contiguous.
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub(crate) fn write_record_header(
-    out: impl Write,
-    fields: &[(&str, &str, String)],
-    count: usize,
-) -> io::Result<()> {
-    let fields = fields.iter().map(|(name, kind, shape)| format!("('{name}', '{kind}', {shape})"));
-    let fields: Vec<String> = fields.collect();
-    write_header(out, &format!("[{}]", fields.join(", ")), &format!("({count},)"))
-}
-
-/// Writes the header for an array; `kind` is NumPy's type string. The last dimension is contiguous.
-///
-/// # Errors
-/// If `out` cannot be written.
-pub(crate) fn write_array_header(out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
-    let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
-    write_header(out, &format!("'{kind}'"), &format!("({})", sides.join(" ")))
-}
-
-fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> {
+pub(crate) fn write_header(mut out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
+    let sides: Vec<String> = shape.iter().map(usize::to_string).collect();
+    // A tuple with one element needs a comma in Python.
+    let comma = if shape.len() == 1 { "," } else { "" };
+    let shape = format!("({}{comma})", sides.join(", "));
     let mut header = format!("{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}");
     let whole = (PREAMBLE_BYTES + header.len() + 1).next_multiple_of(ALIGNMENT_BYTES);
     let length = whole - PREAMBLE_BYTES;
@@ -95,23 +58,25 @@ pub fn read(file: &[u8]) -> Option<(String, [usize; 2], Vec<[u8; 4]>)> {
 mod tests {
     use super::*;
 
-    fn written<T: Element>(shape: [u32; 2], values: &[T]) -> Vec<u8> {
+    fn ids(shape: [u32; 2], ids: &[u32]) -> Vec<u8> {
         let mut file = Vec::new();
-        write(&mut file, shape, values.iter().copied()).expect("memory can be written");
+        write(&mut file, "<u4", shape, ids.iter().map(|id| id.to_le_bytes())).expect("writable memory");
         file
     }
 
     #[test]
     fn arrays_round_trip() {
         let depth = [0.0, 1.5, f32::MIN_POSITIVE, 3.25e7, -0.1, 7.0];
-        let file = written([2, 3], &depth);
+        let mut file = Vec::new();
+        write(&mut file, "<f4", [2, 3], depth.iter().map(|m: &f32| m.to_le_bytes()))
+            .expect("writable memory");
         let header = &file[..file.len() - 4 * depth.len()];
         assert!(header.len().is_multiple_of(ALIGNMENT_BYTES) && header.ends_with(b"\n"));
         assert!(String::from_utf8_lossy(header).contains("'fortran_order': False"));
         let (kind, shape, numbers) = read(&file).expect("an array");
         assert_eq!((kind.as_str(), shape), ("<f4", [2, 3]));
         assert_eq!(numbers.into_iter().map(f32::from_le_bytes).collect::<Vec<_>>(), depth);
-        let (kind, shape, numbers) = read(&written([1, 2], &[7_u32, u32::MAX])).expect("an array");
+        let (kind, shape, numbers) = read(&ids([1, 2], &[7, u32::MAX])).expect("an array");
         assert_eq!((kind.as_str(), shape), ("<u4", [1, 2]));
         assert_eq!(numbers.into_iter().map(u32::from_le_bytes).collect::<Vec<_>>(), [7, u32::MAX]);
     }
@@ -119,11 +84,11 @@ mod tests {
     #[test]
     fn headers_of_any_length_are_padded() {
         for shape in [[1, 1], [4096, 4096], [1, 1_000_000]] {
-            let file = written(shape, &vec![0_u32; (shape[0] * shape[1]) as usize]);
+            let file = ids(shape, &vec![0; (shape[0] * shape[1]) as usize]);
             let (_, found, _) = read(&file).expect("an array");
             assert_eq!(found.map(|side| side as u32), shape);
         }
-        let small = written([1, 1], &[258_u32]);
+        let small = ids([1, 1], &[258]);
         assert_eq!((small.len(), &small[128..]), (132, &[2, 1, 0, 0][..]));
     }
 }

@@ -1,35 +1,29 @@
 //! Parallel work whose results do not depend on the number of threads.
 
-use std::{
-    num::NonZeroUsize,
-    sync::{
-        atomic::{AtomicBool, AtomicUsize, Ordering},
-        mpsc,
-    },
+use std::num::NonZeroUsize;
+use std::sync::{
+    atomic::{AtomicBool, AtomicUsize, Ordering},
+    mpsc,
 };
 
-/// Returns the requested number of threads, or one per processor.
-pub(crate) fn threads(requested: Option<usize>) -> usize {
-    let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    requested.unwrap_or(processors).max(1)
-}
-
-/// Applies `work` to every item on several threads, and `done` to the results in any order.
+/// Applies `work` to every item on several threads (`None` for one per processor), and `done` to the results in any order.
 ///
 /// # Errors
 /// The failure with the lowest index; later items are not begun.
 pub(crate) fn share<T: Sync, R: Send, E: Send>(
     items: &[T],
-    threads: usize,
+    threads: Option<usize>,
     work: impl Fn(&T) -> Result<R, E> + Sync,
     mut done: impl FnMut(usize, R),
 ) -> Result<(), E> {
+    let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let threads = threads.unwrap_or(processors).clamp(1, items.len().max(1));
     let next = AtomicUsize::new(0);
     let stop = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
     let mut failed: Option<(usize, E)> = None;
     std::thread::scope(|scope| {
-        for _ in 0..threads.min(items.len()) {
+        for _ in 0..threads {
             let (next, stop, work, sender) = (&next, &stop, &work, sender.clone());
             scope.spawn(move || {
                 while !stop.load(Ordering::Relaxed) {
@@ -70,7 +64,7 @@ mod tests {
             let mut doubled = vec![0; items.len()];
             let worked = share(
                 &items,
-                threads,
+                Some(threads),
                 |&item| Ok::<_, ()>(2 * item),
                 |index, result| doubled[index] += result,
             );
@@ -84,7 +78,7 @@ mod tests {
         let items: Vec<usize> = (0..1000).collect();
         let mut done = 0;
         let fail = |&item: &usize| if item == 3 { Err(item) } else { Ok(()) };
-        assert_eq!(share(&items, 1, fail, |_, ()| done += 1), Err(3));
+        assert_eq!(share(&items, Some(1), fail, |_, ()| done += 1), Err(3));
         assert_eq!(done, 3);
     }
 }

@@ -79,17 +79,11 @@ impl ReferenceAgent {
     pub const ALL: [Self; 2] = [Self::Random, Self::PagNav];
 
     fn name(self) -> &'static str {
-        match self {
-            Self::Random => "random",
-            Self::PagNav => "PAG-Nav",
-        }
+        if self == Self::Random { "random" } else { "PAG-Nav" }
     }
 
     fn order(self) -> Order {
-        match self {
-            Self::Random => Order::Ordered,
-            Self::PagNav => Order::Unordered,
-        }
+        if self == Self::Random { Order::Ordered } else { Order::Unordered }
     }
 
     fn agent(self) -> DigestingAgent {

@@ -4,10 +4,8 @@ use super::check;
 use crate::{internal, parallel};
 use avln_arena::dataset::files::{self, DatasetFiles, cannot};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{
-    BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
-    format::{DATASET_VERSION, digest_of},
-};
+use avln_dataset::format::{DATASET_VERSION, digest_of};
+use avln_dataset::{BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene};
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
@@ -77,7 +75,7 @@ impl Builder {
             let built = build_scene(&self.recipe, *job, cache)?;
             self.write_scene(*job, built)
         };
-        parallel::share(&missing, parallel::threads(threads), make, |index, ()| {
+        parallel::share(&missing, threads, make, |index, ()| {
             progress.done += missions(&missing[index]);
             on_progress(progress);
         })?;

@@ -76,7 +76,7 @@ pub fn run(
     // Results arrive in any order; the report lists them by scene.
     let mut results: BTreeMap<usize, (usize, Vec<Fault>)> = BTreeMap::new();
     on_scene(0, jobs.len());
-    parallel::share(&jobs, parallel::threads(scope.threads), check, |index, result| {
+    parallel::share(&jobs, scope.threads, check, |index, result| {
         results.insert(index, result);
         on_scene(results.len(), jobs.len());
     })?;

@@ -1,10 +1,8 @@
 //! Export of splits in other formats, and the facts that may be published.
 
-use avln_arena::{
-    Failure, FailureKind,
-    data::DataFolder,
-    dataset::{SplitFolder, files::write_whole},
-};
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{SplitFolder, files::write_whole};
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::{SceneLine, SceneSource};
 use avln_episode::Rules;
 use avln_houses::Pool;

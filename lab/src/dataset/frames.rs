@@ -8,10 +8,8 @@ mod record;
 pub use record::CATEGORIES;
 
 use crate::{internal, parallel};
-use avln_arena::{
-    Failure, FailureKind,
-    dataset::files::{cannot, write_whole},
-};
+use avln_arena::dataset::files::{cannot, write_whole};
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
 use avln_geom::Rng;
@@ -89,25 +87,16 @@ struct Sentence {
 impl Purpose {
     /// Returns the required pool. Houses of the test pool are never labelled.
     fn pool(self) -> Pool {
-        match self {
-            Self::Training => Pool::Train,
-            Self::Measurement => Pool::Validation,
-        }
+        if self == Self::Training { Pool::Train } else { Pool::Validation }
     }
 
     /// Returns the record field for instances. The names differ, so that training code cannot read measurement files.
     fn instance_field(self) -> &'static str {
-        match self {
-            Self::Training => "instance",
-            Self::Measurement => "hidden_instance",
-        }
+        if self == Self::Training { "instance" } else { "hidden_instance" }
     }
 
     fn word(self) -> &'static str {
-        match self {
-            Self::Training => "training",
-            Self::Measurement => "measurement",
-        }
+        if self == Self::Training { "training" } else { "measurement" }
     }
 }
 
@@ -130,14 +119,7 @@ pub fn take(options: &FrameOptions, folder: &Path, mut on_house: impl FnMut()) -
         write_whole(&sentences_path, &sentences(&assets, &rules)?)?;
         write_whole(&path, &records(house, &assets, options)?)
     };
-    let manifest = manifest(options, houses);
-    let text = serde_json::to_vec_pretty(&manifest).map_err(internal)?;
-    write_whole(&folder.join("frames.json"), &text)?;
-    parallel::share(&manifest.houses, parallel::threads(options.threads), visit, |_, ()| on_house())
-}
-
-fn manifest(options: &FrameOptions, houses: Vec<LabelledHouse>) -> FramesManifest<'_> {
-    FramesManifest {
+    let manifest = FramesManifest {
         format: "avln-frames",
         version: 1,
         purpose: options.purpose,
@@ -148,7 +130,10 @@ fn manifest(options: &FrameOptions, houses: Vec<LabelledHouse>) -> FramesManifes
         categories: &CATEGORIES,
         unknown: record::UNKNOWN,
         houses,
-    }
+    };
+    let text = serde_json::to_vec_pretty(&manifest).map_err(internal)?;
+    write_whole(&folder.join("frames.json"), &text)?;
+    parallel::share(&manifest.houses, options.threads, visit, |_, ()| on_house())
 }
 
 /// Returns the split's index in the recipe.
@@ -166,16 +151,13 @@ fn allowed_split(options: &FrameOptions) -> Result<usize, Failure> {
         SceneChoice::Files(_) => None,
     };
     if pool != Some(purpose.pool()) {
-        return Err(refused(format!("split '{name}' is not for {}", purpose.word())).hinted(
-            "training needs houses of the training pool; --measure needs houses of the validation pool",
-        ));
+        let hint =
+            "training needs houses of the training pool; --measure needs houses of the validation pool";
+        return Err(refused(format!("split '{name}' is not for {}", purpose.word())).hinted(hint));
     }
-    if split.scene_count() < options.houses {
-        return Err(refused(format!(
-            "split '{name}' has {} houses, not {}",
-            split.scene_count(),
-            options.houses
-        )));
+    let (count, wanted) = (split.scene_count(), options.houses);
+    if count < wanted {
+        return Err(refused(format!("split '{name}' has {count} houses, not {wanted}")));
     }
     Ok(found)
 }

@@ -5,10 +5,8 @@ use avln_arena::{Failure, FailureKind};
 use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
 use avln_interchange::{self as interchange, ForeignEpisode, ForeignFile, Format, Importer, Loss};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
-};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 /// Folder levels in the search for files.
 const DEPTH: usize = 4;
@@ -65,7 +63,17 @@ impl Import<'_> {
         let mut split = Split::new(self.split, self.rules);
         for (name, episodes) in &scenes {
             on_scene(name);
-            self.add_scene(name, episodes, &mut split, &mut account);
+            match self.convert(name, episodes, &mut account) {
+                Ok((spec, missions)) if !missions.is_empty() => {
+                    split.scenes.push(spec);
+                    split.episodes.extend(missions);
+                }
+                Ok(_) => {}
+                Err(reason) => {
+                    let lost = episodes.iter().map(|episode| Loss::episode(episode, reason.clone()));
+                    account.losses.extend(lost);
+                }
+            }
         }
         account.scenes = split.scenes.len();
         account.missions = split.episodes.len();
@@ -105,20 +113,6 @@ impl Import<'_> {
             }
         }
         Ok(scenes)
-    }
-
-    fn add_scene(&self, name: &str, episodes: &[ForeignEpisode], split: &mut Split, account: &mut Account) {
-        match self.convert(name, episodes, account) {
-            Ok((spec, missions)) if !missions.is_empty() => {
-                split.scenes.push(spec);
-                split.episodes.extend(missions);
-            }
-            Ok(_) => {}
-            Err(reason) => {
-                let lost = episodes.iter().map(|episode| Loss::episode(episode, reason.clone()));
-                account.losses.extend(lost);
-            }
-        }
     }
 
     fn convert(

@@ -145,6 +145,10 @@ impl DoctorReport {
         self.add(name, Verdict::Failed, found, next);
     }
 
+    fn skipped(&mut self, name: &'static str, found: impl ToString, next: &str) {
+        self.add(name, Verdict::Skipped, found, next);
+    }
+
     /// Adds a warning with advice, or `ok` if all is well.
     fn warn_unless(&mut self, is_well: bool, name: &'static str, found: impl ToString, next: &str) {
         if is_well {

@@ -1,6 +1,6 @@
 //! Practice episodes with the random agent: they measure the speed of a run.
 
-use super::{DoctorOptions, DoctorReport, Spread, Verdict, ms};
+use super::{DoctorOptions, DoctorReport, Spread, ms};
 use avln_baselines::RandomAgent;
 use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, Run, RunOptions};
 use std::time::Instant;
@@ -19,23 +19,13 @@ pub(super) async fn check(
     let name = options.practice.as_deref().unwrap_or(&phase.id);
     if quotas.iter().any(|quota| quota.phase == name && quota.is_counted()) {
         let found = format!("no practice in phase '{name}', which counts runs");
-        return report.add(
-            "practice",
-            Verdict::Skipped,
-            found,
-            "name a phase without quotas with --practice PHASE",
-        );
+        return report.skipped("practice", found, "name a phase without quotas with --practice PHASE");
     }
     let known = client.phases().await.map(|phases| phases.into_iter().find(|known| known.id == name));
     let played = match known {
         Ok(Some(place)) if place.episodes < 2 => {
             let found = format!("no practice in phase '{name}', whose only episode would complete a run");
-            return report.add(
-                "practice",
-                Verdict::Skipped,
-                found,
-                "name another phase with --practice PHASE",
-            );
+            return report.skipped("practice", found, "name another phase with --practice PHASE");
         }
         Ok(Some(place)) => play(options, client, &place).await,
         Ok(None) => {

@@ -2,6 +2,7 @@ use super::Picture;
 use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{Lighting, Mesh, Scene};
+use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
 use std::sync::Arc;
 
@@ -27,16 +28,12 @@ pub fn storeys(scene: &Scene) -> Vec<Picture> {
 
 /// Returns a box around the rooms by storey, lowest first.
 fn floors(scene: &Scene) -> Vec<Aabb> {
-    let count = scene.regions.iter().map(|region| region.storey).max().map_or(0, usize::from) + 1;
-    let mut floors: Vec<Option<Aabb>> = vec![None; count];
+    let mut floors: BTreeMap<u16, Aabb> = BTreeMap::new();
     for region in &scene.regions {
-        let floor = &mut floors[usize::from(region.storey)];
-        *floor = Some(floor.map_or(region.bounds, |all| all.union(&region.bounds)));
+        let floor = floors.entry(region.storey).or_insert(region.bounds);
+        *floor = floor.union(&region.bounds);
     }
-    match scene.bounds() {
-        Some(bounds) if scene.regions.is_empty() => vec![bounds],
-        _ => floors.into_iter().flatten().collect(),
-    }
+    if floors.is_empty() { scene.bounds().into_iter().collect() } else { floors.into_values().collect() }
 }
 
 /// Renders everything below the cut, seen from above; `None` without geometry.

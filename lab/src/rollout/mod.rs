@@ -7,23 +7,19 @@ mod record;
 
 use crate::suite::Oracle;
 use crate::{internal, parallel};
-use avln_arena::{
-    Failure, FailureKind,
-    dataset::{
-        SplitFolder,
-        files::{cannot, check_plain, write_whole},
-    },
+use avln_arena::dataset::{
+    SplitFolder,
+    files::{cannot, check_plain, write_whole},
 };
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::{EpisodeSpec, SceneLine};
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;
 use avln_world::Cache;
 use record::Recorded;
 use serde::Serialize;
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Unit of stored depth, metres.
 const M_PER_MM: f32 = 1e-3;
@@ -107,7 +103,7 @@ impl RolloutOptions<'_> {
         self.claim(folder)?;
         let mut tally = RolloutTally::default();
         let visit = |&(scene, count): &(usize, usize)| self.record_scene(scene, count, folder, &on_episode);
-        parallel::share(&self.visits(), parallel::threads(self.threads), visit, |_, part: RolloutTally| {
+        parallel::share(&self.visits(), self.threads, visit, |_, part: RolloutTally| {
             tally.before += part.before;
             tally.now += part.now;
             tally.incomplete += part.incomplete;

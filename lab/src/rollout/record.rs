@@ -5,11 +5,11 @@ use crate::suite::Oracle;
 use crate::{internal, npy};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::EpisodeSpec;
-use avln_episode::{Action, EndReason, Feedback, GoalCue, Mission, Observation, Order, Sensors};
+use avln_episode::{Action, EndReason, Feedback, GoalCue, Mission, Observation, Sensors};
 use avln_referee::Referee;
 use avln_scoring::{Metrics, score};
 use avln_world::SceneAssets;
-use serde::Serialize;
+use serde_json::{Value, json};
 use std::io::{self, Cursor, Write};
 use std::sync::Arc;
 use zip::write::{PreparedZipFile, SimpleFileOptions, ZipFileBuilder};
@@ -21,39 +21,6 @@ pub(super) struct Recorded {
     pub(super) bytes: Vec<u8>,
     /// `true` if every goal was found.
     pub(super) is_complete: bool,
-}
-
-/// Content of `episode.json`.
-#[derive(Serialize)]
-struct EpisodeFacts<'a> {
-    episode: &'a str,
-    scene: &'a str,
-    order: Order,
-    goals: Vec<Goal<'a>>,
-    end: EndReason,
-    steps: u32,
-    found: u32,
-    path_m: f64,
-    reference_m: f64,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Goal<'a> {
-    Category(&'a str),
-    Description(&'a str),
-    /// Array with the picture.
-    Image(String),
-}
-
-impl<'a> Goal<'a> {
-    fn of((index, cue): (usize, &'a GoalCue)) -> Self {
-        match cue {
-            GoalCue::Category(label) => Self::Category(label),
-            GoalCue::Description(sentence) => Self::Description(sentence),
-            GoalCue::Image(_) => Self::Image(picture_name(index)),
-        }
-    }
 }
 
 /// An episode with its scene, mission and options.
@@ -119,21 +86,28 @@ impl Recording<'_> {
         Failure::new(FailureKind::Scene, format!("mission {}: {error}", self.episode.id))
     }
 
-    fn facts(&self, end: EndReason, metrics: &Metrics) -> EpisodeFacts<'_> {
-        EpisodeFacts {
-            episode: &self.episode.id,
-            scene: &self.episode.scene,
-            order: self.mission.order,
-            goals: (0..).zip(&self.mission.goals).map(Goal::of).collect(),
-            end,
-            steps: metrics.steps,
-            found: metrics.found,
-            path_m: metrics.path_m,
-            reference_m: metrics.reference_m,
-        }
+    /// Returns the content of `episode.json`.
+    fn facts(&self, end: EndReason, metrics: &Metrics) -> Value {
+        let goal = |(index, cue): (usize, &GoalCue)| match cue {
+            GoalCue::Category(label) => json!({ "category": label }),
+            GoalCue::Description(sentence) => json!({ "description": sentence }),
+            GoalCue::Image(_) => json!({ "image": picture_name(index) }),
+        };
+        json!({
+            "episode": self.episode.id,
+            "scene": self.episode.scene,
+            "order": self.mission.order,
+            "goals": self.mission.goals.iter().enumerate().map(goal).collect::<Vec<_>>(),
+            "end": end,
+            "steps": metrics.steps,
+            "found": metrics.found,
+            "path_m": metrics.path_m,
+            "reference_m": metrics.reference_m,
+        })
     }
 }
 
+/// Returns the name of the array with a goal's picture.
 fn picture_name(goal: usize) -> String {
     format!("goal_{goal}_rgb")
 }
@@ -190,7 +164,7 @@ impl Tape {
         Ok(())
     }
 
-    fn finish(self, facts: &EpisodeFacts, mission: &Mission) -> io::Result<Vec<u8>> {
+    fn finish(self, facts: &Value, mission: &Mission) -> io::Result<Vec<u8>> {
         let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         let mut episode = ZipFileBuilder::new("episode.json", options())?;
         episode.write_all(&serde_json::to_vec_pretty(facts)?)?;
@@ -218,7 +192,7 @@ impl Array {
     /// Begins an array; `kind` is NumPy's type string.
     fn new(name: &str, kind: &str, shape: &[usize]) -> io::Result<Self> {
         let mut file = ZipFileBuilder::new(format!("{name}.npy"), options().compression_level(Some(1)))?;
-        npy::write_array_header(&mut file, kind, shape)?;
+        npy::write_header(&mut file, &format!("'{kind}'"), shape)?;
         Ok(Self(file))
     }
 

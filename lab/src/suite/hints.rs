@@ -1,17 +1,15 @@
 //! Ground truth for privileged agents: the running episodes' states, as hints.
 
-use avln_episode::{Pose, Rules};
+use avln_episode::{Order, Pose, Rules};
 use avln_geom::{Aabb, Point3};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::perception::{Hints, TargetHint};
 use avln_referee::Referee;
 use avln_truth::EpisodeTruth;
 use avln_world::{InstanceId, SceneAssets};
-use std::{
-    collections::BTreeMap,
-    f32::consts::{FRAC_PI_4, PI, TAU},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_4, PI, TAU};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Largest distance of a visible target, metres.
 const IN_VIEW_M: f32 = 6.0;
@@ -101,6 +99,14 @@ impl Hints for TrueHints {
         };
         let goals = (0..truth.targets.len()).filter(in_view);
         goals.map(|goal| hint(goal, &truth.targets[goal].bounds, &truth.start, now.pose.position.y)).collect()
+    }
+}
+
+/// Returns the open goals that a Submit can complete.
+pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
+    match order {
+        Order::Ordered => &open[..open.len().min(1)],
+        Order::Unordered => open,
     }
 }
 

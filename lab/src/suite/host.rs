@@ -1,23 +1,19 @@
 //! Split and server of the baseline suite.
 
-use super::{hints::LiveEpisodes, results::EpisodeKey};
-use crate::dataset::build::Builder;
+use super::{AgentVariant, hints::LiveEpisodes, results::EpisodeKey};
+use crate::{dataset::build::Builder, internal};
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
+use avln_arena::servers::RunningServers;
 use avln_arena::setup::admit;
-use avln_arena::{
-    Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-    now_unix_ms, register,
-    servers::RunningServers,
-};
-use avln_dataset::{Recipe, SceneChoice};
+use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, now_unix_ms, register};
+use avln_dataset::{EpisodeSpec, Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
-use std::{
-    fs::{self, File, TryLockError},
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const RECIPE: &str = include_str!("recipe.json");
 const TEAM: &str = "baselines";
@@ -66,8 +62,9 @@ pub(super) struct HostedSuite {
 }
 
 /// An agent's missions in one order, hosted as a phase.
-#[derive(Clone)]
 pub(super) struct Batch {
+    pub(super) variant: AgentVariant,
+    pub(super) order: Order,
     pub(super) phase: String,
     pub(super) episodes: Vec<PhaseEpisode>,
 }
@@ -128,9 +125,10 @@ impl SuiteFolder {
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
         register::register_split(&store, &name, &self.split, &[]).await?;
-        let phase =
-            |batch: &Batch| Phase::new(&batch.phase, &name, self.rules.clone(), batch.episodes.clone());
-        let phases: Vec<_> = batches.iter().map(phase).collect();
+        let mut phases = Vec::with_capacity(batches.len());
+        for Batch { phase, episodes, .. } in batches {
+            phases.push(Phase::new(phase, &name, self.rules.clone(), episodes.clone()));
+        }
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
         let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
@@ -142,9 +140,8 @@ impl SuiteFolder {
         let root = self.data.root();
         let files = ["avln.db", "avln.db-wal", "avln.db-shm"].map(|name| root.join(name));
         let removed = files.iter().map(fs::remove_file).chain([fs::remove_dir_all(root.join("runs"))]);
-        let failed =
-            removed.filter_map(Result::err).find(|error| error.kind() != std::io::ErrorKind::NotFound);
-        failed.map_or(Ok(()), |error| {
+        let mut failed = removed.filter_map(Result::err).filter(|error| error.kind() != ErrorKind::NotFound);
+        failed.next().map_or(Ok(()), |error| {
             Err(Failure::new(FailureKind::Data, format!("cannot clear {}: {error}", root.display())))
         })
     }
@@ -160,6 +157,26 @@ pub(super) async fn serve(
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
     let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
     Ok((RunningServers::local_for(arena, store).await?, live))
+}
+
+/// Returns the mission behind a run's episode handle.
+pub(super) async fn mission_of(
+    store: &Store,
+    split: &SplitFolder,
+    run: &str,
+    handle: &str,
+) -> Result<EpisodeSpec, Failure> {
+    let open = store.running_episodes().await?;
+    let open = open.into_iter().find(|open| open.run == run && open.handle == handle);
+    let spec = open.map(|open| split.episode(&open.episode)).transpose()?.flatten();
+    spec.ok_or_else(|| internal(format!("the split has no episode for handle {handle}")))
+}
+
+pub(super) fn client_order(order: Order) -> avln_client::Order {
+    match order {
+        Order::Ordered => avln_client::Order::Ordered,
+        Order::Unordered => avln_client::Order::Unordered,
+    }
 }
 
 /// Returns the path of the results file.

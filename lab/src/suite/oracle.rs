@@ -1,10 +1,7 @@
 //! The oracle: a privileged agent that walks the reference tour, for the suite, rollouts and leaderboards' upper bounds.
 
-use super::{
-    hints::{EpisodeState, LiveEpisodes, TrueHints},
-    host,
-    play::{client_order, mission_of},
-};
+use super::hints::{EpisodeState, LiveEpisodes, TrueHints, claimable};
+use super::host::{self, client_order, mission_of};
 use avln_arena::setup::admit;
 use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
 use avln_client::{
@@ -16,10 +13,8 @@ use avln_referee::Referee;
 use avln_store::{Phase, Reference, Store};
 use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
-use std::{
-    f32::consts::{PI, TAU},
-    sync::Arc,
-};
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// A world position on the floor: x and z, metres.
 pub type FloorPoint = [f32; 2];
@@ -138,14 +133,6 @@ impl Agent for ShortestPath {
             (true, _) => Action::Submit,
             (false, _) => self.walk(&truth, &now, observation),
         }
-    }
-}
-
-/// Returns the open goals that a Submit can complete.
-pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
-    match order {
-        Order::Ordered => &open[..open.len().min(1)],
-        Order::Unordered => open,
     }
 }
 

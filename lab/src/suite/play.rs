@@ -1,24 +1,19 @@
 //! Runs of the baseline suite.
 
-use super::{
-    AgentVariant, ResultLine, Results, SuiteSize,
-    hints::TrueHints,
-    host::{Batch, HostedSuite, SuiteFolder},
-    results::{EpisodeKey, causes},
-};
+use super::hints::TrueHints;
+use super::host::{Batch, HostedSuite, SuiteFolder, client_order, mission_of};
+use super::results::{EpisodeKey, causes};
+use super::{AgentVariant, ResultLine, Results, SuiteSize};
 use crate::internal;
-use avln_arena::{Failure, dataset::SplitFolder};
+use avln_arena::Failure;
 use avln_client::{Client, Play, RunOptions};
-use avln_dataset::EpisodeSpec;
 use avln_episode::{EndReason, Order};
 use avln_scoring::score;
-use avln_store::Store;
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::{Duration, Instant},
-};
+use clap::ValueEnum;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::task::{JoinSet, block_in_place};
 
 /// Interval between progress messages.
@@ -51,7 +46,7 @@ impl Default for SuiteOptions {
     /// Returns all agents on the whole split in both orders.
     fn default() -> Self {
         Self {
-            agents: AgentVariant::ALL.to_vec(),
+            agents: AgentVariant::value_variants().to_vec(),
             orders: vec![Order::Ordered, Order::Unordered],
             episodes: usize::MAX,
             slots: 2,
@@ -73,19 +68,18 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     let folder =
         tokio::task::spawn_blocking(move || SuiteFolder::open(&path, size)).await.map_err(internal)??;
     let results = Results::open(&folder.results())?;
-    let todo = todo(&folder, &results, plan)?;
-    if todo.is_empty() {
+    let batches = missing(&folder, &results, plan)?;
+    if batches.is_empty() {
         eprintln!("every mission has a result; repeat missions with --again");
         return Ok(0);
     }
-    let batches: Vec<Batch> = todo.iter().map(|(_, _, batch)| batch.clone()).collect();
     let hosted = folder.host(&batches).await?;
     let to_play = batches.iter().map(|batch| batch.episodes.len()).sum();
     let progress = SuiteProgress { results, played: 0, to_play, began: Instant::now(), reported: None };
     let suite = Arc::new(SuiteRun { folder, hosted, plan: plan.clone(), progress: Mutex::new(progress) });
     let mut played = Ok(());
-    for (variant, order, batch) in todo {
-        played = suite.play(variant, order, batch).await;
+    for batch in batches {
+        played = suite.play(batch).await;
         if played.is_err() {
             break;
         }
@@ -98,29 +92,26 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     played.map(|()| count)
 }
 
-/// Returns the missing missions by agent and order.
-fn todo(
-    folder: &SuiteFolder,
-    results: &Results,
-    plan: &SuiteOptions,
-) -> Result<Vec<(AgentVariant, Order, Batch)>, Failure> {
+/// Returns the missions without results.
+fn missing(folder: &SuiteFolder, results: &Results, plan: &SuiteOptions) -> Result<Vec<Batch>, Failure> {
     let mut all = folder.episodes()?;
     all.truncate(plan.episodes);
-    let mut todo = Vec::new();
+    let mut batches = Vec::new();
     for &variant in &plan.agents {
+        let name = variant.name();
         for &order in &plan.orders {
-            let is_missing = |episode: &str| {
-                plan.again || !results.has(&folder.key(variant.name(), order, episode, plan.seed))
-            };
-            let episodes: Vec<_> =
-                all.iter().filter(|episode| is_missing(&episode.episode)).cloned().collect();
+            let mut episodes = all.clone();
+            episodes.retain(|episode| {
+                let key = folder.key(&name, order, &episode.episode, plan.seed);
+                plan.again || !results.has(&key)
+            });
             if !episodes.is_empty() {
-                let phase = format!("{}-{}", variant.name(), order.as_str());
-                todo.push((variant, order, Batch { phase, episodes }));
+                let phase = format!("{name}-{}", order.as_str());
+                batches.push(Batch { variant, order, phase, episodes });
             }
         }
     }
-    Ok(todo)
+    Ok(batches)
 }
 
 /// The state shared by all runs.
@@ -131,32 +122,20 @@ struct SuiteRun {
     progress: Mutex<SuiteProgress>,
 }
 
-/// A running run.
-struct VariantRun {
-    variant: AgentVariant,
-    order: Order,
-    batch: Batch,
-    id: String,
-}
-
 impl SuiteRun {
-    async fn play(
-        self: &Arc<Self>,
-        variant: AgentVariant,
-        order: Order,
-        batch: Batch,
-    ) -> Result<(), Failure> {
+    async fn play(self: &Arc<Self>, batch: Batch) -> Result<(), Failure> {
         let url = self.hosted.servers.grpc_url();
         let client = Client::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
-        let options = RunOptions::new(&batch.phase, variant.name()).method_version(env!("CARGO_PKG_VERSION"));
-        let run = client.start_run(options.order(client_order(order))).await.map_err(Failure::run)?;
-        let sensors = variant.sensors(self.plan.side);
+        let options = RunOptions::new(&batch.phase, batch.variant.name());
+        let options = options.method_version(env!("CARGO_PKG_VERSION")).order(client_order(batch.order));
+        let run = client.start_run(options).await.map_err(Failure::run)?;
+        let sensors = batch.variant.sensors(self.plan.side);
         let plays = client.play_slots(&run, sensors, self.plan.slots).await.map_err(Failure::run)?;
-        let run = Arc::new(VariantRun { variant, order, batch, id: run.id.clone() });
+        let (batch, run) = (Arc::new(batch), Arc::new(run));
         let mut slots = JoinSet::new();
         for play in plays {
-            let (suite, run) = (self.clone(), run.clone());
-            slots.spawn(async move { suite.play_slot(&run, play).await });
+            let (suite, batch, run) = (self.clone(), batch.clone(), run.clone());
+            slots.spawn(async move { suite.play_slot(&batch, &run.id, play).await });
         }
         let mut last = None;
         while let Some(joined) = slots.join_next().await {
@@ -168,16 +147,16 @@ impl SuiteRun {
         }
     }
 
-    async fn play_slot(&self, run: &VariantRun, mut play: Play) -> Result<Play, Failure> {
+    async fn play_slot(&self, batch: &Batch, run: &str, mut play: Play) -> Result<Play, Failure> {
         let task = play.task().clone();
         let hints = Arc::new(TrueHints::new(self.hosted.live.clone(), self.folder.rules.clone()));
         while let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? {
             let (began, handle) = (Instant::now(), episode.id().to_owned());
-            let spec = mission_of(&self.hosted.store, &self.folder.split, &run.id, &handle).await?;
-            hints.follow(&handle, spec.truth(run.order));
-            let traces = self.plan.trace.as_ref().map(|folder| folder.join(&run.batch.phase));
+            let spec = mission_of(&self.hosted.store, &self.folder.split, run, &handle).await?;
+            hints.follow(&handle, spec.truth(batch.order));
+            let traces = self.plan.trace.as_ref().map(|folder| folder.join(&batch.phase));
             let seed = agent_seed(self.plan.seed, &spec.id);
-            let mut agent = run.variant.agent(seed, &hints, traces.as_deref())?;
+            let mut agent = batch.variant.agent(seed, &hints, traces.as_deref())?;
             let mut thought = Duration::ZERO;
             agent.enter(&spec.id);
             timed(&mut thought, || agent.begin(&task, episode.mission()));
@@ -186,7 +165,7 @@ impl SuiteRun {
                 episode.step(action).await.map_err(Failure::run)?;
             }
             self.hosted.live.forget(&handle);
-            self.record(run, &spec.id, thought, began.elapsed()).await?;
+            self.record(batch, run, &spec.id, [thought, began.elapsed()]).await?;
         }
         Ok(play)
     }
@@ -194,14 +173,14 @@ impl SuiteRun {
     /// Stores an episode's result. A lost episode is repeated by the server or by the next call.
     async fn record(
         &self,
-        run: &VariantRun,
+        batch: &Batch,
+        run: &str,
         id: &str,
-        thought: Duration,
-        wall: Duration,
+        [thought, wall]: [Duration; 2],
     ) -> Result<(), Failure> {
-        let index = run.batch.episodes.iter().position(|episode| episode.episode == id);
+        let index = batch.episodes.iter().position(|episode| episode.episode == id);
         let Some(index) = index else { return Ok(()) };
-        let Some(facts) = self.hosted.store.facts(&run.id, index as u32).await? else { return Ok(()) };
+        let Some(facts) = self.hosted.store.facts(run, index as u32).await? else { return Ok(()) };
         if matches!(facts.record.end, EndReason::ServerFault | EndReason::Disconnected | EndReason::Abandoned)
         {
             eprintln!("episode {id} was lost: {}", facts.record.end.as_str());
@@ -213,7 +192,7 @@ impl SuiteRun {
         }
         let metrics = score(&facts.truth, &facts.record, &self.folder.rules);
         let line = ResultLine {
-            key: self.folder.key(run.variant.name(), run.order, id, self.plan.seed),
+            key: self.folder.key(&batch.variant.name(), batch.order, id, self.plan.seed),
             scene: facts.truth.scene,
             modalities: facts.truth.targets.iter().map(|target| target.modality).collect(),
             end: facts.record.end,
@@ -262,32 +241,12 @@ impl SuiteProgress {
     }
 }
 
-/// Returns the mission behind a run's episode handle.
-pub(super) async fn mission_of(
-    store: &Store,
-    split: &SplitFolder,
-    run: &str,
-    handle: &str,
-) -> Result<EpisodeSpec, Failure> {
-    let open = store.running_episodes().await?;
-    let open = open.into_iter().find(|open| open.run == run && open.handle == handle);
-    let spec = open.map(|open| split.episode(&open.episode)).transpose()?.flatten();
-    spec.ok_or_else(|| internal(format!("the split has no episode for handle {handle}")))
-}
-
 /// Derives an agent's seed for an episode.
 fn agent_seed(seed: u64, episode: &str) -> u64 {
     let hash = blake3::Hasher::new().update(&seed.to_le_bytes()).update(episode.as_bytes()).finalize();
     let mut first = [0; 8];
     first.copy_from_slice(&hash.as_bytes()[..8]);
     u64::from_le_bytes(first)
-}
-
-pub(super) fn client_order(order: Order) -> avln_client::Order {
-    match order {
-        Order::Ordered => avln_client::Order::Ordered,
-        Order::Unordered => avln_client::Order::Unordered,
-    }
 }
 
 /// Runs `think` and adds its duration to `sum`.

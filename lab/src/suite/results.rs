@@ -1,18 +1,16 @@
 //! Results of the suite: a JSON line per finished episode.
 
-use super::oracle::claimable;
+use super::hints::claimable;
 use crate::internal;
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{Action, EndReason, Modality, Order, Rules};
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record, SubmitFacts};
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    fs::{self, File, OpenOptions},
-    io::{ErrorKind, Read, Write},
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
 
 /// A result's key.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -45,47 +45,9 @@ pub enum AgentVariant {
 }
 
 impl AgentVariant {
-    /// All variants.
-    pub const ALL: [Self; 15] = [
-        Self::Random,
-        Self::ForwardAndTurn,
-        Self::Frontier,
-        Self::SoundFollower,
-        Self::Detector,
-        Self::Snapshot,
-        Self::PagNav,
-        Self::PagNavNoAudio,
-        Self::PagNavNoPriors,
-        Self::PagNavNoMemory,
-        Self::PagNavNoGate,
-        Self::PagNavNoNetwork,
-        Self::PagNavTrueSounds,
-        Self::PagNavTrueSight,
-        Self::ShortestPath,
-    ];
-
     /// Returns the name in tables, files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Random => "random",
-            Self::PagNav => "pag-nav",
-            Self::PagNavNoAudio => "pag-nav-no-audio",
-            Self::PagNavNoPriors => "pag-nav-no-priors",
-            Self::PagNavNoMemory => "pag-nav-no-memory",
-            Self::PagNavNoGate => "pag-nav-no-gate",
-            Self::PagNavNoNetwork => "pag-nav-no-network",
-            Self::PagNavTrueSounds => "pag-nav-true-sounds",
-            Self::PagNavTrueSight => "pag-nav-true-sight",
-            Self::ShortestPath => "shortest-path",
-            Self::ForwardAndTurn | Self::Frontier | Self::SoundFollower | Self::Detector | Self::Snapshot => {
-                self.baseline().map_or("", Baseline::name)
-            }
-        }
-    }
-
-    /// Returns the variant with a name.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|variant| variant.name() == name)
+    pub fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
     /// Returns `true` if the variant receives ground truth.
@@ -159,14 +121,7 @@ impl AgentVariant {
     }
 
     fn baseline(self) -> Option<Baseline> {
-        match self {
-            Self::ForwardAndTurn => Some(Baseline::ForwardAndTurn),
-            Self::Frontier => Some(Baseline::Frontier),
-            Self::SoundFollower => Some(Baseline::SoundFollower),
-            Self::Detector => Some(Baseline::Detector),
-            Self::Snapshot => Some(Baseline::Snapshot),
-            _ => None,
-        }
+        Baseline::ALL.into_iter().find(|baseline| baseline.name() == self.name())
     }
 }
 
@@ -200,11 +155,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_variant_has_its_command_line_name() {
-        let values: Vec<_> =
-            AgentVariant::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect();
-        let names: Vec<_> = values.iter().map(|value| value.get_name().to_owned()).collect();
-        assert_eq!(names, AgentVariant::ALL.map(|variant| variant.name().to_owned()));
-        assert_eq!(AgentVariant::named("pag-nav-no-gate"), Some(AgentVariant::PagNavNoGate));
+    fn names_are_those_of_published_results() {
+        let names: Vec<String> =
+            AgentVariant::value_variants().iter().map(|variant| variant.name()).collect();
+        let published = "random forward-and-turn frontier sound-follower detector snapshot pag-nav \
+             pag-nav-no-audio pag-nav-no-priors pag-nav-no-memory pag-nav-no-gate pag-nav-no-network \
+             pag-nav-true-sounds pag-nav-true-sight shortest-path";
+        assert_eq!(names.join(" "), published);
+        let baselines = AgentVariant::value_variants().iter().filter_map(|variant| variant.baseline());
+        assert_eq!(baselines.collect::<Vec<_>>(), Baseline::ALL);
     }
 }

@@ -3,23 +3,19 @@
 #[path = "../../../server/sim/acoustics/tests/common/sofa.rs"]
 mod sofa;
 
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
 use avln_arena::setup::{NewPhase, open_phase};
-use avln_arena::{
-    Arena, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-};
+use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;
 use avln_referee::{Audio, Referee};
 use avln_store::Store;
 use sofa::{Table, file};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tempfile::TempDir;
 
 const RECIPE: &str = r#"{

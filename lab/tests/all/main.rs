@@ -2,30 +2,24 @@
 
 mod heads;
 
+use avln_arena::FailureKind;
+use avln_arena::cache::CacheFolder;
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
 use avln_arena::setup::{NewPhase, open_phase};
-use avln_arena::{
-    FailureKind,
-    cache::CacheFolder,
-    data::DataFolder,
-    dataset::{DatasetFiles, SplitFolder},
-};
 use avln_dataset::{CueSpec, EpisodeSpec, PublicGoal, Recipe};
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_interchange::{ForeignFile, Importer, read};
-use avln_lab::dataset::{
-    build::Builder,
-    check::{self, CheckReport, CheckScope},
-    export::{Export, Openness},
-};
+use avln_lab::dataset::build::Builder;
+use avln_lab::dataset::check::{self, CheckReport, CheckScope};
+use avln_lab::dataset::export::{Export, Openness};
 use avln_store::{Phase, Visibility};
 use avln_world::Cache;
-use std::{
-    collections::BTreeMap,
-    fs,
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::{Path, PathBuf},
-    sync::{Arc, LazyLock},
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
 
 const RECIPE: &str = r#"{

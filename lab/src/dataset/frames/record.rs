@@ -131,7 +131,8 @@ pub(super) fn write_header(
         ("category", "|u1", square()),
         (instance_field, "<u2", square()),
     ];
-    npy::write_record_header(out, &fields, count)
+    let fields = fields.map(|(name, kind, shape)| format!("('{name}', '{kind}', {shape})"));
+    npy::write_header(out, &format!("[{}]", fields.join(", ")), &[count])
 }
 
 /// Appends a record.

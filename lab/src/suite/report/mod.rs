@@ -6,6 +6,7 @@ use super::{AgentVariant, Cause, ResultLine, host::results_path, results};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
+use clap::ValueEnum;
 use statistics::{Paired, VariantResults, comparable, compare, mean, steps_to_first};
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
@@ -90,7 +91,7 @@ impl ReportPage<'_> {
                 Order::Unordered => "Unordered",
             };
             let _ = write!(text, "\n### {heading}\n\n{header}");
-            for variant in AgentVariant::ALL {
+            for &variant in AgentVariant::value_variants() {
                 let played = self.of(variant, order);
                 let row = if played.lines.is_empty() { None } else { row(variant, order, &played) };
                 text.extend(row.map(|row| row + "\n"));
@@ -103,7 +104,7 @@ impl ReportPage<'_> {
         let key = &self.first.key;
         let scenes: BTreeSet<&str> = self.lines.iter().map(|line| line.scene.as_str()).collect();
         let missions: BTreeSet<&str> = self.lines.iter().map(|line| line.key.episode.as_str()).collect();
-        let hours: f64 = self.lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0;
+        let hours = wall_h(self.lines);
         format!(
             "# Results\n\nWritten by `avln lab baselines report`; do not edit. {} missions in {} houses of the public split `val` of \
              `lab/src/suite/recipe.json`, with furniture from the validation pool, which no agent was trained or tuned on. Numbers are \
@@ -124,7 +125,9 @@ impl ReportPage<'_> {
     fn main(&self) -> String {
         let rows = self.tables(&header(&["ms per action", "hours"]), |variant, _, played| {
             let summary = played.summary().filter(|_| !variant.is_variant() || variant.is_privileged())?;
-            Some(format!("{} {:.1} | {:.2} |", row(variant, &summary), played.think_ms(), played.wall_h()))
+            let (think_ms, _) = mean(played.lines.iter().map(|line| line.think_ms));
+            let hours = wall_h(&played.lines);
+            Some(format!("{} {think_ms:.1} | {hours:.2} |", row(variant, &summary)))
         });
         format!("## All agents\n{rows}")
     }
@@ -198,6 +201,11 @@ impl ReportPage<'_> {
              at a later goal's target; at a found target.\n{rows}"
         )
     }
+}
+
+/// Returns the total episode time, hours.
+fn wall_h(lines: &[&ResultLine]) -> f64 {
+    lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0
 }
 
 fn paper_table() -> String {

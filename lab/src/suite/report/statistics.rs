@@ -20,7 +20,8 @@ pub(super) struct VariantResults<'a> {
 
 impl<'a> VariantResults<'a> {
     pub(super) fn of(lines: &[&'a ResultLine], variant: AgentVariant, order: Order) -> Self {
-        let own = |line: &&&ResultLine| line.key.agent == variant.name() && line.order() == order;
+        let name = variant.name();
+        let own = |line: &&&ResultLine| line.key.agent == name && line.order() == order;
         Self { lines: lines.iter().filter(own).copied().collect() }
     }
 
@@ -47,16 +48,6 @@ impl<'a> VariantResults<'a> {
     pub(super) fn by_goals(&self, goals: u32) -> (f64, usize) {
         let lines = self.lines.iter().filter(|line| line.metrics.goals == goals);
         mean(lines.map(|line| line.metrics.isr))
-    }
-
-    /// Returns the mean time to choose an action, milliseconds.
-    pub(super) fn think_ms(&self) -> f64 {
-        mean(self.lines.iter().map(|line| line.think_ms)).0
-    }
-
-    /// Returns the total episode time, hours.
-    pub(super) fn wall_h(&self) -> f64 {
-        self.lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0
     }
 }
 
