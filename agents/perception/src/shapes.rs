@@ -1,8 +1,8 @@
 //! Shape: lifting segments to boxes, and a second, small network that classifies a segment by appearance and box.
 
-use crate::picture::{CameraModel, Depth, Picture};
+use crate::network::{CameraModel, Depth, Picture};
 use crate::segmentation::{Segment, Segmentation};
-use crate::weights::{WeightsError, WeightsFile};
+use crate::{WeightsError, WeightsFile};
 
 /// Shape features; the log-probabilities follow them.
 const SHAPE: usize = 14;

@@ -5,14 +5,12 @@
 //!
 //! *Never*: contains a model or ONNX Runtime; the runtime library is loaded on first use.
 
-mod config;
 mod model;
 
-pub use config::ModelsError;
+pub use model::ModelsError;
 
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use crate::onnx::config::{Models, unit, words};
-use crate::onnx::model::{CropBox, Model, Numbers};
+use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
 use crate::perception::Recognition;
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;

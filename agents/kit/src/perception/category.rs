@@ -173,7 +173,7 @@ fn inside(value: f32, [low, high]: [f32; 2], spread: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::geometry::FloorPoint;
-    use crate::perception::palette::Palette;
+    use crate::perception::objects::Palette;
 
     fn detection(size_m: [f32; 2], low_m: f32, high_m: f32, rgb: [u8; 3]) -> DetectedObject {
         DetectedObject {
