@@ -1,4 +1,4 @@
-//! Parallel work whose results do not depend on the number of threads.
+//! Parallel work with results independent of the thread count.
 
 use std::num::NonZeroUsize;
 use std::sync::{

@@ -15,7 +15,7 @@ use avln_store::Store;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Id of the calibration phase and its split.
+/// Phase and split id.
 pub const PHASE: &str = "calibration";
 const PUBLISHED: &str = include_str!("published.json");
 /// Image side, pixels.
@@ -24,10 +24,10 @@ const HOUSES: u32 = 3;
 /// Missions per house.
 const MISSIONS: usize = 4;
 const SEED: u64 = 1;
-/// Episode length of the random agent, actions.
+/// Random agent's episode length, actions.
 const RANDOM_STEPS: u32 = 100;
 
-/// Observations and scores of the reference agents.
+/// The reference agents' observations and scores.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
@@ -43,7 +43,7 @@ pub struct Calibration {
 pub struct CalibrationRun {
     /// Agent name.
     pub agent: String,
-    /// Order of goals.
+    /// Goal order.
     pub order: String,
     /// Episodes, in playing order.
     pub episodes: Vec<CalibrationEpisode>,
@@ -94,12 +94,12 @@ impl ReferenceAgent {
     }
 }
 
-/// Server and account of the runs.
+/// A server with an account.
 #[derive(Clone, Debug)]
 pub struct CalibrationServer {
-    /// URL of the gRPC server.
+    /// gRPC server URL.
     pub url: String,
-    /// PEM file of trusted authorities, instead of the system's.
+    /// PEM file with trusted authorities, instead of the system's.
     pub ca: Option<PathBuf>,
     /// Account token.
     pub token: String,

@@ -1,4 +1,4 @@
-//! Resumable, parallel construction of data sets from recipes.
+//! Resumable, parallel data set construction from recipes.
 
 use super::check;
 use crate::{internal, parallel};
@@ -23,7 +23,7 @@ pub struct Builder {
     recipe: Recipe,
 }
 
-/// Progress of a build.
+/// Build progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BuildProgress {
     /// Total missions.
@@ -86,7 +86,7 @@ impl Builder {
         let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
         files::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
         files::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
-        // The note comes last: a killed process leaves no note, and the scene is built again.
+        // The note comes last: a killed process leaves no note, and the next call repeats the scene.
         let note = FinishedScene { line: built.line, statistics: built.statistics };
         files::write_whole(&self.note_path(job), &json(&note)?)
     }
@@ -143,7 +143,7 @@ impl Builder {
         self.building().join(format!("{}.json", self.recipe.scene_name(job)))
     }
 
-    /// Returns the recipe of an interrupted build.
+    /// Returns an interrupted build's recipe.
     fn begun(&self) -> Result<Option<Recipe>, Failure> {
         let path = self.building().join("recipe.json");
         if !path.exists() {

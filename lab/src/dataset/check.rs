@@ -1,4 +1,4 @@
-//! Checks and statistics of data sets on disk.
+//! Data set checks and statistics.
 
 use crate::parallel;
 use avln_arena::dataset::{DatasetFiles, SplitFolder};
@@ -8,12 +8,12 @@ use avln_episode::Rules;
 use avln_world::Cache;
 use std::{collections::BTreeMap, ops::RangeInclusive, sync::Arc};
 
-/// Fewest goals for the check of modality shares.
+/// Fewest goals for a check on modality shares.
 const BALANCED_FROM: u64 = 300;
-/// Accepted share of a modality.
+/// Accepted share per modality.
 const THIRDS: RangeInclusive<f64> = 0.28..=0.39;
 
-/// Extent of a check.
+/// Check extent.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckScope<'a> {
     /// Split; `None` for all splits.
@@ -22,9 +22,9 @@ pub struct CheckScope<'a> {
     pub scenes: Option<usize>,
     /// Interval between missions with recomputed tours and rendered pictures; 1 for every mission.
     pub every: usize,
-    /// `true` to survey houses again and compare all cues.
+    /// `true` to repeat the survey and compare all cues.
     pub cues: bool,
-    /// Number of threads; `None` for one per processor.
+    /// Thread count; `None` for one per processor.
     pub threads: Option<usize>,
 }
 
@@ -34,7 +34,7 @@ impl CheckScope<'_> {
     }
 }
 
-/// Result of a check.
+/// Check result.
 #[derive(Clone, Debug, Default)]
 pub struct CheckReport {
     /// Checked scenes.
@@ -52,7 +52,7 @@ struct CheckJob {
     scene: SceneLine,
 }
 
-/// Checks a data set against its scenes; calls `on_scene` with the finished and total scene counts.
+/// Checks a data set against the scenes; calls `on_scene` with the finished and total scene counts.
 ///
 /// # Errors
 /// If a file cannot be read or a scene cannot be built.
@@ -102,7 +102,7 @@ fn jobs(files: &DatasetFiles, scope: &CheckScope, manifest: &Manifest) -> Result
         }));
     }
     if jobs.is_empty() {
-        // An unknown split gives an error with the known ones.
+        // An unknown split results in an error with the known names.
         SplitFolder::open(files.root(), scope.split.unwrap_or_default())?;
     }
     Ok(jobs)
@@ -135,7 +135,7 @@ fn shared_scenes(files: &DatasetFiles, manifest: &Manifest) -> Result<Vec<String
     Ok(faults)
 }
 
-/// Reports splits whose modality shares are far from thirds.
+/// Reports splits with modality shares far from thirds.
 fn unbalanced(files: &DatasetFiles, manifest: &Manifest, scope: &CheckScope) -> Result<Vec<String>, Failure> {
     let mut faults = Vec::new();
     if manifest.recipe.is_none() {

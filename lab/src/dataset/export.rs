@@ -1,4 +1,4 @@
-//! Export of splits in other formats, and the facts that may be published.
+//! Split export in other formats, and the facts that may be published.
 
 use avln_arena::data::DataFolder;
 use avln_arena::dataset::{SplitFolder, files::write_whole};
@@ -10,7 +10,7 @@ use avln_interchange::{ExportedFile, InterchangeError, SceneMissions, Tables, au
 use avln_store::{Phase, Visibility};
 use std::path::Path;
 
-/// Extent of a publication.
+/// Publication extent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Openness {
     /// Missions and ground truth: a training split.
@@ -86,7 +86,7 @@ pub async fn phases_of(data: &DataFolder, split: &SplitFolder) -> Result<Vec<Pha
     Ok(phases)
 }
 
-/// Content and formats of an export.
+/// An export's content and formats.
 #[derive(Clone, Copy)]
 pub struct Export<'a> {
     /// The split.

@@ -1,7 +1,7 @@
 //! Labelled images from a split's houses, to train or measure perception.
 //!
-//! A folder contains `frames.json` with purpose, categories and houses; and per house, a `.npy` file of records and a `.json` file
-//! of sentences about instances. Equal options give equal bytes.
+//! A folder contains `frames.json` with purpose, categories and houses; and per house, a `.npy` file with records and a `.json` file
+//! with sentences about instances. Equal options result in equal bytes.
 
 mod record;
 
@@ -18,36 +18,36 @@ use avln_world::{Body, SceneAssets};
 use serde::Serialize;
 use std::path::Path;
 
-/// Purpose of labelled images.
+/// Purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Purpose {
-    /// Training: houses of the training pool only.
+    /// Training, with houses from the training pool only.
     Training,
-    /// Measurement: houses of the validation pool only.
+    /// Measurement, with houses from the validation pool only.
     Measurement,
 }
 
-/// Number and source of labelled images.
+/// Settings for labelled images.
 #[derive(Clone, Debug)]
 pub struct FrameOptions {
     /// House recipe.
     pub recipe: Recipe,
-    /// Split of the recipe.
+    /// Recipe split.
     pub split: String,
-    /// Purpose of the images.
+    /// Purpose.
     pub purpose: Purpose,
-    /// Number of houses, from the split's start.
+    /// House count, from the split's start.
     pub houses: usize,
     /// Images per house.
     pub views: usize,
     /// Image side, pixels.
     pub side_px: u32,
-    /// Number of threads; `None` for one per processor.
+    /// Thread count; `None` for one per processor.
     pub threads: Option<usize>,
 }
 
-/// Content of `frames.json`.
+/// `frames.json`.
 #[derive(Debug, Serialize)]
 struct FramesManifest<'a> {
     /// `avln-frames`.
@@ -65,12 +65,12 @@ struct FramesManifest<'a> {
     houses: Vec<LabelledHouse>,
 }
 
-/// A house with its files.
+/// A house and the output files.
 #[derive(Debug, Serialize)]
 struct LabelledHouse {
-    /// File of image records.
+    /// Image file.
     file: String,
-    /// File of sentences.
+    /// Sentence file.
     sentences: String,
     #[serde(flatten)]
     source: SceneSource,
@@ -85,7 +85,7 @@ struct Sentence {
 }
 
 impl Purpose {
-    /// Returns the required pool. Houses of the test pool are never labelled.
+    /// Returns the required pool. Test houses are never labelled.
     fn pool(self) -> Pool {
         if self == Self::Training { Pool::Train } else { Pool::Validation }
     }
@@ -187,7 +187,7 @@ fn sentences(assets: &SceneAssets, rules: &Rules) -> Result<Vec<u8>, Failure> {
     serde_json::to_vec_pretty(&sentences.collect::<Vec<_>>()).map_err(internal)
 }
 
-/// Encodes the images of a house.
+/// Encodes a house's images.
 fn records(house: &LabelledHouse, assets: &SceneAssets, options: &FrameOptions) -> Result<Vec<u8>, Failure> {
     let mut rng = Rng::new(options.recipe.seed).fork(&house.file).fork("frames");
     let shots = record::shots(assets, &mut rng, options.views, options.side_px);
@@ -260,7 +260,7 @@ mod tests {
             seeds
         };
         let (training, evaluated) = (seeds(false), seeds(true));
-        // The two houses of recipe `mini` are the first two of the validation split of `paper`.
+        // The two houses of recipe `mini` are the first two in the validation split of `paper`.
         assert_eq!((training.len(), evaluated.len()), (600 * 12, (2 + 11 + 18) * 12));
         assert!(training.is_disjoint(&evaluated));
     }

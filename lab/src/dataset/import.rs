@@ -1,4 +1,4 @@
-//! Import of missions from other data sets.
+//! Mission import from other data sets.
 
 use avln_arena::dataset::files::{DatasetFiles, cannot, read, write_whole};
 use avln_arena::{Failure, FailureKind};
@@ -13,7 +13,7 @@ const DEPTH: usize = 4;
 /// File limit per data set.
 const MAX_FILES: usize = 100_000;
 
-/// Source and target of an import.
+/// An import's source and target.
 #[derive(Clone, Debug)]
 pub struct Import<'a> {
     /// Format; `None` to detect the format of every file.
@@ -24,15 +24,15 @@ pub struct Import<'a> {
     pub scenes: &'a Path,
     /// Output folder.
     pub out: &'a Path,
-    /// Name of the new split.
+    /// New split's name.
     pub split: &'a str,
     /// Rules for success regions and reference paths.
     pub rules: &'a Rules,
-    /// Seed of the imported episodes.
+    /// Episode seed.
     pub seed: u64,
 }
 
-/// Counts and losses of an import.
+/// An import's counts and losses.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
     /// Files read.
@@ -41,7 +41,7 @@ pub struct Account {
     pub episodes: usize,
     /// Missions written.
     pub missions: usize,
-    /// Scenes of the missions.
+    /// Scenes with missions.
     pub scenes: usize,
     /// Rejected goals and episodes.
     pub losses: Vec<Loss>,
@@ -87,7 +87,7 @@ impl Import<'_> {
         Ok(account)
     }
 
-    /// Returns the path of the report with all losses.
+    /// Returns the path to the report with all losses.
     pub fn report_path(&self) -> PathBuf {
         self.out.join("import.txt")
     }
@@ -146,7 +146,7 @@ impl Import<'_> {
     }
 }
 
-/// Returns a data set's files by name: a file with its folder `content`, or all packed and trajectory files below a folder.
+/// Returns a data set's files by name: a file and the folder `content`, or all packed and trajectory files below a folder.
 fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut found = Vec::new();
     if source.is_dir() {

@@ -16,16 +16,16 @@ const SOON_S: i64 = 7 * 86_400;
 /// Advice after a lost connection.
 const LOST: &str = "the connection was lost: check the network";
 
-/// Settings of the check.
+/// Check settings.
 #[derive(Clone, Debug)]
 pub struct DoctorOptions {
-    /// URL of the gRPC server.
+    /// gRPC server URL.
     pub server: String,
-    /// PEM file of trusted authorities, instead of the system's.
+    /// PEM file with trusted authorities, instead of the system's.
     pub ca: Option<PathBuf>,
     /// Account token.
     pub token: String,
-    /// Phase of the planned run; empty for the practice phase.
+    /// Planned phase; empty for the practice phase.
     pub phase: String,
     /// Phase for practice; `phase` if `None`.
     pub practice: Option<String>,
@@ -37,12 +37,12 @@ pub struct DoctorOptions {
     pub sensors: Sensors,
 }
 
-/// The result of all checks.
+/// All results.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct DoctorReport {
     /// Checks, in execution order.
     pub checks: Vec<Check>,
-    /// Measurements of the finished checks.
+    /// Measurements.
     pub measured: Measured,
 }
 
@@ -59,7 +59,7 @@ pub struct Check {
     pub next: String,
 }
 
-/// Outcome of a check.
+/// A check's outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -104,7 +104,7 @@ pub struct Measured {
     pub longest_run_s: Option<f64>,
 }
 
-/// Distribution of a measurement.
+/// A measurement's distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
     /// Median.
@@ -213,7 +213,7 @@ async fn round_trips(report: &mut DoctorReport, client: &Client) -> Result<(), E
         let trip = before.elapsed().as_secs_f64();
         if trip < fastest {
             fastest = trip;
-            // The server read its clock about half a round trip after the request; the fastest trip has the least error.
+            // The server read the clock about half a round trip after the request; the fastest trip has the least error.
             ahead = (info.time_unix_ms - sent) as f64 / 1000.0 - trip / 2.0;
         }
         trips.push(trip);

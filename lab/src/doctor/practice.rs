@@ -1,11 +1,11 @@
-//! Practice episodes with the random agent: they measure the speed of a run.
+//! Practice episodes with the random agent: they measure the run speed.
 
 use super::{DoctorOptions, DoctorReport, Spread, ms};
 use avln_baselines::RandomAgent;
 use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, Run, RunOptions};
 use std::time::Instant;
 
-/// Method name of practice runs.
+/// Method name in practice runs.
 const METHOD: &str = "doctor";
 
 /// Plays practice episodes if they are free, and estimates the run's duration.

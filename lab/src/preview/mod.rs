@@ -58,7 +58,7 @@ impl Picture {
     }
 }
 
-/// A scene with its renderer.
+/// A scene with a renderer.
 pub struct SceneRenderer {
     /// The scene; the renderer owns the textures.
     pub scene: Arc<Scene>,
@@ -149,7 +149,7 @@ fn interest(frame: &Frame) -> f32 {
     seen as f32 - 12.0 * near
 }
 
-/// A view with its score.
+/// A scored view.
 struct RoomView {
     eye: Point3<f32>,
     heading_rad: f32,

@@ -14,7 +14,7 @@ const BELOW_M: f32 = 0.15;
 const PIXELS_PER_M: f32 = 80.0;
 /// Size limit for a picture's sides, pixels.
 const LONGEST_PX: f32 = 1600.0;
-/// Half the field of view, radians: a narrow view from a great height keeps walls upright.
+/// Half the field of view, radians: in a narrow view from a great height, walls are upright.
 const HALF_VIEW_RAD: f32 = 0.04;
 /// Colour outside the building, sRGB.
 const PAPER_RGB: [u8; 3] = [58, 60, 66];

@@ -1,7 +1,7 @@
 //! Demonstrations for imitation learning: the oracle's actions, with an agent's observation before every action.
 //!
 //! Start reading at [`RolloutOptions::run`]. A folder contains `rollouts.json` with the common facts, and `episodes/ID.npz` per
-//! episode. Equal splits and options give equal bytes, on any number of threads.
+//! episode. Equal splits and options result in equal bytes, for any thread count.
 
 mod record;
 
@@ -21,7 +21,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Unit of stored depth, metres.
+/// Stored depth unit, metres.
 const M_PER_MM: f32 = 1e-3;
 
 /// A recorded sense.
@@ -32,21 +32,21 @@ pub enum Sense {
     Rgb,
     /// Distances.
     Depth,
-    /// Pose of the agent, as sent to clients.
+    /// Agent pose, as sent to clients.
     Pose,
     /// Sound at both ears.
     Audio,
 }
 
-/// Split, rules and sensors of a recording.
+/// Settings for rollouts.
 pub struct RolloutOptions<'a> {
     /// A training split.
     pub split: &'a SplitFolder,
-    /// Rules of the episodes.
+    /// Episode rules.
     pub rules: Rules,
     /// Clips and ears.
     pub audio: Audio,
-    /// Order of the goals.
+    /// Goal order.
     pub order: Order,
     /// Recorded senses, without repetition.
     pub senses: Vec<Sense>,
@@ -54,13 +54,13 @@ pub struct RolloutOptions<'a> {
     pub side_px: u32,
     /// Mission limit, spread evenly over the scenes; `None` for all missions.
     pub episodes: Option<usize>,
-    /// Number of threads; `None` for one per processor.
+    /// Thread count; `None` for one per processor.
     pub threads: Option<usize>,
     /// Cache for scenes.
     pub cache: Arc<dyn Cache>,
 }
 
-/// Episode counts of a recording.
+/// Episode counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RolloutTally {
     /// Episodes from earlier calls.
@@ -71,7 +71,7 @@ pub struct RolloutTally {
     pub incomplete: usize,
 }
 
-/// Content of `rollouts.json`.
+/// `rollouts.json`.
 #[derive(Serialize)]
 struct RolloutManifest<'a> {
     /// `avln-rollouts`.
@@ -111,7 +111,7 @@ impl RolloutOptions<'_> {
         Ok(tally)
     }
 
-    /// Returns the number of planned episodes.
+    /// Returns the planned episode count.
     pub fn count(&self) -> usize {
         self.split.mission_count().min(self.episodes.unwrap_or(usize::MAX))
     }

@@ -17,13 +17,13 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 /// A recorded episode.
 pub(super) struct Recorded {
-    /// Content of the `.npz` file.
+    /// `.npz` file.
     pub(super) bytes: Vec<u8>,
     /// `true` if every goal was found.
     pub(super) is_complete: bool,
 }
 
-/// An episode with its scene, mission and options.
+/// An episode with scene, mission and options.
 struct Recording<'a> {
     plan: &'a RolloutOptions<'a>,
     assets: &'a Arc<SceneAssets>,
@@ -43,7 +43,7 @@ pub(super) fn record(
 
 impl Recording<'_> {
     fn record(&self) -> Result<Recorded, Failure> {
-        // An array's header contains its length. A first pass without sensors, which takes microseconds per step, finds the
+        // An array's header contains the length. A first pass without sensors, which takes microseconds per step, finds the
         // length, so that the second pass can compress every observation at once instead of storing a whole episode.
         let actions = self.rehearse()?;
         let mut tape = Tape::new(self.plan, actions.len()).map_err(internal)?;
@@ -86,7 +86,7 @@ impl Recording<'_> {
         Failure::new(FailureKind::Scene, format!("mission {}: {error}", self.episode.id))
     }
 
-    /// Returns the content of `episode.json`.
+    /// Returns `episode.json`.
     fn facts(&self, end: EndReason, metrics: &Metrics) -> Value {
         let goal = |(index, cue): (usize, &GoalCue)| match cue {
             GoalCue::Category(label) => json!({ "category": label }),
@@ -107,7 +107,7 @@ impl Recording<'_> {
     }
 }
 
-/// Returns the name of the array with a goal's picture.
+/// Returns the array name for a goal's picture.
 fn picture_name(goal: usize) -> String {
     format!("goal_{goal}_rgb")
 }
@@ -207,7 +207,7 @@ impl Array {
     }
 }
 
-/// Returns the options of archive members. The date is constant, so that equal episodes give equal bytes.
+/// Returns options for archive members. The date is constant, so that equal episodes have equal bytes.
 fn options() -> SimpleFileOptions {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     options.last_modified_time(DateTime::default())

@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_4, PI, TAU};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Largest distance of a visible target, metres.
+/// Largest distance to a visible target, metres.
 const IN_VIEW_M: f32 = 6.0;
 
-/// An episode's state at its last observation.
+/// An episode's state at the last observation.
 pub(super) struct EpisodeState {
     pub(super) pose: Pose,
     pub(super) sounding: Option<usize>,
@@ -23,7 +23,7 @@ pub(super) struct EpisodeState {
     pub(super) assets: Arc<SceneAssets>,
 }
 
-/// States of running episodes, by handle.
+/// Running episodes' states, by handle.
 #[derive(Default)]
 pub(super) struct LiveEpisodes(Mutex<BTreeMap<String, Arc<EpisodeState>>>);
 
@@ -65,13 +65,13 @@ impl TrueHints {
         Self { live, rules, episode: Mutex::default() }
     }
 
-    /// Switches to the episode of a handle.
+    /// Switches to a handle's episode.
     pub(super) fn follow(&self, handle: &str, truth: EpisodeTruth) {
         let episode = Some((handle.to_owned(), Arc::new(truth)));
         *self.episode.lock().unwrap_or_else(PoisonError::into_inner) = episode;
     }
 
-    /// Returns the ground truth and the state of the episode.
+    /// Returns the episode's ground truth and state.
     pub(super) fn now(&self) -> Option<(Arc<EpisodeTruth>, Arc<EpisodeState>)> {
         let episode = self.episode.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (handle, truth) = episode?;
@@ -110,7 +110,7 @@ pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
     }
 }
 
-/// Converts a world position to the agent's frame, whose origin is `start`.
+/// Converts a world position to the agent's frame, with origin `start`.
 fn in_agent_frame(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
     Pose::new(*place, 0.0).relative_to(start).position
 }
@@ -123,7 +123,7 @@ fn is_ahead(pose: &Pose, bounds: &Aabb) -> bool {
     ((bearing_rad + PI).rem_euclid(TAU) - PI).abs() <= FRAC_PI_4
 }
 
-/// Returns the hint for a visible target: its box in the agent's frame, heights above the floor.
+/// Returns the hint for a visible target: the box in the agent's frame, heights above the floor.
 fn hint(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> TargetHint {
     let corners = [bounds.min.x, bounds.max.x].into_iter().flat_map(|x| {
         [bounds.min.z, bounds.max.z].map(|z| in_agent_frame(start, &Point3::new(x, bounds.min.y, z)))
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn target_boxes_are_in_the_start_frame() {
-        // Turned left by a quarter, ahead is -x of the world; the box lies 2 to 3 m ahead and up to 1 m to the right.
+        // Turned left by a quarter, ahead is -x of the world; the box is 2 to 3 m ahead and up to 1 m to the right.
         let start = Pose::new(Point3::new(5.0, 0.5, 5.0), FRAC_PI_2);
         let bounds = Aabb::new(Point3::new(2.0, 0.5, 4.0), Point3::new(3.0, 1.3, 5.0));
         let seen = hint(1, &bounds, &start, 0.5);

@@ -1,4 +1,4 @@
-//! Split and server of the baseline suite.
+//! The suite's split and server.
 
 use super::{AgentVariant, hints::LiveEpisodes, results::EpisodeKey};
 use crate::{dataset::build::Builder, internal};
@@ -179,7 +179,7 @@ pub(super) fn client_order(order: Order) -> avln_client::Order {
     }
 }
 
-/// Returns the path of the results file.
+/// Returns the results file's path.
 pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }

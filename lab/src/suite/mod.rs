@@ -1,6 +1,6 @@
 //! The baseline suite: all bundled agents play a public split.
 //!
-//! Start at [`run()`] and [`report()`]. The suite hosts the arena in its own process; its agents connect to the gRPC server like
+//! Start at [`run()`] and [`report()`]. The suite hosts the arena in the same process; the agents connect to the gRPC server like
 //! any other client. *Privileged* variants also receive hints with ground truth, which never leave the process.
 
 mod hints;

@@ -100,7 +100,7 @@ impl ShortestPath {
         self.walker.step(&seen.pose, &path.iter().map(flat).collect::<Vec<_>>())
     }
 
-    /// Returns a goal's position on the tour; after a rejected Submit, the nearest untried position of its region.
+    /// Returns a goal's position on the tour; after a rejected Submit, the nearest untried position in the region.
     fn aim(&mut self, truth: &EpisodeTruth, goal: usize, here: &Point3<f32>) -> Option<Point3<f32>> {
         let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
         let places: Vec<_> = corner.iter().chain(&truth.targets[goal].region).copied().collect();
@@ -173,7 +173,7 @@ pub struct Oracle {
 impl Oracle {
     /// Name in files.
     pub const NAME: &str = "shortest-path";
-    /// Handle of the only episode.
+    /// Handle for the only episode.
     const HANDLE: &str = "episode";
 
     /// Creates an oracle for an episode.
@@ -204,7 +204,7 @@ impl Oracle {
     }
 }
 
-/// Plays a phase with the oracle in all orders, as the upper bound on its leaderboards, and passes the results to `on_run`. No
+/// Plays a phase with the oracle in all orders, as the upper bound on leaderboards, and passes the results to `on_run`. No
 /// server may use the folder.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Runs of the baseline suite.
+//! The suite's runs.
 
 use super::hints::TrueHints;
 use super::host::{Batch, HostedSuite, SuiteFolder, client_order, mission_of};
@@ -19,7 +19,7 @@ use tokio::task::{JoinSet, block_in_place};
 /// Interval between progress messages.
 const REPORT_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Settings of a suite run.
+/// Suite settings.
 #[derive(Clone, Debug)]
 pub struct SuiteOptions {
     /// Agents, in playing order.
@@ -30,7 +30,7 @@ pub struct SuiteOptions {
     pub episodes: usize,
     /// Parallel episodes.
     pub slots: u32,
-    /// Seed of random agents.
+    /// Random agents' seed.
     pub seed: u64,
     /// Image side, pixels.
     pub side: u32,
@@ -38,7 +38,7 @@ pub struct SuiteOptions {
     pub again: bool,
     /// Split size.
     pub size: SuiteSize,
-    /// Trace folder for PAG-Nav and its variants.
+    /// Trace folder for PAG-Nav and ablations.
     pub trace: Option<PathBuf>,
 }
 
@@ -249,7 +249,7 @@ fn agent_seed(seed: u64, episode: &str) -> u64 {
     u64::from_le_bytes(first)
 }
 
-/// Runs `think` and adds its duration to `sum`.
+/// Runs `think` and adds the duration to `sum`.
 fn timed<T>(sum: &mut Duration, think: impl FnOnce() -> T) -> T {
     let began = Instant::now();
     // Agents compute for milliseconds: without block_in_place they would delay the server's tasks.

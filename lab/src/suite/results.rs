@@ -1,4 +1,4 @@
-//! Results of the suite: a JSON line per finished episode.
+//! The suite's results: a JSON line per finished episode.
 
 use super::hints::claimable;
 use crate::internal;
@@ -21,7 +21,7 @@ pub struct EpisodeKey {
     pub order: String,
     /// Episode id in the split.
     pub episode: String,
-    /// Seed of random agents.
+    /// Random agents' seed.
     pub seed: u64,
     /// Program version; includes the agents.
     pub program: String,
@@ -53,13 +53,13 @@ pub struct ResultLine {
 }
 
 impl ResultLine {
-    /// Returns the order of goals.
+    /// Returns the goal order.
     pub fn order(&self) -> Order {
         self.key.order.parse().unwrap_or(Order::Ordered)
     }
 }
 
-/// The results file: one line of JSON per finished episode.
+/// The results file.
 pub struct Results {
     path: PathBuf,
     file: File,
@@ -150,9 +150,9 @@ pub enum Cause {
     FoundBefore,
     /// At another instance of a wanted category.
     WrongInstance,
-    /// Within twice the success radius around a wanted target, outside its region.
+    /// Within twice the success radius around a wanted target, outside the region.
     TooFar,
-    /// Away from all wanted objects.
+    /// Near no wanted object.
     WrongCategory,
 }
 
@@ -198,7 +198,7 @@ fn cause(
     found: &[bool],
 ) -> Option<Cause> {
     let step = record.steps.get((submit.step as usize).checked_sub(1)?)?;
-    // A Stop gives up the remaining goals: it is not a failed Submit.
+    // A Stop ends the episode: it is not a failed Submit.
     if step.action != Action::Submit {
         return None;
     }

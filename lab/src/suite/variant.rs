@@ -22,7 +22,7 @@ pub enum AgentVariant {
     SoundFollower,
     /// Explores until it sees a goal's category; deaf.
     Detector,
-    /// Remembers a few views of all objects; deaf.
+    /// Remembers a few views that cover all objects; deaf.
     Snapshot,
     /// PAG-Nav.
     PagNav,
@@ -80,7 +80,7 @@ impl AgentVariant {
         }
     }
 
-    /// Creates the agent for one episode. PAG-Nav and its unprivileged variants write a trace into `folder`.
+    /// Creates the agent for one episode. PAG-Nav and unprivileged ablations write a trace into `folder`.
     pub(super) fn agent(
         self,
         seed: u64,
@@ -125,7 +125,7 @@ impl AgentVariant {
     }
 }
 
-/// An agent for one episode that completes its trace when dropped.
+/// An agent for one episode; dropping it completes the trace.
 struct Traced(PagNav);
 
 impl Agent for Traced {

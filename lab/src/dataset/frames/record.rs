@@ -1,4 +1,4 @@
-//! Cameras, labels and records of labelled images.
+//! Labelled images: cameras, labels and records.
 
 use crate::npy;
 use avln_geom::{Point3, Rng, Vector3, angle};
@@ -53,7 +53,7 @@ pub const CATEGORIES: [&str; 41] = [
     "vase",
     "window",
 ];
-/// Number for instances of other categories.
+/// Number for instances in other categories.
 pub(super) const UNKNOWN: u8 = 255;
 const WALL: u8 = 0;
 const FLOOR: u8 = 1;

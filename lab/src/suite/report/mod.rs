@@ -1,4 +1,4 @@
-//! The results page of the suite, as Markdown and CSV.
+//! The suite's results page, as Markdown and CSV.
 
 mod statistics;
 
@@ -11,7 +11,7 @@ use statistics::{Paired, VariantResults, comparable, compare, mean, steps_to_fir
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// End reasons in the table of failures.
+/// End reasons in the failure table.
 const ENDS: [EndReason; 4] =
     [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
 
@@ -37,9 +37,9 @@ const PAPER: [PaperRow; 5] = [
 
 /// The results in a folder.
 pub struct SuiteReport {
-    /// Markdown page of tables, with a link to `results.csv` in the same folder.
+    /// Markdown page, with a link to `results.csv` in the same folder.
     pub page: String,
-    /// CSV table of all episodes.
+    /// CSV table with all episodes.
     pub episodes: String,
 }
 
@@ -197,7 +197,7 @@ impl ReportPage<'_> {
         });
         format!(
             "## Failures\n\nEpisodes by end reason, percent; and Submits per episode that completed no goal, by cause: at another \
-             instance of a wanted category; away from all wanted objects; within 4 m of a wanted target but outside its region; \
+             instance of a wanted category; near no wanted object; within 4 m of a wanted target but outside its region; \
              at a later goal's target; at a found target.\n{rows}"
         )
     }

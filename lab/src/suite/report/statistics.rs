@@ -1,4 +1,4 @@
-//! Numbers behind the tables: means, paired tests, and the table of all episodes.
+//! Numbers behind the tables: means, paired tests, and the CSV table.
 
 use crate::suite::{AgentVariant, EpisodeKey, ResultLine};
 use avln_episode::{Modality, Order};
@@ -6,7 +6,7 @@ use avln_geom::Rng;
 use avln_scoring::{EpisodeScore, EpisodeValue, METRICS, Metric, Summary, Unit, summarise};
 use std::collections::BTreeMap;
 
-/// Seed of all resampling.
+/// Resampling seed.
 const SEED: u64 = 1;
 /// Sign draws per test.
 const DRAWS: u32 = 20_000;
@@ -79,7 +79,7 @@ pub(super) fn steps_to_first(line: &ResultLine) -> f64 {
     line.metrics.steps_to_goal.iter().flatten().min().map_or(MAX_STEPS, |&step| f64::from(step))
 }
 
-/// Returns the largest group of lines from the same build, split and seed.
+/// Returns the largest group of lines with equal build, split and seed.
 pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a ResultLine>) -> Vec<&'a ResultLine> {
     let lines: Vec<&ResultLine> = lines.collect();
     let edition =
@@ -90,7 +90,7 @@ pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a ResultLine>) -> Vec
     lines.into_iter().filter(|line| edition(&line.key) == most).collect()
 }
 
-/// The result of a paired test.
+/// A paired test's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Paired {
     /// Pair count.
