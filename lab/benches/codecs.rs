@@ -3,7 +3,7 @@
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_houses::{HouseOptions, house};
 use avln_proto::wire::{Encoding, SensorKind, Size, depth, offered, rgb};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::hint::black_box;
 use std::sync::{Arc, OnceLock};
@@ -23,7 +23,7 @@ fn main() {
         "sensor", "encoding", "bytes", "share", "encode us", "decode us"
     );
     for &encoding in offered(SensorKind::Rgb) {
-        let encode = |frame: &Frame| rgb::encode(encoding, SIZE, &frame.rgb).unwrap();
+        let encode = |frame: &CameraImage| rgb::encode(encoding, SIZE, &frame.rgb).unwrap();
         report(
             "colour",
             encoding,
@@ -34,7 +34,7 @@ fn main() {
         );
     }
     for &encoding in offered(SensorKind::Depth) {
-        let encode = |frame: &Frame| depth::encode(encoding, LAYOUT, &frame.depth).unwrap();
+        let encode = |frame: &CameraImage| depth::encode(encoding, LAYOUT, &frame.depth).unwrap();
         report(
             "depth",
             encoding,
@@ -53,7 +53,7 @@ struct Cost {
     decode_s: f64,
 }
 
-fn measure<T>(frames: &[Frame], encode: impl Fn(&Frame) -> T, decode: impl Fn(&T)) -> Cost
+fn measure<T>(frames: &[CameraImage], encode: impl Fn(&CameraImage) -> T, decode: impl Fn(&T)) -> Cost
 where
     T: AsRef<[u8]>,
 {
@@ -86,7 +86,7 @@ fn seconds() -> f64 {
 }
 
 /// Renders views from the rooms' middles.
-fn frames() -> Vec<Frame> {
+fn frames() -> Vec<CameraImage> {
     let scene = Arc::new(house("bench", 7, &HouseOptions::default()));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let renderer = Renderer::new(Arc::clone(&scene), rays);

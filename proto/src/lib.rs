@@ -1,7 +1,7 @@
-//! Protocol between agents and server: messages and encodings of package `avln.v1`.
+//! Protocol between agents and server: messages and encodings in package `avln.v1`.
 //!
 //! Start at `PROTOCOL.md`, which defines the states and rules, then read [`v1::PlayRequest`], [`v1::PlayResponse`] and the
-//! encodings of tensors in [`wire`].
+//! tensor encodings in [`wire`].
 //!
 //! *Never*: contains behaviour beyond messages and encodings; names a scene, a target or a score that a phase hides.
 
@@ -25,16 +25,16 @@ pub mod v1 {
 /// The compiled `.proto` files, for gRPC reflection.
 pub const FILE_DESCRIPTOR_SET: &[u8] = tonic::include_file_descriptor_set!("avln_descriptor");
 
-/// Minor version of `avln.v1`.
+/// `avln.v1` minor version.
 pub const API_MINOR: u32 = 0;
 
 /// Largest message in either direction, bytes.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
 
-/// Trailer of a gRPC status with [`v1::Reason::word`].
+/// gRPC status trailer with [`v1::Reason::word`].
 pub const REASON_KEY: &str = "avln-reason";
 
-/// Trailer of a gRPC status with the retry delay, decimal seconds.
+/// gRPC status trailer with the retry delay, decimal seconds.
 pub const RETRY_AFTER_KEY: &str = "avln-retry-after-s";
 
 const REASON_PREFIX: &str = "REASON_";
@@ -110,7 +110,7 @@ where
     }
 }
 
-/// Encoder of [`WholeCodec`].
+/// [`WholeCodec`]'s encoder.
 #[derive(Debug)]
 pub struct WholeEncoder<T>(PhantomData<T>);
 

@@ -1,11 +1,11 @@
-//! Eight processes play eight slots each against the real program: steps, fairness, errors and the server's memory.
+//! Load by eight processes with eight slots each: steps, fairness, errors and server memory.
 //!
-//! `cargo bench -p avln-tests --bench load -- 10` plays for ten minutes; one without a number. Memory is told on Linux only.
+//! `cargo bench -p avln-tests --bench load -- 10` plays for ten minutes; the default is one. Memory on Linux only.
 
 use avln_arena::data::DataFolder;
 use avln_arena::setup::admit;
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
-use avln_tests::{PHASE, TestSetup, furnish, server::Server};
+use avln_tests::{PHASE, TestSetup, server::Server, set_up};
 use std::{
     net::SocketAddr,
     path::Path,
@@ -21,9 +21,9 @@ const PROCESSES: usize = 8;
 const SLOTS: u32 = 8;
 const SENSORS: Sensors =
     Sensors { rgb: true, depth: true, audio: true, width: 64, height: 64, hfov_rad: 1.57 };
-/// How often memory is looked at.
+/// Memory sampling interval.
 const LOOK: Duration = Duration::from_secs(5);
-/// What a client needs at the end for its steps in progress.
+/// Time for the clients' last steps.
 const LAST_STEPS: Duration = Duration::from_secs(20);
 
 fn main() {
@@ -47,14 +47,14 @@ fn measure(runtime: &Runtime, length: Duration) {
     let mut server = Server::start(env!("CARGO_BIN_EXE_avln_under_test"), folder.path());
     let players: Vec<_> = tokens.iter().map(|token| player(server.grpc, token, length)).collect();
     let resident = watch(&server, length);
-    let told: Vec<_> = players.into_iter().map(outcome).collect();
-    report(&told, length, server.is_running());
+    let output: Vec<_> = players.into_iter().map(outcome).collect();
+    report(&output, length, server.is_running());
     report_memory(&resident);
 }
 
 /// A phase, and a team for each process.
 async fn tokens(folder: &Path) -> Vec<String> {
-    furnish(folder, &TestSetup { houses: 2, missions: 24, ..TestSetup::default() }).await;
+    set_up(folder, &TestSetup { houses: 2, missions: 24, ..TestSetup::default() }).await;
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let mut tokens = Vec::new();
@@ -71,7 +71,7 @@ fn player(door: SocketAddr, token: &str, length: Duration) -> Child {
     play.stdout(Stdio::piped()).spawn().expect("a player starts")
 }
 
-/// Resident memory of the server over the time, MiB.
+/// Resident server memory over time, MiB.
 fn watch(server: &Server, length: Duration) -> Vec<u64> {
     let begun = Instant::now();
     let mut resident = Vec::new();
@@ -85,7 +85,7 @@ fn watch(server: &Server, length: Duration) -> Vec<u64> {
     resident
 }
 
-/// Steps and episodes that a player tells; `None` when it failed.
+/// A player's steps and episodes; `None` if it failed.
 fn outcome(player: Child) -> Option<[u64; 2]> {
     let output = player.wait_with_output().expect("a player ends");
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -93,8 +93,8 @@ fn outcome(player: Child) -> Option<[u64; 2]> {
     output.status.success().then_some([steps.parse().ok()?, episodes.parse().ok()?])
 }
 
-fn report(told: &[Option<[u64; 2]>], length: Duration, alive: bool) {
-    let played: Vec<_> = told.iter().flatten().collect();
+fn report(output: &[Option<[u64; 2]>], length: Duration, alive: bool) {
+    let played: Vec<_> = output.iter().flatten().collect();
     let steps = played.iter().map(|[steps, _]| *steps);
     let (all, least, most) =
         (steps.clone().sum::<u64>(), steps.clone().min().unwrap_or(0), steps.max().unwrap_or(0));
@@ -112,7 +112,7 @@ fn report_memory(resident: &[u64]) {
 
 /// Plays run after run until the time is over.
 async fn play_for(url: &str, token: &str, length: Duration) {
-    let arena = Client::connect(url, token).await.expect("the door is open");
+    let client = Client::connect(url, token).await.expect("a connection");
     let (steps, episodes) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
     let over = Arc::new(AtomicBool::new(false));
     let bell = over.clone();
@@ -122,28 +122,28 @@ async fn play_for(url: &str, token: &str, length: Duration) {
     });
     let playing = async {
         while !over.load(Ordering::Relaxed) {
-            play_run(&arena, &over, [&steps, &episodes]).await;
+            play_run(&client, &over, [&steps, &episodes]).await;
         }
     };
     tokio::time::timeout(length + LAST_STEPS, playing).await.expect("no step takes that long");
     println!("{} {}", steps.load(Ordering::Relaxed), episodes.load(Ordering::Relaxed));
 }
 
-async fn play_run(arena: &Client, over: &Arc<AtomicBool>, counts: [&Arc<AtomicU64>; 2]) {
+async fn play_run(client: &Client, over: &Arc<AtomicBool>, counts: [&Arc<AtomicU64>; 2]) {
     let options = RunOptions::new(PHASE, "load").order(Order::Unordered);
-    let run = arena.start_run(options).await.expect("a run");
+    let run = client.start_run(options).await.expect("a run");
     let mut players = JoinSet::new();
-    for play in arena.play_slots(&run, SENSORS, SLOTS).await.expect("a stream") {
+    for play in client.play_slots(&run, SENSORS, SLOTS).await.expect("a stream") {
         players.spawn(play_slot(play, over.clone(), counts.map(Arc::clone)));
     }
     let plays = players.join_all().await;
     drop(plays);
     if over.load(Ordering::Relaxed) {
-        arena.cancel_run(&run.id).await.expect("it can be cancelled");
+        client.cancel_run(&run.id).await.expect("it can be cancelled");
     }
 }
 
-/// Gives the slot back, so that the stream lives until all are done.
+/// Returns the slot, so that the stream stays open until all slots have finished.
 async fn play_slot(mut play: Play, over: Arc<AtomicBool>, [steps, episodes]: [Arc<AtomicU64>; 2]) -> Play {
     while let Some(mut episode) = play.next_episode().await.expect("an episode") {
         while !episode.is_over() {

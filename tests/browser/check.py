@@ -1,8 +1,8 @@
-"""Goes through all pages of a server with a real browser, and tells what is wrong with them.
+"""Checks all pages of a server in a real browser and prints defects.
 
-python check.py CHROMIUM ORIGIN PAGE REPLAY TEAM ORGANISER: the browser, the origin of a server with runs whose replays
-everybody may see, the page of a person who is about to play, a replay whose agent had ears, and the tokens of a team
-and of an organiser.
+python check.py CHROMIUM ORIGIN PAGE REPLAY TEAM ORGANISER: the browser, a server with runs and
+public replays, the play page before a run, a replay with sound, and the tokens of a team and an
+organiser.
 """
 
 from __future__ import annotations
@@ -10,19 +10,18 @@ from __future__ import annotations
 import sys
 import time
 
-from playwright.sync_api import sync_playwright
-
-import ears
+import account
 import keyboard
 import links
-import office
 import pages
+import replay_sound
+from playwright.sync_api import sync_playwright
 
 PAGES_OF_A_KIND = 2
 
 
 def main(chromium: str, origin: str, page: str, replay: str, team: str, organiser: str) -> int:
-    """Checks everything; gives back the exit code."""
+    """Runs all checks; returns the exit code."""
     begun = time.monotonic()
     site = links.crawl(origin)
     addresses = site.pages(PAGES_OF_A_KIND)
@@ -31,11 +30,11 @@ def main(chromium: str, origin: str, page: str, replay: str, team: str, organise
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium)
         found += pages.check(browser, origin, addresses)
-        found += office.check(browser, origin, team, organiser)
+        found += account.check(browser, origin, team, organiser)
         for width in pages.WIDTHS_PX:
             found += keyboard.journey(browser, origin, width)
         found += keyboard.play(browser, page)
-        found += ears.check(browser, replay)
+        found += replay_sound.check(browser, replay)
         browser.close()
     print("\n".join(found) or "nothing is wrong", f"{time.monotonic() - begun:.0f} s", sep="\n")
     return 1 if found else 0

@@ -1,4 +1,4 @@
-"""A way through board, run, replay and play for somebody who has nothing but a keyboard."""
+"""Leaderboard, run, replay and play page with a keyboard only."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FOCUS = """async () => {
     (y) => [r.left + x * r.width, r.top + y * r.height])));
   const seen = spots.some(([x, y]) => e.contains(document.elementFromPoint(x, y)));
   const outside = e === document.body;
-  // What plays sound has several stops of its own.
+  // A sound player has several stops.
   const again = !outside && window.stops.includes(e) && !(e.matches("audio") && window.stops.at(-1) === e);
   window.stops.push(e);
   return { again, fine: outside || (marked && seen), marked, what: e.outerHTML.slice(0, 120) };
 }"""
-"""Whether one sees anything of what has the keyboard (WCAG 2.4.11), and whether it had it before."""
+"""The focused element's visibility (WCAG 2.4.11), and whether it had the focus before."""
 
 UNREACHED = """() => {
   const can = "a[href], button, input:not([type=hidden]), select, summary, [tabindex='0']";
@@ -38,7 +38,7 @@ UNREACHED = """() => {
 
 
 def stops(page: Page) -> list[str]:
-    """Goes through all stops of Tab: every one is seen, and none is left out."""
+    """Visits all Tab stops; every stop must be visible, and none may be missing."""
     page.evaluate("() => { window.stops = []; }")
     found = []
     for _ in range(MOST_STOPS):
@@ -53,7 +53,7 @@ def stops(page: Page) -> list[str]:
 
 
 def tab_to(page: Page, selector: str) -> None:
-    """Presses Tab until the focus is on what a selector names."""
+    """Presses Tab until the selected element has the focus."""
     for _ in range(MOST_STOPS):
         page.keyboard.press("Tab")
         if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
@@ -62,7 +62,7 @@ def tab_to(page: Page, selector: str) -> None:
 
 
 def follow(page: Page, selector: str) -> None:
-    """Goes to a link by Tab and opens it by Enter."""
+    """Opens a link with Tab and Enter."""
     tab_to(page, selector)
     with page.expect_navigation():
         page.keyboard.press("Enter")
@@ -76,7 +76,7 @@ def expect_step(page: Page, step: int, key: str) -> list[str]:
 
 
 def replay(page: Page) -> list[str]:
-    """Moves the clock of a replay."""
+    """Moves a replay's clock."""
     tab_to(page, "#replay #t")
     last = int(page.get_attribute("#replay", "data-last") or 0)
     found = []

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 READ_OF_A_KIND = 8
-"""Pages of one kind whose own links are followed; of more pages the answer alone is looked at."""
+"""Pages per kind whose links are followed; further pages are only requested."""
 NAMES = re.compile(r"(?<=/)(?P<route>runs|episodes|leaderboard|phases|embed|eyes|ears)/[^/]+|(?<=/)(?P<docs>docs)/.+")
 POINTERS = ("href", "src", "action")
 
 
 @dataclass
 class Document:
-    """What came for an address."""
+    """Answer to a request."""
 
     status: int
     is_page: bool = False
@@ -32,13 +32,13 @@ class Document:
 
 @dataclass
 class Site:
-    """Every address that was asked for, without its anchor, in the order in which they were found."""
+    """Requested addresses without anchors, in order of discovery."""
 
     documents: dict[str, Document] = field(default_factory=dict)
     broken: list[str] = field(default_factory=list)
 
     def pages(self, of_a_kind: int) -> list[str]:
-        """Addresses of pages, some of each kind."""
+        """Page addresses, some per kind."""
         taken: Counter[str] = Counter()
         addresses = []
         for address, document in self.documents.items():
@@ -49,7 +49,7 @@ class Site:
 
 
 class Reader(HTMLParser):
-    """Collects what a page points to, and the anchors that others may point to."""
+    """Collects a page's links and anchors."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class Reader(HTMLParser):
         self.anchors: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Takes the attributes of an element."""
+        """Reads an element's attributes."""
         del tag
         for name, value in attrs:
             if value is not None and name in POINTERS:
@@ -67,14 +67,14 @@ class Reader(HTMLParser):
 
 
 def kind(address: str) -> str:
-    """The route of an address, and the order that it asks for."""
+    """An address's route and sort order."""
     parts = urlsplit(address)
     route = NAMES.sub(lambda match: f"{match['route'] or match['docs']}/*", parts.path)
     return " ".join([route, *parse_qs(parts.query).get("order", [])])
 
 
 def read(address: str) -> Document:
-    """Asks for an address."""
+    """Requests an address."""
     try:
         with urlopen(address, timeout=60) as answer:
             body = answer.read()
@@ -90,7 +90,7 @@ def read(address: str) -> Document:
 
 
 def targets(address: str, document: Document) -> Iterator[tuple[str, str]]:
-    """Addresses on the same origin that a page points to, each with its anchor."""
+    """A page's links to the same origin, with anchors."""
     for link in document.links:
         target, anchor = urldefrag(urljoin(address, link))
         if urlsplit(target)[:2] == urlsplit(address)[:2]:
@@ -117,7 +117,7 @@ def crawl(origin: str) -> Site:
 
 
 def lost_anchors(site: Site) -> list[str]:
-    """Links to a place on a page that has no such place."""
+    """Links to missing anchors."""
     lost = []
     for address, document in site.documents.items():
         for target, anchor in targets(address, document):

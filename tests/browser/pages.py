@@ -1,4 +1,4 @@
-"""What holds on every page, in both themes, wide and narrow, as a browser shows it."""
+"""Requirements for every page, in both themes, wide and narrow."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ VIOLATIONS = f"""async () => {{
   return violations.map(({{ id, nodes }}) =>
     `${{id}}, ${{nodes.length}} times, first ${{nodes[0].html.slice(0, 160)}}: ${{nodes[0].failureSummary}}`);
 }}"""
-"""The rules of WCAG that axe finds broken on a page."""
+"""WCAG rules that axe finds broken."""
 WIDTHS_PX = (1280, 360)
 THEMES: dict[int, tuple[Literal["light", "dark"], ...]] = {1280: ("light", "dark"), 360: ("dark",)}
-"""Themes to look at each width by. Nothing in the style sheet goes by both."""
+"""Themes per width; the style sheet has no rule for a combination of both."""
 HEIGHT_PX = 800
 
 SIDEWAYS = """() => {
@@ -31,7 +31,7 @@ SIDEWAYS = """() => {
   const others = [...document.querySelectorAll("body *")].filter((e) => scrolls(e) && !may(e));
   return wide.concat(others.map((e) => e.outerHTML.slice(0, 80)));
 }"""
-"""What scrolls sideways, but tables and code in their own frames."""
+"""Elements wider than the window, except tables and code with their own scroll bars."""
 
 COLOUR_ALONE = """() => {
   const looks = (e) => [getComputedStyle(e).strokeDasharray, e.getAttribute("d") ?? ""].join();
@@ -47,11 +47,11 @@ COLOUR_ALONE = """() => {
   return lines.concat(claims ? ["right and wrong claims with the same sign"] : [],
     words.map((e) => `no words or sign: ${e.outerHTML.slice(0, 80)}`));
 }"""
-"""What differs by nothing but its colour."""
+"""Elements distinguished only by colour."""
 
 
 class Watch:
-    """Hears what a page asks for and complains of."""
+    """Records requests and console errors of a page."""
 
     def __init__(self, page: Page, origin: str) -> None:
         self.found: list[str] = []
@@ -68,7 +68,7 @@ class Watch:
             self.found.append(f"the browser tells: {text}")
 
     def take(self) -> list[str]:
-        """What was found since the last time."""
+        """Returns and clears the findings."""
         found, self.found = self.found, []
         return found
 
@@ -108,7 +108,7 @@ def visit(page: Page, watch: Watch, addresses: list[str]) -> list[str]:
 
 
 def missing(page: Page, origin: str) -> list[str]:
-    """Looks at the page that is shown for an address where there is none."""
+    """Checks the page for unknown addresses."""
     answer = page.goto(f"{origin}/nowhere")
     status = answer.status if answer else None
     return look(page) + ([] if status == 404 else [f"status {status}"])

@@ -2,11 +2,11 @@
 
 use std::{path::Path, process::Command};
 
-/// A small disk, until it is dropped; `None` where this process may not make one.
+/// A small file system, unmounted on drop.
 pub struct Disk<'a>(&'a Path);
 
 impl<'a> Disk<'a> {
-    /// Mounts one of `size`, as `mount` takes it.
+    /// Mounts a file system with `size` in the syntax of `mount`; `None` without the privilege.
     pub fn mount(at: &'a Path, size: &str) -> Option<Self> {
         let mut mount = Command::new("mount");
         mount.args(["-t", "tmpfs", "-o", &format!("size={size}"), "tmpfs"]).arg(at);
@@ -17,13 +17,13 @@ impl<'a> Disk<'a> {
         mounted.then_some(Self(at))
     }
 
-    /// Leaves no room on it.
+    /// Fills the disk.
     pub fn fill(&self) {
         let filled = std::fs::write(self.0.join("filler"), vec![0; 512 << 20]);
         assert!(filled.is_err(), "the disk is small");
     }
 
-    /// Makes room again.
+    /// Frees the space.
     pub fn empty(&self) {
         std::fs::remove_file(self.0.join("filler")).expect("the filler");
     }

@@ -1,5 +1,4 @@
-//! A wire that can be cut again and again: what is connected is lost, and whoever comes next is let through. It can be long, and
-//! it can be dead without anybody being told.
+//! A TCP proxy that can cut connections, delay bytes, or hold them back silently.
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 use tokio::{
@@ -12,20 +11,20 @@ use tokio::{
     time::{Instant, sleep_until},
 };
 
-/// A listener in front of a server.
+/// A listening proxy.
 pub struct FaultProxy {
-    /// Where clients connect.
+    /// Address for clients.
     pub address: SocketAddr,
-    wire: Wire,
+    link: Link,
 }
 
 #[derive(Clone)]
-struct Wire {
+struct Link {
     server: Arc<watch::Sender<SocketAddr>>,
-    snips: Arc<watch::Sender<u64>>,
-    /// Whether nothing gets through, in either direction.
-    dead: Arc<watch::Sender<bool>>,
-    /// Time of the way in one direction.
+    cuts: Arc<watch::Sender<u64>>,
+    /// True to hold back all bytes in both directions.
+    held: Arc<watch::Sender<bool>>,
+    /// One-way delay.
     delay: Duration,
 }
 
@@ -35,76 +34,76 @@ impl FaultProxy {
         Self::open_delayed(server, Duration::ZERO).await
     }
 
-    /// The same, `delay` away: everything takes that time in each direction.
+    /// Opens a proxy with a one-way `delay`.
     pub async fn open_delayed(server: SocketAddr, delay: Duration) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("its address");
-        let wire = Wire {
+        let link = Link {
             server: Arc::new(watch::Sender::new(server)),
-            snips: Arc::new(watch::Sender::new(0)),
-            dead: Arc::new(watch::Sender::new(false)),
+            cuts: Arc::new(watch::Sender::new(0)),
+            held: Arc::new(watch::Sender::new(false)),
             delay,
         };
-        tokio::spawn(admit(listener, wire.clone()));
-        Self { address, wire }
+        tokio::spawn(accept(listener, link.clone()));
+        Self { address, link }
     }
 
-    /// Where clients connect, as they write it.
+    /// URL for clients.
     pub fn url(&self) -> String {
         format!("http://{}", self.address)
     }
 
-    /// Cuts every connection without a farewell.
+    /// Cuts every connection.
     pub fn cut(&self) {
-        self.wire.snips.send_modify(|snips| *snips += 1);
+        self.link.cuts.send_modify(|cuts| *cuts += 1);
     }
 
-    /// Holds back what both sides say, or lets it through again. The connections stay open.
+    /// Holds back all bytes, or releases them. Connections stay open.
     pub fn hold(&self, hold: bool) {
-        self.wire.dead.send_replace(hold);
+        self.link.held.send_replace(hold);
     }
 
-    /// Whoever connects from now on reaches this server.
+    /// Forwards new connections to this server.
     pub fn redirect(&self, server: SocketAddr) {
-        self.wire.server.send_replace(server);
+        self.link.server.send_replace(server);
     }
 }
 
-async fn admit(listener: TcpListener, wire: Wire) {
+async fn accept(listener: TcpListener, link: Link) {
     while let Ok((client, _)) = listener.accept().await {
-        let (wire, mut snips) = (wire.clone(), wire.snips.subscribe());
+        let (link, mut cuts) = (link.clone(), link.cuts.subscribe());
         tokio::spawn(async move {
-            let server = *wire.server.borrow();
+            let server = *link.server.borrow();
             let Ok(server) = TcpStream::connect(server).await else { return };
             let _ = (client.set_nodelay(true), server.set_nodelay(true));
             let ((from_client, to_client), (from_server, to_server)) =
                 (client.into_split(), server.into_split());
             tokio::select! {
-                () = carry(from_client, to_server, &wire) => {}
-                () = carry(from_server, to_client, &wire) => {}
-                _ = snips.changed() => {}
+                () = carry(from_client, to_server, &link) => {}
+                () = carry(from_server, to_client, &link) => {}
+                _ = cuts.changed() => {}
             }
         });
     }
 }
 
-/// Carries bytes in one direction until one end closes.
-async fn carry(mut from: OwnedReadHalf, mut to: OwnedWriteHalf, wire: &Wire) {
+/// Forwards bytes in one direction until an end closes.
+async fn carry(mut from: OwnedReadHalf, mut to: OwnedWriteHalf, link: &Link) {
     let (put, mut under_way) = mpsc::channel::<(Instant, Vec<u8>)>(1024);
     let load = async move {
         let mut buffer = vec![0; 64 << 10];
         while let Ok(length @ 1..) = from.read(&mut buffer).await {
-            let arrives = Instant::now() + wire.delay;
+            let arrives = Instant::now() + link.delay;
             if put.send((arrives, buffer[..length].to_vec())).await.is_err() {
                 return;
             }
         }
     };
     let unload = async move {
-        let mut dead = wire.dead.subscribe();
+        let mut held = link.held.subscribe();
         while let Some((arrives, bytes)) = under_way.recv().await {
             sleep_until(arrives).await;
-            if dead.wait_for(|dead| !dead).await.is_err() || to.write_all(&bytes).await.is_err() {
+            if held.wait_for(|held| !held).await.is_err() || to.write_all(&bytes).await.is_err() {
                 return;
             }
         }

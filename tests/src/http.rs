@@ -1,4 +1,4 @@
-//! As much of HTTP as it takes to look through the people's door.
+//! A small HTTP client for the web server.
 
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
@@ -7,18 +7,18 @@ use tokio::{
     time::{Instant, timeout_at},
 };
 
-/// What the web door answered.
+/// An HTTP answer.
 #[derive(Debug)]
 pub struct Answer {
     /// Status code.
     pub status: u16,
-    /// Head and body as they came.
+    /// Head and body as received.
     pub bytes: Vec<u8>,
     /// The body as text.
     pub body: String,
 }
 
-/// Asks for `path` as somebody whom nobody knows, and takes what comes in so long a time.
+/// Requests `path` anonymously and reads for `time`.
 pub async fn get_events(address: SocketAddr, path: &str, time: Duration) -> Answer {
     let mut stream = ask(address, &format!("GET {path} HTTP/1.0\r\nHost: {address}\r\n\r\n")).await;
     let mut bytes = Vec::new();
@@ -31,12 +31,12 @@ pub async fn get_events(address: SocketAddr, path: &str, time: Duration) -> Answ
     answer(bytes)
 }
 
-/// Asks for `path` as somebody whom nobody knows.
+/// Requests `path` anonymously.
 pub async fn get(address: SocketAddr, path: &str) -> Answer {
     look(address, &format!("GET {path} HTTP/1.0\r\nHost: {address}\r\n\r\n")).await
 }
 
-/// Somebody with a browser that keeps the cookie of the people's door.
+/// A signed-in visitor.
 #[derive(Debug)]
 pub struct Visitor {
     address: SocketAddr,
@@ -44,7 +44,7 @@ pub struct Visitor {
 }
 
 impl Visitor {
-    /// Signs in by a token; panics where that is refused.
+    /// Signs in with a token; panics if it is rejected.
     pub async fn sign_in(address: SocketAddr, token: &str) -> Self {
         let stranger = Self { address, cookie: String::new() };
         let answer = stranger.post("/sign-in", &[("token", token), ("next", "")]).await;
@@ -54,14 +54,14 @@ impl Visitor {
         Self { address, cookie: cookie.expect("a cookie").to_owned() }
     }
 
-    /// Asks for `path`.
+    /// Requests `path`.
     pub async fn get(&self, path: &str) -> Answer {
         let Self { address, cookie } = self;
         let request = format!("GET {path} HTTP/1.0\r\nHost: {address}\r\nCookie: {cookie}\r\n\r\n");
         look(*address, &request).await
     }
 
-    /// Sends a form, as a page of the door does.
+    /// Sends a form.
     pub async fn post(&self, path: &str, fields: &[(&str, &str)]) -> Answer {
         let Self { address, cookie } = self;
         let fields: Vec<String> =
@@ -72,7 +72,7 @@ impl Visitor {
         look(*address, &format!("{head}\r\nCookie: {cookie}\r\nContent-Length: {length}\r\n\r\n{body}")).await
     }
 
-    /// Sends the form of a page, with the key that the page carries.
+    /// Sends a page's form with its CSRF key.
     pub async fn act(&self, page: &str, fields: &[(&str, &str)]) -> Answer {
         let shown = self.get(page).await.body;
         let key = shown.split("name=\"key\" value=\"").nth(1).and_then(|rest| rest.split('"').next());
@@ -81,7 +81,7 @@ impl Visitor {
     }
 }
 
-/// A value as forms write it.
+/// Percent-encoded form value.
 fn encoded(value: &str) -> String {
     value
         .bytes()
@@ -92,7 +92,7 @@ fn encoded(value: &str) -> String {
         .collect()
 }
 
-/// Sends a request and reads the answer to its end.
+/// Sends a request and reads the whole answer.
 async fn look(address: SocketAddr, request: &str) -> Answer {
     let mut stream = ask(address, request).await;
     let mut bytes = Vec::new();
@@ -101,8 +101,8 @@ async fn look(address: SocketAddr, request: &str) -> Answer {
 }
 
 async fn ask(address: SocketAddr, request: &str) -> TcpStream {
-    let mut stream = TcpStream::connect(address).await.expect("the web door is open");
-    stream.write_all(request.as_bytes()).await.expect("it listens");
+    let mut stream = TcpStream::connect(address).await.expect("a web connection");
+    stream.write_all(request.as_bytes()).await.expect("a sent request");
     stream
 }
 

@@ -1,8 +1,8 @@
-//! What only the whole house can show. The tests lie in `tests/`; here is the house that they open.
+//! Test servers for the end-to-end tests in `tests/`.
 
-pub mod canary;
 pub mod disk;
 pub mod fault_proxy;
+pub mod hidden_facts;
 pub mod http;
 pub mod python;
 pub mod raw;
@@ -26,31 +26,31 @@ use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
-/// A server with both doors open on ports of its own, over a data folder of its own, with one phase and one team.
+/// A running server with its own ports and data folder, one phase and one team.
 pub struct TestServer {
-    /// The data folder; it goes with the house.
+    /// The data folder, deleted with the server.
     pub folder: TempDir,
-    /// Both doors.
-    pub doors: RunningServers,
-    /// Account token of the team [`TEAM`].
+    /// gRPC server and web server.
+    pub servers: RunningServers,
+    /// Account token for the team [`TEAM`].
     pub token: String,
 }
 
-/// The team of every house.
+/// Team on every test server.
 pub const TEAM: &str = "test team";
-/// The phase of every house, and its split.
+/// Phase and split on every test server.
 pub const PHASE: &str = "trial";
 
-/// How a house is furnished.
+/// Contents of a test server's data folder.
 #[derive(Clone, Debug)]
 pub struct TestSetup {
     /// Procedural houses in the split.
     pub houses: u32,
-    /// Missions in each.
+    /// Missions per house.
     pub missions: usize,
-    /// Who may see scores, and replays where `replays_to` does not say otherwise.
+    /// Visibility for scores, and for replays without `replays_to`.
     pub visible_to: Visibility,
-    /// Who may see replays, where that is not who may see scores.
+    /// Visibility for replays, if different.
     pub replays_to: Option<Visibility>,
 }
 
@@ -61,35 +61,35 @@ impl Default for TestSetup {
 }
 
 impl TestServer {
-    /// Builds scenes and missions, opens the phase and both doors.
-    pub async fn open(plan: &TestSetup) -> Self {
-        Self::open_as(plan, &Security::default()).await
+    /// Builds scenes and missions, opens the phase and starts both servers.
+    pub async fn open(setup: &TestSetup) -> Self {
+        Self::open_with_tls(setup, &Security::default()).await
     }
 
-    /// The same, with doors that speak TLS where `security` names files.
-    pub async fn open_as(plan: &TestSetup, security: &Security) -> Self {
+    /// Starts a server with TLS if `security` names files.
+    pub async fn open_with_tls(setup: &TestSetup, security: &Security) -> Self {
         let folder = TempDir::new().expect("a folder for temporary files");
-        let token = furnish(folder.path(), plan).await;
-        let doors = open_doors_as(folder.path(), security).await;
-        Self { folder, doors, token }
+        let token = set_up(folder.path(), setup).await;
+        let servers = start_servers_with(folder.path(), security).await;
+        Self { folder, servers, token }
     }
 
-    /// Address of the agents' door.
+    /// gRPC address.
     pub fn agents_url(&self) -> String {
-        format!("{}://{}", self.doors.scheme(), self.doors.grpc)
+        format!("{}://{}", self.servers.scheme(), self.servers.grpc)
     }
 
-    /// Opens the house with a door for the operator beside the others.
-    pub async fn open_with_admin(plan: &TestSetup) -> Self {
+    /// Starts a server with an admin server.
+    pub async fn open_with_admin(setup: &TestSetup) -> Self {
         let folder = TempDir::new().expect("a folder for temporary files");
-        let token = furnish(folder.path(), plan).await;
-        let (doors, open) = bound_doors(folder.path(), &Security::default()).await;
+        let token = set_up(folder.path(), setup).await;
+        let (servers, open) = bind_servers(folder.path(), &Security::default()).await;
         let free = "127.0.0.1:0".parse().expect("an address");
-        let doors = open(doors.with_admin(free).await.expect("a free port"));
-        Self { folder, doors, token }
+        let servers = open(servers.with_admin(free).await.expect("a free port"));
+        Self { folder, servers, token }
     }
 
-    /// Opens a house over a furnished folder, with changes to what hosts it and to the limits of its door.
+    /// Starts a server on a prepared folder, with a modified arena and modified limits.
     pub async fn open_with(
         folder: TempDir,
         token: String,
@@ -100,13 +100,13 @@ impl TestServer {
         let store = data.store().await.expect("its database");
         let opened = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
         let free = "127.0.0.1:0".parse().expect("an address");
-        let doors = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
-        let doors = doors.with_admin(free).await.expect("a free port").with_limits(limits);
-        let doors = doors.open(Arc::new(arena(opened)), store.reader()).expect("all doors");
-        Self { folder, doors, token }
+        let servers = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+        let servers = servers.with_admin(free).await.expect("a free port").with_limits(limits);
+        let servers = servers.open(Arc::new(arena(opened)), store.reader()).expect("running servers");
+        Self { folder, servers, token }
     }
 
-    /// A new token of an organiser.
+    /// Issues an organiser token.
     pub async fn organiser(&self) -> String {
         let secret = new_token("organiser").expect("randomness");
         let (kind, name) = (TokenScope::Organiser, "");
@@ -117,30 +117,30 @@ impl TestServer {
         secret
     }
 
-    /// Closes the doors and opens them again over the same folder.
+    /// Restarts the servers on the same folder.
     pub async fn reopen(self) -> Self {
-        self.doors.close().await.expect("both doors close");
-        let doors = start_servers(self.folder.path()).await;
-        Self { doors, ..self }
+        self.servers.close().await.expect("a shutdown");
+        let servers = start_servers(self.folder.path()).await;
+        Self { servers, ..self }
     }
 }
 
-/// Fills a data folder with a split, a phase and a team; gives back the team's token.
-pub async fn furnish(folder: &Path, plan: &TestSetup) -> String {
+/// Creates a split, a phase and a team in a data folder; returns the team token.
+pub async fn set_up(folder: &Path, setup: &TestSetup) -> String {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
     let make = NewSplit {
         name: PHASE.to_owned(),
-        houses: plan.houses,
+        houses: setup.houses,
         scenes: vec![],
-        missions: plan.missions,
+        missions: setup.missions,
         seed: 5,
         rules: "lh-avln-v1".to_owned(),
     };
-    make_split(&data, &store, make, |_| ()).await.expect("houses hold missions");
+    make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");
     let open = NewPhase {
-        scores: plan.visible_to,
-        replays: plan.replays_to.unwrap_or(plan.visible_to),
+        scores: setup.visible_to,
+        replays: setup.replays_to.unwrap_or(setup.visible_to),
         max_side: 256,
         ..NewPhase::public(PHASE, PHASE)
     };
@@ -150,13 +150,13 @@ pub async fn furnish(folder: &Path, plan: &TestSetup) -> String {
     token
 }
 
-/// The database of a folder.
+/// A folder's database.
 pub async fn store(folder: &Path) -> Store {
     DataFolder::open(folder).expect("the folder").store().await.expect("its database")
 }
 
-/// The organiser changes the phase of a furnished folder.
-pub async fn rule(folder: &Path, change: impl FnOnce(&mut Phase)) {
+/// Changes the phase as the organiser.
+pub async fn change_phase(folder: &Path, change: impl FnOnce(&mut Phase)) {
     let store = store(folder).await;
     let mut phase = store.phase(PHASE).await.expect("the phase");
     change(&mut phase);
@@ -164,18 +164,18 @@ pub async fn rule(folder: &Path, change: impl FnOnce(&mut Phase)) {
     store.close().await;
 }
 
-/// Opens both doors of a furnished folder on free ports.
+/// Starts both servers on a prepared folder on free ports.
 pub async fn start_servers(folder: &Path) -> RunningServers {
-    open_doors_as(folder, &Security::default()).await
+    start_servers_with(folder, &Security::default()).await
 }
 
-async fn open_doors_as(folder: &Path, security: &Security) -> RunningServers {
-    let (doors, open) = bound_doors(folder, security).await;
-    open(doors)
+async fn start_servers_with(folder: &Path, security: &Security) -> RunningServers {
+    let (servers, open) = bind_servers(folder, security).await;
+    open(servers)
 }
 
-/// Servers that are bound, and what opens them.
-async fn bound_doors(
+/// Bound servers, and a function that starts them.
+async fn bind_servers(
     folder: &Path,
     security: &Security,
 ) -> (Servers, impl FnOnce(Servers) -> RunningServers + use<>) {
@@ -184,6 +184,6 @@ async fn bound_doors(
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let identity = security.identity().expect("files of a certificate");
-    let doors = Servers::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
-    (doors, move |doors: Servers| doors.open(Arc::new(arena), store.reader()).expect("all doors"))
+    let servers = Servers::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
+    (servers, move |servers: Servers| servers.open(Arc::new(arena), store.reader()).expect("running servers"))
 }

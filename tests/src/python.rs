@@ -1,4 +1,4 @@
-//! The Python that some tests run by.
+//! Python commands in tests.
 
 use crate::skipped::skipped;
 use std::{
@@ -6,10 +6,10 @@ use std::{
     process::{Command, Stdio},
 };
 
-/// The Python to take, for those who do not have what is needed in `python3`.
+/// Environment variable with the Python interpreter's path; by default `python3`.
 const INTERPRETER: &str = "AVLN_PYTHON";
 
-/// A command of Python; nothing, with a line on what `remedy` brings, where it lacks a module that `what` needs.
+/// A Python command; `None` with the hint `remedy` if a module needed by `what` is missing.
 pub fn command(what: &str, modules: &[&str], remedy: &str) -> Option<Command> {
     let python = env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
     let import = format!("import {}", modules.join(", "));
@@ -25,9 +25,9 @@ pub fn command(what: &str, modules: &[&str], remedy: &str) -> Option<Command> {
     Some(command)
 }
 
-/// Runs a command to its end; fails with all that it told if it fails.
+/// Runs a command; panics with the output if it fails.
 pub fn succeeds(what: &str, mut command: Command) {
     let output = command.output().expect("Python starts");
-    let told = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{what}: {told}\n{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{what}: {text}\n{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -1,5 +1,5 @@
-//! The agents' door without the SDK: the unary mirror, health and reflection, with as little of each message as a
-//! question needs. Answers are for whoever listens on the wire.
+//! gRPC calls without the SDK: unary play, health and reflection, with minimal requests. Answers are discarded: the
+//! recording proxy reads them.
 
 use prost::Message;
 use tonic::{
@@ -10,12 +10,12 @@ use tonic::{
 };
 use tonic_prost::ProstCodec;
 
-/// Number of an action on the wire.
+/// Wire action number.
 pub const MOVE_FORWARD: i32 = 1;
-/// Number of an action on the wire.
+/// Wire action number.
 pub const SUBMIT: i32 = 4;
 
-/// Tags are those of `avln.v1`, `grpc.health.v1` and `grpc.reflection.v1`.
+/// Tags from `avln.v1`, `grpc.health.v1` and `grpc.reflection.v1`.
 #[derive(Clone, PartialEq, Message)]
 struct Text {
     #[prost(string, tag = "1")]
@@ -91,15 +91,15 @@ impl RawClient {
     /// Connects to the agents' door at `url`.
     pub async fn connect(url: &str, token: &str) -> Self {
         let endpoint = Endpoint::from_shared(url.to_owned()).expect("an address");
-        let channel = endpoint.connect().await.expect("the door is open");
+        let channel = endpoint.connect().await.expect("a connection");
         Self { grpc: Grpc::new(channel), token: token.to_owned() }
     }
 
-    /// Plays `actions` of the next episode through Reset and Step, with the sensors of the run's first Hello, then
-    /// gives the episode up through End, and with `farewell` the run as well.
+    /// Plays `actions` in the next episode with Reset and Step and the run's sensors, then abandons the episode with
+    /// End, and with `farewell` the run.
     ///
     /// # Errors
-    /// What the server said when it refused.
+    /// If the server rejects a call.
     pub async fn play(&mut self, actions: &[i32], farewell: bool) -> Result<(), Status> {
         let reset = ResetRequest { hello: Some(Text::default()) };
         let begun: ResetResponse = self.ask("avln.v1.PlayService/Reset", reset).await?;
@@ -117,10 +117,10 @@ impl RawClient {
         Ok(())
     }
 
-    /// Asks for health, and by reflection for all services and for what `symbols` are.
+    /// Calls health, and reflection for all services and `symbols`.
     ///
     /// # Errors
-    /// What the server said when it refused.
+    /// If the server rejects a call.
     pub async fn inspect(&mut self, symbols: &[&str]) -> Result<(), Status> {
         let () = self.ask("grpc.health.v1.Health/Check", Text::default()).await?;
         let list = ReflectionRequest { list_services: Some(String::new()), file_containing_symbol: None };

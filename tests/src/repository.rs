@@ -1,17 +1,17 @@
-//! The repository that the tests lie in.
+//! Files in this repository.
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-/// Its folder.
+/// Root folder.
 pub fn root() -> PathBuf {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("this crate lies in the repository");
     root.to_owned()
 }
 
-/// Files below `folder` whose name ends in `ending`; hidden folders and build outputs are left out.
+/// Files below `folder` with the given ending, without hidden folders and build outputs.
 pub fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     collect(folder, ending, &mut found);
@@ -32,7 +32,7 @@ fn collect(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The text of a file, by its path in the repository.
+/// File text, by repository path.
 pub fn text(path: impl AsRef<Path>) -> String {
     let path = root().join(path);
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
@@ -43,7 +43,7 @@ pub fn shown(path: &Path) -> String {
     path.strip_prefix(root()).unwrap_or(path).display().to_string()
 }
 
-/// Lines that people are to type in a document: those of its blocks of `console` behind a `$`.
+/// Commands in a document: lines after `$` in `console` blocks.
 pub fn typed(document: &str) -> Vec<String> {
     let blocks = document.split("```").skip(1).step_by(2);
     let consoles = blocks.filter_map(|block| block.strip_prefix("console\n"));

@@ -1,23 +1,23 @@
-//! A run that is played by heart.
+//! A run with fixed actions.
 
 use crate::PHASE;
 use avln_client::{Action, Client, Observation, Order, RunOptions, Sensors};
 
-/// No senses but its pose.
+/// Pose only.
 pub const NO_SENSORS: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
-/// Actions of each episode, unless it ends by itself.
+/// Most actions per episode.
 pub const STEPS: u32 = 41;
 
-/// Ears, and nothing else.
+/// Pose and sound.
 pub const AUDIO_ONLY: Sensors = Sensors { audio: true, ..NO_SENSORS };
 
-/// Plays all episodes of a run over `url`, one after the other; gives back its id.
+/// Plays a run's episodes in sequence; returns the id.
 pub async fn play_script(url: &str, token: &str, method: &str) -> String {
     play_script_with(url, token, method, NO_SENSORS, |_, _| ()).await
 }
 
-/// The same with `sensors`; `sense` is told the episode, counted from 0, and each observation.
+/// Plays with `sensors` and passes each observation to `sense`, with the episode index from 0.
 pub async fn play_script_with(
     url: &str,
     token: &str,
@@ -25,9 +25,9 @@ pub async fn play_script_with(
     sensors: Sensors,
     mut sense: impl FnMut(u32, &Observation),
 ) -> String {
-    let arena = Client::connect(url, token).await.expect("the door is open");
-    let run = arena.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
-    let mut play = arena.play(&run, sensors).await.expect("a stream");
+    let client = Client::connect(url, token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
+    let mut play = client.play(&run, sensors).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
         let ordinal = episode.ordinal() - 1;
         sense(ordinal, episode.observation());

@@ -1,4 +1,4 @@
-//! The program itself, hosting a folder in a process of its own.
+//! The server program in a separate process.
 
 use std::{
     fs::File,
@@ -8,24 +8,24 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-/// The program of this build, hosting a folder.
+/// This build's program, hosting a folder.
 pub struct Server {
     process: Child,
-    /// What it says after it has told its doors; open, because a program whose reader has gone ends.
-    _says: Lines<BufReader<ChildStdout>>,
-    /// Where agents connect.
+    /// Output after the addresses; kept open, because a broken pipe ends the program.
+    _output: Lines<BufReader<ChildStdout>>,
+    /// gRPC address.
     pub grpc: SocketAddr,
-    /// Where people look.
+    /// Web address.
     pub web: SocketAddr,
 }
 
 impl Server {
-    /// Starts `program` over `folder` and waits until it has told its doors. Its log goes to `server.log` there.
+    /// Starts `program` on `folder` and waits for its addresses. The log is `server.log` in the folder.
     pub fn start(program: &str, folder: &Path) -> Self {
         Self::start_with(program, folder, &[])
     }
 
-    /// The same with more options of `serve`.
+    /// Starts `program` with more `serve` options.
     pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
         let path = folder.join("server.log");
         let log = File::options().create(true).append(true).open(&path).expect("a log of the server");
@@ -33,26 +33,29 @@ impl Server {
         serve.arg("--data").arg(folder).args(["serve", "--admin", "off"]).args(options);
         serve.args(["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"]);
         let mut process = serve.stdout(Stdio::piped()).stderr(log).spawn().expect("the program starts");
-        let mut says = BufReader::new(process.stdout.take().expect("its output")).lines();
-        let doors = door(&mut says, "agents").zip(door(&mut says, "leaderboard"));
-        let Some((grpc, web)) = doors else {
+        let mut output = BufReader::new(process.stdout.take().expect("its output")).lines();
+        let addresses = address(&mut output, "agents").zip(address(&mut output, "leaderboard"));
+        let Some((grpc, web)) = addresses else {
             let log = std::fs::read_to_string(path).unwrap_or_default();
-            panic!("the server ended before it told its doors ({:?}); its log:\n{log}", process.wait());
+            panic!(
+                "the server ended before it printed its addresses ({:?}); its log:\n{log}",
+                process.wait()
+            );
         };
-        Self { process, _says: says, grpc, web }
+        Self { process, _output: output, grpc, web }
     }
 
-    /// Number of its process.
+    /// Process id.
     pub fn id(&self) -> u32 {
         self.process.id()
     }
 
-    /// Whether it has not ended by itself.
+    /// True while the process runs.
     pub fn is_running(&mut self) -> bool {
         self.process.try_wait().expect("a state").is_none()
     }
 
-    /// Ends it as a crash would: SIGKILL, without a word.
+    /// Ends the process by SIGKILL, like a crash.
     pub fn kill(mut self) {
         self.process.kill().expect("it runs");
         self.process.wait().expect("it is gone");
@@ -66,8 +69,8 @@ impl Drop for Server {
     }
 }
 
-/// The address that it says beside `name`.
-fn door(says: &mut Lines<BufReader<ChildStdout>>, name: &str) -> Option<SocketAddr> {
-    let line = says.map_while(Result::ok).find(|line| line.starts_with(name))?;
+/// The address printed after `name`.
+fn address(output: &mut Lines<BufReader<ChildStdout>>, name: &str) -> Option<SocketAddr> {
+    let line = output.map_while(Result::ok).find(|line| line.starts_with(name))?;
     line.rsplit('/').next().and_then(|address| address.parse().ok())
 }

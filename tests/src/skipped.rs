@@ -1,14 +1,14 @@
-//! Parts whose runtime is missing.
+//! Skipped tests without their runtime.
 
 use std::env;
 
-/// Set to `never` where everything must be there, as in `.ci/run`.
+/// `never` turns skipped tests into failures, as in `.ci/run`.
 const SKIP: &str = "AVLN_SKIP";
 
-/// Tells which part is skipped, and what to install.
+/// Prints the skipped test and the install hint.
 ///
 /// # Panics
-/// Where nothing may be skipped.
+/// With `AVLN_SKIP=never`.
 pub fn skipped(part: &str, remedy: &str) {
     let line = format!("skipped: {part}; {remedy}");
     assert!(env::var_os(SKIP).is_none_or(|skip| skip != "never"), "{SKIP} is never, but {line}");

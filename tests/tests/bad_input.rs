@@ -1,4 +1,4 @@
-//! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
+//! Invalid agent input is answered with an error and changes neither the server nor a score.
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
 use avln_tests::scripted_run::NO_SENSORS;
@@ -13,14 +13,14 @@ use tokio::{
 /// Long enough for a busy machine; only a test that fails waits for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-async fn start(house: &TestServer) -> (Client, Run) {
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
-    (arena, run)
+async fn start(server: &TestServer) -> (Client, Run) {
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
+    (client, run)
 }
 
-async fn play_one(arena: &Client, run: &Run) -> avln_client::EpisodeEnd {
-    let mut play = arena.play(run, NO_SENSORS).await.expect("a stream");
+async fn play_one(client: &Client, run: &Run) -> avln_client::EpisodeEnd {
+    let mut play = client.play(run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("the run goes on").expect("an episode is left");
     episode.step(Action::MoveForward).await.expect("a legal step");
     episode.step(Action::Stop).await.expect("a legal step");
@@ -29,55 +29,56 @@ async fn play_one(arena: &Client, run: &Run) -> avln_client::EpisodeEnd {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let refused = Client::connect(house.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
+    let server = TestServer::open(&TestSetup::default()).await;
+    let refused =
+        Client::connect(server.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
     assert!(matches!(&refused, Error::Token { reason: Reason::TokenMalformed, .. }), "{refused}");
     assert!(refused.to_string().contains("--token"), "{refused}");
 
     let nobody =
-        Client::connect(house.agents_url(), "").await.expect("asking what a server is needs no token");
+        Client::connect(server.agents_url(), "").await.expect("asking what a server is needs no token");
     let refused = nobody.start_run(RunOptions::new(PHASE, "clumsy")).await.expect_err("a missing token");
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
 
     let refused =
-        nobody.play(&Run::from_token(&house.token), NO_SENSORS).await.expect_err("a token of another kind");
+        nobody.play(&Run::from_token(&server.token), NO_SENSORS).await.expect_err("a token of another kind");
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
     assert!(refused.to_string().contains("run token"), "{refused}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    let refused = arena.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
+    let server = TestServer::open(&TestSetup::default()).await;
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    let refused = client.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
     assert_eq!(refused.reason(), Some(Reason::PhaseUnknown), "{refused}");
     assert!(refused.to_string().contains("'finals'") && refused.to_string().contains(PHASE), "{refused}");
-    let refused = arena.run("run_of_nobody").await.expect_err("no such run");
+    let refused = client.run("run_of_nobody").await.expect_err("no such run");
     assert_eq!(refused.reason(), Some(Reason::RunUnknown), "{refused}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_played() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let (arena, run) = start(&house).await;
-    let absurd = arena.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
+    let server = TestServer::open(&TestSetup::default()).await;
+    let (client, run) = start(&server).await;
+    let absurd = client.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
     assert!(matches!(absurd, Error::Sensors { width: 4096, .. }), "{absurd}");
-    let refused = match arena.play(&run, Sensors::square(512)).await {
+    let refused = match client.play(&run, Sensors::square(512)).await {
         Err(refused) => refused,
         Ok(mut play) => play.next_episode().await.map(drop).expect_err("more than the phase allows"),
     };
     assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");
     assert!(refused.to_string().contains("256 x 256"), "{refused}");
-    assert_eq!(play_one(&arena, &run).await.reason, EndReason::Stopped);
+    assert_eq!(play_one(&client, &run).await.reason, EndReason::Stopped);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let proxy = RecordingProxy::open(house.doors.grpc).await;
-    let arena = Client::connect(proxy.url(), &house.token).await.expect("the door is open");
-    let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
-    let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
+    let server = TestServer::open(&TestSetup::default()).await;
+    let proxy = RecordingProxy::open(server.servers.grpc).await;
+    let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
+    let mut play = client.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for (spoiler, reason) in [
         (recording_proxy::illegal_action(), Reason::ActionOutOfRange),
@@ -97,9 +98,9 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let proxy = RecordingProxy::open(house.doors.grpc).await;
-    let vanishing = Client::connect(proxy.url(), &house.token).await.expect("the door is open");
+    let server = TestServer::open(&TestSetup::default()).await;
+    let proxy = RecordingProxy::open(server.servers.grpc).await;
+    let vanishing = Client::connect(proxy.url(), &server.token).await.expect("a connection");
     let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = vanishing.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
@@ -108,26 +109,26 @@ async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     proxy.cut();
     drop(play);
 
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    let end = timeout(PATIENCE, play_one(&arena, &run)).await.expect("the next episode");
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    let end = timeout(PATIENCE, play_one(&client, &run)).await.expect("the next episode");
     assert_ne!(end.episode, lost);
-    let status = arena.run(&run.id).await.expect("the run");
+    let status = client.run(&run.id).await.expect("the run");
     assert_eq!(status.progress.done, 2);
     assert_eq!(status.ends, [(EndReason::Stopped, 1), (EndReason::Disconnected, 1)]);
 }
 
-/// Says `bytes` to a door and reads until it hangs up or `PATIENCE` is over.
-async fn shout(door: SocketAddr, bytes: &[u8]) {
-    let mut stream = TcpStream::connect(door).await.expect("the door is open");
-    // The door may hang up in the middle.
+/// Sends `bytes` to a server and reads until it closes the connection or `PATIENCE` ends.
+async fn shout(address: SocketAddr, bytes: &[u8]) {
+    let mut stream = TcpStream::connect(address).await.expect("a connection");
+    // The server may close the connection in the middle.
     let _ = stream.write_all(bytes).await;
     let _ = stream.shutdown().await;
     let mut answer = Vec::new();
     let ended = timeout(PATIENCE, stream.read_to_end(&mut answer)).await;
-    assert!(ended.is_ok(), "the door {door} neither answers nor hangs up");
+    assert!(ended.is_ok(), "the server {address} neither answers nor closes the connection");
 }
 
-/// An HTTP/2 connection whose first frame claims to be `length` bytes long and is not.
+/// An HTTP/2 connection whose first frame is shorter than its announced `length`.
 fn oversized_frame(length: u32) -> Vec<u8> {
     let mut bytes = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec();
     bytes.extend_from_slice(&length.to_be_bytes()[1..]);
@@ -138,42 +139,42 @@ fn oversized_frame(length: u32) -> Vec<u8> {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn noise_and_idle_visitors_do_not_stop_the_server() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let (arena, run) = start(&house).await;
+    let server = TestServer::open(&TestSetup::default()).await;
+    let (client, run) = start(&server).await;
     let mut idle = Vec::new();
-    for door in [house.doors.grpc, house.doors.web] {
+    for address in [server.servers.grpc, server.servers.web] {
         for _ in 0..25 {
-            idle.push(TcpStream::connect(door).await.expect("the door is open"));
+            idle.push(TcpStream::connect(address).await.expect("a connection"));
         }
         let noise: Vec<u8> = (0..100_000_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-        shout(door, &noise).await;
-        shout(door, &oversized_frame(0x00ff_ffff)).await;
-        shout(door, &[b"GET /".as_slice(), &vec![b'a'; 1 << 20]].concat()).await;
+        shout(address, &noise).await;
+        shout(address, &oversized_frame(0x00ff_ffff)).await;
+        shout(address, &[b"GET /".as_slice(), &vec![b'a'; 1 << 20]].concat()).await;
     }
-    assert_eq!(play_one(&arena, &run).await.reason, EndReason::Stopped);
-    assert_eq!(http::get(house.doors.web, "/healthz").await.status, 200);
+    assert_eq!(play_one(&client, &run).await.reason, EndReason::Stopped);
+    assert_eq!(http::get(server.servers.web, "/healthz").await.status, 200);
     assert_eq!(idle.len(), 50);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
-    let house = TestServer::open(&TestSetup::default()).await;
-    let (arena, run) = start(&house).await;
-    let first = play_one(&arena, &run).await;
-    drop(arena);
-    let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open again");
-    assert_eq!(arena.run(&run.id).await.expect("the run").progress.done, 1);
-    let second = play_one(&arena, &run).await;
+    let server = TestServer::open(&TestSetup::default()).await;
+    let (client, run) = start(&server).await;
+    let first = play_one(&client, &run).await;
+    drop(client);
+    let server = timeout(PATIENCE, server.reopen()).await.expect("a shutdown in time");
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a second connection");
+    assert_eq!(client.run(&run.id).await.expect("the run").progress.done, 1);
+    let second = play_one(&client, &run).await;
     assert_ne!(first.episode, second.episode);
-    let over = arena.play(&run, NO_SENSORS).await.expect_err("both episodes were played");
+    let over = client.play(&run, NO_SENSORS).await.expect_err("both episodes were played");
     assert_eq!(over.reason(), Some(Reason::RunOver), "{over}");
-    let scored = arena.run(&run.id).await.expect("the run").metrics;
+    let scored = client.run(&run.id).await.expect("the run").metrics;
     assert!(scored.as_ref().is_some_and(|metrics| !metrics.is_empty()), "a public phase shows metrics");
-    drop(arena);
-    let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open again");
-    let kept = arena.run(&run.id).await.expect("the run");
+    drop(client);
+    let server = timeout(PATIENCE, server.reopen()).await.expect("a shutdown in time");
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a second connection");
+    let kept = client.run(&run.id).await.expect("the run");
     assert_eq!((kept.state, kept.progress.done), (RunState::Completed, 2));
     assert_eq!(kept.metrics, scored);
 }

@@ -1,5 +1,5 @@
-//! The calibration phase: this build senses and reaches what is published, here and on a server, and another phase under
-//! its name is found out. What moves a score moves what is published: `AVLN_BLESS=1` writes it anew.
+//! The calibration phase: this build's observations and scores equal the published values, locally and on a
+//! server; a different phase with the same name is detected. `AVLN_BLESS=1` publishes new values.
 
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
@@ -10,7 +10,7 @@ use avln_arena::{
 use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};
 
-/// Exit code and words of a calibration with the random agent.
+/// Exit code and output when the random agent calibrates.
 fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).args(["lab", "calibrate"]).args(more);
@@ -20,14 +20,14 @@ fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), text)
 }
 
-/// Hosts the phases of a folder; gives back the doors and a team's token.
+/// Hosts a folder; returns the servers and a team token.
 async fn host(data: &DataFolder) -> (RunningServers, String) {
     let store = data.store().await.expect("a database");
     let token = admit(&store, "ada", None).await.expect("a team");
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     let free = "127.0.0.1:0".parse().expect("an address");
-    let doors = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
-    (doors.open(Arc::new(arena), store.reader()).expect("both doors"), token)
+    let servers = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    (servers.open(Arc::new(arena), store.reader()).expect("both servers"), token)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -52,8 +52,8 @@ async fn a_server_that_hosts_the_phase_is_calibrated() {
         let (code, text) = calibrate(place.path(), &["--open"]);
         assert!(code == Some(0) && text.contains("phase calibration is open"), "{text}");
     }
-    let (doors, token) = host(&DataFolder::open(place.path()).expect("the folder")).await;
-    let url = format!("http://{}", doors.grpc);
+    let (servers, token) = host(&DataFolder::open(place.path()).expect("the folder")).await;
+    let url = format!("http://{}", servers.grpc);
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
     assert!(code == Some(0) && text.contains("All 12 episodes are as published"), "{text}");
 }
@@ -69,8 +69,8 @@ async fn another_phase_of_that_name_is_found_out() {
     make_split(&data, &store, make, |_| ()).await.expect("a split");
     let open = NewPhase { max_slots: 4, max_side: 256, ..NewPhase::public(&name, &name) };
     open_phase(&data, &store, &open).await.expect("a phase");
-    let (doors, token) = host(&data).await;
-    let url = format!("http://{}", doors.grpc);
+    let (servers, token) = host(&data).await;
+    let url = format!("http://{}", servers.grpc);
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
     assert_eq!(code, Some(6), "{text}");
     assert!(text.contains("2 episodes, published are 12") && text.contains("not calibrated"), "{text}");

@@ -1,6 +1,6 @@
-//! The program as its users meet it: help, hints and exit codes.
+//! The command line: help, hints and exit codes.
 
-use avln_tests::{TEAM, TestSetup, furnish};
+use avln_tests::{TEAM, TestSetup, set_up};
 use std::{
     fs,
     net::TcpListener,
@@ -9,7 +9,7 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// What came of one call.
+/// Call result.
 #[derive(Debug)]
 struct Outcome {
     code: Option<i32>,
@@ -17,12 +17,12 @@ struct Outcome {
     err: String,
 }
 
-/// Calls the program with the data folder `data` and nothing from the environment of this process.
+/// Runs the program with the data folder `data` and an empty environment.
 fn avln(data: &Path, arguments: &[&str]) -> Outcome {
     avln_with(data, arguments, "AVLN_NOTHING", "")
 }
 
-/// The same with one more name in the environment.
+/// Runs the program with an additional environment variable.
 fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcome {
     let mut command = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     for name in ["AVLN_LOG", "AVLN_GRPC", "AVLN_WEB", "AVLN_SERVER", "AVLN_TOKEN", "AVLN_ALLOW_PLAIN_TEXT"] {
@@ -45,7 +45,7 @@ fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcom
     }
 }
 
-/// A call that must fail with `code` and with one line of error and at most one hint.
+/// Runs a call that must fail with `code`, one error line and at most one hint.
 fn refused(data: &Path, arguments: &[&str], code: i32) -> String {
     let outcome = avln(data, arguments);
     assert_eq!(outcome.code, Some(code), "{outcome:?}");
@@ -66,7 +66,7 @@ const COMMANDS: [&str; 10] =
     ["demo", "serve", "admin", "agent", "challenge", "data", "run", "lab", "scene", "sim"];
 const FREE: [&str; 4] = ["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
 
-fn house() -> (TempDir, PathBuf) {
+fn data_folder() -> (TempDir, PathBuf) {
     let folder = TempDir::new().expect("a folder for temporary files");
     let data = folder.path().join("data");
     (folder, data)
@@ -74,7 +74,7 @@ fn house() -> (TempDir, PathBuf) {
 
 #[test]
 fn a_split_is_prepared_ahead_of_time_and_once() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let done = |arguments: &[&str]| {
         let outcome = avln(&data, arguments);
         assert_eq!(outcome.code, Some(0), "{outcome:?}");
@@ -103,7 +103,7 @@ fn a_split_is_prepared_ahead_of_time_and_once() {
 
 #[test]
 fn help_names_every_command_and_every_exit_code() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let help = avln(&data, &["--help"]);
     assert_eq!(help.code, Some(0));
     for command in COMMANDS {
@@ -116,7 +116,7 @@ fn help_names_every_command_and_every_exit_code() {
 
 #[test]
 fn a_wrong_command_line_is_code_2_and_leads_to_the_help() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     for arguments in [&["dance"][..], &["demo", "--houses", "many"], &["scene", "info"], &[]] {
         let outcome = avln(&data, arguments);
         assert_eq!(outcome.code, Some(2), "{outcome:?}");
@@ -127,7 +127,7 @@ fn a_wrong_command_line_is_code_2_and_leads_to_the_help() {
 
 #[test]
 fn a_data_folder_that_cannot_be_used_is_code_3() {
-    let (folder, _) = house();
+    let (folder, _) = data_folder();
     let file = folder.path().join("file");
     fs::write(&file, "not a folder").expect("a file");
     hinted(&file.join("data"), &["challenge", "team", "add", "A"], 3, &["data folder", "--data FOLDER"]);
@@ -149,7 +149,7 @@ fn a_data_folder_that_cannot_be_used_is_code_3() {
 
 #[test]
 fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     fs::create_dir_all(&data).expect("a folder");
     let letter = "Dear diary, this is no database at all.\n".repeat(100);
     fs::write(data.join("avln.db"), &letter).expect("a file");
@@ -160,7 +160,7 @@ fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
 
 #[test]
 fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = taken.local_addr().expect("its address").to_string();
     for (flag, other) in [("--grpc", "--web"), ("--web", "--grpc")] {
@@ -173,7 +173,7 @@ fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
 
 #[test]
 fn a_corrupt_scene_is_code_5_and_one_line() {
-    let (folder, data) = house();
+    let (folder, data) = data_folder();
     let scene = folder.path().join("house.glb");
     let path = scene.to_str().expect("a path in Unicode");
     let exported = avln(&data, &["scene", "export", "--seed", "3", path]);
@@ -199,7 +199,7 @@ fn a_corrupt_scene_is_code_5_and_one_line() {
 
 #[test]
 fn an_exported_scene_holds_the_same_objects() {
-    let (folder, data) = house();
+    let (folder, data) = data_folder();
     let path = folder.path().join("house.glb");
     let path = path.to_str().expect("a path in Unicode");
     assert_eq!(avln(&data, &["scene", "export", "--seed", "3", path]).code, Some(0));
@@ -216,9 +216,9 @@ fn an_exported_scene_holds_the_same_objects() {
 
 #[test]
 fn a_test_room_is_measured_and_written() {
-    let (folder, data) = house();
-    let (wav, plan) = (folder.path().join("rir.wav"), folder.path().join("plan.json"));
-    let [wav, plan] = [&wav, &plan].map(|path| path.to_str().expect("a path in Unicode"));
+    let (folder, data) = data_folder();
+    let (wav, setup) = (folder.path().join("rir.wav"), folder.path().join("plan.json"));
+    let [wav, setup] = [&wav, &setup].map(|path| path.to_str().expect("a path in Unicode"));
     let rir = ["sim", "rir", "--source", "1,1.2,1", "--listener", "3,1.2,1,-90"];
     let dead = ["--shoebox", "4x3x2.5", "--absorption", "1", "--omni", "--json", "--out", wav];
     let measured = avln(&data, &[&rir[..], &dead].concat());
@@ -235,8 +235,8 @@ fn a_test_room_is_measured_and_written() {
     }
     assert_eq!(fs::read(wav).expect("a sound file").get(..4), Some(&b"RIFF"[..]));
 
-    fs::write(plan, r#"{"vertices": [[0,0],[4,3],[4,0],[0,3]], "height_m": 2.5}"#).expect("a file");
-    hinted(&data, &[&rir[..], &["--polygon", plan]].concat(), 3, &["corner 0", "corner 2", "once around"]);
+    fs::write(setup, r#"{"vertices": [[0,0],[4,3],[4,0],[0,3]], "height_m": 2.5}"#).expect("a file");
+    hinted(&data, &[&rir[..], &["--polygon", setup]].concat(), 3, &["corner 0", "corner 2", "once around"]);
     hinted(&data, &[&rir[..], &["--polygon", "absent.json"]].concat(), 3, &["absent.json"]);
     hinted(&data, &[&rir[..], &["--shoebox", "2x3x2.5"]].concat(), 5, &["the listener", "outside"]);
     refused(&data, &[&rir[..], &["--shoebox", "4x3x900"]].concat(), 5);
@@ -252,7 +252,7 @@ fn a_test_room_is_measured_and_written() {
 
 #[test]
 fn a_walk_is_rendered_and_rings_out() {
-    let (folder, data) = house();
+    let (folder, data) = data_folder();
     let [poses, empty, wav] = ["poses.json", "empty.json", "walk.wav"].map(|name| folder.path().join(name));
     fs::write(&poses, r#"{"poses": [[1,0,1,0],[1,0,1,-30],[1.2,0,1,-30]], "collided": [false,false,true]}"#)
         .expect("a file");
@@ -262,7 +262,7 @@ fn a_walk_is_rendered_and_rings_out() {
     let sources = ["--source", "3,1.2,2", "--source", "3,1.2,0.5", "--turn", "2"];
     let heard = avln(&data, &[&listen[..], &sources, &["--poses", poses]].concat());
     assert_eq!(heard.code, Some(0), "{heard:?}");
-    // Three steps and three for what rings, 4000 samples each, of two channels of four bytes.
+    // Three steps plus three for the reverberation, 4000 samples each, two channels of four bytes.
     let bytes = fs::read(&wav).expect("a sound file");
     assert_eq!(bytes.len() / 32_000, 6, "{} bytes", bytes.len());
     let last = bytes.len() - 16_000;
@@ -280,7 +280,7 @@ fn a_walk_is_rendered_and_rings_out() {
 
 #[test]
 fn an_agent_without_a_server_is_code_6() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let nobody = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");
     let url = format!("http://{nobody}");
     let err = refused(&data, &["agent", "random", "--server", &url, "--token", "t", "--phase", "p"], 6);
@@ -289,9 +289,9 @@ fn an_agent_without_a_server_is_code_6() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
-    let house = avln_tests::TestServer::open(&TestSetup::default()).await;
-    let (url, token) = (house.agents_url(), house.token.clone());
-    let data = house.folder.path().to_owned();
+    let data_folder = avln_tests::TestServer::open(&TestSetup::default()).await;
+    let (url, token) = (data_folder.agents_url(), data_folder.token.clone());
+    let data = data_folder.folder.path().to_owned();
     let calls = tokio::task::spawn_blocking(move || {
         let agent = |token: &str, phase: &str| {
             refused(&data, &["agent", "random", "--server", &url, "--token", token, "--phase", phase], 6)
@@ -305,8 +305,8 @@ async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn teams_are_admitted_and_refused_by_name() {
-    let (_folder, data) = house();
-    furnish(&data, &TestSetup { missions: 1, ..TestSetup::default() }).await;
+    let (_folder, data) = data_folder();
+    set_up(&data, &TestSetup { missions: 1, ..TestSetup::default() }).await;
     let added = avln(&data, &["challenge", "team", "add", "Another"]);
     assert_eq!(added.code, Some(0), "{added:?}");
     assert!(added.out.contains("token  "), "{added:?}");
@@ -323,7 +323,7 @@ async fn teams_are_admitted_and_refused_by_name() {
 
 #[test]
 fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let demo = || {
         let small = ["demo", "--once", "--houses", "1", "--missions", "1"];
         let outcome = avln(&data, &[&small[..], &FREE[..]].concat());
@@ -348,7 +348,7 @@ fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
 
 #[test]
 fn the_commands_of_the_organisers_page_do_what_it_says() {
-    let (folder, data) = house();
+    let (folder, data) = data_folder();
     let done = |arguments: &[&str]| {
         let outcome = avln(&data, arguments);
         assert_eq!(outcome.code, Some(0), "{arguments:?}: {outcome:?}");
@@ -413,7 +413,7 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
 
 #[test]
 fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
-    let (folder, data) = house();
+    let (folder, data) = data_folder();
     assert_eq!(
         avln(&data, &["data", "split", "make", "val", "--houses", "1", "--missions", "1"]).code,
         Some(0)
@@ -457,7 +457,7 @@ fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
     assert!(opened.out.contains("phase p is open: 1 episodes"), "{opened:?}");
 }
 
-/// Help texts of all commands as one page.
+/// All help texts on a page.
 fn manual(data: &Path) -> String {
     let mut page =
         "# Command line of `avln`\n\nThe help texts of all commands. `AVLN_BLESS=1 cargo test -p avln-tests \
@@ -477,7 +477,7 @@ fn manual(data: &Path) -> String {
     page
 }
 
-/// Names below the heading `Commands:` of a help text.
+/// Names below `Commands:` in a help text.
 fn children(help: &str) -> impl DoubleEndedIterator<Item = String> {
     let below = help.split_once("Commands:\n").map_or("", |(_, below)| below);
     let section = below.split("\n\n").next().unwrap_or_default();
@@ -488,7 +488,7 @@ fn children(help: &str) -> impl DoubleEndedIterator<Item = String> {
 
 #[test]
 fn the_page_of_the_command_line_is_what_the_program_says() {
-    let (_folder, data) = house();
+    let (_folder, data) = data_folder();
     let page = manual(&data);
     assert!(page.contains("## avln scene export\n"), "{page}");
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/CLI.md");

@@ -1,4 +1,4 @@
-//! The server keeps its own protocol, as the conformance kit sees it, and the kit sees when one does not.
+//! The server passes the conformance kit, and the kit detects violations.
 
 use avln_tests::{PHASE, TestServer, TestSetup};
 use std::{
@@ -21,38 +21,38 @@ fn text(output: &Output) -> String {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn this_server_keeps_every_rule() {
-    let house = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
+    let server = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
     let of = |words: [&str; 6]| words.map(str::to_owned).to_vec();
-    let url = house.agents_url();
-    let kept = conformance(of(["--server", &url, "--token", &house.token, "--phase", PHASE])).await;
+    let url = server.agents_url();
+    let kept = conformance(of(["--server", &url, "--token", &server.token, "--phase", PHASE])).await;
     assert!(kept.status.success(), "{}", text(&kept));
     assert!(text(&kept).contains("12 rules checked, none broken"), "{}", text(&kept));
     let refused = conformance(of(["--server", &url, "--token", "nonsense", "--phase", PHASE])).await;
     assert_eq!(refused.status.code(), Some(6));
     assert!(text(&refused).contains("begins no run in phase 'trial'"), "{}", text(&refused));
-    let web = format!("http://{}", house.doors.web);
+    let web = format!("http://{}", server.servers.web);
     let nobody = conformance(of(["--server", &web, "--token", "x", "--phase", PHASE])).await;
     assert_eq!(nobody.status.code(), Some(6), "{}", text(&nobody));
 }
 
-/// Whether the kit is content with a client that is the program itself, and what it says.
+/// Runs the kit's client test; returns success and output.
 fn checked(agent: &[&str]) -> (bool, String) {
     let mut kit = Command::new(PROGRAM);
     kit.args(["lab", "conformance", "--client", "127.0.0.1:0"]).stdout(Stdio::piped());
     let mut kit = kit.spawn().expect("the program runs");
-    let mut says = BufReader::new(kit.stdout.take().expect("its output"));
-    let mut told = String::new();
-    says.read_line(&mut told).expect("where it waits");
-    let url = told.split_whitespace().last().expect("an address");
+    let mut reader = BufReader::new(kit.stdout.take().expect("its output"));
+    let mut output = String::new();
+    reader.read_line(&mut output).expect("an address");
+    let url = output.split_whitespace().last().expect("an address");
     let mut play = Command::new(PROGRAM);
     play.arg("agent").args(agent).args(["--server", url, "--token", "any", "--phase", "any"]);
     play.output().expect("the program runs");
-    says.read_to_string(&mut told).expect("its checks");
-    (kit.wait().expect("it ends").success(), told)
+    reader.read_to_string(&mut output).expect("its checks");
+    (kit.wait().expect("it ends").success(), output)
 }
 
 #[test]
 fn the_client_lives_through_everything_that_may_go_wrong() {
-    let (content, told) = checked(&["random", "--seed", "3"]);
-    assert!(content && told.contains("12 rules checked, none broken"), "{told}");
+    let (content, output) = checked(&["random", "--seed", "3"]);
+    assert!(content && output.contains("12 rules checked, none broken"), "{output}");
 }

@@ -1,13 +1,14 @@
-//! Every fault, on whichever side, ends an episode for exactly one reason, leaves its run in exactly one state, and costs its team
-//! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
+//! Every fault ends an episode for exactly one reason, leaves its run in exactly one state and either counts
+//! towards the quota or not. The faults are real: panics, hanging threads, dead connections, full disks,
+//! locked databases.
 
 use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup, disk::Disk, fault_proxy::FaultProxy, furnish, recording_proxy, rule,
-    server::Server, store,
+    PHASE, TestServer, TestSetup, change_phase, disk::Disk, fault_proxy::FaultProxy, recording_proxy,
+    server::Server, set_up, store,
 };
 use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use std::{
@@ -25,26 +26,26 @@ use tokio::time::{sleep, timeout};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
-/// What became of a run: the ends of its episodes in order, with those to come as `-`; its state; whether it counts.
+/// Outcome of a run: episode ends in order (`-` for open ones), run state, and whether it counts.
 type Verdict = (String, RunState, bool);
 
-/// A data folder with one phase of two episodes, as `change` wants it.
-async fn furnished(change: impl FnOnce(&mut Phase)) -> (TempDir, String) {
+/// A data folder with one phase of two episodes, modified by `change`.
+async fn set_up_with(change: impl FnOnce(&mut Phase)) -> (TempDir, String) {
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
-    rule(folder.path(), change).await;
+    let token = set_up(folder.path(), &TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
+    change_phase(folder.path(), change).await;
     (folder, token)
 }
 
-async fn house(change: impl FnOnce(&mut Phase)) -> TestServer {
-    let (folder, token) = furnished(change).await;
+async fn server(change: impl FnOnce(&mut Phase)) -> TestServer {
+    let (folder, token) = set_up_with(change).await;
     TestServer::open_with(folder, token, |arena| arena, |limits| limits).await
 }
 
 async fn begin(url: &str, token: &str) -> (Run, Play) {
-    let arena = Client::connect(url, token).await.expect("the door is open");
-    let run = arena.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
-    let play = arena.play(&run, NO_SENSORS).await.expect("a stream");
+    let client = Client::connect(url, token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
+    let play = client.play(&run, NO_SENSORS).await.expect("a stream");
     (run, play)
 }
 
@@ -52,7 +53,7 @@ fn end_of(episode: &Episode<'_>) -> Option<EndReason> {
     episode.end().map(|end| end.reason)
 }
 
-/// Plays what is left of a run, a step and a Stop each.
+/// Plays the remaining episodes, a step and a Stop each.
 async fn play_on(mut play: Play) -> Result<(), Error> {
     while let Some(mut episode) = play.next_episode().await? {
         episode.step(Action::TurnLeft).await?;
@@ -63,7 +64,7 @@ async fn play_on(mut play: Play) -> Result<(), Error> {
     Ok(())
 }
 
-/// What became of a run, once that does not change any more.
+/// Final outcome of a run.
 async fn verdict(folder: &Path, run: &str) -> Verdict {
     let store = store(folder).await;
     let mut before = None;
@@ -89,31 +90,31 @@ fn expect(ends: &str, state: RunState, charged: bool) -> Verdict {
     (ends.to_owned(), state, charged)
 }
 
-/// Away for a second at most.
+/// Allows a disconnection of one second.
 fn brief(phase: &mut Phase) {
     (phase.time.disconnect_s, phase.time.disconnect_total_s) = (1, 600);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_an_illegal_message_costs_nothing() {
-    let house = house(|_| ()).await;
-    let wire = recording_proxy::RecordingProxy::open(house.doors.grpc).await;
-    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let server = server(|_| ()).await;
+    let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
+    let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     for spoil in [recording_proxy::illegal_action(), recording_proxy::wrong_step(9)] {
-        wire.corrupt(spoil);
+        proxy.corrupt(spoil);
         assert!(episode.step(Action::MoveForward).await.is_err(), "the server refuses it");
     }
     episode.step(Action::Stop).await.expect("and goes on");
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_too_slow_ends_the_episode() {
-    let house = house(|phase| phase.time.step_ms = 300).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(|phase| phase.time.step_ms = 300).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("in time");
     sleep(Duration::from_millis(600)).await;
@@ -121,49 +122,49 @@ async fn agent_too_slow_ends_the_episode() {
     assert_eq!(end_of(&episode), Some(EndReason::TimeBudget));
     play_on(play).await.expect("to the end");
     let expected = expect("time_budget stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_gone_for_good_ends_the_episode_and_not_the_run() {
-    let house = house(brief).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(brief).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
     drop(play);
     let expected = expect("disconnected -", RunState::Running, true);
     sleep(Duration::from_millis(1500)).await;
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before_a_step() {
-    let house = house(|_| ()).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(|_| ()).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
     play.finish().await.expect("a summary");
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    arena.cancel_run(&run.id).await.expect("it is its own");
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    client.cancel_run(&run.id).await.expect("it is its own");
     let expected = expect("abandoned -", RunState::Cancelled, false);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complete_the_run() {
-    let house = house(|_| ()).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(|_| ()).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut first = play.next_episode().await.expect("an answer").expect("an episode");
     first.step(Action::Stop).await.expect("in time");
     let mut last = play.next_episode().await.expect("an answer").expect("an episode");
     last.step(Action::TurnLeft).await.expect("in time");
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    let told = arena.cancel_run(&run.id).await.expect("it is its own");
-    assert_eq!((told.state, told.progress.in_flight), (avln_client::RunState::Cancelled, 0));
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    let output = client.cancel_run(&run.id).await.expect("it is its own");
+    assert_eq!((output.state, output.progress.in_flight), (avln_client::RunState::Cancelled, 0));
     let expected = expect("stopped abandoned", RunState::Cancelled, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
-    let log = find(house.folder.path(), &run.id);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
+    let log = find(server.folder.path(), &run.id);
     let verify = Command::new(PROGRAM)
         .arg("--data")
-        .arg(house.folder.path())
+        .arg(server.folder.path())
         .args(["run", "verify"])
         .arg(log)
         .output();
@@ -174,27 +175,27 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
 
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
-    let house = house(brief).await;
-    let wire = recording_proxy::RecordingProxy::open(house.doors.grpc).await;
-    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let server = server(brief).await;
+    let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
+    let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    // Frames of HTTP/2 that are none, from here on.
-    wire.corrupt(Box::new(|bytes| {
+    // Invalid HTTP/2 frames from here on.
+    proxy.corrupt(Box::new(|bytes| {
         bytes.fill(0xff);
         false
     }));
     let _ = timeout(Duration::from_millis(300), episode.step(Action::TurnLeft)).await;
-    wire.cut();
+    proxy.cut();
     drop(play);
     let expected = expect("disconnected -", RunState::Running, true);
     sleep(Duration::from_millis(1500)).await;
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn time_that_is_over_ends_a_run_with_what_it_has() {
-    let house = house(|phase| phase.time.run_s = 3).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(|phase| phase.time.run_s = 3).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::Stop).await.expect("a whole episode");
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
@@ -206,64 +207,64 @@ async fn time_that_is_over_ends_a_run_with_what_it_has() {
     assert!(play.next_episode().await.expect("an answer").is_none(), "the run is over");
     assert!(!play.finish().await.expect("a summary").complete);
     let expected = expect("stopped time_budget", RunState::Expired, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
-    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
-    let idle = arena.start_run(RunOptions::new(PHASE, "idle").order(Order::Unordered)).await.expect("a run");
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    let idle = client.start_run(RunOptions::new(PHASE, "idle").order(Order::Unordered)).await.expect("a run");
     sleep(Duration::from_millis(4500)).await;
     let expected = expect("- -", RunState::Expired, false);
-    assert_eq!(verdict(house.folder.path(), &idle.id).await, expected, "nobody played it");
+    assert_eq!(verdict(server.folder.path(), &idle.id).await, expected, "no agent played");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn network_that_is_cut_or_stalls_costs_nothing() {
-    let house = house(|_| ()).await;
-    let wire = FaultProxy::open(house.doors.grpc).await;
-    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let server = server(|_| ()).await;
+    let proxy = FaultProxy::open(server.servers.grpc).await;
+    let (run, mut play) = begin(&proxy.url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    wire.cut();
+    proxy.cut();
     episode.step(Action::TurnLeft).await.expect("after another connection");
-    wire.hold(true);
+    proxy.hold(true);
     let step = episode.step(Action::TurnLeft);
     let (stepped, ()) = tokio::join!(step, async {
         sleep(Duration::from_secs(1)).await;
-        wire.hold(false);
+        proxy.hold(false);
     });
-    stepped.expect("when the wire is back");
+    stepped.expect("when the proxy is back");
     episode.step(Action::Stop).await.expect("and goes on");
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
-    let (folder, token) = furnished(brief).await;
+    let (folder, token) = set_up_with(brief).await;
     let keen = |limits: Limits| Limits {
         keepalive_interval: Duration::from_millis(300),
         keepalive_timeout: Duration::from_millis(300),
         ..limits
     };
-    let house = TestServer::open_with(folder, token, |arena| arena, keen).await;
-    let wire = FaultProxy::open(house.doors.grpc).await;
-    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, keen).await;
+    let proxy = FaultProxy::open(server.servers.grpc).await;
+    let (run, mut play) = begin(&proxy.url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
-    wire.hold(true);
+    proxy.hold(true);
     sleep(Duration::from_secs(3)).await;
     let expected = expect("disconnected -", RunState::Running, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
-/// What a simulator does wrong, in some steps.
-type Mischief = Arc<dyn Fn(u32) + Send + Sync>;
+/// A simulator fault at certain steps.
+type SimulatorFault = Arc<dyn Fn(u32) + Send + Sync>;
 
-async fn disturbed(mischief: Mischief) -> TestServer {
-    let (folder, token) = furnished(|_| ()).await;
+async fn disturbed(mischief: SimulatorFault) -> TestServer {
+    let (folder, token) = set_up_with(|_| ()).await;
     let hasty = |limits: Limits| Limits { step: Duration::from_millis(500), ..limits };
     TestServer::open_with(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
 }
 
 /// The first `times` steps fail, as `fail` has it.
-fn at_first(times: u32, fail: impl Fn() + Send + Sync + 'static) -> Mischief {
+fn at_first(times: u32, fail: impl Fn() + Send + Sync + 'static) -> SimulatorFault {
     let left = AtomicU32::new(times);
     Arc::new(move |_| {
         let fails =
@@ -276,59 +277,59 @@ fn at_first(times: u32, fail: impl Fn() + Send + Sync + 'static) -> Mischief {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn server_a_panic_in_a_step_is_played_again_for_nothing() {
-    let house = disturbed(at_first(1, || panic!("the secret of this scene"))).await;
-    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    let server = disturbed(at_first(1, || panic!("the secret of this scene"))).await;
+    let (run, play) = begin(&server.agents_url(), &server.token).await;
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn server_that_fails_at_an_episode_again_and_again_gives_it_up_and_charges_nothing() {
-    let house = disturbed(at_first(3, || panic!("the secret of this scene"))).await;
-    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    let server = disturbed(at_first(3, || panic!("the secret of this scene"))).await;
+    let (run, play) = begin(&server.agents_url(), &server.token).await;
     play_on(play).await.expect("to the end");
     let expected = expect("server_fault stopped", RunState::Completed, false);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn server_a_step_that_hangs_is_played_again_for_nothing() {
     let (go_on, wait) = mpsc::channel::<()>();
     let wait = Mutex::new(wait);
-    let house = disturbed(at_first(1, move || {
+    let server = disturbed(at_first(1, move || {
         let _ = wait.lock().expect("one hangs").recv();
     }))
     .await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("it learns of the end");
     assert_eq!(end_of(&episode), Some(EndReason::ServerFault));
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
     drop(go_on);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn server_without_memory_for_an_episode_does_not_begin_it() {
-    let (folder, token) = furnished(|_| ()).await;
+    let (folder, token) = set_up_with(|_| ()).await;
     let poor = Budget { session_memory_mib: 1, ..Budget::default() };
-    let house = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
-    let Err(refused) = play.next_episode().await else { panic!("a house has more than one MiB") };
+    let server = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+    let Err(refused) = play.next_episode().await else { panic!("an episode without memory began") };
     assert_eq!(refused.reason(), Some(Reason::SimFault), "{refused}");
     assert!(!refused.to_string().contains("MiB"), "how large a scene is is hidden: {refused}");
     while play.next_episode().await.is_err() {}
     let expected = expect("server_fault server_fault", RunState::Completed, false);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
-/// A file system that never answers: the scene is a pipe into which nobody writes.
+/// A hanging file system: the scene is a pipe without a writer.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
 async fn server_a_preparation_that_hangs_costs_its_episode() {
-    let (folder, token) = furnished(|_| ()).await;
+    let (folder, token) = set_up_with(|_| ()).await;
     let missions = find(folder.path(), "/missions/");
     std::fs::remove_file(&missions).expect("a file of missions");
     assert!(Command::new("mkfifo").arg(&missions).status().expect("mkfifo").success());
@@ -344,7 +345,7 @@ async fn server_a_preparation_that_hangs_costs_its_episode() {
     assert!(!store.charge(&run.id).await.expect("a charge").charged, "and costs nothing");
 }
 
-/// A file below `folder` whose path contains `part`.
+/// A file below `folder` with `part` in its path.
 fn find(folder: &Path, part: &str) -> std::path::PathBuf {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
@@ -362,17 +363,17 @@ fn find(folder: &Path, part: &str) -> std::path::PathBuf {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn server_that_dies_costs_nothing() {
-    let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
+    let (folder, token) = set_up_with(|phase| phase.time.run_s = 3600).await;
     let server = Server::start(PROGRAM, folder.path());
-    let wire = FaultProxy::open(server.grpc).await;
-    let (run, mut play) = begin(&wire.url(), &token).await;
+    let proxy = FaultProxy::open(server.grpc).await;
+    let (run, mut play) = begin(&proxy.url(), &token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("a step");
     server.kill();
-    wire.cut();
+    proxy.cut();
     sleep(Duration::from_secs(2)).await;
     let server = Server::start(PROGRAM, folder.path());
-    wire.redirect(server.grpc);
+    proxy.redirect(server.grpc);
     episode.step(Action::Stop).await.expect("on another server");
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
@@ -384,12 +385,12 @@ async fn server_that_dies_costs_nothing() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
-    let (folder, token) = furnished(|_| ()).await;
+    let (folder, token) = set_up_with(|_| ()).await;
     let logs = folder.path().join("runs");
     std::fs::create_dir_all(&logs).expect("a folder");
     let Some(disk) = Disk::mount(&logs, "256k") else { return };
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     disk.fill();
     while !episode.is_over() {
@@ -399,7 +400,7 @@ async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
     disk.empty();
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
     drop(disk);
 }
 
@@ -407,7 +408,7 @@ async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
 async fn disk_full_under_the_database_is_played_again_for_nothing() {
     let small = tempfile::tempdir().expect("a folder");
     let Some(disk) = Disk::mount(small.path(), "64m") else { return };
-    let (folder, token) = furnished(|_| ()).await;
+    let (folder, token) = set_up_with(|_| ()).await;
     std::fs::rename(folder.path().join("splits"), folder.path().join("splits_kept")).expect("its splits");
     copy(folder.path(), small.path());
     std::os::unix::fs::symlink(folder.path().join("splits_kept"), small.path().join("splits"))
@@ -441,11 +442,11 @@ fn copy(from: &Path, to: &Path) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn clock_that_jumps_ends_no_run() {
-    let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
+    let (folder, token) = set_up_with(|phase| phase.time.run_s = 3600).await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let arena = avln_arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
-    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let (run, play) = begin(&server.agents_url(), &server.token).await;
     let now = avln_arena::now_unix_ms();
     let day_ms = 86_400_000;
     let look =
@@ -460,15 +461,15 @@ async fn clock_that_jumps_ends_no_run() {
     );
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn database_that_another_holds_is_waited_for() {
-    let house = house(|_| ()).await;
-    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let server = server(|_| ()).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    let database = SqliteConnectOptions::new().filename(house.folder.path().join("avln.db"));
+    let database = SqliteConnectOptions::new().filename(server.folder.path().join("avln.db"));
     let mut other = SqliteConnection::connect_with(&database).await.expect("another program");
     sqlx::query("BEGIN IMMEDIATE").execute(&mut other).await.expect("the right to write");
     let release = async {
@@ -480,5 +481,5 @@ async fn database_that_another_holds_is_waited_for() {
     assert_eq!(end_of(&episode), Some(EndReason::Stopped));
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }

@@ -1,10 +1,10 @@
-//! Who may import whom: the edges between our crates are this list and no others.
+//! Dependencies between our crates are limited to this list.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Each crate and the crates of ours that it may import.
+/// Permitted imports per crate.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("geom", &[]),
     ("scene", &["geom"]),
@@ -118,7 +118,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Crates of ours that only the tests and benches of a crate may import: scenes to try it on.
+/// Imports permitted only in tests and benches.
 const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("formats", &["houses"]),
     ("navmesh", &["formats", "houses"]),
@@ -132,7 +132,7 @@ fn short(name: &str) -> Option<&str> {
     name.strip_prefix("avln-")
 }
 
-/// (importer, imported) of all dependencies whose kind `is_meant`; the kind is `None`, `dev` or `build`.
+/// (importer, imported) for dependencies of the selected kinds: `None`, `dev` or `build`.
 fn edges(metadata: &Value, is_meant: fn(Option<&str>) -> bool) -> BTreeSet<(String, String)> {
     let packages = metadata["packages"].as_array().expect("cargo lists packages");
     let edges_of = |package: &Value| {

@@ -1,4 +1,4 @@
-//! What documents tell people to type does what they say: it is typed, line by line, in a folder like theirs.
+//! The commands in the documents work: they are typed line by line in a folder like the reader's.
 
 use avln_tests::{
     python,
@@ -17,14 +17,14 @@ use std::{
 /// Longest time that a journey may take, seconds.
 const LIMIT_S: &str = "900";
 
-/// Documents that are followed one after the other, in one folder and against one server.
+/// Documents followed in sequence, in one folder and against one server.
 struct Journey {
     documents: &'static [&'static str],
-    /// What is typed before.
+    /// Commands before the first document.
     before: &'static str,
-    /// What is typed in place of something: less of it, or what the document leaves to its reader.
+    /// Replacements of commands: shorter ones, or values left to the reader.
     instead: &'static [(&'static str, &'static str)],
-    /// Beginnings of lines that are not typed, and why.
+    /// Skipped line prefixes, with the reason.
     not_typed: &'static [(&'static str, &'static str)],
 }
 
@@ -40,7 +40,7 @@ const PARTICIPANT: Journey = Journey {
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
 avln data split make few --houses 1 --missions 2 && avln challenge phase open practice --split few",
     instead: &[
-        // First: the entries below produce `avln demo` with options of their own.
+        // First, because entries below add options to `avln demo`.
         ("avln demo", "avln demo --houses 1 --missions 2"),
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
@@ -115,7 +115,7 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
     ],
 };
 
-/// What containers are told to do is done without them, in the same order and folders.
+/// Container commands, without an engine, in the same order and folders.
 const DEPLOYER: Journey = Journey {
     documents: &["docs/deploying.md"],
     before: "mkdir backups && export AVLN_SEAL_KEY_FILE=docker/secrets/seal.key",
@@ -161,7 +161,7 @@ const DEPLOYER: Journey = Journey {
 
 const JOURNEYS: [&Journey; 4] = [&PARTICIPANT, &ORGANISER, &RESEARCHER, &DEPLOYER];
 
-/// Documents that nobody follows here, and why.
+/// Documents that are not followed, with the reason.
 const NOT_FOLLOWED: [(&str, &str); 4] = [
     ("CONTRIBUTING.md", "its commands run these tests"),
     ("agents/perception/training/README.md", "it takes hours of training"),
@@ -175,10 +175,10 @@ const NOT_FOLLOWED: [(&str, &str); 4] = [
 /// Programs with which documents are followed.
 const TOOLS: [&str; 3] = ["bash", "timeout", "curl"];
 
-/// Beginnings of lines that take the Python package.
+/// Line prefixes that need the Python package.
 const PYTHON: [&str; 3] = ["avln-py", "avln-bridge", "python "];
 
-/// Addresses that are free, below the ports that systems give to connections.
+/// Free addresses below the ephemeral port range.
 fn free_addresses() -> [String; 3] {
     static NEXT: AtomicU16 = AtomicU16::new(20_000);
     [(); 3].map(|()| {
@@ -206,7 +206,7 @@ fn has_python() -> bool {
 }
 
 impl Journey {
-    /// All lines that are typed, each behind one that shows it.
+    /// All typed lines, each preceded by an echo.
     fn script(&self) -> String {
         let lines: Vec<_> = self.documents.iter().flat_map(|document| typed(&text(document))).collect();
         for (what, _) in self.instead {
@@ -228,7 +228,7 @@ impl Journey {
         format!("source '{}'\n{}\n{}", terminal.display(), self.before, typed.collect::<String>())
     }
 
-    /// Makes it; fails with all that was said where a command fails.
+    /// Runs the script; a failing command fails the test with the whole output.
     fn make(&self) {
         if let Some(missing) = TOOLS.iter().find(|tool| !is_there(tool)) {
             let part = format!("{:?}, for there is no {missing}", self.documents);
@@ -255,7 +255,7 @@ impl Journey {
     }
 }
 
-/// Sets what the program reads from its surroundings: the ports of this journey, and none of whoever runs the tests.
+/// Sets the environment: this journey's ports, none of the developer's variables.
 fn surround(terminal: &mut Command) {
     let [grpc, web, admin] = free_addresses();
     for name in ["AVLN_TOKEN", "AVLN_CA", "AVLN_DATA", "AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {

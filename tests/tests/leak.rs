@@ -1,14 +1,14 @@
-//! Hidden data stays hidden: everything that a split hides is looked for in every byte that an agent or an anonymous
-//! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
+//! Hidden facts stay hidden: every byte received by an agent or an anonymous visitor of an organiser-only
+//! phase is searched for the split's hidden facts. The same search must succeed in a public phase.
 
 use avln_arena::{data::DataFolder, register};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PASSED_M, PHASE, TestServer, TestSetup, Walker,
-    canary::Canaries,
-    distance_m, http,
+    PASSED_M, PHASE, TestServer, TestSetup, Walker, distance_m,
+    hidden_facts::HiddenFacts,
+    http,
     raw::{MOVE_FORWARD, RawClient, SUBMIT},
     recording_proxy,
     recording_proxy::RecordingProxy,
@@ -17,58 +17,58 @@ use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// What the split of a house hides from everybody.
-fn hidden(house: &TestServer) -> Canaries {
-    let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
-    let mut canaries = Canaries::default();
+/// Facts of the split hidden from all users.
+fn hidden(server: &TestServer) -> HiddenFacts {
+    let split = DataFolder::open(server.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
+    let mut facts = HiddenFacts::default();
     for scene in &split.scenes {
-        canaries.bytes("name of a scene", &scene.name);
-        canaries.bytes("digest of a scene", &scene.digest);
+        facts.bytes("name of a scene", &scene.name);
+        facts.bytes("digest of a scene", &scene.digest);
     }
     for episode in &split.episodes {
-        canaries.bytes("id of an episode", &episode.id);
-        canaries.seed("seed of an episode", episode.seed);
-        canaries.place("start", episode.start.position.x, episode.start.position.z);
+        facts.bytes("id of an episode", &episode.id);
+        facts.seed("seed of an episode", episode.seed);
+        facts.place("start", episode.start.position.x, episode.start.position.z);
         for tour in [&episode.ordered, &episode.unordered] {
-            canaries.length("reference length", tour.length_m);
+            facts.length("reference length", tour.length_m);
             for corner in &tour.path {
-                canaries.place("corner of a reference path", corner.x, corner.z);
+                facts.place("corner of a reference path", corner.x, corner.z);
             }
         }
         for goal in &episode.goals {
             let target = &goal.target;
-            canaries.place("corner of a target", target.bounds.min.x, target.bounds.min.z);
-            canaries.place("corner of a target", target.bounds.max.x, target.bounds.max.z);
-            canaries.place("source", target.source.x, target.source.z);
-            canaries.length("distance to a target", target.start_distance_m);
+            facts.place("corner of a target", target.bounds.min.x, target.bounds.min.z);
+            facts.place("corner of a target", target.bounds.max.x, target.bounds.max.z);
+            facts.place("source", target.source.x, target.source.z);
+            facts.length("distance to a target", target.start_distance_m);
             for place in
                 target.viewpoints.iter().map(|pose| pose.position).chain(target.region.iter().copied())
             {
-                canaries.place("success region", place.x, place.z);
+                facts.place("success region", place.x, place.z);
             }
         }
     }
-    canaries
+    facts
 }
 
-/// Categories of targets: those of which no mission tells, and all of them as pages would show them.
-fn categories(house: &TestServer) -> (Canaries, Canaries) {
-    let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
-    let (mut told, mut categories) = (String::new(), BTreeSet::new());
+/// Target categories: those absent from all missions, and all of them in the form of a page.
+fn categories(server: &TestServer) -> (HiddenFacts, HiddenFacts) {
+    let split = DataFolder::open(server.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
+    let (mut output, mut categories) = (String::new(), BTreeSet::new());
     for goal in split.episodes.iter().flat_map(|episode| &episode.goals) {
         let category = goal.target.category.clone();
         match serde_json::to_value(&goal.cue).expect("cues can be written") {
-            Value::String(_) => told += &category,
-            cue => told += cue["description"].as_str().unwrap_or_default(),
+            Value::String(_) => output += &category,
+            cue => output += cue["description"].as_str().unwrap_or_default(),
         }
-        told.push(' ');
+        output.push(' ');
         categories.insert(category);
     }
-    let (mut untold, mut shown) = (Canaries::default(), Canaries::default());
+    let (mut untold, mut shown) = (HiddenFacts::default(), HiddenFacts::default());
     // Pages call a cue that is a picture by this word.
     categories.remove("picture");
     for category in &categories {
-        if category.len() >= 4 && !told.contains(category.as_str()) {
+        if category.len() >= 4 && !output.contains(category.as_str()) {
             untold.bytes(&format!("category {category}"), category);
         }
         shown.bytes(&format!("category {category}"), format!("\"{category}\""));
@@ -78,9 +78,9 @@ fn categories(house: &TestServer) -> (Canaries, Canaries) {
     (untold, shown)
 }
 
-/// Walks along the reference tour until the first target on it can be claimed.
-async fn claim_first_target(house: &TestServer, episode: &mut Episode<'_>, order: Order) {
-    let data = DataFolder::open(house.folder.path()).expect("the data folder");
+/// Follows the reference tour up to the first claimable target.
+async fn claim_first_target(server: &TestServer, episode: &mut Episode<'_>, order: Order) {
+    let data = DataFolder::open(server.folder.path()).expect("the data folder");
     let split = data.split(PHASE).expect("its split");
     let rules = register::rules_of(PHASE, &data.missions(PHASE).expect("its files")).expect("its rules");
     let spec = &split.episodes[episode.ordinal() as usize - 1];
@@ -92,10 +92,10 @@ async fn claim_first_target(house: &TestServer, episode: &mut Episode<'_>, order
     let candidates = if order == Order::Ordered { &truth.targets[..1] } else { &truth.targets[..] };
     let mut passed = 0;
     while !episode.is_over() {
-        let told = episode.observation().pose;
-        let (place, _) = walker.locate(&told);
+        let output = episode.observation().pose;
+        let (place, _) = walker.locate(&output);
         let mut base = truth.start.position;
-        (base.x, base.y, base.z) = (place[0], base.y + told.position[1], place[1]);
+        (base.x, base.y, base.z) = (place[0], base.y + output.position[1], place[1]);
         let reached = candidates.iter().any(|target| {
             let object = assets.scene.objects.iter().find(|object| object.id.0 == target.instance);
             let sees = |eye: &_, half| object.is_some_and(|object| assets.sees(eye, object.id, half));
@@ -106,7 +106,7 @@ async fn claim_first_target(house: &TestServer, episode: &mut Episode<'_>, order
             return;
         }
         passed += usize::from(passed + 1 < tour.len() && distance_m(tour[passed], place) < PASSED_M);
-        let action = walker.step(&told, &tour[passed..]);
+        let action = walker.step(&output, &tour[passed..]);
         episode.step(action).await.expect("a legal step");
     }
 }
@@ -117,15 +117,15 @@ struct Received {
     noisy: Vec<u8>,
     /// Without.
     plain: Vec<u8>,
-    /// Path and answer of every page.
+    /// All paths and answers.
     pages: Vec<(String, http::Answer)>,
-    /// Names and values of the metrics that the runs showed.
+    /// Metrics shown by the runs.
     metrics: Vec<(String, f64)>,
 }
 
-/// Plays an episode with all senses: wrong claims, refused steps, and then gives it up.
-async fn fumble(proxy: &RecordingProxy, arena: &Client, run: &Run) {
-    let mut play = arena.play(run, Sensors::square(64)).await.expect("a stream");
+/// Plays an episode with all sensors, wrong Submits and rejected steps, then abandons it.
+async fn fumble(proxy: &RecordingProxy, client: &Client, run: &Run) {
+    let mut play = client.play(run, Sensors::square(64)).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for action in
         [Action::MoveForward, Action::TurnLeft, Action::MoveForward, Action::Submit, Action::TurnRight]
@@ -140,24 +140,24 @@ async fn fumble(proxy: &RecordingProxy, arena: &Client, run: &Run) {
     episode.abandon().await.expect("an answer");
 }
 
-/// Plays the rest of a run without senses: the first target of each episode is claimed, then a wrong place.
-async fn claim(house: &TestServer, arena: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
-    let mut play = arena.play(run, NO_SENSORS).await.expect("a stream");
+/// Plays the remaining episodes without sensors: claims the first target, then a wrong place.
+async fn claim(server: &TestServer, client: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
+    let mut play = client.play(run, NO_SENSORS).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
-        claim_first_target(house, &mut episode, order).await;
+        claim_first_target(server, &mut episode, order).await;
         while !episode.is_over() {
             episode.step(Action::Submit).await.expect("a legal step");
         }
     }
     let summary = play.finish().await.expect("a summary");
-    let status = arena.run(&run.id).await.expect("the run");
+    let status = client.run(&run.id).await.expect("the run");
     let metrics = summary.metrics.into_iter().chain(status.metrics).flatten();
     metrics.map(|metric| (metric.name, metric.value)).collect()
 }
 
-/// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
-async fn go_unary(proxy: &RecordingProxy, arena: &Client) -> String {
-    let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
+/// Plays one step with unary calls, abandons episode and run, and calls health and reflection.
+async fn go_unary(proxy: &RecordingProxy, client: &Client) -> String {
+    let run = client.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
     let mut caller = RawClient::connect(&proxy.url(), &run.token).await;
     caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
     caller.play(&[MOVE_FORWARD], false).await.expect("legal calls");
@@ -168,56 +168,56 @@ async fn go_unary(proxy: &RecordingProxy, arena: &Client) -> String {
 }
 
 /// Watches a run until it is over.
-async fn watch(arena: &Client, run: &str) {
-    let mut states = arena.watch(run).await.expect("a stream");
+async fn watch(client: &Client, run: &str) {
+    let mut states = client.watch(run).await.expect("a stream");
     while states.next().await.expect("a state").is_some() {}
 }
 
-/// Asks for everything else that the agents' door answers.
-async fn ask_around(house: &TestServer, proxy: &RecordingProxy, arena: &Client) {
-    arena.server_info().await.expect("an answer");
-    arena.phases().await.expect("an answer");
-    arena.quota().await.expect("an answer");
-    arena.runs().await.expect("an answer");
-    arena.whoami().await.expect("an answer");
-    arena.run("run_of_nobody").await.expect_err("no such run");
-    arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
+/// Calls all other gRPC methods.
+async fn ask_around(server: &TestServer, proxy: &RecordingProxy, client: &Client) {
+    client.server_info().await.expect("an answer");
+    client.phases().await.expect("an answer");
+    client.quota().await.expect("an answer");
+    client.runs().await.expect("an answer");
+    client.whoami().await.expect("an answer");
+    client.run("run_of_nobody").await.expect_err("no such run");
+    client.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
     Client::connect(proxy.url(), "wrong").await.expect_err("no such token");
-    let own = Run::from_token(&house.token);
-    arena.play(&own, NO_SENSORS).await.expect_err("no token of a run");
+    let own = Run::from_token(&server.token);
+    client.play(&own, NO_SENSORS).await.expect_err("no token of a run");
 }
 
-/// What is told to somebody who follows a run that is under way, and all of them.
-async fn follow(house: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
+/// Event streams for one run and for all runs.
+async fn follow(server: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
     const LONG_ENOUGH: Duration = Duration::from_millis(1500);
-    let mut told = Vec::new();
+    let mut output = Vec::new();
     for path in ["/api/v1/runs/events".to_owned(), format!("/api/v1/runs/{run}/events")] {
-        let answer = http::get_events(house.doors.web, &path, LONG_ENOUGH).await;
-        told.push((path, answer));
+        let answer = http::get_events(server.servers.web, &path, LONG_ENOUGH).await;
+        output.push((path, answer));
     }
-    told
+    output
 }
 
-async fn receive(house: &TestServer) -> Received {
+async fn receive(server: &TestServer) -> Received {
     let (noisy, plain) =
-        (RecordingProxy::open(house.doors.grpc).await, RecordingProxy::open(house.doors.grpc).await);
-    let curious = Client::connect(noisy.url(), &house.token).await.expect("the door is open");
-    let sober = Client::connect(plain.url(), &house.token).await.expect("the door is open");
+        (RecordingProxy::open(server.servers.grpc).await, RecordingProxy::open(server.servers.grpc).await);
+    let curious = Client::connect(noisy.url(), &server.token).await.expect("a connection");
+    let sober = Client::connect(plain.url(), &server.token).await.expect("a connection");
     let (mut metrics, mut runs) = (Vec::new(), Vec::new());
     let mut followed = Vec::new();
     for order in ORDERS {
         let run = curious.start_run(RunOptions::new(PHASE, "curious").order(order)).await.expect("a run");
         fumble(&noisy, &curious, &run).await;
-        followed.extend(follow(house, &run.id).await);
-        let (shown, ()) = tokio::join!(claim(house, &sober, &run, order), watch(&sober, &run.id));
+        followed.extend(follow(server, &run.id).await);
+        let (shown, ()) = tokio::join!(claim(server, &sober, &run, order), watch(&sober, &run.id));
         metrics.extend(shown);
         runs.push(run.id);
     }
     runs.push(go_unary(&noisy, &curious).await);
-    ask_around(house, &plain, &sober).await;
+    ask_around(server, &plain, &sober).await;
     let mut pages = Vec::new();
     for path in paths(&runs) {
-        let answer = http::get(house.doors.web, &path).await;
+        let answer = http::get(server.servers.web, &path).await;
         pages.push((path, answer));
     }
     pages.extend(followed);
@@ -256,8 +256,8 @@ fn paths(runs: &[String]) -> Vec<String> {
         paths.push(format!("/api/v1/phases/{PHASE}/leaderboards{kind}"));
     }
     for run in runs {
-        for door in ["/compare", "/api/v1/compare", "/api/v1/compare.csv"] {
-            paths.extend(runs.iter().map(|other| format!("{door}?first={run}&second={other}")));
+        for page in ["/compare", "/api/v1/compare", "/api/v1/compare.csv"] {
+            paths.extend(runs.iter().map(|other| format!("{page}?first={run}&second={other}")));
         }
         paths.push(format!("/runs/{run}"));
         paths.push(format!("/runs/{run}/badge.svg"));
@@ -282,12 +282,12 @@ fn paths(runs: &[String]) -> Vec<String> {
 
 const METRICS: [&str; 6] = ["sr", "isr", "osr", "spl", "soft_spl", "sna"];
 
-/// Whether there is nothing at a path but what a replay shows.
+/// True if all paths of a page belong to replays.
 fn is_of_replays(path: &str) -> bool {
     ["/eyes/", "/ears/", "/steps.csv", "/levels.csv"].iter().any(|part| path.contains(part))
 }
 
-/// Whether a number stands below a metric's name anywhere in `value`.
+/// True if `value` contains a number under a metric's name.
 fn shows_metric(value: &Value) -> bool {
     fn holds_number(value: &Value) -> bool {
         match value {
@@ -306,7 +306,7 @@ fn shows_metric(value: &Value) -> bool {
     }
 }
 
-/// Paths of the API below which a metric is shown.
+/// API paths with metrics.
 fn paths_with_metrics(received: &Received) -> Vec<&str> {
     let described = |path: &str| path.ends_with("openapi.json");
     let shows = |(path, answer): &&(String, http::Answer)| {
@@ -315,56 +315,56 @@ fn paths_with_metrics(received: &Received) -> Vec<&str> {
     received.pages.iter().filter(shows).map(|(path, _)| path.as_str()).collect()
 }
 
-/// The results that the pages and the agents' door of a house showed which shows them: the same runs in another house
+/// The results that the pages and the gRPC server of a public phase show: the same runs in another house
 /// have the same.
-fn results(shown: &Received) -> Canaries {
+fn results(shown: &Received) -> HiddenFacts {
     const DECIMALS: usize = 5;
-    let mut canaries = Canaries::default();
+    let mut facts = HiddenFacts::default();
     for (name, value) in &shown.metrics {
-        canaries.share(name, *value);
+        facts.share(name, *value);
     }
     for (path, answer) in shown.pages.iter().filter(|(path, _)| path.contains(".csv")) {
         let numbers = answer.body.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
         let long = |number: &&str| number.split_once('.').is_some_and(|(_, rest)| rest.len() >= DECIMALS);
         for number in numbers.filter(long) {
-            canaries.bytes(&format!("{number} of {path}"), number);
+            facts.bytes(&format!("{number} of {path}"), number);
         }
     }
-    canaries
+    facts
 }
 
 fn holds(bytes: &[u8], word: &str) -> bool {
     bytes.windows(word.len()).any(|window| window == word.as_bytes())
 }
 
-async fn house(visible_to: Visibility) -> TestServer {
+async fn server(visible_to: Visibility) -> TestServer {
     TestServer::open(&TestSetup { visible_to, ..TestSetup::default() }).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
-    let open = receive(&house(Visibility::Public).await).await;
+    let open = receive(&server(Visibility::Public).await).await;
     let results = results(&open);
-    let house = house(Visibility::Organiser).await;
-    let received = receive(&house).await;
-    let canaries = hidden(&house);
-    let (untold, shown) = categories(&house);
+    let server = server(Visibility::Organiser).await;
+    let received = receive(&server).await;
+    let facts = hidden(&server);
+    let (untold, shown) = categories(&server);
     for (path, answer) in open.pages.iter().filter(|(path, _)| path.ends_with("/episodes.csv")) {
         assert!(!results.found_in(&answer.bytes).is_empty(), "{path} of a public phase shows results");
     }
-    assert!(holds(&open.plain, "soft_spl"), "an agent of a public phase is told results");
-    assert!(!holds(&received.plain, "soft_spl"), "an agent of a hidden phase is told none");
+    assert!(holds(&open.plain, "soft_spl"), "an agent of a public phase receives results");
+    assert!(!holds(&received.plain, "soft_spl"), "an agent of a hidden phase receives no results");
     assert_eq!(results.found_in_noise(&received.noisy), BTreeSet::new(), "results, with pictures and sound");
     assert_eq!(results.found_in(&received.plain), BTreeSet::new(), "results, without pictures and sound");
     assert!(received.noisy.len() > 100_000 && received.plain.len() > 10_000, "bytes were recorded");
     assert!(holds(&received.plain, "ep_"), "messages can be read on the wire");
-    assert_eq!(canaries.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
-    assert_eq!(canaries.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
+    assert_eq!(facts.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
+    assert_eq!(facts.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
     assert_eq!(untold.found_in(&received.plain), BTreeSet::new(), "categories that no mission tells");
     for (path, answer) in &received.pages {
         assert!(answer.status < 500, "{path}: {}", answer.status);
         assert!(answer.status == 404 || !is_of_replays(path), "{path}: {}", answer.status);
-        assert_eq!(canaries.found_in(&answer.bytes), BTreeSet::new(), "{path}");
+        assert_eq!(facts.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(results.found_in(&answer.bytes), BTreeSet::new(), "results on {path}");
     }
@@ -377,34 +377,34 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn public_scores_do_not_show_what_hidden_replays_hide() {
-    let plan = TestSetup {
+    let setup = TestSetup {
         visible_to: Visibility::Public,
         replays_to: Some(Visibility::Organiser),
         ..TestSetup::default()
     };
-    let house = TestServer::open(&plan).await;
-    let received = receive(&house).await;
-    let canaries = hidden(&house);
-    let (untold, shown) = categories(&house);
+    let server = TestServer::open(&setup).await;
+    let received = receive(&server).await;
+    let facts = hidden(&server);
+    let (untold, shown) = categories(&server);
     assert!(!paths_with_metrics(&received).is_empty(), "scores are public");
-    assert_eq!(canaries.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
-    assert_eq!(canaries.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
+    assert_eq!(facts.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
+    assert_eq!(facts.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
     assert_eq!(untold.found_in(&received.plain), BTreeSet::new(), "categories that no mission tells");
     for (path, answer) in &received.pages {
         assert!(answer.status == 404 || !is_of_replays(path), "{path}: {}", answer.status);
-        assert_eq!(canaries.found_in(&answer.bytes), BTreeSet::new(), "{path}");
+        assert_eq!(facts.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_same_search_finds_what_a_public_phase_shows() {
-    let house = house(Visibility::Public).await;
-    let received = receive(&house).await;
-    let (_, shown) = categories(&house);
-    let canaries = hidden(&house);
+    let server = server(Visibility::Public).await;
+    let received = receive(&server).await;
+    let (_, shown) = categories(&server);
+    let facts = hidden(&server);
     let found: BTreeSet<_> =
-        received.pages.iter().flat_map(|(_, answer)| canaries.found_in(&answer.bytes)).collect();
+        received.pages.iter().flat_map(|(_, answer)| facts.found_in(&answer.bytes)).collect();
     for what in ["name of a scene", "corner of a target", "reference length", "start"] {
         assert!(found.iter().any(|found| found.starts_with(what)), "{what} in replays: {found:?}");
     }

@@ -1,9 +1,9 @@
-//! A run cannot be lost: neither connections that break at any step nor servers that die at any moment change a bit of
-//! what its episodes were worth, lose an episode or count one twice.
+//! No run is lost: connection losses at any step and server kills at any moment change no bit of a score,
+//! lose no episode and count none twice.
 
 use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, furnish, http, server::Server};
+use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, http, server::Server, set_up};
 use serde_json::Value;
 use std::{
     net::SocketAddr,
@@ -17,7 +17,7 @@ use tokio::task::JoinSet;
 /// Steps after which the wanderer stops.
 const STEPS: u32 = 800;
 
-/// Wanders by what it senses alone, so that it does the same however it was disturbed.
+/// Chooses actions from the observation only, so interruptions do not change them.
 fn wander(seen: &Observation) -> Action {
     let place = seen.pose.position.map(f32::to_bits);
     let mixed = place.into_iter().chain([seen.pose.heading_rad.to_bits(), seen.step]);
@@ -48,18 +48,18 @@ async fn wander_on(episode: &mut Episode<'_>, steps: &AtomicU32) -> Result<(), E
     Ok(())
 }
 
-/// Plays a whole run over `url` in several slots; gives back its id.
+/// Plays a run in several slots; returns the id.
 async fn play_run(url: String, token: String, slots: u32, steps: &'static AtomicU32) -> String {
-    let arena = Client::connect(url, &token).await.expect("the door is open");
+    let client = Client::connect(url, &token).await.expect("a connection");
     let run =
-        arena.start_run(RunOptions::new(PHASE, "wanderer").order(Order::Unordered)).await.expect("a run");
-    play_on(&arena, &run, slots, steps).await;
+        client.start_run(RunOptions::new(PHASE, "wanderer").order(Order::Unordered)).await.expect("a run");
+    play_on(&client, &run, slots, steps).await;
     run.id
 }
 
-async fn play_on(arena: &Client, run: &Run, slots: u32, steps: &'static AtomicU32) {
+async fn play_on(client: &Client, run: &Run, slots: u32, steps: &'static AtomicU32) {
     let mut players = JoinSet::new();
-    for play in arena.play_slots(run, NO_SENSORS, slots).await.expect("a stream") {
+    for play in client.play_slots(run, NO_SENSORS, slots).await.expect("a stream") {
         players.spawn(play_slot(play, steps));
     }
     let mut last = None;
@@ -70,7 +70,7 @@ async fn play_on(arena: &Client, run: &Run, slots: u32, steps: &'static AtomicU3
     assert!(summary.complete, "{summary:?}");
 }
 
-/// What each episode of a run was worth, as the API tells it, by ordinal.
+/// Episode results from the API, by ordinal.
 async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
     let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
     let run: Value = serde_json::from_str(&body.body).expect("JSON");
@@ -81,17 +81,17 @@ async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_thousand_lost_connections_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
-    let house = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
-    let calm = play_run(house.agents_url(), house.token.clone(), 4, &STEPS_TAKEN).await;
+    let server = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
+    let calm = play_run(server.agents_url(), server.token.clone(), 4, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
 
-    let wire = FaultProxy::open(house.doors.grpc).await;
-    let playing = tokio::spawn(play_run(wire.url(), house.token.clone(), 4, &STEPS_TAKEN));
+    let proxy = FaultProxy::open(server.servers.grpc).await;
+    let playing = tokio::spawn(play_run(proxy.url(), server.token.clone(), 4, &STEPS_TAKEN));
     let (mut snips, mut draw, mut due) = (0, 7_u32, 1);
     while !playing.is_finished() {
         draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         if STEPS_TAKEN.load(Ordering::Relaxed) >= due {
-            wire.cut();
+            proxy.cut();
             snips += 1;
             due = STEPS_TAKEN.load(Ordering::Relaxed) + 1;
         }
@@ -100,10 +100,10 @@ async fn a_thousand_lost_connections_change_nothing() {
     let stormy = playing.await.expect("no panic");
     println!("{steps} steps in peace; {snips} connections lost");
     assert!(snips >= 1000, "only {snips} connections were lost in {steps} steps");
-    assert_eq!(worth(house.doors.web, &stormy).await, worth(house.doors.web, &calm).await);
+    assert_eq!(worth(server.servers.web, &stormy).await, worth(server.servers.web, &calm).await);
 }
 
-/// What `avln run verify` says of a run's log, and whether it is content.
+/// Runs `avln run verify` on a log; returns success and output.
 fn verify(folder: &Path, log: &Path) -> (bool, String) {
     let mut verify = Command::new(PROGRAM);
     let output =
@@ -131,13 +131,13 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 async fn fifty_deaths_of_the_server_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 20, ..TestSetup::default() }).await;
+    let token = set_up(folder.path(), &TestSetup { houses: 1, missions: 20, ..TestSetup::default() }).await;
     let mut server = Server::start(PROGRAM, folder.path());
-    let wire = FaultProxy::open(server.grpc).await;
-    let calm = play_run(wire.url(), token.clone(), 16, &STEPS_TAKEN).await;
+    let proxy = FaultProxy::open(server.grpc).await;
+    let calm = play_run(proxy.url(), token.clone(), 16, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
 
-    let playing = tokio::spawn(play_run(wire.url(), token, 16, &STEPS_TAKEN));
+    let playing = tokio::spawn(play_run(proxy.url(), token, 16, &STEPS_TAKEN));
     let (mut deaths, mut draw) = (0, 3_u32);
     while !playing.is_finished() && deaths < 50 {
         draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -146,9 +146,9 @@ async fn fifty_deaths_of_the_server_change_nothing() {
             tokio::time::sleep(Duration::from_micros(300)).await;
         }
         server.kill();
-        wire.cut();
+        proxy.cut();
         server = Server::start(PROGRAM, folder.path());
-        wire.redirect(server.grpc);
+        proxy.redirect(server.grpc);
         deaths += 1;
     }
     let stormy = playing.await.expect("no panic");

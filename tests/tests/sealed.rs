@@ -1,8 +1,8 @@
-//! Sealed runs: the same score as by dialling in, and nothing to be reached but the server.
+//! Sealed runs: the same score as over the network, and no access except to the server.
 #![cfg(target_os = "linux")]
 
 use avln_client::{Client, Metric, RunStatus};
-use avln_tests::{PHASE, TEAM, TestServer, TestSetup, furnish, http};
+use avln_tests::{PHASE, TEAM, TestServer, TestSetup, http, set_up};
 use std::{
     net::TcpListener,
     path::Path,
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
-/// Runs `agent` sealed; its own program may be read.
+/// Runs `agent` sealed, with read access to its own program.
 fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
     let programs = Path::new(PROGRAM).parent().expect("a folder");
     let mut command = Command::new(PROGRAM);
@@ -47,9 +47,9 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-async fn status(house: &TestServer, method: &str) -> RunStatus {
-    let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
-    arena.runs().await.unwrap().into_iter().find(|run| run.method == method).expect("its run")
+async fn status(server: &TestServer, method: &str) -> RunStatus {
+    let client = Client::connect(server.agents_url(), &server.token).await.unwrap();
+    client.runs().await.unwrap().into_iter().find(|run| run.method == method).expect("its run")
 }
 
 fn values(status: &RunStatus) -> Vec<(String, u64)> {
@@ -59,33 +59,34 @@ fn values(status: &RunStatus) -> Vec<(String, u64)> {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sealed_run_scores_as_the_same_agent_that_dials_in() {
-    let house = TestServer::open(&TestSetup::default()).await;
+    let server = TestServer::open(&TestSetup::default()).await;
     let agent = [PROGRAM, "agent", "random", "--seed", "3", "--size", "64"];
     let dial_in = tokio::process::Command::new(PROGRAM)
         .args(&agent[1..])
-        .args(["--server", &house.agents_url(), "--phase", PHASE])
-        .env("AVLN_TOKEN", &house.token)
+        .args(["--server", &server.agents_url(), "--phase", PHASE])
+        .env("AVLN_TOKEN", &server.token)
         .output()
         .await
         .unwrap();
     assert!(dial_in.status.success(), "{}", text(&dial_in.stderr));
 
-    let (data, door) = (house.folder.path().to_owned(), house.doors.grpc.to_string());
-    let run = tokio::task::spawn_blocking(move || sealed(&data, &["--server", &door], &agent)).await.unwrap();
+    let (data, address) = (server.folder.path().to_owned(), server.servers.grpc.to_string());
+    let run =
+        tokio::task::spawn_blocking(move || sealed(&data, &["--server", &address], &agent)).await.unwrap();
     assert!(run.status.success(), "{}{}", text(&run.stdout), text(&run.stderr));
 
-    let (outside, inside) = (status(&house, "random").await, status(&house, "sealed walker").await);
+    let (outside, inside) = (status(&server, "random").await, status(&server, "sealed walker").await);
     assert_eq!(values(&outside), values(&inside));
     assert_eq!(outside.ends, inside.ends);
     let facts = |id: String| {
-        let web = house.doors.web;
+        let web = server.servers.web;
         async move { http::get(web, &format!("/api/v1/runs/{id}")).await.body }
     };
     assert!(facts(inside.id).await.contains("\"sealed\":\"process: "));
     assert!(!facts(outside.id).await.contains("\"sealed\""));
 }
 
-/// What a probe tries, and whatever of the cell forbids it: where none of that holds, the probe is left out.
+/// Probes and the mechanisms that block them; without any of these mechanisms, the probe is skipped.
 const PROBES: [(&str, &[&str]); 11] = [
     ("web", &["no network", "files and TCP by Landlock", "system calls by seccomp, Unix sockets only"]),
     ("elsewhere", &["no network", "system calls by seccomp, Unix sockets only"]),
@@ -100,7 +101,7 @@ const PROBES: [(&str, &[&str]); 11] = [
     ("secret", &["no new privileges"]),
 ];
 
-/// A script that says of each probe whether it got through.
+/// A script that prints each successful probe.
 fn script(web: u16, own_pid: u32, home: &Path, data: &Path) -> String {
     let (home, data) = (home.display(), data.display());
     let python = "/usr/bin/python3 -c";
@@ -132,7 +133,7 @@ fn got_through(output: &str, probe: &str) -> bool {
 async fn nothing_is_reached_from_inside_but_the_server() {
     let (folder, home) = (TempDir::new().unwrap(), TempDir::new().unwrap());
     let data = folder.path().join("data");
-    furnish(&data, &TestSetup::default()).await;
+    set_up(&data, &TestSetup::default()).await;
     let web = TcpListener::bind("127.0.0.1:0").unwrap();
     let probe = script(web.local_addr().unwrap().port(), std::process::id(), home.path(), &data);
 
@@ -143,7 +144,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
     }
     let _ = std::fs::remove_file("/avln-probe");
 
-    // Even where the agent is allowed to read it, the data folder is hidden.
+    // The data folder stays hidden even with read permission.
     let readable = folder.path().display().to_string();
     let output = tokio::task::spawn_blocking({
         let data = data.clone();
@@ -172,7 +173,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
 #[tokio::test(flavor = "multi_thread")]
 async fn agents_that_do_not_play_are_told_and_their_runs_end() {
     let folder = TempDir::new().unwrap();
-    furnish(folder.path(), &TestSetup::default()).await;
+    set_up(folder.path(), &TestSetup::default()).await;
     let data = folder.path().to_owned();
     let refused = move |options: &[&str], agent: &[&str], words: &str| {
         let output = sealed(&data, options, agent);

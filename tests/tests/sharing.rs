@@ -1,9 +1,9 @@
-//! What agents share is shared evenly, and nobody pays for the length of the wire.
+//! Fair sharing between agents; a long connection has no disadvantage.
 
 use avln_arena::servers::Limits;
 use avln_arena::setup::admit;
 use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
-use avln_tests::{PHASE, TestServer, TestSetup, fault_proxy::FaultProxy, furnish, rule, store};
+use avln_tests::{PHASE, TestServer, TestSetup, change_phase, fault_proxy::FaultProxy, set_up, store};
 use std::{
     sync::{
         Arc,
@@ -13,19 +13,19 @@ use std::{
 };
 use tokio::{sync::Mutex, task::JoinSet, time::sleep};
 
-/// Held by each test: what one does to the processor must not slow the other.
+/// Serialises the tests, because they measure processor time.
 static ALONE: Mutex<()> = Mutex::const_new(());
 
 /// Turns on the spot in every slot until `enough`.
 async fn turn(
-    arena: Client,
+    client: Client,
     slots: u32,
     steps: Arc<AtomicU32>,
     enough: Arc<AtomicBool>,
 ) -> Result<(), Error> {
-    let run = arena.start_run(RunOptions::new(PHASE, "dervish").order(Order::Unordered)).await?;
+    let run = client.start_run(RunOptions::new(PHASE, "dervish").order(Order::Unordered)).await?;
     let mut players = JoinSet::new();
-    for mut play in arena.play_slots(&run, Sensors::default(), slots).await? {
+    for mut play in client.play_slots(&run, Sensors::default(), slots).await? {
         let (steps, enough) = (steps.clone(), enough.clone());
         players.spawn(async move {
             while let Some(mut episode) = play.next_episode().await? {
@@ -50,19 +50,19 @@ async fn turn(
 async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
     let _alone = ALONE.lock().await;
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 17, ..TestSetup::default() }).await;
+    let token = set_up(folder.path(), &TestSetup { houses: 1, missions: 17, ..TestSetup::default() }).await;
     let store = store(folder.path()).await;
     let modest = admit(&store, "modest", None).await.expect("another team");
     store.close().await;
     let one_core = |limits: Limits| Limits { max_simulations: 1, ..limits };
-    let house = TestServer::open_with(folder, token, |arena| arena, one_core).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, one_core).await;
 
     let enough = Arc::new(AtomicBool::new(false));
     let steps: [Arc<AtomicU32>; 2] = Default::default();
     let mut teams = JoinSet::new();
-    for (token, slots, steps) in [(&house.token, 16, &steps[0]), (&modest, 1, &steps[1])] {
-        let arena = Client::connect(house.agents_url(), token).await.expect("the door is open");
-        teams.spawn(turn(arena, slots, steps.clone(), enough.clone()));
+    for (token, slots, steps) in [(&server.token, 16, &steps[0]), (&modest, 1, &steps[1])] {
+        let client = Client::connect(server.agents_url(), token).await.expect("a connection");
+        teams.spawn(turn(client, slots, steps.clone(), enough.clone()));
     }
     while steps.iter().any(|steps| steps.load(Ordering::Relaxed) < 20) {
         sleep(Duration::from_millis(50)).await;
@@ -82,20 +82,20 @@ async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
 async fn fifty_milliseconds_away_costs_no_time() {
     let _alone = ALONE.lock().await;
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &TestSetup::default()).await;
-    rule(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
-    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
-    let wire = FaultProxy::open_delayed(house.doors.grpc, Duration::from_millis(50)).await;
-    let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
-    let run = arena.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
+    let token = set_up(folder.path(), &TestSetup::default()).await;
+    change_phase(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let proxy = FaultProxy::open_delayed(server.servers.grpc, Duration::from_millis(50)).await;
+    let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
     let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::default() };
-    let mut play = arena.play(&run, blind).await.expect("a stream");
+    let mut play = client.play(&run, blind).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     for _ in 0..60 {
         episode.step(Action::TurnLeft).await.expect("a step");
     }
     let left = episode.time_left().bank;
-    assert!(left >= Duration::from_millis(500), "60 steps of 100 ms on the wire left {left:?} of a second");
+    assert!(left >= Duration::from_millis(500), "60 steps of 100 ms on the proxy left {left:?} of a second");
     sleep(Duration::from_millis(1500)).await;
     episode.step(Action::TurnLeft).await.expect("it learns of the end");
     let end = episode.end().map(|end| end.reason);

@@ -43,11 +43,11 @@ impl Authority {
     }
 }
 
-/// What an agent sees on its first steps.
-async fn look(house: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
-    let arena = Client::connect_with(house.agents_url(), &house.token, link).await.unwrap();
-    let run = arena.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
-    let mut play = arena.play(&run, Sensors::square(64)).await.unwrap();
+/// Observations of the first steps.
+async fn look(server: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
+    let client = Client::connect_with(server.agents_url(), &server.token, link).await.unwrap();
+    let run = client.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
+    let mut play = client.play(&run, Sensors::square(64)).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();
     let mut seen = vec![episode.observation().clone()];
     for action in [Action::TurnLeft, Action::MoveForward, Action::Stop] {
@@ -60,33 +60,33 @@ async fn look(house: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
 #[tokio::test(flavor = "multi_thread")]
 async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed() {
     let (authority, stranger) = (Authority::new(), Authority::new());
-    let house = TestServer::open_as(&TestSetup::default(), &authority.security()).await;
-    let raw = look(&house, &authority.link(Packing::Raw)).await;
-    let packed = look(&house, &authority.link(Packing::Lossless)).await;
+    let server = TestServer::open_with_tls(&TestSetup::default(), &authority.security()).await;
+    let raw = look(&server, &authority.link(Packing::Raw)).await;
+    let packed = look(&server, &authority.link(Packing::Lossless)).await;
     assert!(raw.len() == 4 && raw[0].rgb != raw[1].rgb, "the pictures show something");
     assert_eq!(raw, packed);
 
     let refused =
-        Client::connect_with(house.agents_url(), "", &stranger.link(Packing::Raw)).await.unwrap_err();
+        Client::connect_with(server.agents_url(), "", &stranger.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
     assert!(
         matches!(refused, Error::Tls { .. }) && text.contains("--ca") && text.contains("authority"),
         "{text}"
     );
 
-    let plain = format!("http://{}", house.doors.grpc);
+    let plain = format!("http://{}", server.servers.grpc);
     let text = Client::connect(plain, "").await.unwrap_err().to_string();
     assert!(text.contains("https://"), "{text}");
 
-    let page = http::get(house.doors.web, "/").await;
+    let page = http::get(server.servers.web, "/").await;
     assert!(page.status == 400 && page.body.contains("https://"), "{page:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn tls_where_plain_text_is_spoken_is_told_apart() {
     let authority = Authority::new();
-    let house = TestServer::open(&TestSetup::default()).await;
-    let secure = format!("https://{}", house.doors.grpc);
+    let server = TestServer::open(&TestSetup::default()).await;
+    let secure = format!("https://{}", server.servers.grpc);
     let refused = Client::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
     assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
@@ -95,10 +95,11 @@ async fn tls_where_plain_text_is_spoken_is_told_apart() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_speaks_tls_is_checked_like_any_other() {
     let authority = Authority::new();
-    let house =
-        TestServer::open_as(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security()).await;
+    let server =
+        TestServer::open_with_tls(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security())
+            .await;
     let mut kit = std::process::Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    kit.args(["conformance", "--server", &house.agents_url(), "--token", &house.token, "--phase", PHASE]);
+    kit.args(["conformance", "--server", &server.agents_url(), "--token", &server.token, "--phase", PHASE]);
     kit.arg("--ca").arg(authority.file("ca.pem"));
     let output = tokio::task::spawn_blocking(move || kit.output().expect("the program runs")).await.unwrap();
     let text = String::from_utf8_lossy(&output.stdout);

@@ -10,7 +10,7 @@ use avln_arena::{
     servers::RunningServers,
 };
 use avln_episode::Order;
-use avln_sandbox::Report;
+use avln_sandbox::SandboxReport;
 use avln_store::{RunState, Store};
 use clap::{Args, Subcommand};
 use std::{
@@ -103,14 +103,14 @@ impl EnterArgs {
     /// # Errors
     /// If the sandbox or the agent cannot be started.
     pub fn take(self) -> Result<(), Failure> {
-        let failed = |error: avln_sandbox::CellError| Failure::new(FailureKind::Run, error);
+        let failed = |error: avln_sandbox::SandboxError| Failure::new(FailureKind::Run, error);
         if self.inmate {
-            return avln_sandbox::shut(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
+            return avln_sandbox::enter(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
         }
         let again = ["challenge", "sealed", "enter", "--inmate"].map(String::from);
         let arguments = [again.as_slice(), &[self.plan.display().to_string()]].concat();
         let code =
-            avln_sandbox::enter(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
+            avln_sandbox::supervise(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
         process::exit(code.into())
     }
 }
@@ -173,7 +173,7 @@ async fn play_in(
     conclude(store, &ticket.run, ended).await
 }
 
-fn tell(report: &Report) {
+fn tell(report: &SandboxReport) {
     say!("sealed   {}", report.enforced.join("; "));
     for gap in &report.missing {
         eprintln!("warning: not enforced: {}: {}", gap.what, gap.why);

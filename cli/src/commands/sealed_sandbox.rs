@@ -2,7 +2,7 @@
 
 use super::sealed::SealedRunArgs;
 use avln_arena::{Failure, FailureKind, data::DataFolder};
-use avln_sandbox::{Container, Engine, Plan, Report};
+use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use std::{
     io,
     net::SocketAddr,
@@ -23,7 +23,7 @@ use tokio::{
 /// The kind of sandbox.
 pub(super) enum SandboxKind {
     /// A process. `folder` of the plan is not yet set.
-    Process(Plan),
+    Process(SandboxPlan),
     /// A container. Its name and folder are not yet set.
     Container(Engine, Container),
 }
@@ -64,7 +64,7 @@ impl SandboxKind {
         let nowhere = PathBuf::new();
         let Some(image) = &args.image else {
             let workplace = std::env::current_dir().map_err(|error| failed("the current folder", error))?;
-            return Ok(Self::Process(Plan {
+            return Ok(Self::Process(SandboxPlan {
                 folder: nowhere,
                 command: args.command.clone(),
                 workplace,
@@ -105,11 +105,11 @@ impl Sandbox {
         let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
-        passage.spawn(pass(listen(Plan::server_socket(&place))?, server));
+        passage.spawn(pass(listen(SandboxPlan::server_socket(&place))?, server));
         let inside = match kind {
             SandboxKind::Process(plan) => {
-                let control = listen(Plan::control_socket(&place))?;
-                let plan = Plan { folder: place, ..plan.clone() };
+                let control = listen(SandboxPlan::control_socket(&place))?;
+                let plan = SandboxPlan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(|error| Failure::new(FailureKind::Run, error))?;
                 Inside::Process { control, plan, running: None }
             }
@@ -132,7 +132,7 @@ impl Sandbox {
 
     /// Starts the sandboxed process, which waits for its run, and returns the enforced restrictions. A container starts only with its
     /// run.
-    pub(super) async fn enter(&mut self) -> Result<Report, Failure> {
+    pub(super) async fn enter(&mut self) -> Result<SandboxReport, Failure> {
         match &mut self.inside {
             Inside::Process { control, plan, running } => {
                 let mut supervisor = spawn_supervisor(plan)?;
@@ -153,7 +153,7 @@ impl Sandbox {
                 Ok(report)
             }
             Inside::Container(..) => {
-                Ok(Report { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
+                Ok(SandboxReport { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
             }
         }
     }
@@ -204,7 +204,7 @@ fn ended(status: ExitStatus) -> AgentExit {
 
 async fn stop(child: &mut Child, container: Option<(Engine, String)>) {
     if let Some((engine, name)) = container {
-        let _ = Command::new(engine.program()).args(Engine::kill(&name)).stdout(Stdio::null()).status().await;
+        let _ = Command::new(engine.program()).args(["kill", &name]).stdout(Stdio::null()).status().await;
     }
     let _ = child.kill().await;
 }

@@ -1,4 +1,4 @@
-//! Record of a client's behaviour per trial.
+//! A client's behaviour per trial.
 
 use crate::{
     Check, Outcome,
@@ -8,7 +8,7 @@ use avln_proto::v1;
 
 /// Steps after which an episode ends when the client does not stop it.
 pub(crate) const STEPS: u32 = 6;
-/// Step of the fault.
+/// Fault step.
 pub(crate) const TRICKED_STEP: u32 = 2;
 /// The Ping that a client must answer.
 pub(crate) const NONCE: u64 = 41;
@@ -18,16 +18,16 @@ pub(crate) const NONCE: u64 = 41;
 pub(crate) struct Book {
     /// Number of the trial that is played, or begins next.
     trial: usize,
-    /// Open episode of the slot.
+    /// Open episode in the slot.
     pub(crate) open: Option<Open>,
     /// Violations by trial.
     wrong: Vec<(usize, String)>,
     /// A stream was lost, and the client has not come back.
     lost: bool,
     greeted: bool,
-    /// Number of streams to refuse.
+    /// Streams to refuse.
     pub(crate) refuse: u32,
-    /// Sensors of the client.
+    /// Client sensors.
     pub(crate) sensors: v1::SensorSubscription,
     /// RunEnd was sent.
     pub(crate) is_over: bool,
@@ -72,7 +72,7 @@ impl Book {
         self.wrong.push((self.trial.min(TRIALS.len() - 1), what.into()));
     }
 
-    /// The first frame of a stream.
+    /// A stream's first frame.
     pub(crate) fn hello(&mut self, hello: &v1::Hello) {
         let lost = std::mem::take(&mut self.lost);
         match (lost, hello.resume) {
@@ -186,7 +186,7 @@ impl Book {
         self.trial += 1;
     }
 
-    /// Results of all trials. `late` contains the timeout, if the client did not answer.
+    /// Trial results. `late` contains the timeout, if the client did not answer.
     pub(crate) fn checks(&self, late: Option<String>) -> Vec<Check> {
         let check = |(number, trial): (usize, &crate::trials::Trial)| {
             let mut wrong: Vec<_> =

@@ -14,7 +14,7 @@ pub struct Check {
     pub outcome: Outcome,
 }
 
-/// Result of a check.
+/// Check result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// The server follows the rule.

@@ -6,7 +6,7 @@ use avln_proto::{API_MINOR, v1};
 
 /// Sides of pictures that are shown, pixels.
 const SIDES: std::ops::RangeInclusive<u32> = 64..=512;
-/// Samples of an ear in a step.
+/// Samples per ear and step.
 const SAMPLES: u32 = 4000;
 
 pub(crate) const RUN: &str = "run_conformance";

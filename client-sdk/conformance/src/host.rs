@@ -19,11 +19,11 @@ use tokio::{
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{Request, Response, Status, Streaming, transport::Server};
 
-/// Longest silence of a client.
+/// Longest client silence.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Delay of a late observation.
+/// Late observation delay.
 const LATE: Duration = Duration::from_secs(3);
-/// Number of refused streams while the server is unreachable.
+/// Refused streams while the server is unreachable.
 const REFUSED: u32 = 3;
 /// Frames that wait to be sent.
 const WAITING_FRAMES: usize = 16;

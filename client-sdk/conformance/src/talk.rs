@@ -41,7 +41,7 @@ pub enum Trouble {
     },
 }
 
-/// Location of a server.
+/// Server location.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
     /// Address: `http://`, or `https://`.
@@ -64,7 +64,7 @@ impl Site<'_> {
     }
 }
 
-/// Message of an error with all its sources.
+/// Error message with all sources.
 fn chain(error: &dyn std::error::Error) -> String {
     let behind = std::iter::successors(error.source(), |error| error.source());
     behind.fold(error.to_string(), |said, error| format!("{said}: {error}"))
@@ -151,7 +151,7 @@ impl Stream {
         }
     }
 
-    /// Next frame, or the end of the stream.
+    /// Next frame, or stream end.
     pub(crate) async fn next_or_end(&mut self) -> Result<Result<Option<Down>, Status>, String> {
         let next = timeout(PATIENCE, self.down.message()).await;
         let next = next.map_err(|_| format!("nothing came for {PATIENCE:?}"))?;
@@ -195,7 +195,7 @@ impl Stream {
     }
 }
 
-/// A Hello for small pictures of all sensors.
+/// A Hello for all sensors with small images.
 pub(crate) fn hello() -> v1::Hello {
     let kinds = [v1::SensorKind::Rgb, v1::SensorKind::Depth, v1::SensorKind::Audio];
     let wish = |kind: v1::SensorKind| v1::SensorWish { kind: kind.into(), encodings: vec![] };

@@ -1,12 +1,12 @@
 //! Faults injected into a client run.
 
-/// Fault of an episode.
+/// Episode fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Trick {
     Nothing,
     /// A Notice and a Ping come before an observation.
     Interrupt,
-    /// A frame unknown to all clients of this version.
+    /// A frame unknown to all clients with this version.
     Mumble,
     /// An observation comes late.
     Dawdle,
@@ -37,7 +37,7 @@ const fn trial(trick: Trick, rule: &'static str) -> Trial {
     Trial { trick, rule }
 }
 
-/// In the order of the run.
+/// In run order.
 pub(crate) const TRIALS: [Trial; 12] = [
     trial(Trick::Nothing, "an episode is played to its end"),
     trial(Trick::Interrupt, "Ping is answered by Pong with its nonce, and Notice changes nothing"),

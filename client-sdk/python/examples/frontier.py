@@ -38,7 +38,7 @@ class Map:
         self.down = (np.arange(task.height) + 0.5 - task.height / 2) / focal
 
     def cell(self, x_m: float, z_m: float) -> Cell:
-        """The cell of a place."""
+        """A place's cell."""
         middle = SIDE_CELLS // 2
         return round(z_m / CELL_M) + middle, round(x_m / CELL_M) + middle
 
@@ -116,7 +116,7 @@ class Frontier:
         return action
 
     def note_bump(self, pose: avln.Pose) -> None:
-        """Marks the obstacle of a blocked step."""
+        """Marks the obstacle after a blocked step."""
         if self.last is None or self.last[0] is not avln.Action.MOVE_FORWARD:
             return
         before = self.last[1]

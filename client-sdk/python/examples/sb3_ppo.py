@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 
 import avln
 import avln.gym
-from avln.options import add_connection, add_run, link, parser
+from avln.options import add_connection, add_run, connect_options, parser
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -31,7 +31,7 @@ class NewGround:
         self.seen: set[tuple[int, int]] = set()
 
     def __call__(self, before: avln.Observation, _action: avln.Action, after: avln.Observation) -> float:
-        """The reward of a step."""
+        """Step reward."""
         if before.step == 0:
             self.seen = set()
         cell = round(after.pose.x_m / CELL_M), round(after.pose.z_m / CELL_M)
@@ -67,7 +67,7 @@ def main() -> None:
     program.add_argument("--steps", type=int, default=2000, help="steps of training [2000]")
     program.add_argument("--out", default="ppo.zip", help="where the policy is written [ppo.zip]")
     options = program.parse_args()
-    rest = {"method": options.method, "order": options.order, "link": link(options)}
+    rest = {"method": options.method, "order": options.order, "link": connect_options(options)}
     train(options.server, options.token, options.phase, options.steps, **rest).save(options.out)
     print(f"wrote {options.out}")
 

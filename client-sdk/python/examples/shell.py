@@ -1,11 +1,11 @@
-"""Command line of the examples."""
+"""The examples' command line."""
 
 from __future__ import annotations
 
 from typing import Any, Callable
 
 import avln
-from avln.options import add_connection, add_run, link, parser
+from avln.options import add_connection, add_run, connect_options, parser
 
 
 def main(agent: Callable[[], Any]) -> None:
@@ -15,9 +15,14 @@ def main(agent: Callable[[], Any]) -> None:
     add_connection(program)
     add_run(program, method=f"example-{name}")
     options = program.parse_args()
-    arena, run = avln.begin_run(
-        options.server, options.token, options.phase, options.method, options.order, link=link(options)
+    client, run = avln.begin_run(
+        options.server,
+        options.token,
+        options.phase,
+        options.method,
+        options.order,
+        connect_options=connect_options(options),
     )
-    with arena:
+    with client:
         player = agent()
-        print(avln.evaluate(arena, run, player, player.sensors, on_end=lambda end: print(end.reason.value, end.steps)))
+        print(avln.evaluate(client, run, player, player.sensors, on_end=lambda end: print(end.reason.value, end.steps)))

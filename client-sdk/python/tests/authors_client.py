@@ -55,7 +55,7 @@ class AuthorsClient:
 
 
 class EpisodeObject:
-    """Their client makes attributes of all keys of an episode."""
+    """Their client turns all episode keys into attributes."""
 
     def __init__(self, *, episode_id: str, scene_id: str, goal_inputs: list[Any], **more: Any) -> None:
         assert episode_id

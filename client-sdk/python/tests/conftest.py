@@ -23,25 +23,25 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
-class Door:
+class Endpoint:
     """A running server and a team's token."""
 
     def __init__(self, server: Server, token: str) -> None:
         self.server, self.url, self.token = server, server.url, token
 
-    def connect(self) -> avln.Arena:
+    def connect(self) -> avln.Client:
         return avln.connect(self.url, self.token)
 
 
 class Furnished:
-    """A data folder without a running server, and its team token."""
+    """A data folder without a running server, and a team token."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder
         self.token = Server(binary, folder).furnish()
 
     def copy(self, to: Path) -> Server:
-        """A server, not started, over a copy of the folder."""
+        """A stopped server on a copy of the folder."""
         shutil.copytree(self.folder, to)
         return Server(self.binary, to)
 
@@ -55,14 +55,14 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Furnished:
 
 
 @pytest.fixture(scope="session")
-def door(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
+def endpoint(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Endpoint]:
     server = furnished.copy(tmp_path_factory.mktemp("hosted") / "data")
     server.start()
-    yield Door(server, furnished.token)
+    yield Endpoint(server, furnished.token)
     server.kill()
 
 
 @pytest.fixture
-def arena(door: Door) -> Iterator[avln.Arena]:
-    with door.connect() as arena:
-        yield arena
+def client(endpoint: Endpoint) -> Iterator[avln.Client]:
+    with endpoint.connect() as client:
+        yield client

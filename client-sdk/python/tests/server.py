@@ -18,7 +18,7 @@ CHALLENGE = "challenge"
 
 
 def program() -> Path | None:
-    """The server program: AVLN_BIN, otherwise the build of this repository."""
+    """The server program: AVLN_BIN, otherwise this repository's build."""
     if "AVLN_BIN" in os.environ:
         return Path(os.environ["AVLN_BIN"])
     built = (REPOSITORY / "target" / profile / "avln" for profile in ("release", "debug"))
@@ -28,8 +28,8 @@ def program() -> Path | None:
 def free_port() -> int:
     """A free port below the ephemeral range, so that no connection takes it before the server does."""
     for port in random.sample(range(10_000, 32_000), 100):
-        with contextlib.suppress(OSError), socket.socket() as door:
-            door.bind(("127.0.0.1", port))
+        with contextlib.suppress(OSError), socket.socket() as probe:
+            probe.bind(("127.0.0.1", port))
             return port
     raise AssertionError("none of 100 ports is free")
 
@@ -56,13 +56,13 @@ class Server:
         self.command(
             "challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50"
         )
-        told = self.command("challenge", "team", "add", "Python")
-        found = re.search(r"avln_\S+", told)
-        assert found, told
+        answer = self.command("challenge", "team", "add", "Python")
+        found = re.search(r"avln_\S+", answer)
+        assert found, answer
         return found.group()
 
     def command(self, *arguments: str) -> str:
-        """Runs a command of the program and returns its output."""
+        """Runs a program command and returns the output."""
         command = [str(self.binary), "--data", str(self.folder), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
         assert done.returncode == 0, f"{command}: {done.stderr}"

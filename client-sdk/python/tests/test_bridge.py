@@ -19,24 +19,24 @@ pytest.importorskip("msgpack", reason="pip install 'avln[bridge]'")
 
 from authors_client import AuthorsClient  # noqa: E402
 
-from avln.bridge import Desk, pack, unpack  # noqa: E402
+from avln.bridge import RequestHandler, pack, unpack  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from conftest import Door
+    from conftest import Endpoint
 
 STOP, FORWARD, LEFT, RIGHT, SUBMIT = range(5)
 
 
 class Bridge:
-    """The program `avln-bridge` and a client of it."""
+    """The program `avln-bridge` and a client."""
 
-    def __init__(self, door: Door, phase: str) -> None:
-        told = ["--server", door.url, "--token", door.token, "--phase", phase, "--size", "64"]
+    def __init__(self, endpoint: Endpoint, phase: str) -> None:
+        arguments = ["--server", endpoint.url, "--token", endpoint.token, "--phase", phase, "--size", "64"]
         command = [sys.executable, "-c", "import sys; from avln.bridge import main; sys.exit(main())"]
         bind = ["zmq", "--bind", "tcp://127.0.0.1:*"]
-        self.process = subprocess.Popen([*command, *bind, *told], stdout=subprocess.PIPE, text=True, env=os.environ)
+        self.process = subprocess.Popen([*command, *bind, *arguments], stdout=subprocess.PIPE, text=True, env=os.environ)
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         found = re.search(r"(run_\w+): waiting at (tcp://\S+)", line)
@@ -53,22 +53,22 @@ class Bridge:
 
 
 @pytest.fixture
-def bridge(door: Door, request: pytest.FixtureRequest) -> Iterator[Bridge]:
-    bridge = Bridge(door, getattr(request, "param", PHASE))
+def bridge(endpoint: Endpoint, request: pytest.FixtureRequest) -> Iterator[Bridge]:
+    bridge = Bridge(endpoint, getattr(request, "param", PHASE))
     yield bridge
     bridge.close()
 
 
-def test_whole_episodes_are_played(bridge: Bridge, arena: avln.Arena) -> None:
-    client = bridge.client
-    assert client.ask("ping") == {"op": "pong", "episodes_total": 3}
-    lasts = client.play([LEFT, FORWARD, SUBMIT, RIGHT, STOP])
+def test_whole_episodes_are_played(bridge: Bridge, client: avln.Client) -> None:
+    authors = bridge.client
+    assert authors.ask("ping") == {"op": "pong", "episodes_total": 3}
+    lasts = authors.play([LEFT, FORWARD, SUBMIT, RIGHT, STOP])
     assert len(lasts) == 3
     assert lasts[0]["episode_metrics"]["success"] in (0.0, 1.0)
     assert lasts[0]["episode_metrics"]["num_goals"] == len(lasts[0]["episode"]["goal_inputs"])
-    assert client.ask("close")["op"] == "closed"
+    assert authors.ask("close")["op"] == "closed"
     assert bridge.process.wait(timeout=30) == 0
-    status = arena.run(bridge.run)
+    status = client.run(bridge.run)
     assert (status.state, status.ends) == ("completed", [(avln.EndReason.STOPPED, 3)])
 
 
@@ -96,9 +96,9 @@ def test_mistakes_are_told_and_the_episode_goes_on(bridge: Bridge) -> None:
     }
     ask("reset")
     for choice, complaint in [(9, "0 STOP"), ("fly", "fly"), (None, "missing")]:
-        told = ask("action", action=choice)
-        assert told["op"] == "error"
-        assert complaint in told["message"]
+        answer = ask("action", action=choice)
+        assert answer["op"] == "error"
+        assert complaint in answer["message"]
     assert "interrupted" in ask("interrupted")["message"]
     bridge.client.socket.send_multipart([b"\xc1 no MessagePack"])
     assert unpack(bridge.client.socket.recv_multipart())["op"] == "error"
@@ -118,9 +118,9 @@ def test_nothing_hidden_is_sent(bridge: Bridge) -> None:
     answers = [started, *(bridge.client.ask("action", action=action) for action in (FORWARD, SUBMIT, STOP))]
     assert answers[-1]["done"]
     assert answers[-1]["episode_metrics"] == {}
-    told = set().union(*map(keys_of, answers))
+    answer = set().union(*map(keys_of, answers))
     hidden = {"semantic", "pointgoal_with_gps_compass", "top_down_map", "sound_sources", "instance_key", "position"}
-    assert not told & hidden
+    assert not answer & hidden
     assert {answer["metrics"] != {} for answer in answers[1:]} == {False}
     assert answers[2]["info"]["feedback"]["found_goal_this_step"] is None
     episode = started["episode"]
@@ -152,6 +152,6 @@ def test_a_lost_server_is_an_error_answer() -> None:
         def next_episode(self) -> None:
             raise avln.LostError("begin an episode", "gone")
 
-    told = Desk(Lost()).answer({"op": " RESET "})  # type: ignore[arg-type]
-    assert told["op"] == "error"
-    assert "begin an episode" in told["message"]
+    answer = RequestHandler(Lost()).answer({"op": " RESET "})  # type: ignore[arg-type]
+    assert answer["op"] == "error"
+    assert "begin an episode" in answer["message"]

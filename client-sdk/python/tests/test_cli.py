@@ -17,7 +17,7 @@ from avln.player import load_agent
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Door
+    from conftest import Endpoint
 
 AGENT = """
 import avln
@@ -37,11 +37,11 @@ class Mute:
 
 
 class Program:
-    """Runs commands against a server; gives back exit code and output."""
+    """Runs commands against a server; returns exit code and output."""
 
-    def __init__(self, door: Door, captured: pytest.CaptureFixture[str]) -> None:
+    def __init__(self, endpoint: Endpoint, captured: pytest.CaptureFixture[str]) -> None:
         self.captured = captured
-        self.connection = ["--server", door.url, "--token", door.token]
+        self.connection = ["--server", endpoint.url, "--token", endpoint.token]
 
     def __call__(self, command: str, *more: Any) -> tuple[int, str]:
         code = main([command, *self.connection, *map(str, more)])
@@ -50,8 +50,8 @@ class Program:
 
 
 @pytest.fixture
-def program(door: Door, capsys: pytest.CaptureFixture[str]) -> Program:
-    return Program(door, capsys)
+def program(endpoint: Endpoint, capsys: pytest.CaptureFixture[str]) -> Program:
+    return Program(endpoint, capsys)
 
 
 def test_account_phases_and_quota_are_told(program: Program) -> None:
@@ -102,24 +102,24 @@ def test_the_doctor_finds_a_good_server_good_and_tells_what_is_wrong(program: Pr
     assert "there is no phase 'no-such-phase'" in told
 
 
-def test_the_doctor_leaves_no_run_open_and_plays_more_than_one_episode(program: Program, door: Door) -> None:
+def test_the_doctor_leaves_no_run_open_and_plays_more_than_one_episode(program: Program, endpoint: Endpoint) -> None:
     code, told = program("doctor", "--phase", PHASE, "--episodes", 2, "--steps", 4, "--size", 64)
     assert (code, "8 steps, without a fault" in told) == (0, True), told
-    with door.connect() as arena:
-        runs = [run for run in arena.runs(PHASE) if run.method == "avln-py doctor"]
+    with endpoint.connect() as client:
+        runs = [run for run in client.runs(PHASE) if run.method == "avln-py doctor"]
     assert runs
     assert all(run.state == "cancelled" for run in runs), runs
 
 
-def test_the_doctor_does_not_play_the_only_episode(program: Program, door: Door) -> None:
-    door.server.command("data", "split", "make", "single", "--houses", "1", "--missions", "1")
-    door.server.command("challenge", "phase", "open", "single", "--split", "single")
+def test_the_doctor_does_not_play_the_only_episode(program: Program, endpoint: Endpoint) -> None:
+    endpoint.server.command("data", "split", "make", "single", "--houses", "1", "--missions", "1")
+    endpoint.server.command("challenge", "phase", "open", "single", "--split", "single")
     code, told = program("doctor", "--phase", "single")
     assert (code, "single has one episode, which a run would complete" in told) == (0, True), told
 
 
-def test_the_doctor_warns_of_a_token_that_ends_soon(program: Program, door: Door) -> None:
-    made = door.server.command("challenge", "token", "new", "--team", "Python", "--expires", "2d")
+def test_the_doctor_warns_of_a_token_that_ends_soon(program: Program, endpoint: Endpoint) -> None:
+    made = endpoint.server.command("challenge", "token", "new", "--team", "Python", "--expires", "2d")
     token = next(word for word in made.split() if word.startswith("avln_"))
     code, told = program("doctor", "--phase", CHALLENGE, "--token", token)
     assert (code, "warning  token: of team 'Python'" in told) == (0, True), told
@@ -177,9 +177,9 @@ def test_a_size_that_was_given_counts_before_the_agents_own(program: Program, tm
     assert (code, "63 x 63" in told) == (1, True)
 
 
-def test_runs_are_listed_and_cancelled(program: Program, door: Door) -> None:
-    with door.connect() as arena:
-        run = arena.start_run(PHASE, "left alone").id
+def test_runs_are_listed_and_cancelled(program: Program, endpoint: Endpoint) -> None:
+    with endpoint.connect() as client:
+        run = client.start_run(PHASE, "left alone").id
     assert f"{run}: {PHASE}, created, 0 of 3 episodes, left alone\n" in program("runs", "--phase", PHASE)[1]
     assert program("cancel", run) == (0, f"{run}: cancelled\n")
     assert f"{run}: {PHASE}, cancelled" in program("runs")[1]

@@ -80,7 +80,7 @@ def test_packed_colours_of_two_rows() -> None:
 
 def test_packed_depth_predicts_the_third_row_from_the_two_above() -> None:
     depth = np.array([[1.0, 2.0], [2.0, 0.0], [5.0, 3.0], [7.0, 0.0]], np.float32)
-    # Third row: a = 2, b = 1 gives 2 / (1 + 1 - 2), not finite, so 2; a = 0, b = 2 gives 0, not above 0, so 0.
+    # Third row: a = 2, b = 1 results in 2 / (1 + 1 - 2), not finite, so 2; a = 0, b = 2 gives 0, not above 0, so 0.
     # Fourth row: a = 5, b = 2 gives 10 / (2 + 2 - 5) = -10, so 5; a = 3, b = 0 gives 0 / -3, so 3.
     predicted = [[0.0, 1.0], [1.0, 2.0], [2.0, 0.0], [5.0, 3.0]]
     differences = [

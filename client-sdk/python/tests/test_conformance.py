@@ -29,7 +29,7 @@ def host() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def connect() -> avln.Arena:
+def connect() -> avln.Client:
     until = time.monotonic() + 10
     while time.monotonic() < until:
         try:
@@ -42,7 +42,7 @@ def connect() -> avln.Arena:
 
 
 def test_this_client_keeps_the_protocol(host: subprocess.Popen[str]) -> None:
-    with connect() as arena, arena.play(arena.start_run("any", "python"), avln.Sensors.square(64)) as run:
+    with connect() as client, client.play(client.start_run("any", "python"), avln.Sensors.square(64)) as run:
         for episode in run:
             while not episode.is_over:
                 episode.act(avln.Action.MOVE_FORWARD)

@@ -12,27 +12,29 @@ import avln
 from avln.v1 import common_pb2, play_pb2
 
 if TYPE_CHECKING:
-    from conftest import Door
+    from conftest import Endpoint
 
 SMALL = avln.Sensors.square(64)
 
 
-def begin(door: Door, method: str, sensors: avln.Sensors = SMALL, link: avln.Link | None = None) -> avln.Play:
-    return avln.begin(door.url, door.token, PHASE, method, sensors=sensors, link=link)
+def begin(
+    endpoint: Endpoint, method: str, sensors: avln.Sensors = SMALL, connect_options: avln.ConnectOptions | None = None
+) -> avln.Play:
+    return avln.begin(endpoint.url, endpoint.token, PHASE, method, sensors=sensors, connect_options=connect_options)
 
 
-def test_the_server_its_phases_and_the_account_are_told(arena: avln.Arena) -> None:
-    assert not arena.server_info().draining
-    assert arena.whoami().team == "Python"
-    phase = next(phase for phase in arena.phases() if phase.id == PHASE)
+def test_the_server_its_phases_and_the_account_are_told(client: avln.Client) -> None:
+    assert not client.server_info().draining
+    assert client.whoami().team == "Python"
+    phase = next(phase for phase in client.phases() if phase.id == PHASE)
     assert (phase.state, phase.episodes, phase.max_slots) == ("open", 3, 4)
     assert avln.Order.ORDERED in phase.orders
-    concurrent = [quota.window for quota in arena.quota(PHASE)]
+    concurrent = [quota.window for quota in client.quota(PHASE)]
     assert all(isinstance(window, str) for window in concurrent)
 
 
-def test_a_run_is_played_to_its_end(door: Door, arena: avln.Arena) -> None:
-    with begin(door, "two loops") as run:
+def test_a_run_is_played_to_its_end(endpoint: Endpoint, client: avln.Client) -> None:
+    with begin(endpoint, "two loops") as run:
         played = 0
         for episode in run:
             assert 2 <= len(episode.mission.goals) <= 4
@@ -48,12 +50,12 @@ def test_a_run_is_played_to_its_end(door: Door, arena: avln.Arena) -> None:
     assert run.summary.complete
     assert run.summary.ends == [(avln.EndReason.STOPPED, 3)]
     assert run.summary.metric("isr") is not None
-    assert arena.run(run.run).state == "completed"
-    assert run.run in [status.id for status in arena.runs(PHASE)]
+    assert client.run(run.run).state == "completed"
+    assert run.run in [status.id for status in client.runs(PHASE)]
 
 
-def test_observations_are_arrays_in_the_units_that_are_promised(door: Door) -> None:
-    with begin(door, "arrays") as run:
+def test_observations_are_arrays_in_the_units_that_are_promised(endpoint: Endpoint) -> None:
+    with begin(endpoint, "arrays") as run:
         episode = run.next_episode()
         assert episode is not None
         seen = episode.observation
@@ -72,41 +74,41 @@ def test_observations_are_arrays_in_the_units_that_are_promised(door: Door) -> N
         assert (turned.step, turned.remaining_steps) == (1, run.task.max_steps - 1)
 
 
-def test_sensors_that_were_not_asked_for_are_none(door: Door) -> None:
-    with begin(door, "blind", avln.Sensors(rgb=False, depth=False, audio=False)) as run:
+def test_sensors_that_were_not_asked_for_are_none(endpoint: Endpoint) -> None:
+    with begin(endpoint, "blind", avln.Sensors(rgb=False, depth=False, audio=False)) as run:
         episode = run.next_episode()
         assert episode is not None
         seen = episode.act(avln.Action.MOVE_FORWARD)
         assert (seen.rgb, seen.depth, seen.audio) == (None, None, None)
 
 
-def senses(door: Door, packing: avln.Packing) -> list[avln.Observation]:
-    with begin(door, packing.value, link=avln.Link(packing=packing)) as run:
+def senses(endpoint: Endpoint, packing: avln.Packing) -> list[avln.Observation]:
+    with begin(endpoint, packing.value, connect_options=avln.ConnectOptions(packing=packing)) as run:
         episode = run.next_episode()
         assert episode is not None
         moves = [avln.Action.TURN_LEFT, avln.Action.MOVE_FORWARD, avln.Action.MOVE_FORWARD]
         return [episode.observation, *(episode.act(move) for move in moves)]
 
 
-def test_packed_observations_are_the_same_numbers(door: Door) -> None:
-    raw = senses(door, avln.Packing.RAW)
-    for one, other in zip(raw, senses(door, avln.Packing.LOSSLESS)):
+def test_packed_observations_are_the_same_numbers(endpoint: Endpoint) -> None:
+    raw = senses(endpoint, avln.Packing.RAW)
+    for one, other in zip(raw, senses(endpoint, avln.Packing.LOSSLESS)):
         np.testing.assert_array_equal(one.rgb, other.rgb)
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.audio, other.audio)
         assert one.pose == other.pose
 
 
-def test_rounded_observations_are_near_where_the_phase_allows_them(door: Door) -> None:
-    for one, other in zip(senses(door, avln.Packing.RAW), senses(door, avln.Packing.ROUNDED)):
+def test_rounded_observations_are_near_where_the_phase_allows_them(endpoint: Endpoint) -> None:
+    for one, other in zip(senses(endpoint, avln.Packing.RAW), senses(endpoint, avln.Packing.ROUNDED)):
         assert one.depth is not None
         assert other.depth is not None
         np.testing.assert_array_equal(one.rgb, other.rgb)
         np.testing.assert_allclose(one.depth, other.depth, atol=0.51e-3)
 
 
-def test_goals_come_in_words_and_pictures(door: Door) -> None:
-    with begin(door, "goals") as run:
+def test_goals_come_in_words_and_pictures(endpoint: Endpoint) -> None:
+    with begin(endpoint, "goals") as run:
         goals = [goal for episode in run for goal in episode.mission.goals]
     for goal in goals:
         is_picture = goal.modality is avln.Modality.IMAGE
@@ -115,8 +117,8 @@ def test_goals_come_in_words_and_pictures(door: Door) -> None:
         assert goal.image is None or (goal.image.dtype == np.uint8 and goal.image.ndim == 3)
 
 
-def test_what_an_agent_does_wrong_is_told_and_costs_nothing(door: Door) -> None:
-    with begin(door, "wrong") as run:
+def test_what_an_agent_does_wrong_is_told_and_costs_nothing(endpoint: Endpoint) -> None:
+    with begin(endpoint, "wrong") as run:
         episode = run.next_episode()
         assert episode is not None
         with pytest.raises(avln.UnknownActionError, match=r"take the action 7.*Action.STOP \(4\)"):
@@ -130,8 +132,8 @@ def test_what_an_agent_does_wrong_is_told_and_costs_nothing(door: Door) -> None:
             episode.act(avln.Action.STOP)
 
 
-def test_an_episode_that_is_left_open_is_abandoned(door: Door) -> None:
-    with begin(door, "abandon") as run:
+def test_an_episode_that_is_left_open_is_abandoned(endpoint: Endpoint) -> None:
+    with begin(endpoint, "abandon") as run:
         first = run.next_episode()
         assert first is not None
         second = run.next_episode()
@@ -141,47 +143,47 @@ def test_an_episode_that_is_left_open_is_abandoned(door: Door) -> None:
         assert first.end.reason is avln.EndReason.ABANDONED
 
 
-def test_an_exception_leaves_the_run_open_for_its_token(door: Door, arena: avln.Arena) -> None:
-    run = arena.start_run(PHASE, "comes back")
+def test_an_exception_leaves_the_run_open_for_its_token(endpoint: Endpoint, client: avln.Client) -> None:
+    run = client.start_run(PHASE, "comes back")
 
     def crash() -> None:
-        with arena.play(run, SMALL) as play:
+        with client.play(run, SMALL) as play:
             assert play.next_episode() is not None
             raise RuntimeError("policy")
 
     with pytest.raises(RuntimeError, match="policy"):
         crash()
-    assert not arena.run(run.id).is_over
-    with avln.begin(door.url, run.token, "", "", sensors=SMALL) as play:
+    assert not client.run(run.id).is_over
+    with avln.begin(endpoint.url, run.token, "", "", sensors=SMALL) as play:
         assert play.run == run.id
         assert play.next_episode() is not None
 
 
-def test_refusals_have_the_servers_reason(door: Door, arena: avln.Arena) -> None:
+def test_refusals_have_the_servers_reason(endpoint: Endpoint, client: avln.Client) -> None:
     with pytest.raises(avln.RefusedError, match="PHASE_UNKNOWN") as refused:
-        arena.start_run("no-such-phase", "method")
+        client.start_run("no-such-phase", "method")
     assert refused.value.reason == "PHASE_UNKNOWN"
     with pytest.raises(avln.TokenError, match="AVLN_TOKEN"):
-        avln.connect(door.url, "avln_nobody")
+        avln.connect(endpoint.url, "avln_nobody")
     with pytest.raises(avln.SensorsError, match="63 x 63"):
-        arena.play(arena.start_run(PHASE, "tiny"), avln.Sensors.square(63))
+        client.play(client.start_run(PHASE, "tiny"), avln.Sensors.square(63))
 
 
-def test_frames_go_in_and_out_of_the_raw_connection(arena: avln.Arena) -> None:
-    line, agreement = arena.line(arena.start_run(PHASE, "frames"), 2, SMALL)
+def test_frames_go_in_and_out_of_the_raw_connection(client: avln.Client) -> None:
+    connection, agreement = client.connection(client.start_run(PHASE, "frames"), 2, SMALL)
     for slot in range(agreement.slots):
-        line.send(play_pb2.Ready(slot=slot))
-    starts = [line.next(slot, timeout_s=30) for slot in range(agreement.slots)]
+        connection.send(play_pb2.Ready(slot=slot))
+    starts = [connection.next(slot, timeout_s=30) for slot in range(agreement.slots)]
     assert [type(start) for start in starts] == [play_pb2.EpisodeStart] * 2
     start = starts[1]
     assert isinstance(start, play_pb2.EpisodeStart)
-    line.send(play_pb2.Act(slot=1, episode=start.episode, step=1, action=common_pb2.ACTION_STOP))
-    assert isinstance(line.next(1, timeout_s=30), play_pb2.Observation)
-    assert isinstance(line.next(1, timeout_s=30), play_pb2.EpisodeEnd)
-    line.send(play_pb2.Goodbye())
-    assert isinstance(line.next(1, timeout_s=30), play_pb2.RunEnd)
-    assert isinstance(line.next(1, timeout_s=30), avln.Closed)
-    line.close()
+    connection.send(play_pb2.Act(slot=1, episode=start.episode, step=1, action=common_pb2.ACTION_STOP))
+    assert isinstance(connection.next(1, timeout_s=30), play_pb2.Observation)
+    assert isinstance(connection.next(1, timeout_s=30), play_pb2.EpisodeEnd)
+    connection.send(play_pb2.Goodbye())
+    assert isinstance(connection.next(1, timeout_s=30), play_pb2.RunEnd)
+    assert isinstance(connection.next(1, timeout_s=30), avln.Closed)
+    connection.close()
 
 
 class Turner:
@@ -195,10 +197,10 @@ class Turner:
         return avln.Action.STOP if self.steps == 5 else avln.Action.TURN_RIGHT
 
 
-def test_agents_play_slots_at_the_same_time(arena: avln.Arena) -> None:
+def test_agents_play_slots_at_the_same_time(client: avln.Client) -> None:
     ends: list[avln.EpisodeEnd] = []
-    run = arena.start_run(PHASE, "slots")
-    summary = avln.evaluate_slots(arena, run, [Turner(), Turner()], SMALL, ends.append)
+    run = client.start_run(PHASE, "slots")
+    summary = avln.evaluate_slots(client, run, [Turner(), Turner()], SMALL, ends.append)
     assert summary.complete
     assert sorted(end.steps for end in ends) == [5, 5, 5]
 
@@ -212,17 +214,17 @@ class Failing(Turner):
         return avln.Action.TURN_LEFT
 
 
-def test_an_agent_that_fails_ends_the_evaluation_and_not_the_run(arena: avln.Arena) -> None:
-    run = arena.start_run(PHASE, "fails")
+def test_an_agent_that_fails_ends_the_evaluation_and_not_the_run(client: avln.Client) -> None:
+    run = client.start_run(PHASE, "fails")
     with pytest.raises(RuntimeError, match="out of memory"):
-        avln.evaluate_slots(arena, run, [Failing(), Failing()], SMALL)
-    assert not arena.run(run.id).is_over
-    assert arena.cancel_run(run.id).state == "cancelled"
+        avln.evaluate_slots(client, run, [Failing(), Failing()], SMALL)
+    assert not client.run(run.id).is_over
+    assert client.cancel_run(run.id).state == "cancelled"
 
 
-def test_a_run_can_be_watched_until_it_is_over(arena: avln.Arena) -> None:
-    run = arena.start_run(PHASE, "watched")
-    states = arena.watch(run.id)
+def test_a_run_can_be_watched_until_it_is_over(client: avln.Client) -> None:
+    run = client.start_run(PHASE, "watched")
+    states = client.watch(run.id)
     assert next(states).state == "created"
-    arena.cancel_run(run.id)
+    client.cancel_run(run.id)
     assert [status.state for status in states][-1] == "cancelled"

@@ -15,7 +15,7 @@ from server import PHASE
 import avln
 
 if TYPE_CHECKING:
-    from conftest import Door
+    from conftest import Endpoint
 
 RATE_HZ = 16_000
 
@@ -35,9 +35,9 @@ class Short:
 
 
 @pytest.mark.parametrize("agent", [RandomWalk, AudioFollower, Frontier])
-def test_an_example_plays_a_run(arena: avln.Arena, agent: Any) -> None:
-    run = arena.start_run(PHASE, agent.__name__)
-    summary = avln.evaluate(arena, run, Short(agent(), 30), agent.sensors)
+def test_an_example_plays_a_run(client: avln.Client, agent: Any) -> None:
+    run = client.start_run(PHASE, agent.__name__)
+    summary = avln.evaluate(client, run, Short(agent(), 30), agent.sensors)
     assert summary.complete
 
 
@@ -68,17 +68,17 @@ def test_the_map_of_a_corridor_is_free_ahead_and_blocked_at_its_end() -> None:
     assert len(way) > 1
 
 
-def test_ppo_trains_on_practice(door: Door) -> None:
+def test_ppo_trains_on_practice(endpoint: Endpoint) -> None:
     pytest.importorskip("stable_baselines3", reason="pip install 'avln[sb3]'")
     from sb3_ppo import train  # noqa: PLC0415
 
-    model = train(door.url, door.token, PHASE, 2000)
+    model = train(endpoint.url, endpoint.token, PHASE, 2000)
     assert model.num_timesteps >= 2000
 
 
-def test_a_torch_policy_plays_slots_in_one_batch(arena: avln.Arena) -> None:
+def test_a_torch_policy_plays_slots_in_one_batch(client: avln.Client) -> None:
     pytest.importorskip("torch", reason="pip install 'avln[torch]'")
     from torch_policy import SENSORS, Policy, play_slots  # noqa: PLC0415
 
-    plays = arena.play_slots(arena.start_run(PHASE, "torch"), 2, SENSORS)
+    plays = client.play_slots(client.start_run(PHASE, "torch"), 2, SENSORS)
     assert play_slots(plays, Policy().eval()).complete

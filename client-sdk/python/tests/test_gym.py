@@ -21,42 +21,48 @@ from avln.gym import ENV_ID, GOAL_TEXT_BYTES, LHAVLNEnv, LHAVLNVectorEnv, Observ
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from conftest import Door
+    from conftest import Endpoint
 
 SMALL = avln.Sensors.square(64)
 STOP = int(avln.Action.STOP)
 LEFT = int(avln.Action.TURN_LEFT)
 
 
-def make(door: Door, phase: str = PHASE, **options: Any) -> LHAVLNEnv:
+def make(endpoint: Endpoint, phase: str = PHASE, **options: Any) -> LHAVLNEnv:
     options = {"sensors": SMALL, "goal_side": 32, **options}
-    env = gymnasium.make(ENV_ID, server=door.url, token=door.token, phase=phase, **options)
+    env = gymnasium.make(ENV_ID, server=endpoint.url, token=endpoint.token, phase=phase, **options)
     plain = env.unwrapped
     assert isinstance(plain, LHAVLNEnv)
     return plain
 
 
 @pytest.fixture
-def env(door: Door) -> Iterator[LHAVLNEnv]:
-    env = make(door)
+def env(endpoint: Endpoint) -> Iterator[LHAVLNEnv]:
+    env = make(endpoint)
     yield env
     env.close()
 
 
-def test_the_environment_passes_gymnasiums_check(door: Door) -> None:
+def test_the_environment_passes_gymnasiums_check(endpoint: Endpoint) -> None:
     env = gymnasium.make(
-        ENV_ID, server=door.url, token=door.token, phase=PHASE, sensors=SMALL, goal_side=32, render_mode="rgb_array"
+        ENV_ID,
+        server=endpoint.url,
+        token=endpoint.token,
+        phase=PHASE,
+        sensors=SMALL,
+        goal_side=32,
+        render_mode="rgb_array",
     )
     check_env(env.unwrapped)
     env.close()
 
 
-@pytest.mark.parametrize("last", ["env.close()", "avln.line._close_lines()"])
-def test_programs_that_make_the_environment_end(door: Door, last: str) -> None:
+@pytest.mark.parametrize("last", ["env.close()", "avln.connection._close_connections()"])
+def test_programs_that_make_the_environment_end(endpoint: Endpoint, last: str) -> None:
     code = f"""
-import avln.line, gc, grpc, gymnasium
+import avln.connection, gc, grpc, gymnasium
 gc.disable()
-env = gymnasium.make("avln/LHAVLN-v1", server={door.url!r}, token={door.token!r})
+env = gymnasium.make("avln/LHAVLN-v1", server={endpoint.url!r}, token={endpoint.token!r})
 print(sorted(env.reset()[0]))
 {last}
 # The interpreter's end waits for ever for calls that outlive their threads.
@@ -100,17 +106,17 @@ def test_practice_goes_on_without_end_and_a_seed_begins_it_anew(env: LHAVLNEnv) 
     np.testing.assert_array_equal(env.reset(seed=4)[0]["rgb"], firsts[0])
 
 
-def test_a_runs_own_token_needs_no_phase(door: Door, arena: avln.Arena) -> None:
-    run = arena.start_run(PHASE, "given")
-    env = gymnasium.make(ENV_ID, server=door.url, token=run.token, sensors=SMALL, goal_side=32)
+def test_a_runs_own_token_needs_no_phase(endpoint: Endpoint, client: avln.Client) -> None:
+    run = client.start_run(PHASE, "given")
+    env = gymnasium.make(ENV_ID, server=endpoint.url, token=run.token, sensors=SMALL, goal_side=32)
     env.reset()
     with pytest.raises(avln.RunOverError, match=f"run {run.id} gives no episode: reset was called with seed 7, and"):
         env.reset(seed=7)
     env.close()
 
 
-def test_counted_runs_refuse_seeds_and_end(door: Door) -> None:
-    env = make(door, CHALLENGE)
+def test_counted_runs_refuse_seeds_and_end(endpoint: Endpoint) -> None:
+    env = make(endpoint, CHALLENGE)
     env.reset()
     with pytest.raises(avln.RunOverError, match="seed 7"):
         env.reset(seed=7)
@@ -121,15 +127,15 @@ def test_counted_runs_refuse_seeds_and_end(door: Door) -> None:
     env.close()
 
 
-def test_keys_rewards_and_words_are_checked(door: Door) -> None:
-    env = make(door, keys=["depth", "pose"], reward=lambda before, action, after: after.step - before.step + action)
+def test_keys_rewards_and_words_are_checked(endpoint: Endpoint) -> None:
+    env = make(endpoint, keys=["depth", "pose"], reward=lambda before, action, after: after.step - before.step + action)
     assert list(env.reset()[0]) == ["depth", "pose"]
     assert env.step(LEFT)[1] == 1 + LEFT
     with pytest.raises(ValueError, match="options"):
         env.reset(options={"episode": 3})
     env.close()
     with pytest.raises(ValueError, match="semantic"):
-        make(door, keys=["semantic"])
+        make(endpoint, keys=["semantic"])
 
 
 def test_goals_become_arrays_of_fixed_shapes() -> None:
@@ -147,13 +153,13 @@ def test_goals_become_arrays_of_fixed_shapes() -> None:
     assert layout.space.contains(layout.observation(avln.Observation(), arrays))
 
 
-def vector(door: Door, num_envs: int = 2, phase: str = PHASE) -> LHAVLNVectorEnv:
+def vector(endpoint: Endpoint, num_envs: int = 2, phase: str = PHASE) -> LHAVLNVectorEnv:
     envs = gymnasium.make_vec(
         ENV_ID,
         num_envs=num_envs,
         vectorization_mode="vector_entry_point",
-        server=door.url,
-        token=door.token,
+        server=endpoint.url,
+        token=endpoint.token,
         phase=phase,
         sensors=SMALL,
         goal_side=32,
@@ -162,8 +168,8 @@ def vector(door: Door, num_envs: int = 2, phase: str = PHASE) -> LHAVLNVectorEnv
     return envs.unwrapped
 
 
-def test_slots_step_together_and_begin_the_next_episode_by_themselves(door: Door) -> None:
-    envs = vector(door)
+def test_slots_step_together_and_begin_the_next_episode_by_themselves(endpoint: Endpoint) -> None:
+    envs = vector(endpoint)
     observations, infos = envs.reset(seed=1)
     assert observations in envs.observation_space
     assert infos["idle"].tolist() == [False, False]
@@ -179,8 +185,8 @@ def test_slots_step_together_and_begin_the_next_episode_by_themselves(door: Door
     envs.close()
 
 
-def test_slots_without_an_episode_are_idle_until_the_run_begins_anew(door: Door) -> None:
-    envs = vector(door)
+def test_slots_without_an_episode_are_idle_until_the_run_begins_anew(endpoint: Endpoint) -> None:
+    envs = vector(endpoint)
     envs.reset(seed=1)
     idle = [envs.step(np.array([STOP, STOP]))[4]["idle"].tolist() for _ in range(4)]
     # Both stop; of two slots one begins the third episode; that one stops; a new run begins.
@@ -188,8 +194,8 @@ def test_slots_without_an_episode_are_idle_until_the_run_begins_anew(door: Door)
     envs.close()
 
 
-def test_a_vector_over_counted_runs_ends(door: Door) -> None:
-    envs = vector(door, 3, CHALLENGE)
+def test_a_vector_over_counted_runs_ends(endpoint: Endpoint) -> None:
+    envs = vector(endpoint, 3, CHALLENGE)
     envs.reset()
     envs.step(np.array([STOP] * 3))
     with pytest.raises(avln.RunOverError):
@@ -197,6 +203,6 @@ def test_a_vector_over_counted_runs_ends(door: Door) -> None:
     envs.close()
 
 
-def test_more_slots_than_the_phase_grants_are_refused(door: Door) -> None:
+def test_more_slots_than_the_phase_grants_are_refused(endpoint: Endpoint) -> None:
     with pytest.raises(avln.Error, match="num_envs=4"):
-        vector(door, 5)
+        vector(endpoint, 5)

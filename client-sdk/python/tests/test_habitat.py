@@ -15,7 +15,7 @@ from avln.habitat import EVALUATION_ACTIONS, TRAINING_ACTIONS, Senses, to_action
 from avln.spectrogram import spectrogram
 
 if TYPE_CHECKING:
-    from conftest import Door
+    from conftest import Endpoint
 
 TASK = avln.TaskSpec()
 GOALS = avln.Mission(
@@ -158,7 +158,7 @@ def test_numbers_of_training_differ_and_foreign_choices_are_refused() -> None:
 
 
 class FakeHabitatAgent:
-    """Has the shape of `habitat.Agent`, and looks at everything that it is given."""
+    """A `habitat.Agent` that inspects all observations."""
 
     def __init__(self, keys: list[str]) -> None:
         self.keys, self.resets = keys, 0
@@ -176,10 +176,10 @@ class FakeHabitatAgent:
 
 
 @pytest.mark.parametrize("stop_submits", [False, True])
-def test_a_habitat_agent_plays_as_it_is(door: Door, *, stop_submits: bool) -> None:
+def test_a_habitat_agent_plays_as_it_is(endpoint: Endpoint, *, stop_submits: bool) -> None:
     keys = ["rgb", "depth", "audiogoal", "spectrogram", "gps", "compass", "pose", "full_pose_sensor", "goals"]
     agent, ends = FakeHabitatAgent(keys), list[avln.EpisodeEnd]()
-    with avln.begin(door.url, door.token, PHASE, "habitat", sensors=avln.Sensors.square(64)) as run:
+    with avln.begin(endpoint.url, endpoint.token, PHASE, "habitat", sensors=avln.Sensors.square(64)) as run:
         habitat.play(run, agent, keys=keys, stop_submits=stop_submits, on_end=ends.append)
     assert agent.resets == len(ends) == 3
     reason = avln.EndReason.FINAL_SUBMIT if stop_submits else avln.EndReason.STOPPED

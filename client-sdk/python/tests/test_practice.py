@@ -13,7 +13,7 @@ from avln.service import phase_to_practise
 from avln.v1 import info_pb2, run_pb2
 
 if TYPE_CHECKING:
-    from conftest import Door
+    from conftest import Endpoint
 
 OPEN, CLOSED = info_pb2.PHASE_STATE_OPEN, info_pb2.PHASE_STATE_CLOSED
 
@@ -51,6 +51,6 @@ def test_where_none_is_meant_the_phases_are_told(
         phase_to_practise(phases, quotas)
 
 
-def test_a_run_without_a_phase_is_practice(door: Door, arena: avln.Arena) -> None:
-    with avln.begin(door.url, door.token, "", "unnamed") as play:
-        assert arena.run(play.run).phase == PHASE
+def test_a_run_without_a_phase_is_practice(endpoint: Endpoint, client: avln.Client) -> None:
+    with avln.begin(endpoint.url, endpoint.token, "", "unnamed") as play:
+        assert client.run(play.run).phase == PHASE

@@ -17,29 +17,29 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from conftest import Door, Furnished
+    from conftest import Endpoint, Furnished
     from server import Server
 
 METHOD = "forward-and-turn"
 
 
 def facts(server: Server, run: str) -> list[dict[str, Any]]:
-    """What the server shows people of each episode: steps, metres, collisions, distances, scores."""
+    """Public episode results: steps, metres, collisions, distances, scores."""
     with urllib.request.urlopen(f"http://127.0.0.1:{server.web}/api/v1/runs/{run}") as answer:
         told = json.load(answer)
     return [episode["metrics"] for episode in sorted(told["episodes"], key=lambda episode: episode["episode"])]
 
 
 @pytest.mark.parametrize("order", list(avln.Order))
-def test_python_scores_as_rust_does(door: Door, arena: avln.Arena, order: avln.Order) -> None:
-    told = ["--server", door.url, "--token", door.token, "--phase", PHASE, "--order", order.value]
-    known = {run.id for run in arena.runs(PHASE)}
-    door.server.command("agent", "baseline", METHOD, *told, "--size", "64")
-    rust = next(run.id for run in arena.runs(PHASE) if run.id not in known)
-    run = arena.start_run(PHASE, "python", order)
-    assert avln.evaluate(arena, run, ForwardAndTurn(), ForwardAndTurn.sensors).complete
-    walked = facts(door.server, run.id)
-    assert walked == facts(door.server, rust)
+def test_python_scores_as_rust_does(endpoint: Endpoint, client: avln.Client, order: avln.Order) -> None:
+    told = ["--server", endpoint.url, "--token", endpoint.token, "--phase", PHASE, "--order", order.value]
+    known = {run.id for run in client.runs(PHASE)}
+    endpoint.server.command("agent", "baseline", METHOD, *told, "--size", "64")
+    rust = next(run.id for run in client.runs(PHASE) if run.id not in known)
+    run = client.start_run(PHASE, "python", order)
+    assert avln.evaluate(client, run, ForwardAndTurn(), ForwardAndTurn.sensors).complete
+    walked = facts(endpoint.server, run.id)
+    assert walked == facts(endpoint.server, rust)
     assert all(episode["path_m"] > 10 and episode["steps"] == 1000 for episode in walked)
 
 
@@ -52,7 +52,7 @@ def mortal(furnished: Furnished, tmp_path: Path) -> Iterator[Server]:
 
 
 def poses(play: avln.Play, agent: ForwardAndTurn, killer: Killer | None) -> list[avln.Pose]:
-    """Plays all episodes; gives back every pose that was seen."""
+    """Plays all episodes; returns every pose that was seen."""
     seen = []
     for episode in play:
         agent.begin(play.task, episode.mission)
@@ -79,14 +79,14 @@ class Killer:
 
 @pytest.mark.parametrize("sensors", [ForwardAndTurn.sensors, avln.Sensors.square(64)], ids=["blind", "all senses"])
 def test_a_server_that_is_killed_costs_nothing(mortal: Server, furnished: Furnished, sensors: avln.Sensors) -> None:
-    with avln.connect(mortal.url, furnished.token) as arena:
-        calm = arena.start_run(PHASE, "calm")
-        with arena.play(calm, sensors) as play:
+    with avln.connect(mortal.url, furnished.token) as client:
+        calm = client.start_run(PHASE, "calm")
+        with client.play(calm, sensors) as play:
             undisturbed = poses(play, ForwardAndTurn(), None)
         killer = Killer(mortal, {25, 90})
-        run = arena.start_run(PHASE, "killed")
-        with arena.play(run, sensors) as play:
+        run = client.start_run(PHASE, "killed")
+        with client.play(run, sensors) as play:
             assert poses(play, ForwardAndTurn(), killer) == undisturbed
         assert killer.struck == 2
-        assert arena.run(run.id).state == "completed"
+        assert client.run(run.id).state == "completed"
         assert facts(mortal, run.id) == facts(mortal, calm.id)

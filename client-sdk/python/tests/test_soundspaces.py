@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch", reason="pip install 'avln[torch]'")
 from avln.soundspaces import PolicyAgent  # noqa: E402
 
 if TYPE_CHECKING:
-    from conftest import Door
+    from conftest import Endpoint
 
 
 class CountingPolicy:
@@ -40,10 +40,10 @@ class CountingPolicy:
         return None, torch.tensor([[action]]), None, hidden
 
 
-def test_a_recurrent_policy_gets_back_what_it_gave(door: Door) -> None:
+def test_a_recurrent_policy_gets_back_what_it_gave(endpoint: Endpoint) -> None:
     policy = CountingPolicy()
     agent = PolicyAgent(policy, hidden_size=4, deterministic=True)
-    with avln.begin(door.url, door.token, PHASE, "soundspaces", sensors=avln.Sensors.square(64)) as run:
+    with avln.begin(endpoint.url, endpoint.token, PHASE, "soundspaces", sensors=avln.Sensors.square(64)) as run:
         habitat.play(run, agent, keys=["depth", "spectrogram", "goals"])
     assert policy.seen == [(0.0, 0, 0.0), (1.0, 2, 1.0), (2.0, 2, 1.0)] * 3
     assert run.summary is not None

@@ -18,7 +18,7 @@ GENERATOR = "1.62"
 
 
 def main() -> int:
-    """Writes messages and their types; gives back the generator's exit code."""
+    """Writes messages and their types; returns the generator's exit code."""
     found = version("grpcio-tools")
     if not found.startswith(GENERATOR):
         print(

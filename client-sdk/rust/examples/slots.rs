@@ -6,7 +6,7 @@ use tokio::task::JoinSet;
 
 const SLOTS: u32 = 4;
 
-/// Turns once around in each episode of a slot, and stops.
+/// Turns around once per episode, and stops.
 async fn turn_around(mut play: Play) -> Result<Play, Error> {
     let turns = (std::f32::consts::TAU / play.task().turn_rad).round() as u32;
     while let Some(mut episode) = play.next_episode().await? {

@@ -1,7 +1,7 @@
 use avln_proto::v1;
 use std::{fmt, str::FromStr};
 
-/// Actions of an agent. Every action uses a step of the episode.
+/// Agent actions. Every action uses a step of the episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
     /// Move forward, sliding at walls.
@@ -17,7 +17,7 @@ pub enum Action {
 }
 
 impl Action {
-    /// All actions, in the order of action spaces: index 0 is MoveForward, index 4 is Stop.
+    /// All actions, in action space order: index 0 is MoveForward, index 4 is Stop.
     pub const ALL: [Self; 5] = [Self::MoveForward, Self::TurnLeft, Self::TurnRight, Self::Submit, Self::Stop];
 
     pub(crate) fn to_wire(self) -> v1::Action {
@@ -37,10 +37,10 @@ impl fmt::Display for Action {
     }
 }
 
-/// Order of the goals of a mission.
+/// Goal order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Order {
-    /// Goals count in the order of the mission only.
+    /// Goals count only in mission order.
     Ordered,
     /// Goals count in any order.
     #[default]
@@ -97,7 +97,7 @@ pub enum EndReason {
     Stopped,
     /// The agent used the final Submit.
     FinalSubmit,
-    /// The step limit of the rules was reached.
+    /// The step limit was reached.
     StepLimit,
     /// The time budget was used up.
     TimeBudget,

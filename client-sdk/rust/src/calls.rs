@@ -1,6 +1,6 @@
 //! Unary calls with retries after a lost answer.
 
-use crate::{Error, RunOptions, backoff::Backoff};
+use crate::{Error, RunOptions};
 use avln_proto::v1;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
@@ -11,7 +11,7 @@ use tonic::{
 
 /// Longest time for an answer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
-/// Default retry time of a call with a lost answer.
+/// Default retry time after a lost answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Makes an idempotent call, repeated while the connection is lost.
@@ -77,10 +77,48 @@ fn random_name() -> String {
     words.map_or_else(|_| String::new(), |(first, second)| format!("{first:016x}{second:016x}"))
 }
 
+/// Pause before the second attempt.
+const FIRST_PAUSE: Duration = Duration::from_millis(50);
+/// Longest pause without a delay requested by the server.
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+/// Longest accepted delay, so that a wrong value cannot stop a client for hours.
+const LONGEST_DELAY: Duration = Duration::from_secs(300);
+
+/// Pauses between attempts to reach a server.
+pub(crate) struct Backoff {
+    pause: Duration,
+}
+
+impl Backoff {
+    pub(crate) fn new() -> Self {
+        Self { pause: FIRST_PAUSE }
+    }
+
+    /// Returns the pause after the failure `error`, and doubles the next pause.
+    ///
+    /// A delay requested by the server is a lower bound.
+    pub(crate) fn after(&mut self, error: &Error) -> Duration {
+        let delay = Duration::from_secs(error.retry_after_s().unwrap_or(0).into()).min(LONGEST_DELAY);
+        // After a restart all clients lose their stream at the same moment. Without jitter they would return in
+        // lockstep and overload the server again, also after an equal delay.
+        let pause = delay + self.pause.mul_f64(0.5 + 0.5 * random_share());
+        self.pause = (2 * self.pause).min(LONGEST_PAUSE);
+        pause
+    }
+}
+
+/// A random number in [0, 1); 0.5 without a random source.
+fn random_share() -> f64 {
+    let bits = getrandom::u64().unwrap_or(1 << 63);
+    (bits >> 11) as f64 / (1_u64 << 53) as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_proto::v1::Reason;
     use std::cell::Cell;
+    use tonic::Code;
 
     #[test]
     fn a_token_with_a_line_break_is_never_sent() {
@@ -126,5 +164,30 @@ mod tests {
         assert_eq!(random_name().len(), 32);
         let named = RunOptions::new("practice", "m").request_id("mine").named();
         assert_eq!(named, RunOptions::new("practice", "m").request_id("mine"));
+    }
+
+    fn lost() -> Error {
+        Error::Lost { attempted: "ask", detail: "gone".to_owned() }
+    }
+
+    #[test]
+    fn pauses_double_up_to_the_limit() {
+        let mut backoff = Backoff::new();
+        for expected in [50, 100, 200, 400, 800, 1600, 2000, 2000] {
+            let pause = backoff.after(&lost()).as_millis();
+            assert!((expected / 2..=expected).contains(&pause), "{pause} ms, expected up to {expected} ms");
+        }
+    }
+
+    #[test]
+    fn pauses_of_two_clients_differ() {
+        let pauses: Vec<_> = (0..8).map(|_| Backoff::new().after(&lost())).collect();
+        assert!(pauses.windows(2).any(|pair| pair[0] != pair[1]), "{pauses:?}");
+    }
+
+    #[test]
+    fn requested_delay_is_a_lower_bound() {
+        let draining = Error::refused("play", Code::Unavailable, Reason::Draining, "stopping", Some(5));
+        assert!(Backoff::new().after(&draining) >= Duration::from_secs(5));
     }
 }

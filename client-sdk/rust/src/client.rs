@@ -1,26 +1,21 @@
 use crate::{
     Account, ConnectOptions, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch,
     Sensors, ServerInfo,
-    calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
-    connection::{Connection, Reconnector, closed},
+    calls::{bearer, persist, plain, signed, unwrap},
+    connection::{Connection, Reconnector},
+    handshake::{Greeting, greet},
     service::phase_to_practise,
     welcome::Agreement,
 };
 use avln_proto::{
-    API_MINOR, MAX_MESSAGE_BYTES,
-    v1::{
-        self, info_service_client::InfoServiceClient, play_request, play_response::Frame,
-        play_service_client::PlayServiceClient, run_service_client::RunServiceClient,
-    },
+    API_MINOR,
+    v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient},
 };
 use std::time::Duration;
-use tokio::{sync::mpsc, time::timeout};
-use tokio_stream::wrappers::ReceiverStream;
-use tonic::{Request, Status, Streaming, transport::Channel};
+use tonic::{Request, Status, transport::Channel};
 
-/// Prefix of run tokens.
+/// Run token prefix.
 const RUN_TOKEN: &str = "avln_run_";
-const PLAY: &str = "open the run's stream";
 
 /// Calls about runs.
 type Runs = RunServiceClient<Channel>;
@@ -43,7 +38,7 @@ impl Client {
     /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
     ///
     /// # Errors
-    /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
+    /// If the address is invalid, no server answers within ten seconds, it is a different server, or
     /// it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &ConnectOptions::default()).await
@@ -52,7 +47,7 @@ impl Client {
     /// Connects with options; see [`connect`](Self::connect).
     ///
     /// # Errors
-    /// As for [`connect`](Self::connect), or if the file of authorities is invalid.
+    /// As for [`connect`](Self::connect), or if the authority file is invalid.
     pub async fn connect_with(
         server: impl AsRef<str>,
         token: impl Into<String>,
@@ -126,7 +121,7 @@ impl Client {
         phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
     }
 
-    /// Returns the account of the token.
+    /// Returns the token's account.
     ///
     /// # Errors
     /// If the server rejects the token, or the connection is lost.
@@ -150,7 +145,7 @@ impl Client {
         Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
-    /// Returns the state of a run.
+    /// Returns a run's state.
     ///
     /// # Errors
     /// If the run is unknown, or the connection is lost.
@@ -235,31 +230,20 @@ impl Client {
             known: Vec::new(),
         };
         let Greeting::Welcome { requests, responses, welcome } =
-            self.greet(&run.token, hello.clone()).await?
+            greet(&self.channel, &run.token, hello.clone()).await?
         else {
             return Err(Error::protocol("the run ended before it was welcomed"));
         };
         let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
         agreement.slots = agreement.slots.min(wish);
-        let reconnector = Reconnector { client: self.clone(), token: run.token.clone(), hello };
+        let reconnector = Reconnector {
+            channel: self.channel.clone(),
+            patience: self.patience,
+            token: run.token.clone(),
+            hello,
+        };
         let (connection, receivers) = Connection::open(agreement, requests, responses, reconnector);
         Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
-    }
-
-    /// Opens a stream with this Hello.
-    pub(crate) async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Greeting, Error> {
-        let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
-        let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
-        let request = signed(Request::new(ReceiverStream::new(outbound)), &bearer(token)?);
-        let mut client = PlayServiceClient::new(self.channel.clone())
-            .max_decoding_message_size(MAX_MESSAGE_BYTES)
-            .max_encoding_message_size(MAX_MESSAGE_BYTES);
-        let mut responses = unwrap(PLAY, client.play(request).await)?;
-        let waited = timeout(TIMEOUT, await_welcome(&mut responses)).await;
-        match waited.unwrap_or_else(|_| Err(silent()))? {
-            First::Welcome(welcome) => Ok(Greeting::Welcome { requests, responses, welcome }),
-            First::RunEnd(ends, end) => Ok(Greeting::RunEnd(ends, end)),
-        }
     }
 
     /// Makes an idempotent run call, repeated while the answer is lost.
@@ -286,48 +270,11 @@ impl Client {
     }
 }
 
-/// Answer to a Hello.
-pub(crate) enum Greeting {
-    Welcome {
-        requests: mpsc::Sender<v1::PlayRequest>,
-        responses: Streaming<v1::PlayResponse>,
-        welcome: Box<v1::Welcome>,
-    },
-    /// The resumed run has ended, including episodes still open at the client.
-    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
-}
-
-enum First {
-    Welcome(Box<v1::Welcome>),
-    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
-}
-
-fn silent() -> Error {
-    let detail = format!("no Welcome within {TIMEOUT:?}");
-    Error::Lost { attempted: PLAY, detail }
-}
-
 fn client_info() -> v1::ClientInfo {
     v1::ClientInfo {
         name: "avln-client".to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         api_minor: API_MINOR,
-    }
-}
-
-async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<First, Error> {
-    let mut ends = Vec::new();
-    loop {
-        let next = responses.message().await.map_err(|status| Error::from_status(PLAY, &status))?;
-        let Some(response) = next else { return Err(closed(PLAY, None)) };
-        match response.frame {
-            Some(Frame::Welcome(welcome)) => return Ok(First::Welcome(Box::new(welcome))),
-            Some(Frame::EpisodeEnd(end)) => ends.push(end),
-            Some(Frame::RunEnd(end)) => return Ok(First::RunEnd(ends, end)),
-            Some(Frame::Fault(fault)) => return Err(Error::from_fault(PLAY, &fault)),
-            Some(Frame::Ping(_) | Frame::Notice(_)) | None => {}
-            Some(_) => return Err(Error::protocol("the first frame was not Welcome")),
-        }
     }
 }
 

@@ -1,8 +1,11 @@
-//! The connection of a run: a task reads the stream, answers pings, passes frames to slots, and reconnects
+//! A run's connection: a task reads the stream, answers pings, passes frames to slots, and reconnects
 //! after a loss.
 
 use crate::{
-    Client, Error, Notice, backoff::Backoff, client::Greeting, resend_buffer::ResendBuffer,
+    Error, Notice,
+    calls::Backoff,
+    handshake::{Greeting, greet},
+    resend_buffer::ResendBuffer,
     welcome::Agreement,
 };
 use avln_proto::v1::{self, play_request, play_response::Frame};
@@ -16,16 +19,16 @@ use tokio::{
     task::JoinHandle,
     time::{Instant, sleep},
 };
-use tonic::{Status, Streaming};
+use tonic::{Status, Streaming, transport::Channel};
 
-/// Limit of stored notices.
+/// Most stored notices.
 const MAX_NOTICES: usize = 64;
 /// Queued frames per slot. A slot has a single observation in flight, so more indicates a server fault.
 const SLOT_QUEUE: usize = 8;
 /// Minimum reconnection time by default: a restarting server has to load scenes.
 const PATIENCE: Duration = Duration::from_secs(180);
 
-/// Event of a slot.
+/// Slot event.
 #[derive(Debug)]
 pub(crate) enum Event {
     Start(Box<v1::EpisodeStart>),
@@ -37,7 +40,7 @@ pub(crate) enum Event {
     Closed(Option<Error>),
 }
 
-/// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
+/// The connection shared by a run's slots. Dropping the last of them closes it without a Goodbye.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) agreement: Agreement,
@@ -55,7 +58,9 @@ struct State {
 /// Data for resuming a run.
 #[derive(Debug)]
 pub(crate) struct Reconnector {
-    pub(crate) client: Client,
+    pub(crate) channel: Channel,
+    /// Reconnection time wanted by the agent.
+    pub(crate) patience: Option<Duration>,
     pub(crate) token: String,
     /// The Hello that opened the run's first stream.
     pub(crate) hello: v1::Hello,
@@ -79,7 +84,7 @@ impl Connection {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
         let buffer = ResendBuffer::new(agreement.slots);
         let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
-        let wanted = reconnector.client.patience;
+        let wanted = reconnector.patience;
         let patience = (!agreement.may_be_away.is_zero())
             .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
         let reader = Reader { state: state.clone(), slots, reconnector, patience };
@@ -159,7 +164,7 @@ impl Reader {
     async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
         let known = lock(&self.state).buffer.known();
         let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
-        match self.reconnector.client.greet(&self.reconnector.token, hello).await? {
+        match greet(&self.reconnector.channel, &self.reconnector.token, hello).await? {
             Greeting::RunEnd(ends, end) => {
                 for end in ends {
                     self.to(end.slot, Event::End(end)).await;
@@ -240,7 +245,7 @@ impl Reader {
     }
 }
 
-/// End of an episode that the server could not restore; it is reissued.
+/// Episode end that the server could not restore; it is reissued.
 fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
     v1::EpisodeEnd {
         slot: fault.slot.unwrap_or_default(),
@@ -248,13 +253,5 @@ fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
         step: fault.step,
         reason: v1::EndReason::ServerFault.into(),
         ..v1::EpisodeEnd::default()
-    }
-}
-
-/// Turns the end of the stream into the error of the pending call.
-pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
-    match end {
-        Some(error) => error.while_attempting(attempted),
-        None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
     }
 }

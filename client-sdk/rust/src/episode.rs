@@ -1,6 +1,7 @@
 use crate::{
     Action, EpisodeEnd, Error, Mission, Observation, Play, Progress,
-    connection::{Connection, Event, closed},
+    connection::{Connection, Event},
+    error::closed,
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{
@@ -16,7 +17,7 @@ pub struct Episode<'play> {
     play: Hold<'play>,
 }
 
-/// Access of an episode to its slot.
+/// An episode's access to its slot.
 #[derive(Debug)]
 enum Hold<'play> {
     Lent(&'play mut Play),
@@ -48,7 +49,7 @@ impl DerefMut for Hold<'_> {
 pub struct TimeLeft {
     /// Free thinking time; `None`: unlimited.
     pub step: Option<Duration>,
-    /// Remaining bank of the episode beyond `step`.
+    /// Remaining episode bank beyond `step`.
     pub bank: Duration,
 }
 
@@ -65,12 +66,12 @@ impl Episode<'static> {
 }
 
 impl Episode<'_> {
-    /// Random handle of the episode, good for this run only.
+    /// Random episode handle, valid in this run only.
     pub fn id(&self) -> &str {
         &self.play.state.id
     }
 
-    /// Number of the episode in start order, from 1.
+    /// Episode number in start order, from 1.
     pub fn ordinal(&self) -> u32 {
         self.play.state.ordinal
     }
@@ -90,7 +91,7 @@ impl Episode<'_> {
         self.play.state.time
     }
 
-    /// Progress of the run.
+    /// Run progress.
     pub fn progress(&self) -> Progress {
         self.play.progress()
     }
@@ -100,7 +101,7 @@ impl Episode<'_> {
         self.play.state.is_over()
     }
 
-    /// Result of the episode; `None` before its end.
+    /// Episode result; `None` before its end.
     pub fn end(&self) -> Option<&EpisodeEnd> {
         self.play.state.end()
     }
@@ -136,7 +137,7 @@ impl Episode<'_> {
     }
 }
 
-/// State of a slot: its episode as last reported by the server.
+/// Slot state: the episode as last reported by the server.
 #[derive(Debug)]
 pub(crate) struct SlotState {
     slot: u32,
@@ -193,7 +194,7 @@ impl SlotState {
         }
     }
 
-    /// Waits for the next event of the slot.
+    /// Waits for the next slot event.
     pub(crate) async fn next(&mut self) -> Event {
         self.events.recv().await.unwrap_or(Event::Closed(None))
     }
@@ -282,7 +283,7 @@ impl SlotState {
         Ok(false)
     }
 
-    /// Stores a fault that ends the episode, because EpisodeEnd follows; faults of other episodes are
+    /// Stores a fault that ends the episode, because EpisodeEnd follows; other episodes' faults are
     /// outdated.
     fn weigh(&mut self, attempted: &'static str, fault: &v1::Fault) -> Result<(), Error> {
         let stale = !fault.episode.is_empty() && fault.episode != self.id;

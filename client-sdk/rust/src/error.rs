@@ -3,7 +3,7 @@ use std::{error::Error as StdError, fmt::Write};
 use tonic::{Code, Status};
 use v1::Reason;
 
-/// Errors between an agent and its server. Every message contains the attempted operation and the next step.
+/// Errors between agent and server. Every message contains the attempted operation and the next step.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The server's address makes no sense.
@@ -236,6 +236,14 @@ fn what_phases(free: &[String], known: &[String]) -> String {
 
 fn retry_hint(retry_after_s: Option<u32>) -> String {
     retry_after_s.map(|s| format!("; try again in {s} s")).unwrap_or_default()
+}
+
+/// Error of the call that was pending when the stream ended.
+pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
+    match end {
+        Some(error) => error.while_attempting(attempted),
+        None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
+    }
 }
 
 #[cfg(test)]

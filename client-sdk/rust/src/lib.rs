@@ -1,16 +1,16 @@
 //! The Rust client of LH-AVLN Arena: connection, episodes, steps.
 //!
-//! There are three layers, and a program takes the highest one that does what it needs:
+//! Three layers; use the highest one that fits:
 //!
-//! | layer | what it is | start with |
+//! | layer | content | start with |
 //! |---|---|---|
-//! | connection | what a server is, whose token this is, phases, quotas, runs | [`Client`], [`ConnectOptions`], [`Run`] |
-//! | episodes | the slots of a run, an episode after the other, step by step | [`Play`], [`Episode`], [`Episodes`] |
-//! | agents | a type that chooses; who plays it is no longer its business | [`Agent`], [`evaluate`] |
+//! | connection | server, account, phases, quotas, runs | [`Client`], [`ConnectOptions`], [`Run`] |
+//! | episodes | a run's slots, episode by episode, step by step | [`Play`], [`Episode`], [`Episodes`] |
+//! | agents | a type that chooses actions | [`Agent`], [`evaluate`] |
 //!
 //! # Agents
 //!
-//! What implements [`Agent`] needs no loop of its own: [`evaluate`] plays it, and [`evaluate_slots`] several at the same time.
+//! An [`Agent`] needs no loop: [`evaluate`] plays a run with it, [`evaluate_slots`] with several agents in parallel.
 //!
 //! ```no_run
 //! use avln_client::{
@@ -47,8 +47,8 @@
 //!
 //! # Episodes
 //!
-//! A program with a loop of its own asks for episodes and takes steps. [`Play::episodes`] gives the same as a stream whose
-//! episodes borrow nothing, so that they can be sent to other tasks.
+//! A program with its own loop requests episodes and takes steps. [`Play::episodes`] returns a stream of owned episodes,
+//! which can be sent to other tasks.
 //!
 //! ```no_run
 //! use avln_client::{Action, Client, Error, Order, RunOptions, Sensors};
@@ -73,7 +73,7 @@
 //! # }
 //! ```
 //!
-//! [`Client::play_slots`] opens several slots, each of which is driven by a task of its own (`examples/slots.rs`).
+//! [`Client::play_slots`] opens several slots, each driven by its own task (`examples/slots.rs`).
 //!
 //! # Connection
 //!
@@ -95,35 +95,33 @@
 //! # }
 //! ```
 //!
-//! # What breaks
+//! # Failures
 //!
-//! - A stream that is lost is dialled again, and every open episode goes on at the step that it was at: [`Episode::step`]
-//!   takes longer, and nothing else is seen of it. [`ConnectOptions::patience`] says for how long.
-//! - A call whose answer was lost is made again for some seconds; a run that was asked for twice is begun once.
-//! - What the server refuses is an [`Error::Refused`] with its [`Reason`]; [`Error::Lost`] says that patience was over. Errors
-//!   tell what was attempted and what to do next.
-//! - An episode that the server's fault ended is over, with [`EndReason::ServerFault`], and does not count; the run goes on.
+//! - A lost stream is reconnected, and open episodes continue at their step: [`Episode::step`] only takes longer.
+//!   [`ConnectOptions::patience`] limits the time.
+//! - A call with a lost answer is repeated for some seconds; a repeated request starts a run only once.
+//! - A rejection by the server is [`Error::Refused`] with a [`Reason`]; [`Error::Lost`] means that patience ran out. Messages
+//!   contain the attempted operation and the next step.
+//! - An episode ended by a server fault has [`EndReason::ServerFault`] and does not count; the run continues.
 //!
 //! # Threads
 //!
-//! A runtime of one thread (`#[tokio::main(flavor = "current_thread")]`) spares a step in lock-step the way from thread to thread.
-//! It suits agents that choose in less than some seconds: while they think nothing answers the server's pings.
+//! A single-thread runtime (`#[tokio::main(flavor = "current_thread")]`) saves the change between threads in every step. It
+//! suits agents that choose within a few seconds: meanwhile the server's pings remain unanswered.
 //!
-//! *Never*: shows a generated message; knows a target, a place or a score that the server hides; links the simulator.
+//! *Never*: exposes a generated message; contains a target, a place or a score hidden by the server; links the simulator.
 
 mod action;
 mod agent;
-mod backoff;
 mod calls;
 mod client;
 mod connect_options;
 mod connection;
 mod episode;
-mod episodes;
 mod error;
+mod handshake;
 mod mission;
 mod observation;
-mod packing;
 mod play;
 mod resend_buffer;
 mod service;
@@ -135,14 +133,12 @@ pub use action::{Action, EndReason, Order, UnknownOrder};
 pub use agent::{Agent, evaluate, evaluate_slots, evaluate_with};
 pub use avln_proto::v1::Reason;
 pub use client::Client;
-pub use connect_options::ConnectOptions;
+pub use connect_options::{ConnectOptions, Packing};
 pub use episode::{Episode, TimeLeft};
-pub use episodes::Episodes;
 pub use error::Error;
 pub use mission::{GoalCue, Image, Mission, RgbImage};
 pub use observation::{Audio, DepthImage, Feedback, Observation, Pose};
-pub use packing::Packing;
-pub use play::Play;
+pub use play::{Episodes, Play};
 pub use service::{
     Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
     ServerInfo,

@@ -2,10 +2,10 @@ use crate::{Error, Order};
 use avln_proto::v1;
 use std::fmt;
 
-/// The mission of an episode.
+/// An episode's mission.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Mission {
-    /// Order of the goals.
+    /// Goal order.
     pub order: Order,
     /// The goals, 2 to 4.
     pub goals: Vec<GoalCue>,
@@ -14,11 +14,11 @@ pub struct Mission {
 /// A goal cue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GoalCue {
-    /// The label of the target's category.
+    /// The target's category label.
     Category(String),
     /// A sentence that matches only the target.
     Description(String),
-    /// A picture of the target.
+    /// A target image.
     Image(RgbImage),
 }
 
@@ -33,7 +33,7 @@ pub struct RgbImage {
     pub pixels: Vec<u8>,
 }
 
-/// A colour picture of the agent's camera.
+/// An image from the agent's camera.
 pub type Image = RgbImage;
 
 impl fmt::Debug for RgbImage {

@@ -4,7 +4,7 @@ use std::fmt;
 /// Sensor readings after a step. Sensors not requested are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observation {
-    /// Number of steps taken; 0 before the first action.
+    /// Steps taken; 0 before the first action.
     pub step: u32,
     /// The colour picture.
     pub rgb: Option<Image>,
@@ -12,7 +12,7 @@ pub struct Observation {
     pub depth: Option<DepthImage>,
     /// Sound during the step.
     pub audio: Option<Audio>,
-    /// Base of the body, in the frame that [`TaskSpec::pose_frame`](crate::TaskSpec::pose_frame) names.
+    /// Body base, in the frame that [`TaskSpec::pose_frame`](crate::TaskSpec::pose_frame) names.
     pub pose: Pose,
     /// Steps that are left.
     pub remaining_steps: u32,

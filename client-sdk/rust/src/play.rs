@@ -1,16 +1,27 @@
 use crate::{
     Episode, Error, Notice, Progress, RunSummary, TaskSpec,
-    connection::{Connection, Event, closed},
+    connection::{Connection, Event},
     episode::{Begun, SlotState},
+    error::closed,
 };
 use avln_proto::v1::{self, play_request::Frame};
-use std::{sync::Arc, time::Duration};
-use tokio::{sync::mpsc, time};
+use std::{
+    fmt,
+    pin::Pin,
+    sync::Arc,
+    task::{Context, Poll, ready},
+    time::Duration,
+};
+use tokio::{
+    sync::{Mutex, mpsc},
+    time,
+};
+use tokio_stream::Stream;
 
-/// Longest wait of [`Play::finish`] for the summary.
+/// Longest wait for the summary in [`Play::finish`].
 const FAREWELL: Duration = Duration::from_secs(60);
 
-/// A slot of a run, which plays episodes in sequence.
+/// A run slot, which plays episodes in sequence.
 ///
 /// A lost connection is reopened and episodes continue, as long as the server permits. If dropped before
 /// [`finish`](Self::finish), an open episode ends as disconnected after that time.
@@ -29,12 +40,12 @@ impl Play {
         Self { state: SlotState::new(slot, events), connection, slot, progress, summary: None }
     }
 
-    /// The facts of the rules.
+    /// Task rules.
     pub fn task(&self) -> &TaskSpec {
         &self.connection.agreement.task
     }
 
-    /// Id of the run.
+    /// Run id.
     pub fn run(&self) -> &str {
         &self.connection.agreement.run
     }
@@ -44,7 +55,7 @@ impl Play {
         self.slot
     }
 
-    /// Latest progress of the run on this slot.
+    /// Latest run progress on this slot.
     pub fn progress(&self) -> Progress {
         self.progress
     }
@@ -81,6 +92,12 @@ impl Play {
                 Ok(false)
             }
         }
+    }
+
+    /// Returns the remaining episodes as a stream.
+    pub fn episodes(self) -> Episodes {
+        let task = self.task().clone();
+        Episodes { play: Arc::new(Mutex::new(self)), task, next: None, is_over: false }
     }
 
     /// Sends Goodbye: the run ends on all slots, and open episodes end as abandoned.
@@ -136,5 +153,84 @@ impl Play {
         let summary = RunSummary::from_wire(end);
         self.progress = summary.progress;
         self.summary = Some(summary);
+    }
+}
+
+/// Answer to the request for the next episode.
+type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
+
+/// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`].
+///
+/// It ends with the run or after an error. Polling requests the next episode after the previous one was dropped; an
+/// episode dropped before its end is abandoned.
+///
+/// ```no_run
+/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
+/// use tokio_stream::StreamExt;
+///
+/// # async fn play(client: Client) -> Result<(), Error> {
+/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
+/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
+/// while let Some(mut episode) = episodes.try_next().await? {
+///     while !episode.is_over() {
+///         episode.step(Action::MoveForward).await?;
+///     }
+/// }
+/// println!("{}", episodes.finish().await?);
+/// # Ok(())
+/// # }
+/// ```
+pub struct Episodes {
+    play: Arc<Mutex<Play>>,
+    task: TaskSpec,
+    next: Option<Next>,
+    is_over: bool,
+}
+
+impl Episodes {
+    /// Task rules.
+    pub fn task(&self) -> &TaskSpec {
+        &self.task
+    }
+
+    /// Finishes the run like [`Play::finish`], after the last episode was dropped.
+    ///
+    /// # Errors
+    /// As for [`Play::finish`].
+    pub async fn finish(mut self) -> Result<RunSummary, Error> {
+        drop(self.next.take());
+        self.play.lock().await.farewell().await
+    }
+}
+
+impl Stream for Episodes {
+    type Item = Result<Episode<'static>, Error>;
+
+    fn poll_next(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let this = self.get_mut();
+        if this.is_over {
+            return Poll::Ready(None);
+        }
+        let next = this.next.get_or_insert_with(|| Box::pin(begin(this.play.clone())));
+        let item = ready!(next.as_mut().poll(context));
+        this.next = None;
+        this.is_over = !matches!(item, Some(Ok(_)));
+        Poll::Ready(item)
+    }
+}
+
+impl fmt::Debug for Episodes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Episodes").field("is_over", &self.is_over).finish_non_exhaustive()
+    }
+}
+
+/// Waits until the slot is idle, then starts the next episode.
+async fn begin(play: Arc<Mutex<Play>>) -> Option<Result<Episode<'static>, Error>> {
+    let mut play = play.lock_owned().await;
+    match play.begin_next().await {
+        Ok(true) => Some(Ok(Episode::kept(play))),
+        Ok(false) => None,
+        Err(error) => Some(Err(error)),
     }
 }

@@ -2,7 +2,7 @@
 
 use avln_proto::v1::{self, play_request::Frame as Sent, play_response::Frame as Arrived};
 
-/// The slots of a run from the client's perspective.
+/// A run's slots from the client's perspective.
 #[derive(Debug, Default)]
 pub(crate) struct ResendBuffer {
     slots: Vec<SlotBuffer>,
@@ -93,7 +93,7 @@ impl ResendBuffer {
         (0..).zip(&self.slots).filter_map(position).collect()
     }
 
-    /// Frames to resend, given the slot positions of the server.
+    /// Frames to resend, given the server's slot positions.
     pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
         let again = |(slot, buffer): (u32, &SlotBuffer)| {
             let there = resumed.iter().find(|position| position.slot == slot);
@@ -107,7 +107,7 @@ impl ResendBuffer {
         (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
     }
 
-    /// Returns true if `fault` reports the loss of a slot's episode.
+    /// Returns true if `fault` reports a slot's lost episode.
     pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
         let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
         fault.reason() == v1::Reason::EpisodeUnknown

@@ -9,11 +9,11 @@ use tonic::Streaming;
 pub struct ServerInfo {
     /// Name that the organiser gave it.
     pub name: String,
-    /// Version of the server program.
+    /// Server program version.
     pub version: String,
-    /// Highest minor number of `avln.v1` that it speaks.
+    /// Highest supported minor number in `avln.v1`.
     pub api_minor: u32,
-    /// Version of the benchmark: changes whenever a score could change.
+    /// Benchmark version: changes whenever a score could change.
     pub benchmark: String,
     /// True if the server is stopping and accepts no new runs.
     pub draining: bool,
@@ -36,7 +36,7 @@ pub struct Phase {
     pub orders: Vec<Order>,
     /// Episodes in a run.
     pub episodes: u32,
-    /// Most slots of a run.
+    /// Most slots per run.
     pub max_slots: u32,
     /// Feedback to a Submit.
     pub feedback: FeedbackRule,
@@ -48,13 +48,13 @@ pub struct Phase {
     pub opens_unix_s: i64,
     /// Closing time, seconds since 1970 UTC; 0: never.
     pub closes_unix_s: i64,
-    /// Commitment of the organiser before the phase; may be empty.
+    /// The organiser's commitment before the phase; may be empty.
     pub commitment: String,
-    /// Name and version of the rule set.
+    /// Rule set name and version.
     pub rules: String,
 }
 
-/// Acceptance of new runs in a phase.
+/// A phase's acceptance for new runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhaseState {
     /// It has not begun.
@@ -69,7 +69,7 @@ pub enum PhaseState {
     Other,
 }
 
-/// Properties of a new run.
+/// New run properties.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunOptions {
     phase: String,
@@ -86,13 +86,13 @@ impl RunOptions {
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
     }
 
-    /// Plays missions of this order.
+    /// Plays missions in this order.
     pub fn order(mut self, order: Order) -> Self {
         self.order = order;
         self
     }
 
-    /// Version of the method.
+    /// Method version.
     pub fn method_version(mut self, version: impl Into<String>) -> Self {
         self.method.version = version.into();
         self
@@ -104,7 +104,7 @@ impl RunOptions {
         self
     }
 
-    /// Address of the method's code, http(s).
+    /// The method's code address, http(s).
     pub fn code_url(mut self, url: impl Into<String>) -> Self {
         self.method.code_url = url.into();
         self
@@ -147,14 +147,14 @@ pub struct Run {
     pub id: String,
     /// Token for this run only.
     pub token: String,
-    /// Episodes of the run; 0 when only the token is known.
+    /// Episode count; 0 when only the token is known.
     pub episodes: u32,
     /// Most slots; 0 when only the token is known.
     pub max_slots: u32,
 }
 
 impl Run {
-    /// A run of which only the token is at hand, as in a container that never sees the account.
+    /// A run known only by its token, as in a sealed container.
     pub fn from_token(token: impl Into<String>) -> Self {
         Self { id: String::new(), token: token.into(), episodes: 0, max_slots: 0 }
     }
@@ -166,7 +166,7 @@ impl Run {
     }
 }
 
-/// State of a run.
+/// Run state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunState {
     /// Begun, never connected.
@@ -187,14 +187,14 @@ pub enum RunState {
     Other,
 }
 
-/// State of a run.
+/// Run state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
     /// Id.
     pub id: String,
     /// Phase.
     pub phase: String,
-    /// Name of the method.
+    /// Method name.
     pub method: String,
     /// State.
     pub state: RunState,
@@ -214,7 +214,7 @@ pub struct RunStatus {
     pub url: String,
 }
 
-/// Window of a quota.
+/// Quota window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuotaWindow {
     /// Calendar day, UTC.
@@ -231,7 +231,7 @@ pub enum QuotaWindow {
     Other,
 }
 
-/// Remaining quota of a team.
+/// A team's remaining quota.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quota {
     /// Phase.
@@ -244,7 +244,7 @@ pub struct Quota {
     pub used: u32,
     /// Runs left; `None`: unlimited.
     pub remaining: Option<u32>,
-    /// Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never.
+    /// Time when `remaining` next increases, seconds since 1970 UTC; 0: never.
     pub next_increase_unix_s: i64,
     /// The runs that were counted and why, the oldest first.
     pub charges: Vec<(String, String)>,
@@ -275,12 +275,12 @@ pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Re
     }
 }
 
-/// Owner of a token.
+/// Token owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Name of the token.
+    /// Token name.
     pub token_name: String,
     /// Expiry time, seconds since 1970 UTC; 0: never.
     pub expires_unix_s: i64,

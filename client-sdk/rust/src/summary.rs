@@ -2,10 +2,10 @@ use crate::EndReason;
 use avln_proto::v1;
 use std::fmt;
 
-/// Progress of a run in episodes.
+/// Run progress in episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Episodes of the run.
+    /// Episodes in the run.
     pub total: u32,
     /// Episodes that ended and are stored.
     pub done: u32,
@@ -20,16 +20,16 @@ pub struct Progress {
 pub struct Metric {
     /// Name, lower snake case: `sr`, `isr`, `osr`, `spl`, `soft_spl` …
     pub name: String,
-    /// Value, in the unit at the end of the name; otherwise without unit.
+    /// Value, in the unit at the name's end; otherwise without unit.
     pub value: f64,
     /// 95 % interval, if known.
     pub interval: Option<(f64, f64)>,
 }
 
-/// End of an episode.
+/// Episode end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeEnd {
-    /// Random handle of the episode, good for this run only.
+    /// Random episode handle, valid in this run only.
     pub episode: String,
     /// Why it ended.
     pub reason: EndReason,
@@ -39,14 +39,14 @@ pub struct EpisodeEnd {
     pub steps: u32,
     /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Progress of the run.
+    /// Run progress.
     pub progress: Progress,
 }
 
-/// End of a run.
+/// Run end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunSummary {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// Final progress.
     pub progress: Progress,
@@ -56,7 +56,7 @@ pub struct RunSummary {
     pub ends: Vec<(EndReason, u32)>,
     /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Web page of the result; empty: none.
+    /// Result web page; empty: none.
     pub url: String,
 }
 

@@ -15,19 +15,19 @@ pub struct Sensors {
     pub width: u32,
     /// Rows, 64 to 1024.
     pub height: u32,
-    /// Horizontal field of view, radians, 0.35 to 2.4.
+    /// Horizontal view angle, radians, 0.35 to 2.4.
     pub hfov_rad: f32,
 }
 
 impl Default for Sensors {
-    /// All sensors at 256 × 256 pixels with 90 degrees of view.
+    /// All sensors at 256 × 256 pixels with a view of 90 degrees.
     fn default() -> Self {
         Self::square(256)
     }
 }
 
 impl Sensors {
-    /// All sensors at `side` × `side` pixels with 90 degrees of view.
+    /// All sensors at `side` × `side` pixels with a view of 90 degrees.
     pub fn square(side: u32) -> Self {
         Self { rgb: true, depth: true, audio: true, width: side, height: side, hfov_rad: FRAC_PI_2 }
     }
@@ -74,7 +74,7 @@ macro_rules! rule {
 }
 
 rule! {
-    /// Frame of the pose.
+    /// Pose frame.
     PoseFrame {
         /// Relative to the pose at the start: the first pose is all zeros.
         Start,
@@ -83,16 +83,16 @@ rule! {
     }
 }
 rule! {
-    /// Definition of the success distance and visibility.
+    /// Success distance definition and visibility.
     DistanceRule {
         /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
         CameraToBox,
-        /// Base to the nearest viewpoint, geodesic, with a visible pixel of the target.
+        /// Base to the nearest viewpoint, geodesic, with a visible target pixel.
         BaseToViewpoint,
     }
 }
 rule! {
-    /// Effect of a wrong Submit in an ordered mission.
+    /// Wrong Submit's effect in an ordered mission.
     WrongSubmit {
         /// The Submit is spent, the goal stays next.
         KeepsGoal,
@@ -112,7 +112,7 @@ rule! {
     }
 }
 rule! {
-    /// Schedule of the sounding targets.
+    /// Sounding schedule.
     SoundingRule {
         /// Unfinished targets in turn, in an order drawn per episode; a found target falls silent at once.
         UnfinishedInDrawnOrder,
@@ -121,7 +121,7 @@ rule! {
     }
 }
 rule! {
-    /// Assignment of sound clips.
+    /// Sound clip assignment.
     SoundClip {
         /// A single clip per episode, drawn independently of the targets.
         Anonymous,
@@ -147,69 +147,69 @@ rule! {
     RgbNoise {
         /// None.
         None,
-        /// A normal deviate of 51 grey levels in every channel, cut off at 0 and 255.
+        /// A normal deviate with 51 grey levels in every channel, cut off at 0 and 255.
         Gaussian,
     }
 }
 
-/// The facts of the rules, the same for every episode of a run.
+/// Task rules, the same for every episode of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskSpec {
-    /// Name and version of the rule set, for example `lh-avln-v1`.
+    /// Rule set name and version, for example `lh-avln-v1`.
     pub rules: String,
-    /// Length of MoveForward, metres.
+    /// MoveForward length, metres.
     pub forward_m: f32,
-    /// Angle of TurnLeft and TurnRight, radians.
+    /// TurnLeft and TurnRight angle, radians.
     pub turn_rad: f32,
-    /// Angle of TurnLeft and TurnRight, degrees; divides 360.
+    /// TurnLeft and TurnRight angle, degrees; divides 360.
     pub turn_deg: u32,
     /// Simulated time per step, seconds.
     pub step_s: f32,
     /// Most actions in an episode; all five kinds count.
     pub max_steps: u32,
-    /// Radius of the body, metres.
+    /// Body radius, metres.
     pub body_radius_m: f32,
-    /// Height of the body, metres.
+    /// Body height, metres.
     pub body_height_m: f32,
-    /// Pixels in a row of colour and depth.
+    /// Image width, pixels.
     pub width: u32,
-    /// Rows of colour and depth.
+    /// Image height, pixels.
     pub height: u32,
-    /// Horizontal field of view, radians. Pixels are square, the camera looks level.
+    /// Horizontal view angle, radians. Pixels are square, the camera looks level.
     pub hfov_rad: f32,
-    /// Height of the camera above the base, metres.
+    /// Camera height above the base, metres.
     pub camera_height_m: f32,
-    /// Height of the ears above the base, metres.
+    /// Ear height above the base, metres.
     pub ear_height_m: f32,
-    /// Range of the depth sensor, metres; beyond it depth is 0.
+    /// Depth sensor range, metres; beyond it depth is 0.
     pub depth_max_m: f32,
-    /// Samples a second of each ear.
+    /// Samples per second and ear.
     pub sample_rate_hz: u32,
-    /// Samples of each ear in an observation.
+    /// Samples per ear and observation.
     pub audio_samples: u32,
-    /// Samples per ear and step of simulated time; the rest is 0.
+    /// Samples per ear and simulated step; the rest is 0.
     pub samples_per_step: u32,
-    /// Frame of the pose.
+    /// Pose frame.
     pub pose_frame: PoseFrame,
-    /// Radius of success, metres.
+    /// Success radius, metres.
     pub success_radius_m: f32,
-    /// Definition of the success distance.
+    /// Success distance definition.
     pub success_distance: DistanceRule,
-    /// Effect of a wrong Submit in an ordered mission.
+    /// Wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,
     /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// Schedule of the sounding targets.
+    /// Sounding schedule.
     pub sounding: SoundingRule,
     /// Sounding steps per target and turn.
     pub sounding_window_steps: u32,
-    /// Assignment of sound clips.
+    /// Sound clip assignment.
     pub sound_clip: SoundClip,
-    /// Height of a source above the target centre, metres.
+    /// Source height above the target centre, metres.
     pub source_lift_m: f32,
-    /// Noise of depth. The server judges without noise, and pictures of goals have none.
+    /// Depth noise. The server judges without noise, and goal images have none.
     pub depth_noise: DepthNoise,
-    /// Noise of colours.
+    /// Colour noise.
     pub rgb_noise: RgbNoise,
     /// Head model: `None` for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight
     /// ahead, otherwise the hexadecimal BLAKE3 hash of a measured head's SOFA file.

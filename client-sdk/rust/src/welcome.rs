@@ -6,7 +6,7 @@ use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;
 use v1::{Dtype, SensorKind};
 
-/// Agreement of a connection.
+/// A connection's agreement.
 #[derive(Debug)]
 pub(crate) struct Agreement {
     pub(crate) task: TaskSpec,
@@ -127,7 +127,7 @@ fn check_limits(welcome: &v1::Welcome) -> Result<(), Error> {
     Ok(())
 }
 
-/// The layouts of the wanted sensors, each checked.
+/// Checked layouts for the wanted sensors.
 fn wanted_tensors(
     offered: &[v1::TensorSpec],
     (wanted, packing): (&Sensors, Packing),

@@ -357,7 +357,7 @@ async fn a_status_without_a_reason_keeps_its_text() {
     assert!(error.to_string().contains("id 7"), "{error}");
 }
 
-/// Plays an episode in each of two slots, step by step in turn.
+/// Plays an episode in two slots, step by step in turn.
 async fn two_slots(mut stage: Stage) {
     assert_eq!(stage.greet().await.slots, 2);
     for slot in [stage.hear_ready().await.slot, stage.hear_ready().await.slot] {

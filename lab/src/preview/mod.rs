@@ -5,7 +5,7 @@ mod storey;
 pub use storey::storeys;
 
 use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
-use avln_render::{Camera, Frame, Place, Renderer, Shelf};
+use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Scene, digest::digest};
 use avln_world::Cache;
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ pub struct Picture {
 
 impl Picture {
     /// Names a frame.
-    pub fn of(name: String, frame: Frame) -> Self {
+    pub fn of(name: String, frame: CameraImage) -> Self {
         Self { name, width: frame.width, height: frame.height, rgb: frame.rgb }
     }
 
@@ -71,16 +71,17 @@ pub struct SceneRenderer {
 impl SceneRenderer {
     /// Prepares a scene. `cache` stores the renderer's intermediate results.
     pub fn new(mut scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
-        let place = cache.map(|cache| Place { shelf: cache as Arc<dyn Shelf>, name: digest(&scene) });
+        let entry =
+            cache.map(|cache| ModelCacheEntry { cache: cache as Arc<dyn ModelCache>, name: digest(&scene) });
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), entry);
         Self { scene, rays, renderer }
     }
 
     /// Renders the view from `eye` in a direction.
-    fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> Frame {
+    fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> CameraImage {
         let height = width * 3 / 4;
         let world_from_camera = angle::about_up(heading_rad);
         let camera = Camera { eye, world_from_camera, width, height, hfov_rad: HFOV_RAD, depth_max_m: 100.0 };
@@ -139,7 +140,7 @@ impl SceneRenderer {
 }
 
 /// Scores a small frame: many objects, none of them too near.
-fn interest(frame: &Frame) -> f32 {
+fn interest(frame: &CameraImage) -> f32 {
     /// Fewest pixels for a visible object.
     const SEEN_PIXELS: usize = 12;
     let mut pixels: BTreeMap<InstanceId, usize> = BTreeMap::new();

@@ -1,6 +1,6 @@
 use super::Picture;
 use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{Lighting, Mesh, Scene};
 use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
@@ -37,7 +37,7 @@ fn floors(scene: &Scene) -> Vec<Aabb> {
 }
 
 /// Renders everything below the cut, seen from above; `None` without geometry.
-fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
+fn from_above(scene: &Scene, bounds: &Aabb) -> Option<CameraImage> {
     let cut = Arc::new(cut(scene, bounds.min.y));
     if cut.mesh.triangles.is_empty() {
         return None;

@@ -1,7 +1,7 @@
 //! Phases with a measured head.
 
-#[path = "../../../server/sim/acoustics/tests/common/sofa.rs"]
-mod sofa;
+#[path = "../../../server/sim/acoustics/tests/all/sofa_file.rs"]
+mod sofa_file;
 
 use avln_arena::data::DataFolder;
 use avln_arena::dataset::{DatasetFiles, SplitFolder};
@@ -12,7 +12,7 @@ use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;
 use avln_referee::{Audio, Referee};
 use avln_store::Store;
-use sofa::{Table, file};
+use sofa_file::{Table, file};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 use super::{CodecError, Encoding, SensorKind, copy_floats, floats_from, not_offered};
 use bytes::Bytes;
 
-/// Integer of the pressure 1.
+/// Integer for a pressure of 1.
 const FULL_SCALE: f32 = 32_767.0;
 
 /// Encodes both ears' samples. `AUDIO_I16` rounds to nearest and clamps to -1 to 1.

@@ -1,4 +1,4 @@
-//! Bit packing of small integers: blocks of 16 integers, all with the width of the widest.
+//! Bit packing for small integers: blocks with 16 integers, all as wide as the widest.
 //!
 //! The widths of all blocks come first, one byte per block, then the blocks. Integer `i` of a block of width `w` occupies the bits
 //! `i·w` to `(i+1)·w - 1`, counted from the lowest bit of the first byte. A block takes `2·w` bytes; the last one is padded
@@ -6,7 +6,7 @@
 
 const BLOCK: usize = 16;
 
-/// Problem of packed bytes.
+/// Invalid packed bytes.
 pub(super) type Fault = String;
 
 /// Packs integers.
@@ -66,7 +66,7 @@ type Block = [u32; BLOCK];
 const PUSH: [fn(&Block, &mut Vec<u8>); 33] = by_width!(push);
 const PULL: [fn(&[u8], &mut Block); 33] = by_width!(pull);
 
-/// 32-bit words of the widest block.
+/// 32-bit words in the widest block.
 const WORDS: usize = BLOCK;
 
 #[inline(always)]

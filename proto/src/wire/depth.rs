@@ -16,19 +16,19 @@ use super::{
 };
 use bytes::Bytes;
 
-/// Size and unit of a depth picture.
+/// Depth image size and unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layout {
     /// Size.
     pub size: Size,
-    /// Unit of the values, metres.
+    /// Value unit, metres.
     pub unit_m: f32,
 }
 
 /// Encodes a depth picture.
 ///
 /// # Errors
-/// If the number of values does not match the size, or depth has no such encoding.
+/// If the value count does not match the size, or depth has no such encoding.
 pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes, CodecError> {
     let width = layout.size.width as usize;
     CodecError::check_length("a depth picture", "numbers", depth.len(), layout.size.pixels())?;
@@ -46,7 +46,7 @@ pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes
 /// Decodes a depth picture.
 ///
 /// # Errors
-/// If `bytes` are not a picture of this size and encoding.
+/// If `bytes` are not an image in this size and encoding.
 pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f32>, CodecError> {
     let (width, count) = (layout.size.width as usize, layout.size.pixels());
     let check = |each: usize| CodecError::check_length("a depth picture", "bytes", bytes.len(), each * count);

@@ -1,4 +1,4 @@
-//! Encodings of tensors.
+//! Tensor encodings.
 //!
 //! Start at [`offered`], then read [`rgb`], [`depth`] and [`audio`]. `PROTOCOL.md` defines the layouts byte by byte.
 //!
@@ -84,7 +84,7 @@ pub enum CodecError {
     /// Wrong length.
     #[error("{what} of {found} {unit}, agreed were {expected}")]
     Length {
-        /// Name of the data.
+        /// Data name.
         what: &'static str,
         /// Counted unit.
         unit: &'static str,
@@ -108,7 +108,7 @@ impl CodecError {
         Self::Broken { encoding, detail: detail.to_string() }
     }
 
-    /// Refuses a wrong number of `unit`.
+    /// Rejects a wrong `unit` count.
     pub(super) fn check_length(
         what: &'static str,
         unit: &'static str,

@@ -1,4 +1,4 @@
-//! QOI files of three channels, by the specification of D. Szablewski (qoiformat.org, version 1.0, 2022).
+//! QOI files with three channels, by the specification of D. Szablewski (qoiformat.org, version 1.0, 2022).
 
 use super::{CodecError, Encoding, Size};
 
@@ -27,7 +27,7 @@ fn header(size: Size) -> [u8; HEADER_BYTES] {
     header
 }
 
-/// Returns the index of a pixel in the table of earlier pixels. Alpha is always 255.
+/// Returns a pixel's index in the table of earlier pixels. Alpha is always 255.
 fn index_of([r, g, b]: Pixel) -> usize {
     let sum = 3 * usize::from(r) + 5 * usize::from(g) + 7 * usize::from(b) + 11 * 255;
     sum % 64
@@ -107,7 +107,7 @@ pub(super) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     Ok(pixels)
 }
 
-/// Returns the next pixel, the repetitions, and the rest of the file.
+/// Returns the next pixel, the repetitions, and the remaining file.
 fn next<'a>(last: Pixel, seen: &[Pixel; 64], body: &'a [u8]) -> Option<(Pixel, u8, &'a [u8])> {
     let (&tag, rest) = body.split_first()?;
     let moved =

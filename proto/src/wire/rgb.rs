@@ -9,13 +9,13 @@ use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits};
 use std::io::Cursor;
 
 const CHANNELS: usize = 3;
-/// Memory of the decoder besides the picture: rows and dictionaries.
+/// Decoder memory besides the image: rows and dictionaries.
 const WORKING_BYTES: usize = 1 << 20;
 
 /// Encodes a colour picture.
 ///
 /// # Errors
-/// If the number of bytes does not match `size`, or colour has no such encoding.
+/// If the byte count does not match `size`, or colour has no such encoding.
 pub fn encode(encoding: Encoding, size: Size, pixels: &[u8]) -> Result<Bytes, CodecError> {
     CodecError::check_length("a colour picture", "bytes", pixels.len(), CHANNELS * size.pixels())?;
     match encoding {
@@ -30,7 +30,7 @@ pub fn encode(encoding: Encoding, size: Size, pixels: &[u8]) -> Result<Bytes, Co
 /// Decodes a colour picture.
 ///
 /// # Errors
-/// If `bytes` are not a picture of this size and encoding.
+/// If `bytes` are not an image in this size and encoding.
 pub fn decode(encoding: Encoding, size: Size, bytes: Bytes) -> Result<Vec<u8>, CodecError> {
     match encoding {
         Encoding::Raw => {
@@ -92,7 +92,7 @@ fn unfold(number: u8) -> u8 {
     (number >> 1) ^ (number & 1).wrapping_neg()
 }
 
-/// Encodes a PNG file of 8-bit RGB, with the fastest compression.
+/// Encodes an 8-bit RGB PNG file, with the fastest compression.
 fn encode_png(size: Size, pixels: &[u8]) -> Result<Vec<u8>, CodecError> {
     let broken = |error: png::EncodingError| CodecError::broken(Encoding::Png, error);
     let mut file = Vec::with_capacity(pixels.len() / 2);

@@ -79,7 +79,7 @@ proptest! {
     }
 }
 
-/// Depth picture of a plane at 1 m or more, with no hit above a row.
+/// Depth image: a plane at 1 m or more, with no hit above a row.
 fn floor(width: u32, height: u32) -> Vec<f32> {
     let row = |y: u32| if y < height / 4 { 0.0 } else { 1.0 / (y as f32 / height as f32) };
     (0..height).flat_map(|y| std::iter::repeat_n(row(y), width as usize)).collect()
@@ -154,7 +154,7 @@ fn decode_all(bytes: &[u8]) {
     }
 }
 
-/// Valid files of every encoding.
+/// Valid files in every encoding.
 fn good() -> Vec<Vec<u8>> {
     let pixels: Vec<u8> = (0..3 * SIZE.pixels()).map(|i| (i * i / 7) as u8).collect();
     let depths: Vec<f32> = (0..SIZE.pixels()).map(|i| (i % 17) as f32 / 3.0).collect();

@@ -1,4 +1,4 @@
-//! Agreement of PROTOCOL.md with the .proto files, and conventions of the .proto files.
+//! PROTOCOL.md agrees with the .proto files, and these follow conventions.
 
 use avln_proto::v1::Reason;
 use std::{fs, path::Path};
@@ -13,7 +13,7 @@ fn page() -> String {
     fs::read_to_string(folder().join("PROTOCOL.md")).unwrap()
 }
 
-/// Names and texts of the .proto files, sorted.
+/// Sorted names and texts in the .proto files.
 fn protos() -> Vec<(String, String)> {
     let entries = fs::read_dir(folder().join("avln/v1")).unwrap();
     let mut files: Vec<_> = entries
@@ -32,7 +32,7 @@ fn fingerprint() -> String {
     hasher.finalize().to_hex()[..32].to_owned()
 }
 
-/// Words in backticks at the start of table rows, with the cells after them.
+/// Backticked words at row starts, with the following cells.
 fn rows(page: &str) -> impl Iterator<Item = (&str, Vec<&str>)> {
     page.lines().filter_map(|line| {
         let (word, rest) = line.strip_prefix("| `")?.split_once('`')?;

@@ -3,9 +3,9 @@
 //! All files can be recomputed, so every problem is a warning, never an error.
 
 use crate::{Failure, FailureKind, secret};
-use avln_render::{Model, Shelf};
+use avln_render::{Model, ModelCache};
 use avln_simd::Mapped;
-use avln_world::{Cache, SoundShelf};
+use avln_world::{Cache, SoundCache};
 use std::{
     fs::{self, File},
     io::{self, Write},
@@ -157,7 +157,7 @@ impl Kept {
     }
 }
 
-impl Shelf for CacheFolder {
+impl ModelCache for CacheFolder {
     fn find(&self, name: &str) -> Option<Model> {
         let path = self.model_path(name);
         let read = match Mapped::open(&path) {
@@ -184,8 +184,8 @@ impl Shelf for CacheFolder {
     }
 }
 
-impl SoundShelf for CacheFolder {
-    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+impl SoundCache for CacheFolder {
+    fn load_sound(&self, name: &str) -> Option<Vec<u8>> {
         let path = self.sound_path(name);
         let mut bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
@@ -204,7 +204,7 @@ impl SoundShelf for CacheFolder {
         Some(content)
     }
 
-    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+    fn store_sound(&self, name: &str, bytes: &[u8]) {
         let count = (HASH_BYTES + bytes.len()) as u64;
         if count > self.budget_bytes {
             return;

@@ -1,4 +1,4 @@
-//! The program `avln`, built with the tests, so that they run what they were built with.
+//! The program `avln`, built with the tests, so that it matches them.
 
 use std::process::ExitCode;
 

@@ -8,7 +8,7 @@ use avln_arena::{Failure, FailureKind, cache::CacheFolder};
 use avln_geom::angle;
 use avln_lab::npy;
 use avln_lab::preview::{Picture, SceneRenderer};
-use avln_render::{Camera, DepthNoise, Frame, Noise, Renderer, RgbNoise};
+use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -188,7 +188,7 @@ impl PictureFiles {
         [&self.rgb, &self.depth, &self.ids].into_iter().filter_map(Option::as_deref)
     }
 
-    fn write(&self, frame: Frame) -> Result<(), Failure> {
+    fn write(&self, frame: CameraImage) -> Result<(), Failure> {
         let shape = [frame.height, frame.width];
         if let Some(path) = &self.depth {
             let depths = frame.depth.iter().map(|depth_m| depth_m.to_le_bytes());

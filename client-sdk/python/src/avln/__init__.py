@@ -1,6 +1,6 @@
 """The Python client of LH-AVLN Arena: connection, episodes, Gymnasium.
 
-Start reading at `Arena`, `Play` and `Episode`:
+Start with `Client`, `Play` and `Episode`:
 
     import avln
 
@@ -9,17 +9,19 @@ Start reading at `Arena`, `Play` and `Episode`:
             for observation in episode:
                 episode.act(avln.Action.MOVE_FORWARD)
 
-`avln.gym` has the same as Gymnasium environments, `avln.habitat` plays agents that were written for Habitat, and
-`avln.bridge` serves agents that speak the protocol of the LH-AVLN authors' release.
+`avln.gym` contains Gymnasium environments, `avln.habitat` plays Habitat agents, and
+`avln.bridge` serves clients of the authors' protocol.
 
-*Never*: knows a target, a place or a score that the server hides.
+*Never*: contains a target, a place or a score hidden by the server.
 """
 
 from contextlib import suppress
 
 from avln.action import Action, EndReason, Order
 from avln.agent import Agent, evaluate, evaluate_slots
-from avln.arena import Arena, begin, begin_run, connect
+from avln.client import Client, begin, begin_run, connect
+from avln.connect_options import ConnectOptions
+from avln.connection import Closed, Connection
 from avln.errors import (
     AddressError,
     EpisodeOverError,
@@ -36,8 +38,6 @@ from avln.errors import (
     UnknownActionError,
     UnreachableError,
 )
-from avln.line import Closed, Line
-from avln.link import Link
 from avln.mission import Goal, Mission, Modality
 from avln.observation import Feedback, Observation, Pose
 from avln.packing import Packing
@@ -57,8 +57,10 @@ __all__ = [
     "Action",
     "AddressError",
     "Agent",
-    "Arena",
+    "Client",
     "Closed",
+    "ConnectOptions",
+    "Connection",
     "EndReason",
     "Episode",
     "EpisodeEnd",
@@ -66,8 +68,6 @@ __all__ = [
     "Error",
     "Feedback",
     "Goal",
-    "Line",
-    "Link",
     "LostError",
     "Metric",
     "Mission",

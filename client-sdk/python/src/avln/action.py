@@ -9,7 +9,7 @@ from avln.v1 import common_pb2 as v1
 
 
 class Action(enum.IntEnum):
-    """Actions of an agent; the value is the index in action spaces. Every action uses a step."""
+    """Agent actions; the value is the index in action spaces. Every action uses a step."""
 
     MOVE_FORWARD = 0
     """Move forward by `TaskSpec.forward_m`, sliding at walls."""
@@ -18,7 +18,7 @@ class Action(enum.IntEnum):
     TURN_RIGHT = 2
     """Turn right by `TaskSpec.turn_rad` on the spot."""
     SUBMIT = 3
-    """Claim that a target is here. The last Submit of a mission is final."""
+    """Claim that a target is here. A mission's last Submit is final."""
     STOP = 4
     """Claim the last target and end the episode."""
 
@@ -28,10 +28,10 @@ class Action(enum.IntEnum):
 
 
 class Order(enum.Enum):
-    """Order of the goals of a mission."""
+    """Goal order."""
 
     ORDERED = "ordered"
-    """Goals count in the order of the mission only."""
+    """Goals count only in mission order."""
     UNORDERED = "unordered"
     """Goals count in any order."""
 
@@ -48,9 +48,9 @@ class EndReason(enum.Enum):
     FINAL_SUBMIT = "final submit"
     """The agent used the final Submit."""
     STEP_LIMIT = "step limit"
-    """The step limit of the rules was reached."""
+    """The step limit was reached."""
     TIME_BUDGET = "time budget"
-    """The time budget or the wall time of the run was used up."""
+    """The run's time budget or wall time was used up."""
     ABANDONED = "abandoned"
     """The agent gave the episode up."""
     DISCONNECTED = "disconnected"
@@ -62,7 +62,7 @@ class EndReason(enum.Enum):
 
     @classmethod
     def from_wire(cls, number: int) -> EndReason:
-        """The reason of a number on the wire."""
+        """Reason for a wire number."""
         if number in v1.EndReason.values():
             name = v1.EndReason.Name(number).replace("END_REASON_", "", 1)
             return cls.__members__.get(name, cls.OTHER)

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from avln.action import Action
-    from avln.arena import Arena
+    from avln.client import Client
     from avln.mission import Mission
     from avln.observation import Observation
     from avln.play import Play
@@ -32,18 +32,18 @@ class Agent(Protocol):
 
 
 def evaluate(
-    arena: Arena, run: Run, agent: Agent, sensors: Sensors | None = None, on_end: OnEnd | None = None
+    client: Client, run: Run, agent: Agent, sensors: Sensors | None = None, on_end: OnEnd | None = None
 ) -> RunSummary:
     """Plays a whole run with a single agent and finishes it.
 
     Raises:
         Error: if the server refuses a request or violates the protocol, or the connection is lost.
     """
-    return evaluate_slots(arena, run, [agent], sensors, on_end)
+    return evaluate_slots(client, run, [agent], sensors, on_end)
 
 
 def evaluate_slots(
-    arena: Arena,
+    client: Client,
     run: Run,
     agents: Sequence[Agent],
     sensors: Sensors | None = None,
@@ -56,28 +56,28 @@ def evaluate_slots(
     Raises:
         Error: if the server refuses a request or violates the protocol, or the connection is lost.
     """
-    plays = arena.play_slots(run, len(agents), sensors)
-    crew = _Crew(on_end)
-    players = [threading.Thread(target=crew.play, args=pair, daemon=True) for pair in zip(plays[1:], agents[1:])]
+    plays = client.play_slots(run, len(agents), sensors)
+    threads = _SlotThreads(on_end)
+    players = [threading.Thread(target=threads.play, args=pair, daemon=True) for pair in zip(plays[1:], agents[1:])]
     for player in players:
         player.start()
-    crew.play(plays[0], agents[0])
+    threads.play(plays[0], agents[0])
     for player in players:
         player.join()
-    if crew.failed is not None:
+    if threads.failed is not None:
         plays[0].close()
-        raise crew.failed
+        raise threads.failed
     return plays[0].finish()
 
 
-class _Crew:
-    """The threads that play the slots of a run."""
+class _SlotThreads:
+    """Threads playing a run's slots."""
 
     def __init__(self, on_end: OnEnd | None) -> None:
         self._on_end = on_end
         self._lock = threading.Lock()
         self.failed: BaseException | None = None
-        """Exception of the first failed thread."""
+        """First failed thread's exception."""
 
     def play(self, play: Play, agent: Agent) -> None:
         """Plays until no episode remains or a thread has failed."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avln import codec
+from avln.connect_options import MAX_MESSAGE_BYTES
 from avln.errors import ProtocolError
-from avln.link import MAX_MESSAGE_BYTES
 from avln.observation import Feedback, Observation, Pose
 from avln.summary import Progress
 from avln.task import TaskSpec
@@ -27,7 +27,7 @@ _DTYPES = {v1.SENSOR_KIND_RGB: v1.DTYPE_U8, v1.SENSOR_KIND_DEPTH: v1.DTYPE_F32, 
 
 
 class Agreement:
-    """Agreement of a connection."""
+    """A connection's agreement."""
 
     def __init__(self, welcome: play_pb2.Welcome, wanted: Sensors, packing: Packing) -> None:
         """Checks that Welcome provides the `wanted` sensors in decodable form.
@@ -112,7 +112,7 @@ def _check_size(task: TaskSpec, wanted: Sensors) -> None:
 def _wanted_tensors(
     welcome: play_pb2.Welcome, wanted: Sensors, packing: Packing, task: TaskSpec
 ) -> list[task_pb2.TensorSpec]:
-    """The layouts of the wanted sensors, each checked."""
+    """Checked layouts for the wanted sensors."""
     offered = {spec.kind: spec for spec in welcome.tensors}
     for kind in wanted.kinds():
         if kind not in offered:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Callable
 
 from avln import doctor, quickstart
 from avln.agent import evaluate_slots
-from avln.arena import begin_run, connect
+from avln.client import begin_run, connect
 from avln.errors import Error
-from avln.options import PRACTICE, add_camera, add_connection, add_run, link, parser, sensors
+from avln.options import PRACTICE, add_camera, add_connection, add_run, connect_options, parser, sensors
 from avln.player import UnknownAgentError, load_agent
 from avln.progress import Bar
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from avln.task import Sensors
 
 WOULD_FAIL = 6
-"""Exit code of `doctor` when a run would fail."""
+"""`doctor`'s exit code if a run would fail."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -102,24 +102,24 @@ def _add_quickstart(to: argparse.ArgumentParser) -> None:
 
 
 def _whoami(options: argparse.Namespace) -> int:
-    with connect(options.server, options.token, link(options)) as arena:
-        account = arena.whoami()
+    with connect(options.server, options.token, connect_options(options)) as client:
+        account = client.whoami()
         until = "for ever" if account.expires_unix_s == 0 else f"until {_date(account.expires_unix_s)}"
         print(f"team {account.team}, token {account.token_name or 'without a name'} ({account.scope}), {until}")
     return 0
 
 
 def _phases(options: argparse.Namespace) -> int:
-    with connect(options.server, options.token, link(options)) as arena:
-        for phase in arena.phases():
+    with connect(options.server, options.token, connect_options(options)) as client:
+        for phase in client.phases():
             orders = ", ".join(order.value for order in phase.orders)
             print(f"{phase.id}: {phase.state}, {phase.episodes} episodes, {orders}, {phase.rules}, {phase.title}")
     return 0
 
 
 def _quota(options: argparse.Namespace) -> int:
-    with connect(options.server, options.token, link(options)) as arena:
-        for quota in arena.quota(options.phase):
+    with connect(options.server, options.token, connect_options(options)) as client:
+        for quota in client.quota(options.phase):
             print(f"{quota.phase}, {quota.window}: {_left(quota)}")
     return 0
 
@@ -139,12 +139,18 @@ def _run(options: argparse.Namespace) -> int:
     make = load_agent(options.agent)
     agents = [make() for _ in range(max(options.slots, 1))]
     wanted = _sensors(agents[0], options)
-    arena, run = begin_run(
-        options.server, options.token, options.phase, options.method, options.order, sensors=wanted, link=link(options)
+    client, run = begin_run(
+        options.server,
+        options.token,
+        options.phase,
+        options.method,
+        options.order,
+        sensors=wanted,
+        connect_options=connect_options(options),
     )
     try:
-        with arena, Bar(run.episodes) as bar:
-            summary = evaluate_slots(arena, run, agents, wanted, bar.tell)
+        with client, Bar(run.episodes) as bar:
+            summary = evaluate_slots(client, run, agents, wanted, bar.tell)
     except BaseException:
         print(f"run {run.id} may still be open: avln-py runs tells, avln-py cancel {run.id} ends it", file=sys.stderr)
         raise
@@ -153,7 +159,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
-    """Sensors of the agent, if any; a given size has priority."""
+    """The agent's sensors, if any; a given size has priority."""
     wanted: Sensors | None = getattr(agent, "sensors", None)
     if wanted is None:
         return sensors(options)
@@ -161,16 +167,16 @@ def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
 
 
 def _runs(options: argparse.Namespace) -> int:
-    with connect(options.server, options.token, link(options)) as arena:
-        for run in arena.runs(options.phase):
+    with connect(options.server, options.token, connect_options(options)) as client:
+        for run in client.runs(options.phase):
             progress = f"{run.progress.done} of {run.progress.total} episodes"
             print(f"{run.id}: {run.phase}, {run.state}, {progress}, {run.method}")
     return 0
 
 
 def _cancel(options: argparse.Namespace) -> int:
-    with connect(options.server, options.token, link(options)) as arena:
-        run = arena.cancel_run(options.run)
+    with connect(options.server, options.token, connect_options(options)) as client:
+        run = client.cancel_run(options.run)
         print(f"{run.id}: {run.state}")
     return 0
 
@@ -180,7 +186,7 @@ def _doctor(options: argparse.Namespace) -> int:
         options.server,
         options.token,
         options.phase,
-        link=link(options),
+        connect_options=connect_options(options),
         practice=options.practice,
         episodes=options.episodes,
         steps=options.steps,

@@ -1,4 +1,4 @@
-"""Decoding of sensor data; PROTOCOL.md defines the layouts.
+"""Sensor data decoding; PROTOCOL.md defines the layouts.
 
 Arrays of RAW tensors are read-only views of the received message.
 """

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 from avln.action import Action, Order
-from avln.arena import Arena, connect, undone_on_error
+from avln.client import Client, connect, undone_on_error
 from avln.errors import Error, PhaseError
 from avln.version import API_MINOR, VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from avln.link import Link
+    from avln.connect_options import ConnectOptions
     from avln.play import Play
     from avln.service import Phase, Quota
     from avln.task import Sensors
@@ -29,7 +29,7 @@ _SOON_S = 7 * _DAY_S
 
 @dataclass(frozen=True)
 class Check:
-    """A check and its result."""
+    """A check and the result."""
 
     name: str
     """Subject."""
@@ -50,7 +50,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Tries:
-    """Settings of the practice run."""
+    """Practice run settings."""
 
     episodes: int
     steps: int
@@ -59,7 +59,7 @@ class Tries:
 
 @dataclass
 class Played:
-    """Measurements of the practice run."""
+    """Practice run measurements."""
 
     max_steps: int
     begins_s: list[float] = field(default_factory=list)
@@ -71,7 +71,7 @@ def examine(
     token: str,
     phase: str,
     *,
-    link: Link,
+    connect_options: ConnectOptions,
     practice: str | None,
     episodes: int,
     steps: int,
@@ -79,31 +79,31 @@ def examine(
 ) -> Iterator[Check]:
     """Checks a server before a run, and plays some episodes of `practice` if it counts no runs.
 
-    An empty `phase` is `Arena.practice_phase`; without `practice` the phase itself is played.
+    An empty `phase` is `Client.practice_phase`; without `practice` the phase itself is played.
     """
     try:
-        arena = connect(server, token, link)
+        client = connect(server, token, connect_options)
     except Error as error:
         yield Check("server", FAILS, str(error))
         return
-    with arena:
-        yield from _server(arena, server)
-        yield _token(arena)
+    with client:
+        yield from _server(client, server)
+        yield _token(client)
         try:
-            phase = phase or arena.practice_phase()
+            phase = phase or client.practice_phase()
         except PhaseError as error:
             yield Check("phase", FAILS, str(error))
             return
-        yield _phase(arena, phase)
-        yield _quota(arena, phase)
-        yield from _practice(arena, phase, practice or phase, Tries(episodes, steps, sensors))
+        yield _phase(client, phase)
+        yield _quota(client, phase)
+        yield from _practice(client, phase, practice or phase, Tries(episodes, steps, sensors))
 
 
-def _server(arena: Arena, address: str) -> Iterator[Check]:
+def _server(client: Client, address: str) -> Iterator[Check]:
     took_s = []
     for _ in range(_ASKED):
         begun_s = time.monotonic()
-        info = arena.server_info()
+        info = client.server_info()
         took_s.append(time.monotonic() - begun_s)
     yield Check("server", OK, f"{info.name or 'LH-AVLN Arena'} answers at {address}")
     versions = f"server {info.version} speaks avln.v1 minor {info.api_minor}, this client {VERSION} minor {API_MINOR}"
@@ -118,8 +118,8 @@ def _server(arena: Arena, address: str) -> Iterator[Check]:
     yield Check("clock", WARNS if differs else OK, found, advice)
 
 
-def _token(arena: Arena) -> Check:
-    account = arena.whoami()
+def _token(client: Client) -> Check:
+    account = client.whoami()
     whose = f"of team {account.team!r} ({account.scope})"
     if account.expires_unix_s == 0:
         return Check("token", OK, f"{whose}, for ever")
@@ -129,8 +129,8 @@ def _token(arena: Arena) -> Check:
     return Check("token", WARNS, f"{whose}, for {left_s / 3600:.0f} hours", "ask the organiser for a new one in time")
 
 
-def _phase(arena: Arena, wanted: str) -> Check:
-    phases = {phase.id: phase for phase in arena.phases()}
+def _phase(client: Client, wanted: str) -> Check:
+    phases = {phase.id: phase for phase in client.phases()}
     if wanted not in phases:
         return Check("phase", FAILS, f"there is no phase {wanted!r}", f"choose among {', '.join(phases) or 'none'}")
     phase = phases[wanted]
@@ -142,8 +142,8 @@ def _reopens(phase: Phase) -> str:
     return "" if phase.state == "open" else phase.state_reason or "ask the organiser when runs can begin"
 
 
-def _quota(arena: Arena, phase: str) -> Check:
-    limited = [quota for quota in _quotas(arena, phase) if quota.remaining is not None]
+def _quota(client: Client, phase: str) -> Check:
+    limited = [quota for quota in _quotas(client, phase) if quota.remaining is not None]
     if not limited:
         return Check("quota", OK, "any number of runs")
     least = min(limited, key=lambda quota: quota.remaining or 0)
@@ -153,25 +153,25 @@ def _quota(arena: Arena, phase: str) -> Check:
     )
 
 
-def _quotas(arena: Arena, phase: str) -> list[Quota]:
+def _quotas(client: Client, phase: str) -> list[Quota]:
     try:
-        return arena.quota(phase)
+        return client.quota(phase)
     except Error:
         return []
 
 
-def _practice(arena: Arena, wanted: str, place: str, tries: Tries) -> Iterator[Check]:
-    if any(quota.is_counted for quota in _quotas(arena, place)):
+def _practice(client: Client, wanted: str, place: str, tries: Tries) -> Iterator[Check]:
+    if any(quota.is_counted for quota in _quotas(client, place)):
         advice = "name a phase that counts none with --practice"
         yield Check("practice", WARNS, f"nothing was played: {place} counts runs", advice)
         return
-    phases = {phase.id: phase for phase in arena.phases()}
+    phases = {phase.id: phase for phase in client.phases()}
     if place in phases and phases[place].episodes < 2:
         found = f"nothing was played: {place} has one episode, which a run would complete"
         yield Check("practice", WARNS, found, "name another phase with --practice")
         return
     try:
-        played = _play(arena, place, _order(phases.get(place)), tries)
+        played = _play(client, place, _order(phases.get(place)), tries)
     except Error as error:
         yield Check("practice", FAILS, str(error))
         return
@@ -184,12 +184,12 @@ def _order(phase: Phase | None) -> Order:
     return Order.UNORDERED if Order.UNORDERED in orders or not orders else orders[0]
 
 
-def _play(arena: Arena, phase: str, order: Order, tries: Tries) -> Played:
+def _play(client: Client, phase: str, order: Order, tries: Tries) -> Played:
     """Plays some episodes; the run is given up whatever happens, so that it is on no board and in no quota."""
-    run = arena.start_run(phase, "avln-py doctor", order)
-    with undone_on_error(arena, run, is_own=True), arena.play(run, tries.sensors) as play:
+    run = client.start_run(phase, "avln-py doctor", order)
+    with undone_on_error(client, run, is_own=True), client.play(run, tries.sensors) as play:
         played = _played(play, tries)
-    arena.cancel_run(run.id)
+    client.cancel_run(run.id)
     return played
 
 

@@ -1,4 +1,4 @@
-"""Errors between an agent and its server. Every message contains the attempted operation and the next step."""
+"""Errors between agent and server. Every message contains the attempted operation and the next step."""
 
 from __future__ import annotations
 
@@ -165,14 +165,14 @@ def is_passing(error: Error) -> bool:
 
 
 def reason_word(number: int) -> str:
-    """Word of a `common_pb2.Reason` without prefix; empty for unknown reasons."""
+    """`common_pb2.Reason` word without prefix; empty for unknown reasons."""
     if number == common_pb2.REASON_UNSPECIFIED or number not in common_pb2.Reason.values():
         return ""
     return str(common_pb2.Reason.Name(cast("common_pb2.Reason", number))).replace("REASON_", "", 1)
 
 
 def from_call(attempted: str, error: grpc.RpcError) -> Error:
-    """The error of a gRPC call that failed while `attempted` was."""
+    """Error for a gRPC call that failed during `attempted`."""
     call = cast("grpc.Call", error)
     code, message = call.code(), call.details() or ""
     trailers = {key: value for key, value in call.trailing_metadata() or () if isinstance(value, str)}
@@ -185,7 +185,7 @@ def from_call(attempted: str, error: grpc.RpcError) -> Error:
 
 
 def from_fault(attempted: str, fault: play_pb2.Fault) -> Error:
-    """The error of a fault that arrived on a stream while `attempted` was."""
+    """Error for a fault on a stream during `attempted`."""
     code = next((code.name for code in grpc.StatusCode if code.value[0] == fault.code), "UNKNOWN")
     message = f"{fault.message} (server log {fault.id})" if fault.id else fault.message
     retry_after_s = fault.retry_after_s if fault.HasField("retry_after_s") else None
@@ -200,5 +200,5 @@ def _refused(attempted: str, code: str, reason: str, message: str, retry_after_s
 
 
 def raise_call(attempted: str, error: grpc.RpcError) -> NoReturn:
-    """Raises the error of a gRPC call that failed while `attempted` was."""
+    """Raises the error for a gRPC call that failed during `attempted`."""
     raise from_call(attempted, error) from None

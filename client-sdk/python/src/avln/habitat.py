@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from avln.task import TaskSpec
 
 EVALUATION_ACTIONS = (Action.STOP, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT, Action.SUBMIT)
-"""Numbers of actions in the authors' evaluation, and of Habitat's own first four."""
+"""Action numbers in the authors' evaluation; the first four are Habitat's."""
 TRAINING_ACTIONS = (Action.STOP, Action.SUBMIT, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
-"""Action numbers in the authors' training, in the order of their configuration."""
+"""Action numbers in the authors' training, in configuration order."""
 _NAMES = {**{action.name: action for action in Action}, "LIFELONG_SUBMIT": Action.SUBMIT}
 
 
 class HabitatAgent(Protocol):
-    """Interface of `habitat.Agent`."""
+    """The `habitat.Agent` interface."""
 
     def reset(self) -> Any:
         """An episode begins."""
@@ -49,23 +49,23 @@ class HabitatAgent(Protocol):
 
 @dataclass(frozen=True)
 class Senses:
-    """Observations as Habitat's and SoundSpaces' sensors give them.
+    """Observations in the form of Habitat's and SoundSpaces' sensors.
 
     | key | type and shape | content |
     | --- | --- | --- |
     | `rgb` | u8 [height, width, 3] | colours |
     | `depth` | f32 [height, width, 1] | 0 at `min_depth_m` to 1 at `max_depth_m`; metres without `normalize_depth` |
-    | `audiogoal` | f32 [2, samples] | sound of the step, filled up with zeros to `audio_samples` |
-    | `spectrogram` | f32 [65, 26, 2] | of `audiogoal`, as `avln.spectrogram` has it |
-    | `gps` | f32 [2] | metres ahead and to the right of the start, in its frame: (-z, x) |
+    | `audiogoal` | f32 [2, samples] | sound of the step, padded with zeros to `audio_samples` |
+    | `spectrogram` | f32 [65, 26, 2] | `avln.spectrogram` of `audiogoal` |
+    | `gps` | f32 [2] | metres forwards and to the right in the start frame: (-z, x) |
     | `compass` | f32 [1] | heading since the start, radians, -pi to pi, left positive |
-    | `pose` | f32 [4] | gps, compass and the number of the step, as SoundSpaces has it |
-    | `full_pose_sensor` | f32 [7] | x, y, z in metres and the rotation as x, y, z, w, in the frame of the pose |
-    | `goals` | list | of each goal: `modality` (`object`, `description`, `image`) with `category`, `text` or `image` |
+    | `pose` | f32 [4] | gps, compass and step number, as in SoundSpaces |
+    | `full_pose_sensor` | f32 [7] | x, y, z in metres and the quaternion x, y, z, w, in the pose frame |
+    | `goals` | list | per goal `modality` (`object`, `description`, `image`) with `category`, `text` or `image` |
     """
 
     task: TaskSpec
-    """The facts of the rules."""
+    """Task rules."""
     keys: tuple[str, ...]
     """The entries that are wanted."""
     min_depth_m: float = 0.0
@@ -75,9 +75,9 @@ class Senses:
     normalize_depth: bool = True
     """True for depth from 0 to 1, the default in Habitat."""
     audio_samples: int = 0
-    """Samples of `audiogoal`; 0: a second, as in SoundSpaces."""
+    """`audiogoal` samples; 0: a second, as in SoundSpaces."""
     padding: Padding = "reflect"
-    """Padding of spectrograms at both ends."""
+    """Spectrogram padding at both ends."""
 
     def __post_init__(self) -> None:
         """Checks the keys.
@@ -90,7 +90,7 @@ class Senses:
             raise ValueError(f"give the agent {unknown}: there are {sorted(_ENTRIES)}; choose keys among them")
 
     def observations(self, seen: Observation, start: Pose, mission: Mission) -> dict[str, Any]:
-        """Returns an observation; `start` is the start pose of the episode."""
+        """Returns an observation; `start` is the episode's start pose."""
         view = _View(self, seen, start, mission)
         return {key: _ENTRIES[key](view) for key in self.keys}
 
@@ -180,7 +180,7 @@ def _sensed(array: Any, sensor: str) -> Any:
 
 
 def goal_input(goal: Goal) -> dict[str, Any]:
-    """A goal in the format of the authors' evaluation."""
+    """A goal in the authors' evaluation format."""
     if goal.modality is Modality.CATEGORY:
         return {"modality": "object", "category": goal.text}
     if goal.modality is Modality.DESCRIPTION:
@@ -217,13 +217,13 @@ def play(
     on_end: Callable[[EpisodeEnd], None] | None = None,
     **senses: Any,
 ) -> None:
-    """Plays all episodes of a run with a Habitat agent.
+    """Plays a run's episodes with a Habitat agent.
 
     Args:
         run: a slot from `avln.begin`.
         agent: object with `reset()` and `act(observations)`.
-        keys: entries of observations.
-        actions: meaning of the agent's action numbers.
+        keys: observation entries.
+        actions: the agent's action numbers.
         stop_submits: True to treat STOP as a Submit, for single-goal agents; the last one ends the episode.
         on_end: callback for every ended episode.
         **senses: further `Senses` arguments, such as `min_depth_m=0.5`.

@@ -1,4 +1,4 @@
-"""The mission of an episode."""
+"""An episode's mission."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _ORDERS = {common_pb2.ORDER_ORDERED: Order.ORDERED, common_pb2.ORDER_UNORDERED: 
 
 
 class Modality(enum.IntEnum):
-    """Modality of a goal cue."""
+    """Cue modality."""
 
     CATEGORY = 1
-    """By the label of the target's category."""
+    """By the target's category label."""
     DESCRIPTION = 2
     """A sentence that matches only the target."""
     IMAGE = 3
-    """By a picture of the target."""
+    """By a target image."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal with its cue."""
+    """A goal and the cue."""
 
     modality: Modality
-    """Modality of the cue."""
+    """Cue modality."""
     text: str = ""
     """The category's label or the sentence; empty for a picture."""
     image: NDArray[np.uint8] | None = None
@@ -47,7 +47,7 @@ class Goal:
         """Converts a goal message.
 
         Raises:
-            ProtocolError: if its cue is unknown to this client.
+            ProtocolError: if the cue is unknown to this client.
         """
         cue = goal.WhichOneof("cue")
         if cue == "category":
@@ -61,10 +61,10 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """The mission of an episode."""
+    """An episode's mission."""
 
     order: Order = Order.UNORDERED
-    """Order of the goals."""
+    """Goal order."""
     goals: list[Goal] = field(default_factory=list)
     """The goals, 2 to 4."""
 
@@ -73,7 +73,7 @@ class Mission:
         """Converts a mission message.
 
         Raises:
-            ProtocolError: if its order or a goal cue is unknown to this client.
+            ProtocolError: if the order or a goal cue is unknown to this client.
         """
         if mission.order not in _ORDERS:
             raise ProtocolError(f"order {mission.order} does not exist")

@@ -41,7 +41,7 @@ class Feedback(enum.IntEnum):
 
     @classmethod
     def from_wire(cls, number: int) -> Feedback:
-        """Feedback of a wire number; NONE if unknown."""
+        """Feedback for a wire number; NONE if unknown."""
         return cls(number) if number in play_pb2.SubmitFeedback.values() else cls.NONE
 
 
@@ -50,7 +50,7 @@ class Observation:
     """Sensor readings after a step. Sensors not requested are None; arrays may be read-only."""
 
     step: int = 0
-    """Number of steps taken; 0 before the first action."""
+    """Steps taken; 0 before the first action."""
     rgb: NDArray[np.uint8] | None = None
     """Colours, u8 [height, width, 3], RGB, first row on top."""
     depth: NDArray[np.float32] | None = None
@@ -58,7 +58,7 @@ class Observation:
     audio: NDArray[np.float32] | None = None
     """Sound pressure during the step, f32 [2, `TaskSpec.audio_samples`], the left ear's first."""
     pose: Pose = Pose()
-    """Base of the body, in the frame that `TaskSpec.pose_frame` names."""
+    """Body base, in the frame that `TaskSpec.pose_frame` names."""
     remaining_steps: int = 0
     """Steps that are left."""
     remaining_submits: int = 0

@@ -1,4 +1,4 @@
-"""Options that the programs of this package share."""
+"""Options shared by this package's programs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import argparse
 import os
 
 from avln.action import Order
-from avln.link import Link
+from avln.connect_options import ConnectOptions
 from avln.packing import Packing
 from avln.task import Sensors
 from avln.version import VERSION
 
 PRACTICE = "[the one to practise in, where runs are not counted]"
-"""Default of `--phase` in help texts."""
+"""Default for `--phase` in help texts."""
 
 
 def parser(name: str, about: str) -> argparse.ArgumentParser:
@@ -48,9 +48,9 @@ def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
     to.add_argument("--size", type=int, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
 
 
-def link(options: argparse.Namespace) -> Link:
+def connect_options(options: argparse.Namespace) -> ConnectOptions:
     """Returns the connection options."""
-    return Link(ca=options.ca, packing=Packing(options.packing) if options.packing else None)
+    return ConnectOptions(ca=options.ca, packing=Packing(options.packing) if options.packing else None)
 
 
 def sensors(options: argparse.Namespace) -> Sensors:

@@ -1,4 +1,4 @@
-"""Encoding of images and sound."""
+"""Image and sound encoding."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROUNDED = {
 
 
 class Packing(enum.Enum):
-    """Encoding of images and sound."""
+    """Image and sound encoding."""
 
     RAW = "raw"
     """Raw: fastest on the same machine."""

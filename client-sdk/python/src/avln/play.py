@@ -1,4 +1,4 @@
-"""Slots of a run and the episodes that they play."""
+"""Run slots and their episodes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avln.action import Action
+from avln.connection import Closed, Connection, Event
 from avln.errors import (
     EpisodeOverError,
     Error,
@@ -14,7 +15,6 @@ from avln.errors import (
     UnknownActionError,
     from_fault,
 )
-from avln.line import Closed, Event, Line
 from avln.mission import Mission
 from avln.observation import Observation
 from avln.summary import EpisodeEnd, Notice, Progress, RunSummary
@@ -43,7 +43,7 @@ class TimeLeft:
     step_s: float | None
     """Free thinking time, seconds; None: unlimited."""
     bank_s: float
-    """Remaining bank of the episode beyond `step_s`, seconds."""
+    """Remaining episode bank beyond `step_s`, seconds."""
 
 
 class Episode:
@@ -57,33 +57,33 @@ class Episode:
         if not start.HasField("observation"):
             raise ProtocolError("an episode began without an observation")
         self._play = play
-        self._line = play.line
+        self._connection = play.connection
         self._agreement = play.agreement
         self._awaits = False
         self.id: str = start.episode
         """Random handle, good for this run only."""
         self.ordinal: int = start.ordinal
-        """Number of the episode in start order, from 1."""
+        """Episode number in start order, from 1."""
         self.mission: Mission = Mission.from_wire(start.mission)
         """The mission."""
         self.observation: Observation = Observation()
         """Latest observation: at the start, or after the last step."""
         self.end: EpisodeEnd | None = None
-        """How the episode ended; None while it goes on."""
+        """Episode result; None before its end."""
         self.fault: Error | None = None
-        """What failed on the server when the episode ended with `EndReason.SERVER_FAULT`."""
+        """Server failure that ended the episode with `EndReason.SERVER_FAULT`."""
         self.time_left: TimeLeft = TimeLeft(None, 0.0)
         """Time for the next action."""
         self._see(start.observation)
 
     @property
     def is_over(self) -> bool:
-        """Whether the episode has ended."""
+        """True after the end."""
         return self.end is not None
 
     @property
     def task(self) -> TaskSpec:
-        """The facts of the rules."""
+        """Task rules."""
         return self._agreement.task
 
     def __iter__(self) -> Iterator[Observation]:
@@ -96,43 +96,43 @@ class Episode:
                 )
 
     def act(self, action: Action) -> Observation:
-        """Takes one step and gives back what the agent senses after it.
+        """Takes a step and returns the next observation.
 
-        A limit may end the episode before the step is taken; then the last observation comes again.
+        If a limit ends the episode before the step, it returns the last observation.
 
         Raises:
             EpisodeOverError: after the end.
-            UnknownActionError: when `action` is none of 0 to 4.
-            RefusedError: when the server refuses the step; the episode goes on.
-            Error: when the protocol is broken or the connection is lost.
+            UnknownActionError: if `action` is not 0 to 4.
+            RefusedError: if the server rejects the step; the episode continues.
+            Error: if the protocol is violated or the connection is lost.
         """
         self.send(action)
         return self.receive()
 
     def send(self, action: Action) -> None:
-        """Sends an action without waiting: `receive` gives what came of it. Slots play at the same time in this way.
+        """Sends an action without waiting; `receive` returns the result. So slots can play in parallel.
 
         Raises:
             EpisodeOverError: after the end.
-            UnknownActionError: when `action` is none of 0 to 4.
+            UnknownActionError: if `action` is not 0 to 4.
         """
         if self.is_over:
             raise EpisodeOverError
         number = _checked(action).to_wire()
         step = self.observation.step + 1
-        self._line.send(play_pb2.Act(slot=self._play.slot, episode=self.id, step=step, action=number))
+        self._connection.send(play_pb2.Act(slot=self._play.slot, episode=self.id, step=step, action=number))
         self._awaits = True
 
     def receive(self) -> Observation:
-        """Waits for what came of the action that was sent, and gives back what the agent senses now.
+        """Waits for the result of the sent action and returns the observation.
 
         Raises:
-            RefusedError: when the server refuses the step; the episode goes on.
-            Error: when the protocol is broken or the connection is lost.
+            RefusedError: if the server rejects the step; the episode continues.
+            Error: if the protocol is violated or the connection is lost.
         """
         step = self.observation.step + 1
         while self._awaits:
-            event = self._line.next(self._play.slot)
+            event = self._connection.next(self._play.slot)
             if isinstance(event, play_pb2.Observation) and event.episode == self.id:
                 self._take(event, step)
             else:
@@ -140,14 +140,14 @@ class Episode:
         return self.observation
 
     def abandon(self) -> None:
-        """Gives the episode up: it ends as abandoned and counts as it stands. Nothing happens after the end.
+        """Abandons the episode, which counts with its present result. No effect after the end.
 
         Raises:
-            Error: when the protocol is broken or the connection is lost.
+            Error: if the protocol is violated or the connection is lost.
         """
         if self.is_over:
             return
-        self._line.send(play_pb2.Abandon(slot=self._play.slot, episode=self.id, step=self.observation.step))
+        self._connection.send(play_pb2.Abandon(slot=self._play.slot, episode=self.id, step=self.observation.step))
         self._await_end(_ABANDON)
 
     def _take(self, seen: play_pb2.Observation, step: int) -> None:
@@ -165,10 +165,10 @@ class Episode:
 
     def _await_end(self, attempted: str) -> None:
         while not self.is_over:
-            self._settle(attempted, self._line.next(self._play.slot))
+            self._settle(attempted, self._connection.next(self._play.slot))
 
     def _settle(self, attempted: str, event: Event) -> None:
-        """Handles whatever may come while an answer is awaited; frames of the episode before change nothing."""
+        """Handles an event while an answer is pending; frames of the previous episode are ignored."""
         if isinstance(event, play_pb2.EpisodeEnd) and event.episode == self.id:
             self._awaits = False
             self.end = EpisodeEnd.from_wire(event)
@@ -180,7 +180,7 @@ class Episode:
             raise ProtocolError(f"{event.DESCRIPTOR.name} came while an episode was open")
 
     def _weigh(self, attempted: str, fault: play_pb2.Fault) -> None:
-        """A fault that ends the episode is kept, for EpisodeEnd follows; one of another episode is stale."""
+        """Stores a fault that ends this episode, because EpisodeEnd follows; others are stale."""
         if fault.episode not in ("", self.id):
             return
         error = from_fault(attempted, fault)
@@ -191,83 +191,84 @@ class Episode:
 
 
 class Play:
-    """One slot of a run: it plays episodes one after the other. Iterating yields each episode of the run.
+    """A run slot, which plays episodes in sequence. Iterating yields every episode of the run.
 
-    A lost connection is dialled again, and its episodes go on, for as long as the server allows. As a context it says
-    Goodbye at the end of its block; an exception leaves the run open, so that it can be played on by its token.
+    A lost connection is opened again, and its episodes continue, within the server's time limit.
+    As a context manager it sends Goodbye at the end; an exception leaves the run open for its
+    token.
     """
 
-    def __init__(self, line: Line, agreement: Agreement, slot: int) -> None:
-        self.line: Line = line
+    def __init__(self, connection: Connection, agreement: Agreement, slot: int) -> None:
+        self.connection: Connection = connection
         """The connection below, which the slots of a run share."""
         self.agreement: Agreement = agreement
-        """What client and server agreed on."""
+        """Settings agreed between client and server."""
         self.slot: int = slot
         """Number of this slot, 0 or more."""
         self.episode: Episode | None = None
         """The episode that began last; None before the first."""
         self.summary: RunSummary | None = None
-        """How the run ended; None while it goes on."""
+        """Run result; None before its end."""
 
     @property
     def task(self) -> TaskSpec:
-        """The facts of the rules."""
+        """Task rules."""
         return self.agreement.task
 
     @property
     def run(self) -> str:
-        """Id of the run."""
+        """Run id."""
         return self.agreement.run
 
     @property
     def token(self) -> str:
         """The run's token: given to `begin` instead of the account's, it plays the run on after this program."""
-        return self.line.token
+        return self.connection.token
 
     @property
     def progress(self) -> Progress:
-        """How far the run is, as last heard of on any slot."""
-        return self.line.progress
+        """Latest run progress, reported on any slot."""
+        return self.connection.progress
 
     def take_notices(self) -> list[Notice]:
         """Takes the server's notices that arrived since the last call; at most 64 are kept."""
-        return self.line.take_notices()
+        return self.connection.take_notices()
 
     def __iter__(self) -> Iterator[Episode]:
         while (episode := self.next_episode()) is not None:
             yield episode
 
     def next_episode(self) -> Episode | None:
-        """Begins the next episode; None when the run has none left. An episode that was left open is given up first.
+        """Begins the next episode; None if no episode remains. Abandons an open episode first.
 
-        The clock of its first action starts now: load models before.
+        The time limit of its first action starts now: load models before.
 
         Raises:
-            Error: when the server refuses, breaks the protocol or the connection is lost.
+            Error: if the server rejects the request, violates the protocol, or the connection is lost.
         """
         self.request_episode()
         return self.receive_episode()
 
     def request_episode(self) -> None:
-        """Asks for the next episode without waiting: `receive_episode` gives it.
+        """Requests the next episode without waiting; `receive_episode` returns it.
 
         Raises:
-            Error: when an open episode cannot be given up.
+            Error: if an open episode cannot be abandoned.
         """
         if self.summary is not None:
             return
         if self.episode is not None:
             self.episode.abandon()
-        self.line.send(play_pb2.Ready(slot=self.slot))
+        self.connection.send(play_pb2.Ready(slot=self.slot))
 
     def receive_episode(self) -> Episode | None:
-        """Waits for the episode that was asked for; None when the run has none left, which is told when no slot plays.
+        """Waits for the requested episode; None after the last episode and the end of all slots.
 
         Raises:
-            Error: when the server refuses, breaks the protocol or the connection is lost.
+            Error: if the server rejects the request, violates the protocol, or the connection is lost.
         """
         while self.summary is None:
-            event = self.line.next(self.slot)
+            event = self.connection.next(self.slot)
             if isinstance(event, play_pb2.EpisodeStart):
                 self.episode = Episode(self, event)
                 return self.episode
@@ -283,30 +284,30 @@ class Play:
             raise event.because(attempted)
 
     def finish(self) -> RunSummary:
-        """Says Goodbye and closes the connection: the run ends, on all of its slots; open episodes end as abandoned.
+        """Ends the run on all slots with Goodbye and closes the connection; abandons open episodes.
 
         Raises:
-            Error: when the connection is lost or the server does not answer within a minute.
+            Error: if the connection is lost or the server does not answer within a minute.
         """
         try:
-            self.line.send(play_pb2.Goodbye())
+            self.connection.send(play_pb2.Goodbye())
             until = time.monotonic() + _FAREWELL_S
             while self.summary is None:
-                event = self.line.next(self.slot, timeout_s=max(until - time.monotonic(), 0.001))
+                event = self.connection.next(self.slot, timeout_s=max(until - time.monotonic(), 0.001))
                 self._settle_farewell(event)
             return self.summary
         finally:
             self.close()
 
     def _settle_farewell(self, event: Event) -> None:
-        """As while an episode begins; what concerns a slot belongs to an episode that Goodbye ended."""
+        """Handles an event after Goodbye; faults of a slot belong to an episode ended by Goodbye."""
         if isinstance(event, play_pb2.Fault) and (event.HasField("slot") or event.recoverable):
             return
         self._settle(_FINISH, event)
 
     def close(self) -> None:
-        """Leaves without a Goodbye, on all slots: the run stays open, and its token plays it on."""
-        self.line.close()
+        """Closes the connection of all slots without Goodbye: the run stays open for its token."""
+        self.connection.close()
 
     def __enter__(self) -> Play:
         return self

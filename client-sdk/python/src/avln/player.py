@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 CLASS = "Agent"
-"""Which class of a file plays, unless it is named."""
+"""Default class name in an agent's file."""
 
 
 class UnknownAgentError(ValueError):
@@ -23,10 +23,10 @@ class UnknownAgentError(ValueError):
 
 
 def load_agent(name: str) -> Callable[[], Any]:
-    """The class that a name like `agent.py`, `agent.py:Walker` or `package.module:Walker` leads to.
+    """Returns the class named `agent.py`, `agent.py:Walker` or `package.module:Walker`.
 
     Raises:
-        UnknownAgentError: when there is no such file, module or class, or the class has no `begin` and `act`.
+        UnknownAgentError: if the file, module or class does not exist, or the class has no `begin` and `act`.
     """
     place, _, named = name.rpartition(":") if ":" in name else (name, "", CLASS)
     agent = getattr(_module(name, place), named, None)
@@ -59,6 +59,6 @@ def _module(name: str, place: str) -> ModuleType:
 
 
 def _import_from(folder: Path) -> None:
-    """Lets an agent import what lies beside it; what is installed comes first."""
+    """Lets an agent import modules from its folder; installed modules have priority."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))

@@ -1,4 +1,4 @@
-"""How a run goes on, for people who watch."""
+"""Run progress on the terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Bar:
-    """A bar of tqdm's where it is installed and somebody watches, else a line for each episode."""
+    """A tqdm bar if tqdm is installed and the output is a terminal, otherwise a line per episode."""
 
     def __init__(self, episodes: int) -> None:
         self._bar = _tqdm(episodes) if sys.stderr.isatty() else None

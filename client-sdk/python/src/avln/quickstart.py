@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 AGENT = '''\
-"""Walks where depth shows room ahead, turns where it does not, and stops with its last step."""
+"""Walks forward while depth shows room, turns otherwise, and stops with the last step."""
 
 import avln
 
@@ -36,7 +36,7 @@ def write(path: Path) -> None:
     """Writes the agent's file.
 
     Raises:
-        Error: when there is another file of that name, or it cannot be written.
+        Error: if another file has this name, or the file cannot be written.
     """
     try:
         if path.exists() and path.read_bytes() != AGENT.encode():

@@ -1,4 +1,4 @@
-"""Demonstrations that `avln lab rollout` recorded, for agents that learn by imitation.
+"""Demonstrations recorded by `avln lab rollout`, for imitation learning.
 
     from avln.rollouts import Rollouts
 
@@ -6,7 +6,7 @@
         for observation, action in rollout:
             learn(rollout.mission, observation, action)
 
-An episode's arrays are read when they are asked for. `docs/DATASET.md` of the repository tells what the files hold.
+Arrays are read on access. The repository's `docs/DATASET.md` describes the files.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FORMAT = "avln-rollouts"
-"""Value of `format` in `rollouts.json`."""
+"""`format` value in `rollouts.json`."""
 VERSION = 1
-"""The version of the layout that is read."""
+"""Supported layout version."""
 
 
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
-"""Exceptions of a damaged archive."""
+"""Exceptions for a damaged archive."""
 
 
 class RolloutsError(Error):
@@ -61,7 +61,7 @@ class Rollout:
 
     @property
     def id(self) -> str:
-        """Id of the episode in its split."""
+        """Episode id in its split."""
         return str(self._facts["episode"])
 
     @property
@@ -146,7 +146,7 @@ class Rollout:
 
 
 class Rollouts(Sequence[Rollout]):
-    """The episodes of a folder by the names of their files."""
+    """A folder's episodes by file name."""
 
     def __init__(self, folder: str | os.PathLike[str], *, complete_only: bool = True) -> None:
         """Lists the recordings; `complete_only=False` includes episodes with missed goals.
@@ -155,9 +155,9 @@ class Rollouts(Sequence[Rollout]):
             RolloutsError: if the folder was not written by `avln lab rollout`, or a file is damaged.
         """
         self.folder = Path(folder)
-        """Folder of the recordings."""
+        """Recordings folder."""
         self.manifest = _manifest(self.folder / "rollouts.json")
-        """Content of `rollouts.json`: split, order, sensors, rules."""
+        """`rollouts.json` content: split, order, sensors, rules."""
         paths = sorted((self.folder / "episodes").glob("*.npz"))
         read = (Rollout(path, self.manifest) for path in paths)
         self._paths = [rollout.path for rollout in read if rollout.is_complete or not complete_only]
@@ -170,7 +170,7 @@ class Rollouts(Sequence[Rollout]):
     @overload
     def __getitem__(self, index: slice) -> list[Rollout]: ...
     def __getitem__(self, index: int | slice) -> Rollout | list[Rollout]:
-        """The episode of a number, or those of a slice."""
+        """An episode by number, or several by slice."""
         if isinstance(index, slice):
             return [Rollout(path, self.manifest) for path in self._paths[index]]
         return Rollout(self._paths[index], self.manifest)

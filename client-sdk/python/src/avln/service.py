@@ -25,11 +25,11 @@ class ServerInfo:
     name: str
     """Name that the organiser gave it."""
     version: str
-    """Version of the server program."""
+    """Server program version."""
     api_minor: int
-    """Highest minor number of `avln.v1` that it speaks."""
+    """Highest supported minor number in `avln.v1`."""
     benchmark: str
-    """Version of the benchmark: changes whenever a score could change."""
+    """Benchmark version: changes whenever a score could change."""
     draining: bool
     """True if the server is stopping and accepts no new runs."""
     notice: str
@@ -39,7 +39,7 @@ class ServerInfo:
 
     @classmethod
     def from_wire(cls, info: info_pb2.GetServerInfoResponse) -> ServerInfo:
-        """The facts of a message."""
+        """Converts a message."""
         draining = info.state == info_pb2.SERVER_STATE_DRAINING
         return cls(
             info.name,
@@ -67,9 +67,9 @@ class Phase:
     episodes: int
     """Episodes in a run."""
     max_slots: int
-    """Most slots of a run."""
+    """Most slots per run."""
     max_side: int
-    """Most pixels a side of RGB and depth."""
+    """Most pixels per image side."""
     feedback: str
     """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     state: str
@@ -77,11 +77,11 @@ class Phase:
     state_reason: str
     """Reason for the state, for people; may be empty."""
     rules: str
-    """Name and version of the rule set."""
+    """Rule set name and version."""
 
     @classmethod
     def from_wire(cls, phase: info_pb2.Phase) -> Phase:
-        """The phase of a message."""
+        """Converts a message."""
         return cls(
             id=phase.id,
             title=phase.title,
@@ -111,7 +111,7 @@ class Run:
     token: str
     """Token for this run only."""
     episodes: int = 0
-    """Episodes of the run; 0 when only the token is known."""
+    """Episode count; 0 when only the token is known."""
     max_slots: int = 0
     """Most slots; 0 when only the token is known."""
     phase: str = ""
@@ -119,7 +119,7 @@ class Run:
 
     @classmethod
     def from_token(cls, token: str) -> Run:
-        """A run of which only the token is at hand, as in a container that never sees the account."""
+        """A run known only by its token, as in a sealed container."""
         return cls("", token)
 
     @classmethod
@@ -134,14 +134,14 @@ class Run:
 
 @dataclass(frozen=True)
 class RunStatus:
-    """State of a run."""
+    """Run state."""
 
     id: str
     """Id."""
     phase: str
     """Phase."""
     method: str
-    """Name of the method."""
+    """Method name."""
     state: str
     """`created`, `running`, `draining`, `completed`, `failed`, `cancelled` or `expired`."""
     state_reason: str
@@ -166,7 +166,7 @@ class RunStatus:
 
     @classmethod
     def from_wire(cls, run: run_pb2.Run) -> RunStatus:
-        """The status of a message."""
+        """Converts a message."""
         return cls(
             id=run.id,
             phase=run.phase,
@@ -184,7 +184,7 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class Quota:
-    """Remaining quota of a team."""
+    """A team's remaining quota."""
 
     phase: str
     """Phase."""
@@ -197,7 +197,7 @@ class Quota:
     remaining: int | None
     """Runs left; None: unlimited."""
     next_increase_unix_s: int
-    """Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never."""
+    """Time when `remaining` next increases, seconds since 1970 UTC; 0: never."""
     charges: list[tuple[str, str]]
     """The runs that were counted and why, the oldest first."""
 
@@ -208,7 +208,7 @@ class Quota:
 
     @classmethod
     def from_wire(cls, quota: run_pb2.Quota) -> Quota:
-        """The quota of a message."""
+        """Converts a message."""
         return cls(
             phase=quota.phase,
             window=word(run_pb2.QuotaWindow, quota.window),
@@ -222,12 +222,12 @@ class Quota:
 
 @dataclass(frozen=True)
 class Account:
-    """Owner of a token."""
+    """Token owner."""
 
     team: str
-    """Name of the team."""
+    """Team name."""
     token_name: str
-    """Name of the token."""
+    """Token name."""
     scope: str
     """Scope: `participant`, `read_only`, `organiser` or `run`."""
     expires_unix_s: int
@@ -235,13 +235,13 @@ class Account:
 
     @classmethod
     def from_wire(cls, answer: run_pb2.WhoAmIResponse) -> Account:
-        """The account of a message."""
+        """Converts a message."""
         scope = word(run_pb2.TokenScope, answer.scope)
         return cls(answer.team, answer.token_name, scope, answer.expires_unix_s)
 
 
 def phase_to_practise(phases: list[Phase], quotas: list[Quota]) -> str:
-    """Returns the id of the default phase.
+    """Returns the default phase's id.
 
     Raises:
         PhaseError: if there is no or no unique default phase.

@@ -1,4 +1,4 @@
-"""Policies of SoundSpaces as agents of Habitat; `pip install 'avln[torch]'`.
+"""SoundSpaces policies as Habitat agents; `pip install 'avln[torch]'`.
 
 agent = avln.soundspaces.PolicyAgent(actor_critic, hidden_size=512)
 avln.habitat.play(run, agent, keys=["depth", "spectrogram"], actions=…)
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Policy(Protocol):
-    """Interface of a SoundSpaces actor-critic."""
+    """A SoundSpaces actor-critic."""
 
     net: Any
     """Network with `num_recurrent_layers`."""
@@ -59,7 +59,7 @@ class PolicyAgent:
         self._mask = torch.zeros(1, 1, device=self._device)
 
     def act(self, observations: Mapping[str, Any]) -> int:
-        """The number of the action that the policy takes."""
+        """The policy's action number."""
         batch = {key: self._tensor(value) for key, value in observations.items() if isinstance(value, np.ndarray)}
         with torch.inference_mode():
             told = self._policy.act(batch, self._hidden, self._previous, self._mask, deterministic=self._deterministic)

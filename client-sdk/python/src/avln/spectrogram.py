@@ -14,16 +14,16 @@ Padding = Literal["reflect", "constant"]
 
 
 def spectrogram(audio: NDArray[np.float32], padding: Padding = "reflect") -> NDArray[np.float32]:
-    """The spectrogram of both ears, f32 [65, frames / 4, 2], as SoundSpaces' sensor of that name gives it.
+    """Returns the spectrogram of both ears, f32 [65, frames / 4, 2], like the SoundSpaces sensor.
 
-    Each ear's samples are cut into frames of 512, one around every 160th sample, and seen through a Hann window of 400;
-    the magnitudes of the Fourier transform are averaged in blocks of 4 frequencies by 4 frames, filled up with zeros,
-    and `log(1 + x)` is taken of the means. 16000 samples give 65 x 26.
+    Frames of 512 samples every 160 samples, a Hann window of 400, Fourier magnitudes averaged in
+    blocks of 4 frequencies by 4 frames (padded with zeros), then `log(1 + x)`. 16000 samples
+    result in 65 x 26.
 
     Args:
         audio: samples, [2, n], n above 256.
-        padding: what lies before the first and after the last sample: `reflect`, as librosa had it until 0.9, or
-            `constant`, zeros, as it has it since. An agent was trained with one of them.
+        padding: `reflect` as in librosa before 0.10, or `constant` (zeros) as in later versions. Use the value from the
+            agent's training.
     """
     return np.stack([np.log1p(_pooled(_magnitudes(ear, padding))) for ear in audio], axis=-1).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""Progress and results of episodes and runs."""
+"""Episode and run results."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a run."""
+    """Run progress."""
 
     total: int = 0
-    """Episodes of the run."""
+    """Episodes in the run."""
     done: int = 0
     """Episodes that ended and are stored."""
     in_flight: int = 0
@@ -33,7 +33,7 @@ class Progress:
 
     @classmethod
     def from_wire(cls, progress: common_pb2.RunProgress) -> Progress:
-        """The progress of a message."""
+        """Converts a message."""
         eta_s = progress.eta_s if progress.HasField("eta_s") else None
         return cls(progress.total, progress.done, progress.in_flight, eta_s)
 
@@ -45,7 +45,7 @@ class Metric:
     name: str
     """Name, lower snake case: sr, isr, osr, spl, soft_spl …"""
     value: float
-    """Value, in the unit at the end of the name; otherwise without unit."""
+    """Value, in the unit at the name's end; otherwise without unit."""
     interval: tuple[float, float] | None = None
     """95 % interval, if known."""
 
@@ -56,10 +56,10 @@ class Metric:
 
 @dataclass(frozen=True)
 class EpisodeEnd:
-    """End of an episode."""
+    """Episode end."""
 
     episode: str
-    """Random handle of the episode, good for this run only."""
+    """Random episode handle, valid in this run only."""
     reason: EndReason
     """Why it ended."""
     terminated: bool
@@ -69,11 +69,11 @@ class EpisodeEnd:
     metrics: list[Metric] | None
     """Metrics; None if the phase hides them."""
     progress: Progress
-    """Progress of the run."""
+    """Run progress."""
 
     @classmethod
     def from_wire(cls, end: play_pb2.EpisodeEnd) -> EpisodeEnd:
-        """The end of a message."""
+        """Converts a message."""
         shown = metrics(end.metrics) if end.HasField("metrics") else None
         progress = Progress.from_wire(end.progress)
         return cls(end.episode, EndReason.from_wire(end.reason), end.terminated, end.step, shown, progress)
@@ -81,10 +81,10 @@ class EpisodeEnd:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """End of a run, printable."""
+    """Run end, printable."""
 
     run: str = ""
-    """Id of the run."""
+    """Run id."""
     progress: Progress = Progress()
     """Final progress."""
     complete: bool = False
@@ -94,7 +94,7 @@ class RunSummary:
     metrics: list[Metric] | None = None
     """Metrics; None if the phase hides them."""
     url: str = ""
-    """Web page of the result; may be empty."""
+    """Result web page; may be empty."""
 
     def metric(self, name: str) -> Metric | None:
         """The metric `name`, if public."""
@@ -102,7 +102,7 @@ class RunSummary:
 
     @classmethod
     def from_wire(cls, end: play_pb2.RunEnd) -> RunSummary:
-        """The summary of a message."""
+        """Converts a message."""
         shown = metrics(end.metrics) if end.HasField("metrics") else None
         return cls(end.run, Progress.from_wire(end.progress), end.complete, ends(end.ends), shown, end.url)
 
@@ -125,7 +125,7 @@ class Notice:
 
 
 def metrics(shown: common_pb2.PublicMetrics) -> list[Metric]:
-    """The metrics of a message, in the order of the phase's columns."""
+    """Converts metrics, in column order."""
     return [Metric(m.name, m.value, _interval(m)) for m in shown.metrics]
 
 

@@ -1,4 +1,4 @@
-"""Sensors of an agent, and the rules of the task."""
+"""Sensors and task rules."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Sensors:
     height: int = 256
     """Rows, 64 to 1024."""
     hfov_rad: float = math.pi / 2
-    """Horizontal field of view, radians, 0.35 to 2.4."""
+    """Horizontal view angle, radians, 0.35 to 2.4."""
 
     @classmethod
     def square(cls, side: int) -> Sensors:
-        """All sensors at `side` x `side` pixels with 90 degrees of view."""
+        """All sensors at `side` x `side` pixels with a view of 90 degrees."""
         return cls(width=side, height=side)
 
     def kinds(self) -> list[common_pb2.SensorKind]:
@@ -79,59 +79,59 @@ class TaskSpec:
     """
 
     rules: str = "lh-avln-v1"
-    """Name and version of the rule set."""
+    """Rule set name and version."""
     forward_m: float = 0.25
-    """Length of MOVE_FORWARD, metres."""
+    """MOVE_FORWARD length, metres."""
     turn_deg: int = 30
-    """Angle of TURN_LEFT and TURN_RIGHT, degrees; divides 360."""
+    """TURN_LEFT and TURN_RIGHT angle, degrees; divides 360."""
     step_s: float = 0.25
     """Simulated time per step, seconds."""
     max_steps: int = 1000
     """Most actions in an episode; all five kinds count."""
     body_radius_m: float = 0.1
-    """Radius of the body, metres."""
+    """Body radius, metres."""
     body_height_m: float = 1.5
-    """Height of the body, metres."""
+    """Body height, metres."""
     width: int = 256
-    """Pixels in a row of colour and depth."""
+    """Image width, pixels."""
     height: int = 256
-    """Rows of colour and depth."""
+    """Image height, pixels."""
     hfov_rad: float = math.pi / 2
-    """Horizontal field of view, radians. Pixels are square, the camera looks level."""
+    """Horizontal view angle, radians. Pixels are square, the camera looks level."""
     camera_height_m: float = 1.0
-    """Height of the camera above the base, metres."""
+    """Camera height above the base, metres."""
     ear_height_m: float = 1.0
-    """Height of the ears above the base, metres."""
+    """Ear height above the base, metres."""
     depth_max_m: float = 10.0
-    """Range of the depth sensor, metres; beyond it depth is 0."""
+    """Depth sensor range, metres; beyond it depth is 0."""
     sample_rate_hz: int = 16_000
-    """Samples a second of each ear."""
+    """Samples per second and ear."""
     audio_samples: int = 4000
-    """Samples of each ear in an observation."""
+    """Samples per ear and observation."""
     samples_per_step: int = 4000
-    """Samples per ear and step of simulated time; the rest is 0."""
+    """Samples per ear and simulated step; the rest is 0."""
     pose_frame: str = "start"
     """Pose frame: `start`, with a zero first pose, or `world`, the scene frame."""
     success_radius_m: float = 2.0
-    """Radius of success, metres."""
+    """Success radius, metres."""
     success_distance: str = "camera_to_box"
-    """Definition of the success distance: `camera_to_box` or `base_to_viewpoint`."""
+    """Success distance definition: `camera_to_box` or `base_to_viewpoint`."""
     wrong_submit: str = "keeps_goal"
-    """Effect of a wrong Submit in an ordered mission: `keeps_goal` or `skips_goal`."""
+    """Wrong Submit's effect in an ordered mission: `keeps_goal` or `skips_goal`."""
     feedback: str = "none"
     """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     sounding: str = "unfinished_in_drawn_order"
-    """Schedule of the sounding targets: `unfinished_in_drawn_order` or `all_in_goal_order`."""
+    """Sounding schedule: `unfinished_in_drawn_order` or `all_in_goal_order`."""
     sounding_window_steps: int = 25
     """Sounding steps per target and turn."""
     sound_clip: str = "anonymous"
-    """Assignment of sound clips: `anonymous`, `by_category` or `distinct`."""
+    """Sound clip assignment: `anonymous`, `by_category` or `distinct`."""
     source_lift_m: float = 0.0
-    """Height of a source above the target centre, metres."""
+    """Source height above the target centre, metres."""
     depth_noise: str = "none"
-    """Noise of depth: `none` or `redwood`. The server judges without noise, and pictures of goals have none."""
+    """Depth noise: `none` or `redwood`. The server judges without noise, and goal images have none."""
     rgb_noise: str = "none"
-    """Noise of colours: `none` or `gaussian`."""
+    """Colour noise: `none` or `gaussian`."""
     head: str = ""
     """Head model: empty for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from
     straight ahead, otherwise the hexadecimal BLAKE3 hash of a measured head's SOFA file.
@@ -139,7 +139,7 @@ class TaskSpec:
 
     @property
     def turn_rad(self) -> float:
-        """Angle of TURN_LEFT and TURN_RIGHT, radians."""
+        """TURN_LEFT and TURN_RIGHT angle, radians."""
         return math.radians(self.turn_deg)
 
     @classmethod
@@ -175,7 +175,7 @@ def _fact(task: task_pb2.TaskSpec, name: str) -> object:
 
 
 def word(enum: object, number: int) -> str:
-    """Lower-case word of an enum number without prefix; `other` if unknown."""
+    """Lower-case enum word for a number without prefix; `other` if unknown."""
     values = {value: name for name, value in enum.items()}  # type: ignore[attr-defined]
     prefix = values[0][: -len("UNSPECIFIED")]
     return values[number][len(prefix) :].lower() if number in values else "other"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from avln.v1 import common_pb2
 
 VERSION = "0.1.0"
-"""Version of this package."""
+"""Package version."""
 API_MINOR = 0
-"""Highest minor number of `avln.v1` that it speaks."""
+"""Highest supported minor number in `avln.v1`."""
 
 
 def client_info() -> common_pb2.ClientInfo:

@@ -18,15 +18,15 @@ use tonic::{Code, Request, Response, Status, Streaming, transport::Server};
 pub const TOKEN: &str = "good";
 /// The run's token.
 pub const RUN_TOKEN: &str = "run-good";
-/// Pixels a side of the fake camera; the smallest that a client may ask for.
+/// Fake camera's pixels per side; the smallest that a client may ask for.
 pub const SIDE: u32 = 64;
-/// Samples of each fake ear.
+/// Samples per fake ear.
 pub const SAMPLES: u32 = 8;
 
 type Scene = Pin<Box<dyn Future<Output = ()> + Send>>;
 type Script = Arc<dyn Fn(Stage) -> Scene + Send + Sync>;
 
-/// Starts a server with `script` as its Play stream; returns its address.
+/// Starts a server with `script` as its Play stream; returns the address.
 pub async fn serve<F, S>(script: F) -> String
 where
     F: Fn(Stage) -> S + Send + Sync + 'static,
@@ -43,14 +43,14 @@ where
     address
 }
 
-/// The server side of a stream.
+/// A stream's server side.
 pub struct Stage {
     asked: Streaming<v1::PlayRequest>,
     told: mpsc::Sender<Result<v1::PlayResponse, Status>>,
 }
 
 impl Stage {
-    /// Next client frame; `None` at the end of the stream.
+    /// Next client frame; `None` at the stream's end.
     pub async fn hear(&mut self) -> Option<Asked> {
         self.asked.message().await.ok().flatten().and_then(|request| request.frame)
     }
@@ -59,7 +59,7 @@ impl Stage {
         let _ = self.told.send(Ok(v1::PlayResponse { frame: Some(frame) })).await;
     }
 
-    /// Sends a frame unknown to all clients of this version.
+    /// Sends a frame unknown to all clients with this version.
     pub async fn mumble(&self) {
         let _ = self.told.send(Ok(v1::PlayResponse { frame: None })).await;
     }

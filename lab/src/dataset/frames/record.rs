@@ -3,7 +3,7 @@
 use crate::npy;
 use avln_geom::{Point3, Rng, Vector3, angle};
 use avln_scene::{InstanceId, Object, Region, Scene};
-use avln_world::{Camera, Frame, SceneAssets};
+use avln_world::{Camera, CameraImage, SceneAssets};
 use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_4, PI};
 use std::io;
@@ -136,7 +136,7 @@ pub(super) fn write_header(
 }
 
 /// Appends a record.
-pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &Frame, labels: &Labels) {
+pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &CameraImage, labels: &Labels) {
     let eye = shot.camera.eye;
     let camera = [eye.x, eye.y, eye.z, shot.height_m, shot.heading_rad, shot.pitch_rad, shot.camera.hfov_rad];
     out.extend(camera.into_iter().flat_map(f32::to_le_bytes));

@@ -2,7 +2,7 @@ use super::*;
 use avln_geom::{UnitQuaternion, angle};
 use avln_houses::{HouseOptions, house};
 use avln_scene::{Scene, digest::digest};
-use avln_world::{Body, Cached, Camera, Frame, SceneAssets};
+use avln_world::{Body, Cached, Camera, CameraImage, SceneAssets};
 use std::sync::LazyLock;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -40,7 +40,7 @@ fn pictures(cache: Option<Arc<dyn Cache>>) -> Vec<Vec<u8>> {
     turned.map(picture).collect()
 }
 
-fn bytes(frame: &Frame) -> Vec<u8> {
+fn bytes(frame: &CameraImage) -> Vec<u8> {
     let depth = frame.depth.iter().flat_map(|depth| depth.to_bits().to_le_bytes());
     let ids = frame.instances.iter().flat_map(|id| id.0.to_le_bytes());
     frame.rgb.iter().copied().chain(depth).chain(ids).collect()
@@ -164,19 +164,19 @@ fn a_data_folder_is_not_made_for_its_models() {
 fn sounds_come_back_as_they_were_kept_or_not_at_all() {
     let folder = folder();
     let sounds = CacheFolder::at(folder.path());
-    assert!(sounds.find_sound("kitchen").is_none());
+    assert!(sounds.load_sound("kitchen").is_none());
     for bytes in [&b"a source"[..], &[], &[7; 10_000]] {
-        sounds.keep_sound("kitchen", bytes);
-        assert_eq!(sounds.find_sound("kitchen").as_deref(), Some(bytes));
+        sounds.store_sound("kitchen", bytes);
+        assert_eq!(sounds.load_sound("kitchen").as_deref(), Some(bytes));
     }
     let path = sounds.sound_path("kitchen");
     let whole = fs::read(&path).expect("a file");
     for damaged in [&whole[..9_000], &whole[..20], &[]] {
         fs::write(&path, damaged).expect("a file");
-        assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+        assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
     }
     let mut flipped = whole.clone();
     flipped[5_000] ^= 1;
     fs::write(&path, flipped).expect("a file");
-    assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+    assert!(sounds.load_sound("kitchen").is_none() && !path.exists());
 }

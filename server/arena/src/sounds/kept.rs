@@ -60,7 +60,7 @@ impl SoundFolder {
         if found != wanted {
             return Err(failed(format!("their digest is {found}, somebody has changed them")));
         }
-        Ok(Bank::own(clips))
+        Ok(Bank::from_clips(clips))
     }
 
     /// Writes a bank under another name and moves it into place when it is complete.

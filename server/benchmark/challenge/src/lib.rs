@@ -1,13 +1,12 @@
 //! Domain types for challenges: phases, runs, quotas, visibility, accounts, episode draws.
 //!
 //! The store, the gRPC server, the web server and the arena share these types. Enums convert to and from the words used in
-//! database columns, JSON and URLs: `as_str`, `from_word`.
+//! database columns, JSON and URLs: `as_str`, `FromStr`.
 //!
 //! Start reading at [`Schedule`], [`RunState`] and [`Quota`].
 //!
 //! *Never*: does I/O; reads a clock; depends on hidden data.
 
-mod account;
 pub mod calendar;
 mod phase;
 mod quota;
@@ -15,9 +14,14 @@ mod run;
 mod sampling;
 mod word;
 
-pub use account::{Account, Reference, TokenScope};
-pub use phase::{Admission, GoalText, PhaseEpisode, PhaseInfo, PhaseState, RunChoice, Schedule, Visibility};
-pub use quota::{Charge, Quota, QuotaLimits, QuotaWindow, RunGrant, RunUse, quotas};
-pub use run::{EpisodeOutcome, EpisodeState, MethodInfo, Ruling, RunState, RunStatus, TimeAccount};
-pub use sampling::{CommitmentValues, PhaseSecret, Sample, Sampling, draw, pool_digest};
+pub use phase::{
+    Account, Admission, PhaseInfo, PhaseState, Reference, RunChoice, Schedule, TokenScope, Visibility,
+};
+pub use quota::{Quota, QuotaLimits, QuotaWindow, RunGrant, quotas};
+pub use run::{
+    Charge, EpisodeOutcome, EpisodeState, MethodInfo, Ruling, RunState, RunStatus, RunUse, TimeAccount,
+};
+pub use sampling::{
+    CommitmentValues, GoalText, PhaseEpisode, PhaseSecret, Sample, Sampling, draw, pool_digest,
+};
 pub use word::UnknownWord;

@@ -1,9 +1,12 @@
-use crate::{CommitmentValues, word::words};
-use avln_episode::{FeedbackRule, Modality, Order, Sensors, TimeLimits};
+//! Phases, admission of teams, accounts and visibility.
+
+use crate::{sampling::CommitmentValues, word::words};
+use avln_episode::{FeedbackRule, Order, Sensors, TimeLimits};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A group with access to scores or replays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {
     /// Everybody.
@@ -17,7 +20,7 @@ words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser
 
 /// A phase's state at a given time. It decides over new runs; a started run has full wall time in every state. A run
 /// without wall time ends with the phase.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {
     /// Runs cannot start yet.
@@ -34,7 +37,9 @@ words!(PhaseState, "phase state", {
 });
 
 /// Selection rule for the leaderboard run of a team's method.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum RunChoice {
     /// The run with the best rank.
@@ -93,26 +98,6 @@ impl Admission {
     }
 }
 
-/// An episode in a phase.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PhaseEpisode {
-    /// Episode id inside the split.
-    pub episode: String,
-    /// Scene name.
-    pub scene: String,
-    /// Goals in mission order.
-    pub goals: Vec<GoalText>,
-}
-
-/// A goal cue in words.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct GoalText {
-    /// Cue kind.
-    pub modality: Modality,
-    /// The category's label or the sentence; `None` for an image.
-    pub text: Option<String>,
-}
-
 /// A phase's public description, for agents. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhaseInfo {
@@ -152,6 +137,49 @@ pub struct PhaseInfo {
     pub commitment: Option<String>,
     /// The committed values; `None` before they are published.
     pub revealed: Option<CommitmentValues>,
+}
+
+/// The kind of a reference team. Its runs are shown for comparison, without rank.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// An agent for comparison.
+    Baseline,
+    /// An agent with the ground truth: an upper bound.
+    Oracle,
+    /// People.
+    Human,
+}
+words!(Reference, "reference", { Baseline => "baseline", Oracle => "oracle", Human => "human" });
+
+/// The rights that a token grants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TokenScope {
+    /// A team's token: starts runs and reads the team's results.
+    Participant,
+    /// A team's token that reads the team's results and starts no runs.
+    ReadOnly,
+    /// An organiser's token: reads everything.
+    Organiser,
+    /// A run's token: plays this run's episodes.
+    Run,
+}
+// The word `account` dates from the first schema.
+words!(TokenScope, "token kind", {
+    Participant => "account", ReadOnly => "read_only", Organiser => "organiser", Run => "run",
+});
+
+/// A token's owner.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// Team name; empty for an organiser.
+    pub team: String,
+    /// Granted rights.
+    pub scope: TokenScope,
+    /// Token name; may be empty.
+    pub token_name: String,
+    /// Expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
+    pub expires_unix_ms: Option<i64>,
 }
 
 #[cfg(test)]

@@ -1,8 +1,15 @@
-use crate::{RunState, Schedule, calendar, word::words};
+//! Team quotas.
+
+use crate::{
+    calendar,
+    phase::Schedule,
+    run::{Charge, RunUse},
+    word::words,
+};
 use serde::{Deserialize, Serialize};
 
 /// Run limits per team in a phase; `None` for no limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuotaLimits {
     /// Charged runs in a UTC day.
@@ -31,7 +38,7 @@ impl QuotaLimits {
 }
 
 /// The runs counted by a quota, and the refilling event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum QuotaWindow {
     /// Charged runs in a UTC day; refilled at midnight.
@@ -50,7 +57,7 @@ words!(QuotaWindow, "quota window", {
 });
 
 /// A team's used and remaining runs in a window. Times are milliseconds since 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Quota {
     /// Phase id.
     pub phase: String,
@@ -68,60 +75,6 @@ pub struct Quota {
     pub next_increase_unix_ms: Option<i64>,
     /// The counted runs, oldest first; at most the latest 200.
     pub charges: Vec<Charge>,
-}
-
-/// A run's effect on the team quota.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Charge {
-    /// Run id.
-    pub run: String,
-    /// True if the run counts.
-    pub charged: bool,
-    /// Reason, for people.
-    pub reason: &'static str,
-}
-
-impl Charge {
-    /// Maximum listed runs in a quota: a bound on answers for teams without a limit.
-    pub const MAX_LISTED: usize = 200;
-}
-
-/// A run's stored facts that decide the charge. An agent's statements have no influence.
-#[derive(Clone, Debug)]
-pub struct RunUse {
-    /// Run id.
-    pub run: String,
-    /// Run state.
-    pub state: RunState,
-    /// Start time, milliseconds since 1970-01-01 UTC.
-    pub created_unix_ms: i64,
-    /// Episodes with a score.
-    pub scored: u32,
-    /// Episodes abandoned after server failures.
-    pub given_up: u32,
-    /// Attempts lost by server failures.
-    pub server_faults: u32,
-    /// True if an episode has a step.
-    pub stepped: bool,
-}
-
-impl RunUse {
-    /// Returns the charge.
-    pub fn charge(&self) -> Charge {
-        let (charged, reason) = match self.state {
-            // An open run counts: otherwise a team could open more runs than remain.
-            RunState::Created | RunState::Running => (true, "it is open; it counts until it ends"),
-            RunState::Failed => (false, "the server failed"),
-            _ if self.given_up > 0 => (false, "the server lost an episode of it for good"),
-            RunState::Completed => (true, "all of its episodes were played"),
-            _ if self.stepped => (true, "it ended after its first step"),
-            _ if self.scored == 0 && self.server_faults > 0 => {
-                (false, "the server failed before its first step")
-            }
-            _ => (false, "it ended before its first step"),
-        };
-        Charge { run: self.run.clone(), charged, reason }
-    }
 }
 
 /// Runs granted by the organiser beyond the quota.
@@ -146,8 +99,7 @@ impl Span {
     }
 }
 
-/// Returns a team's quotas in all limited windows and in the whole phase. `runs` are the team's runs in the
-/// phase, oldest first.
+/// Returns a team's quotas in all limited windows and the whole phase. `runs` are the team's runs there, oldest first.
 pub fn quotas(
     phase: &str,
     limits: &QuotaLimits,

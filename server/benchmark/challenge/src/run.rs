@@ -1,9 +1,11 @@
-use crate::{Charge, word::words};
+//! Runs, episodes, methods, rulings and charges.
+
+use crate::word::words;
 use avln_episode::{EndReason, Order};
 use serde::{Deserialize, Serialize};
 
 /// A run's state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
     /// No episode was assigned yet.
@@ -32,7 +34,7 @@ impl RunState {
 }
 
 /// An episode's state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeState {
     /// Not assigned yet.
@@ -51,7 +53,7 @@ words!(EpisodeState, "episode state", {
 });
 
 /// A method, as described by the team.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct MethodInfo {
     /// Name on the leaderboard.
     pub name: String,
@@ -86,7 +88,7 @@ pub struct Ruling {
 }
 
 /// An episode's wall-clock time by activity, seconds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct TimeAccount {
     /// Simulating motion, vision and sound.
     pub simulation_s: f64,
@@ -107,6 +109,60 @@ impl TimeAccount {
             queue_s: self.queue_s + other.queue_s,
             thinking_s: self.thinking_s + other.thinking_s,
         }
+    }
+}
+
+/// A run's effect on the team quota.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+pub struct Charge {
+    /// Run id.
+    pub run: String,
+    /// True if the run counts.
+    pub charged: bool,
+    /// Reason, for people.
+    pub reason: &'static str,
+}
+
+impl Charge {
+    /// Maximum listed runs in a quota: a bound on answers for teams without a limit.
+    pub const MAX_LISTED: usize = 200;
+}
+
+/// A run's stored facts that decide the charge. An agent's statements have no influence.
+#[derive(Clone, Debug)]
+pub struct RunUse {
+    /// Run id.
+    pub run: String,
+    /// Run state.
+    pub state: RunState,
+    /// Start time, milliseconds since 1970-01-01 UTC.
+    pub created_unix_ms: i64,
+    /// Episodes with a score.
+    pub scored: u32,
+    /// Episodes abandoned after server failures.
+    pub given_up: u32,
+    /// Attempts lost by server failures.
+    pub server_faults: u32,
+    /// True if an episode has a step.
+    pub stepped: bool,
+}
+
+impl RunUse {
+    /// Returns the charge.
+    pub fn charge(&self) -> Charge {
+        let (charged, reason) = match self.state {
+            // An open run counts: otherwise a team could open more runs than remain.
+            RunState::Created | RunState::Running => (true, "it is open; it counts until it ends"),
+            RunState::Failed => (false, "the server failed"),
+            _ if self.given_up > 0 => (false, "the server lost an episode of it for good"),
+            RunState::Completed => (true, "all of its episodes were played"),
+            _ if self.stepped => (true, "it ended after its first step"),
+            _ if self.scored == 0 && self.server_faults > 0 => {
+                (false, "the server failed before its first step")
+            }
+            _ => (false, "it ended before its first step"),
+        };
+        Charge { run: self.run.clone(), charged, reason }
     }
 }
 

@@ -1,9 +1,27 @@
-//! Drawing a run's episodes: a pure function with the arguments secret and run id. A published secret lets
-//! everybody repeat it.
+//! Episode draws: a pure function of secret and run id. Everyone can repeat it once the secret is published.
 
-use crate::PhaseEpisode;
 use avln_episode::Modality;
 use serde::{Deserialize, Serialize};
+
+/// An episode in a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhaseEpisode {
+    /// Episode id inside the split.
+    pub episode: String,
+    /// Scene name.
+    pub scene: String,
+    /// Goals in mission order.
+    pub goals: Vec<GoalText>,
+}
+
+/// A goal cue in words.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GoalText {
+    /// Cue kind.
+    pub modality: Modality,
+    /// The category's label or the sentence; `None` for an image.
+    pub text: Option<String>,
+}
 
 /// Episode selection and order per run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,7 +52,7 @@ pub struct Sample {
 }
 
 /// The values behind a phase's commitment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CommitmentValues {
     /// Digest over the phase's split and episode ids ([`pool_digest`]), hex.
@@ -165,7 +183,6 @@ fn stratum(episode: &PhaseEpisode) -> [usize; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::GoalText;
     use std::collections::{BTreeMap, BTreeSet};
 
     const SECRET: PhaseSecret = PhaseSecret([7; 32]);

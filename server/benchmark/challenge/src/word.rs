@@ -8,7 +8,7 @@ pub struct UnknownWord {
     pub word: String,
 }
 
-/// Implements `ALL`, `as_str`, `from_word`, `Display` and conversions from text for an enum without fields.
+/// Implements `ALL`, `as_str`, `Display` and conversions from text for an enum without fields.
 macro_rules! words {
     ($name:ident, $kind:literal, { $($variant:ident => $word:literal),+ $(,)? }) => {
         impl $name {
@@ -19,17 +19,6 @@ macro_rules! words {
             pub fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$variant => $word,)+
-                }
-            }
-
-            /// Parses a word written by [`Self::as_str`].
-            ///
-            /// # Errors
-            /// If the word names no value.
-            pub fn from_word(word: &str) -> Result<Self, $crate::UnknownWord> {
-                match word {
-                    $($word => Ok(Self::$variant),)+
-                    other => Err($crate::UnknownWord { kind: $kind, word: other.to_owned() }),
                 }
             }
         }
@@ -44,7 +33,10 @@ macro_rules! words {
             type Err = $crate::UnknownWord;
 
             fn from_str(word: &str) -> Result<Self, Self::Err> {
-                Self::from_word(word)
+                match word {
+                    $($word => Ok(Self::$variant),)+
+                    other => Err($crate::UnknownWord { kind: $kind, word: other.to_owned() }),
+                }
             }
         }
 
@@ -53,7 +45,7 @@ macro_rules! words {
             type Error = $crate::UnknownWord;
 
             fn try_from(word: String) -> Result<Self, Self::Error> {
-                Self::from_word(&word)
+                word.parse()
             }
         }
     };
@@ -63,33 +55,32 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use crate::{
-        EpisodeState, PhaseState, QuotaWindow, Reference, RunChoice, RunState, TokenScope, Visibility,
+        EpisodeState, PhaseState, QuotaWindow, Reference, RunChoice, RunState, TokenScope, UnknownWord,
+        Visibility,
     };
-    use std::fmt::Debug;
+    use std::{fmt::Debug, str::FromStr};
 
-    /// Checks that each word parses back, and that JSON uses the same word where the type is serialised.
-    fn round_trip<T: Copy + Debug + PartialEq>(
+    fn check_words<T: Copy + Debug + PartialEq + FromStr<Err = UnknownWord>>(
         all: &[T],
         as_str: fn(T) -> &'static str,
-        parse: fn(&str) -> Result<T, crate::UnknownWord>,
     ) {
         for &value in all {
-            assert_eq!(parse(as_str(value)), Ok(value));
+            assert_eq!(as_str(value).parse(), Ok(value));
         }
-        let error = parse("nonsense").expect_err("no such word").to_string();
+        let error = "nonsense".parse::<T>().expect_err("no such word").to_string();
         assert!(error.ends_with("'nonsense'"), "{error}");
     }
 
     #[test]
     fn words_parse_back() {
-        round_trip(EpisodeState::ALL, EpisodeState::as_str, EpisodeState::from_word);
-        round_trip(PhaseState::ALL, PhaseState::as_str, PhaseState::from_word);
-        round_trip(QuotaWindow::ALL, QuotaWindow::as_str, QuotaWindow::from_word);
-        round_trip(Reference::ALL, Reference::as_str, Reference::from_word);
-        round_trip(RunChoice::ALL, RunChoice::as_str, RunChoice::from_word);
-        round_trip(RunState::ALL, RunState::as_str, RunState::from_word);
-        round_trip(TokenScope::ALL, TokenScope::as_str, TokenScope::from_word);
-        round_trip(Visibility::ALL, Visibility::as_str, Visibility::from_word);
+        check_words(EpisodeState::ALL, EpisodeState::as_str);
+        check_words(PhaseState::ALL, PhaseState::as_str);
+        check_words(QuotaWindow::ALL, QuotaWindow::as_str);
+        check_words(Reference::ALL, Reference::as_str);
+        check_words(RunChoice::ALL, RunChoice::as_str);
+        check_words(RunState::ALL, RunState::as_str);
+        check_words(TokenScope::ALL, TokenScope::as_str);
+        check_words(Visibility::ALL, Visibility::as_str);
     }
 
     #[test]

@@ -3,15 +3,18 @@
 //! Distances come from plain fields and tours from brute force; the sampler uses neither. Cues are checked against
 //! repeated survey looks.
 
-mod fault;
 mod goals;
 
-use crate::{build::MissionRules, mission::EpisodeSpec, reference::reference_steps, survey::SurveyOptions};
+use crate::{
+    mission::EpisodeSpec, recipe::MissionRules, reference::reference_steps, survey::look::SurveyOptions,
+};
 use avln_episode::Rules;
 use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
-pub use fault::{Constraint, Fault};
 use goals::{GoalCheck, SNAP_M, Seen};
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+};
 
 /// Tolerance for stored lengths, metres.
 const LENGTH_M: f64 = 1e-3;
@@ -20,6 +23,87 @@ const BALANCED_FROM: usize = 50;
 /// Allowed uses per target relative to the mean, plus [`REUSE_SLACK`].
 const REUSE_FACTOR: f64 = 4.0;
 const REUSE_SLACK: f64 = 8.0;
+
+/// Violated constraint.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// Mission id.
+    pub mission: String,
+    /// Constraint.
+    pub constraint: Constraint,
+    /// Details.
+    pub found: String,
+}
+
+/// Mission constraint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Constraint {
+    /// Unique ids.
+    UniqueIds,
+    /// Allowed goal count.
+    GoalCount,
+    /// At least two modalities.
+    Modalities,
+    /// Distinct categories.
+    Categories,
+    /// Distractor count as stored and allowed.
+    Distractors,
+    /// Existing target instance.
+    Target,
+    /// Matching cue: a valid sentence, or a picture with the target.
+    Cue,
+    /// Sound source at the target.
+    Source,
+    /// Valid success region points on the reachable island.
+    Region,
+    /// Start on the reachable island.
+    Start,
+    /// Reachable targets.
+    Reachable,
+    /// Least start distance, as stored.
+    StartDistance,
+    /// Least distance between targets.
+    Separation,
+    /// Stored tours from the start with their stated length.
+    ReferencePath,
+    /// Correct step count for stored tours.
+    ReferenceSteps,
+    /// Shortest stored tours.
+    ReferenceLength,
+    /// Balanced target use.
+    Reuse,
+}
+
+impl Constraint {
+    /// Returns the name in reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::UniqueIds => "unique-ids",
+            Self::GoalCount => "goal-count",
+            Self::Modalities => "modalities",
+            Self::Categories => "categories",
+            Self::Distractors => "distractors",
+            Self::Target => "target",
+            Self::Cue => "cue",
+            Self::Source => "source",
+            Self::Region => "region",
+            Self::Start => "start",
+            Self::Reachable => "reachable",
+            Self::StartDistance => "start-distance",
+            Self::Separation => "separation",
+            Self::ReferencePath => "reference-path",
+            Self::ReferenceSteps => "reference-steps",
+            Self::ReferenceLength => "reference-length",
+            Self::Reuse => "reuse",
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}: {}", self.mission, self.constraint.as_str(), self.found)
+    }
+}
 
 /// Thoroughness of the check.
 #[derive(Clone, Copy, Debug, PartialEq)]

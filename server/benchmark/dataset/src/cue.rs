@@ -1,8 +1,9 @@
-use crate::describe::Claims;
+//! Goal cues, and the claims of sentences.
+
 use avln_episode::{GoalCue, Modality, RgbImage, Rules};
 use avln_geom::Pose;
 use avln_truth::Target;
-use avln_world::{Camera, Frame, SceneAssets};
+use avln_world::{Camera, CameraImage, SceneAssets};
 use serde::{Deserialize, Serialize};
 
 /// Reference picture side, pixels.
@@ -42,7 +43,7 @@ pub struct CueView {
 
 impl CueView {
     /// Renders the picture.
-    pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> Frame {
+    pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> CameraImage {
         let mut eye = self.pose.position;
         eye.y += rules.camera_height_m;
         assets.render(&Camera {
@@ -82,4 +83,78 @@ impl CueSpec {
             }
         }
     }
+}
+
+/// Machine-readable content of a sentence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claims {
+    /// Target noun.
+    pub(crate) head: Name,
+    /// Claims about the target.
+    pub(crate) list: Vec<Claim>,
+}
+
+/// Single claim about a target.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Claim {
+    Size(String),
+    Shape(String),
+    Color(String),
+    Material(String),
+    /// Room noun.
+    Room(String),
+    /// Location relative to landmarks.
+    Place(Relation, Vec<Landmark>),
+}
+
+/// Spatial relation, from a viewer on the floor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Relation {
+    /// Carries another object.
+    Holds,
+    /// Rests on another object.
+    On,
+    /// Between table legs.
+    Under,
+    /// Hangs above another object.
+    Above,
+    /// Below a hanging object.
+    Below,
+    /// Left of a landmark on the same wall, for a viewer facing the wall.
+    LeftOf,
+    /// Right of a landmark on the same wall, for a viewer facing the wall.
+    RightOf,
+    /// Between two landmarks.
+    Between,
+    /// Closer than an arm's length.
+    NextTo,
+    /// Within a step.
+    Near,
+    /// Across the room, wall to wall.
+    Opposite,
+    /// In a room corner.
+    Corner,
+    /// Back against a wall.
+    AgainstWall,
+}
+
+/// Landmark in a relation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Landmark {
+    pub(crate) name: Name,
+    pub(crate) color: Option<String>,
+    /// True if the noun is unique in the room.
+    pub(crate) only: bool,
+}
+
+/// Noun with the category.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Name {
+    pub(crate) noun: String,
+    pub(crate) category: String,
 }

@@ -12,19 +12,20 @@ mod cue;
 mod describe;
 pub mod format;
 mod mission;
+mod recipe;
 mod reference;
 mod split;
 mod stats;
 mod survey;
 
-pub use build::{BuiltScene, Job, MissionRules, Recipe, SceneChoice, SplitRecipe, build_scene};
+pub use build::{BuiltScene, Job, build_scene};
 pub use check::{Constraint, Depth, Fault, check_scene};
-pub use cue::{CueSpec, CueView, Description};
-pub use describe::Claims;
-pub use format::{FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
+pub use cue::{Claims, CueSpec, CueView, Description};
+pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
 pub use mission::{
     EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
 };
-pub use split::{DatasetError, SceneSource, SceneSpec, Split};
+pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
+pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
 pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with, target_at};

@@ -10,7 +10,9 @@ mod rules;
 
 pub use avln_geom::{Point3, Pose};
 pub use mission::{Action, GoalCue, Mission, Modality, Order, RgbImage, UnknownAction, UnknownOrder};
-pub use observation::{Encoding, Encodings, EndReason, Feedback, Observation, Sensors, SensorsError};
+pub use observation::{
+    Encoding, Encodings, EndReason, Feedback, Observation, Sensors, SensorsError, UnknownEndReason,
+};
 pub use rules::{
     DepthNoise, DistanceRule, FeedbackRule, HeadRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule,
     Sounds, TimeLimits, UnknownRules, WrongSubmit,

@@ -12,8 +12,8 @@ pub struct Mission {
     pub goals: Vec<GoalCue>,
 }
 
-/// Goal order of a mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+/// Goal order in a mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
     /// Goals in mission order only.
@@ -22,26 +22,28 @@ pub enum Order {
     Unordered,
 }
 
-/// Kind of a goal cue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+/// Goal cue kind.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema,
+)]
 #[serde(rename_all = "lowercase")]
 pub enum Modality {
     /// Category label.
     Category,
     /// Sentence.
     Description,
-    /// Picture of the target.
+    /// The target's picture.
     Image,
 }
 
 /// Goal cue for the agent.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GoalCue {
-    /// Category label of the target.
+    /// The target's category label.
     Category(String),
     /// Sentence that fits only the target.
     Description(String),
-    /// Picture of the target.
+    /// The target's picture.
     Image(RgbImage),
 }
 
@@ -126,7 +128,7 @@ pub enum Action {
     Stop,
 }
 
-/// An action number outside of 0 to 4.
+/// An action number outside 0 to 4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("action {0} does not exist; use 0 MoveForward, 1 TurnLeft, 2 TurnRight, 3 Submit or 4 Stop")]
 pub struct UnknownAction(pub u32);

@@ -2,6 +2,7 @@
 
 use avln_geom::Pose;
 use serde::{Deserialize, Serialize};
+use std::str::FromStr;
 
 /// Sensor data after a step. Sensors without a subscription are `None`.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,8 +37,8 @@ pub enum Feedback {
     Verdict(bool),
 }
 
-/// Sensor subscription of an agent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// An agent's sensor subscription.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Sensors {
     /// Enables colour pictures.
     pub rgb: bool,
@@ -49,7 +50,7 @@ pub struct Sensors {
     pub width: u32,
     /// Rows, 64 to 1024.
     pub height: u32,
-    /// Horizontal field of view, radians.
+    /// Horizontal view angle, radians.
     pub hfov_rad: f32,
     /// Encodings. In phase sensors, a lossy encoding permits agents to request it.
     #[serde(default)]
@@ -57,22 +58,17 @@ pub struct Sensors {
 }
 
 /// Sensor subscription outside the limits.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SensorsError {
     /// Picture size outside the limits.
-    #[error("camera of {width} x {height} pixels is outside of {min} to {max} a side; ask for another size", min = Sensors::MIN_SIDE, max = Sensors::MAX_SIDE)]
-    Size {
-        /// Requested pixels per row.
-        width: u32,
-        /// Requested rows.
-        height: u32,
-    },
+    #[error("a camera with {width} x {height} pixels is outside the limits of {min} to {max} per side; request another size", min = Sensors::MIN_SIDE, max = Sensors::MAX_SIDE)]
+    Size { width: u32, height: u32 },
     /// Field of view outside the limits.
-    #[error("hfov of {hfov_rad} rad is outside of 0.35 to 2.4 rad (20 to 137 degrees); ask for another")]
-    FieldOfView {
-        /// Requested radians.
-        hfov_rad: f32,
-    },
+    #[error(
+        "hfov {hfov_rad} rad is outside the limits of 0.35 to 2.4 rad (20 to 137 degrees); request another"
+    )]
+    FieldOfView { hfov_rad: f32 },
 }
 
 impl Sensors {
@@ -108,8 +104,8 @@ impl Sensors {
     }
 }
 
-/// Reason for the end of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+/// An episode's end reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EndReason {
     /// The agent chose Stop.
@@ -140,7 +136,7 @@ impl EndReason {
         Self::ServerFault,
     ];
 
-    /// True if the task defines this end; otherwise the episode was truncated.
+    /// Returns whether the task defines this end; otherwise the episode was truncated.
     pub fn is_terminated(self) -> bool {
         matches!(self, Self::Stopped | Self::FinalSubmit)
     }
@@ -159,8 +155,22 @@ impl EndReason {
     }
 }
 
-/// Encoding of sensor values for transport.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+impl FromStr for EndReason {
+    type Err = UnknownEndReason;
+
+    fn from_str(word: &str) -> Result<Self, UnknownEndReason> {
+        let found = Self::ALL.into_iter().find(|reason| reason.as_str() == word);
+        found.ok_or_else(|| UnknownEndReason(word.to_owned()))
+    }
+}
+
+/// Unknown end reason.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("end reason '{0}' does not exist")]
+pub struct UnknownEndReason(pub String);
+
+/// Sensor value encoding for transport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Encoding {
     /// Uncompressed.
@@ -181,7 +191,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// True if the encoding is lossless.
+    /// Returns whether the encoding is lossless.
     pub fn is_lossless(self) -> bool {
         match self {
             Self::Raw | Self::Packed | Self::Png | Self::Qoi => true,
@@ -204,7 +214,7 @@ impl Encoding {
 }
 
 /// Encodings per sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Encodings {
     /// Colours.
@@ -216,7 +226,7 @@ pub struct Encodings {
 }
 
 impl Encodings {
-    /// True if all encodings are lossless.
+    /// Returns whether all encodings are lossless.
     pub fn are_lossless(&self) -> bool {
         [self.rgb, self.depth, self.audio].into_iter().all(Encoding::is_lossless)
     }

@@ -2,29 +2,29 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Rule set of the task. Every disputed point is a named option, recorded with results.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A rule set for the task. Every disputed point is a named option, recorded with results.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Name and version of the rule set.
+    /// Rule set name with version.
     pub name: String,
-    /// Length of MoveForward, metres.
+    /// MoveForward length, metres.
     pub forward_m: f32,
     /// Angle for TurnLeft and TurnRight, degrees; divides 360.
     pub turn_deg: u32,
-    /// Simulated time of a step, seconds.
+    /// Simulated time per step, seconds.
     pub step_s: f32,
     /// Most actions per episode, all five kinds.
     pub max_steps: u32,
-    /// Radius of the body, metres.
+    /// Body radius, metres.
     pub body_radius_m: f32,
-    /// Height of the body, metres.
+    /// Body height, metres.
     pub body_height_m: f32,
-    /// Height of the camera above the base, metres.
+    /// Camera height above the base, metres.
     pub camera_height_m: f32,
-    /// Height of the ears above the base, metres.
+    /// Ear height above the base, metres.
     pub ear_height_m: f32,
-    /// Range of the depth camera, metres; beyond it depth is 0.
+    /// Depth camera range, metres; beyond it depth is 0.
     pub depth_max_m: f32,
     /// Divisor for depth before transport.
     pub depth_divisor: f32,
@@ -32,13 +32,13 @@ pub struct Rules {
     pub audio_samples: u32,
     /// Pose frame in observations.
     pub pose_frame: PoseFrame,
-    /// Schedule of sounding targets.
+    /// Sounding schedule.
     pub sounding: SoundingRule,
     /// Steps per sounding target.
     pub sounding_window_steps: u32,
     /// Source height above the target centre, metres.
     pub source_lift_m: f32,
-    /// Choice of the sound clip.
+    /// Sound clip choice.
     pub sound_clip: SoundClip,
     /// Clip bank.
     #[serde(default)]
@@ -48,9 +48,9 @@ pub struct Rules {
     pub head: HeadRule,
     /// Success radius, metres.
     pub success_radius_m: f32,
-    /// Definition of the success distance.
+    /// Success distance definition.
     pub success_distance: DistanceRule,
-    /// Effect of a wrong Submit in an ordered mission.
+    /// A wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,
     /// Feedback to Submits.
     pub feedback: FeedbackRule,
@@ -62,8 +62,8 @@ pub struct Rules {
     pub rgb_noise: RgbNoise,
 }
 
-/// Frame of observed poses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Observed poses' frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseFrame {
     /// Relative to the start pose.
@@ -72,8 +72,8 @@ pub enum PoseFrame {
     World,
 }
 
-/// Schedule of sounding targets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Sounding schedule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundingRule {
     /// Unfinished targets in turn, in a drawn order; a found target falls silent at once.
@@ -82,8 +82,8 @@ pub enum SoundingRule {
     AllInGoalOrder,
 }
 
-/// Choice of the sound clip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Sound clip choice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundClip {
     /// One random clip per episode, independent of the targets.
@@ -95,7 +95,7 @@ pub enum SoundClip {
 }
 
 /// Clip bank.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Sounds {
     /// All procedural clips.
@@ -112,7 +112,7 @@ pub enum Sounds {
 }
 
 /// Listener's head.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadRule {
     /// A rigid sphere.
@@ -128,8 +128,8 @@ impl HeadRule {
     }
 }
 
-/// Definition of the success distance, with the visibility condition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Success distance definition, with the visibility condition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DistanceRule {
     /// Camera to target box, Euclidean, on the same floor, with a line of sight at some heading.
@@ -138,8 +138,8 @@ pub enum DistanceRule {
     BaseToViewpoint,
 }
 
-/// Effect of a wrong Submit in an ordered mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A wrong Submit's effect in an ordered mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WrongSubmit {
     /// The Submit is used; the goal remains next.
@@ -149,7 +149,7 @@ pub enum WrongSubmit {
 }
 
 /// Feedback to Submits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeedbackRule {
     /// None.
@@ -161,7 +161,7 @@ pub enum FeedbackRule {
 }
 
 /// Depth noise model, defined in `avln_render::DepthNoise`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthNoise {
     /// None.
@@ -172,7 +172,7 @@ pub enum DepthNoise {
 }
 
 /// Colour noise model, defined in `avln_render::RgbNoise`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RgbNoise {
     /// None.
@@ -188,15 +188,15 @@ pub enum RgbNoise {
 pub struct UnknownRules(pub String);
 
 impl Rules {
-    /// Name of the default rule set.
+    /// The default rule set's name.
     pub const PAPER: &str = "lh-avln-v1";
-    /// Name of the rule set of the authors' released code.
+    /// Rule set name for the authors' released code.
     pub const AUTHORS: &str = "lh-avln-authors-v1";
-    /// Name of the default rule set with noisy sensors.
+    /// Name for the default rule set with noisy sensors.
     pub const NOISY: &str = "lh-avln-noisy-v1";
-    /// Name of the default rule set with a clip per target.
+    /// Name for the default rule set with a clip per target.
     pub const DISTINCT: &str = "lh-avln-distinct-v1";
-    /// Names of all rule sets.
+    /// All rule set names.
     pub const NAMES: [&str; 4] = [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT];
     /// Half the visible elevation range, radians: a square picture with 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
@@ -283,7 +283,7 @@ impl Rules {
         }
     }
 
-    /// True if episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
+    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
         // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
         // is listed here.
@@ -291,7 +291,7 @@ impl Rules {
         *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
     }
 
-    /// Returns the number of clips per episode.
+    /// Returns the clip count per episode.
     pub fn clips_of_episode(&self, targets: usize) -> usize {
         if self.sound_clip == SoundClip::Distinct { targets } else { 1 }
     }
@@ -300,9 +300,9 @@ impl Rules {
     pub fn leaks(&self) -> Option<&'static str> {
         let (clip, order) = (self.sound_clip, self.sounding);
         match (clip == SoundClip::ByCategory, order == SoundingRule::AllInGoalOrder) {
-            (true, true) => Some("the clip tells a target's category, the time its number"),
-            (true, false) => Some("the clip tells a target's category"),
-            (false, true) => Some("the time tells a target's number"),
+            (true, true) => Some("the clip reveals a target's category, the time its number"),
+            (true, false) => Some("the clip reveals a target's category"),
+            (false, true) => Some("the time reveals a target's number"),
             (false, false) => None,
         }
     }
@@ -315,15 +315,15 @@ impl Rules {
 
 /// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
 ///
-/// An action beyond `step_ms` uses up `bank_ms` of the episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// An action beyond `step_ms` uses up the episode's `bank_ms`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimeLimits {
     /// Free thinking time per action, milliseconds.
     pub step_ms: u32,
     /// Extra thinking time per episode, milliseconds.
     pub bank_ms: u32,
-    /// Longest run, seconds; 0: until the end of the phase.
+    /// Longest run, seconds; 0: until the phase ends.
     pub run_s: u32,
     /// Longest single disconnection, seconds; 0: lost episodes end at once.
     pub disconnect_s: u32,
@@ -374,11 +374,11 @@ mod tests {
         assert!(Rules { head, ..distinct.clone() }.fits_episodes_of(&distinct));
         assert!(!distinct.fits_episodes_of(&Rules::authors()));
         let leaky = Rules { sound_clip: SoundClip::ByCategory, ..Rules::paper() };
-        assert_eq!(leaky.leaks(), Some("the clip tells a target's category"));
+        assert_eq!(leaky.leaks(), Some("the clip reveals a target's category"));
     }
 
     #[test]
-    fn old_stored_rules_have_no_noise_and_all_sounds() {
+    fn old_rules_have_no_noise_and_all_sounds() {
         let mut stored = serde_json::to_value(Rules::paper()).expect("JSON");
         let fields = stored.as_object_mut().expect("an object");
         assert_eq!(fields.remove("depth_noise"), Some("none".into()));

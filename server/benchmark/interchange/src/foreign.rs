@@ -1,7 +1,40 @@
-//! Foreign episodes.
+//! Foreign episodes, and errors in foreign files.
 
 use avln_geom::{Aabb, Point3, Pose};
 use std::collections::BTreeMap;
+
+/// Error while reading or writing a foreign file.
+#[derive(Debug, thiserror::Error)]
+pub enum InterchangeError {
+    /// Malformed value.
+    #[error("{file}, at {place}: {cause}")]
+    Malformed {
+        /// File.
+        file: String,
+        /// Path to the value.
+        place: String,
+        /// Cause.
+        cause: String,
+    },
+    /// Unknown format.
+    #[error("{file} has no known format: its keys are {keys}; name the format if it is one of {known}")]
+    Unknown {
+        /// File.
+        file: String,
+        /// Keys in the file.
+        keys: String,
+        /// Known formats.
+        known: String,
+    },
+    /// Unwritable file.
+    #[error("cannot write {file}: {cause}")]
+    Unwritable {
+        /// File.
+        file: String,
+        /// Cause.
+        cause: String,
+    },
+}
 
 /// Contents of a foreign file.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! JSON values with their paths, for errors; gzip.
 
-use crate::InterchangeError;
+use crate::foreign::{ForeignEpisode, InterchangeError, scene_name};
 use avln_geom::{Aabb, Point3, Pose, angle};
 use flate2::{Compression, GzBuilder, read::MultiGzDecoder};
 use serde_json::{Map, Value};
@@ -19,11 +19,11 @@ const MAX_ENTRIES: usize = 2_000_000;
 const QUATERNION_SLACK: f64 = 0.01;
 
 /// Parses JSON, gzip or plain.
-pub(crate) fn unpack(file: &str, bytes: &[u8]) -> Result<serde_json::Value, InterchangeError> {
+pub(crate) fn unpack(file: &str, bytes: &[u8]) -> Result<Value, InterchangeError> {
     unpack_within(file, bytes, MAX_BYTES)
 }
 
-fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<serde_json::Value, InterchangeError> {
+fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<Value, InterchangeError> {
     let malformed = |place: &str, cause: String| InterchangeError::Malformed {
         file: file.to_owned(),
         place: place.to_owned(),
@@ -211,10 +211,18 @@ impl<'a> Cursor<'a> {
         Ok(episodes)
     }
 
-    /// Returns the start pose.
-    pub(crate) fn start(&self) -> Result<Pose, InterchangeError> {
+    /// Returns an episode without goals.
+    pub(crate) fn episode(&self) -> Result<ForeignEpisode, InterchangeError> {
+        let scene_path = self.get("scene_id")?.text()?.to_owned();
         let rotation = self.get("start_rotation")?.rotation()?;
-        Ok(Pose::new(self.get("start_position")?.point()?, rotation.heading_rad))
+        Ok(ForeignEpisode {
+            id: self.get("episode_id")?.id()?,
+            scene: scene_name(&scene_path),
+            scene_path,
+            start: Pose::new(self.get("start_position")?.point()?, rotation.heading_rad),
+            goals: Vec::new(),
+            stated_m: [None; 2],
+        })
     }
 
     /// Returns viewpoints: points, objects with `agent_state`, or poses.

@@ -12,11 +12,13 @@ mod foreign;
 mod habitat;
 mod importer;
 mod json;
-mod parquet;
 mod tables;
 
 pub use authors_export::{ExportedFile, SceneMissions, authors_index, authors_scene};
-pub use foreign::{ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, Loss};
+pub use foreign::{
+    ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError,
+    Loss,
+};
 pub use importer::{Imported, Importer, MAX_GOALS};
 pub use tables::Tables;
 
@@ -35,39 +37,6 @@ pub enum Format {
     InstanceImageNav,
     /// MultiON.
     MultiOn,
-}
-
-/// Error while reading or writing a foreign file.
-#[derive(Debug, thiserror::Error)]
-pub enum InterchangeError {
-    /// Malformed value.
-    #[error("{file}, at {place}: {cause}")]
-    Malformed {
-        /// File.
-        file: String,
-        /// Path to the value.
-        place: String,
-        /// Cause.
-        cause: String,
-    },
-    /// Unknown format.
-    #[error("{file} has no known format: its keys are {keys}; name the format if it is one of {known}")]
-    Unknown {
-        /// File.
-        file: String,
-        /// Keys in the file.
-        keys: String,
-        /// Known formats.
-        known: String,
-    },
-    /// Unwritable file.
-    #[error("cannot write {file}: {cause}")]
-    Unwritable {
-        /// File.
-        file: String,
-        /// Cause.
-        cause: String,
-    },
 }
 
 impl Format {

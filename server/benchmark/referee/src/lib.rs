@@ -1,17 +1,14 @@
-//! Referee of an episode: legal actions, budgets, sound schedule. The only place that builds observations.
+//! Referee for an episode: legal actions, budgets, sound schedule. Only this crate builds observations.
 //!
 //! Entry point: [`Referee`].
 //!
 //! *Never*: reads a clock; draws without the episode's seed; sends agents more than an
 //! [`Observation`](avln_episode::Observation).
 
-mod error;
 mod referee;
-mod schedule;
+mod rules;
 mod sounds;
-mod success;
 
 pub use avln_world::{Bank, Head};
-pub use error::RefereeError;
-pub use referee::{Audio, Referee, StepOutcome};
+pub use referee::{Audio, Referee, RefereeError, StepOutcome};
 pub use sounds::{made_bank, source_positions};

@@ -1,17 +1,45 @@
-use crate::{error::RefereeError, schedule::Schedule, sounds, success::SuccessTest};
+//! The referee and its errors.
+
+use crate::{
+    rules::{Schedule, SuccessTest, motion_of, noise, padded, scaled, world_options},
+    sounds::{self, TooFewClips},
+};
 use avln_episode::{
-    self as episode, Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Pose,
-    PoseFrame, Rules, Sensors, SoundingRule, WrongSubmit,
+    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame, Rules,
+    Sensors, SensorsError, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use avln_world::{
-    Bank, DepthNoise, Head, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, View, World, WorldOptions,
-};
+use avln_world::{Bank, Head, Motion, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
 use std::sync::Arc;
 
-/// Referee of an episode: applies the rules to a world, from the first observation to the sealed record.
-///
-/// Synchronous and CPU-bound: every step moves, renders images and renders audio.
+/// Error at the start or during an episode.
+#[expect(missing_docs, reason = "the messages explain the fields")]
+#[derive(Debug, thiserror::Error)]
+pub enum RefereeError {
+    /// Action after the episode's end.
+    #[error("the episode ended after {steps} steps ({}); request the next episode", reason.as_str())]
+    Over { reason: EndReason, steps: u32 },
+    /// Different state in a replay.
+    #[error(
+        "step {step} now leads to state {replayed:016x} instead of {recorded:016x}; the scene, the rules or the program changed"
+    )]
+    Diverged { step: u32, recorded: u64, replayed: u64 },
+    /// Sensors outside the limits.
+    #[error(transparent)]
+    Sensors(#[from] SensorsError),
+    /// Different goal counts in mission and truth.
+    #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
+    Mismatch { episode: String, goals: usize, targets: usize },
+    /// Start pose outside the walkable floor.
+    #[error("episode {episode}: {source}")]
+    Start { episode: String, source: StartError },
+    /// Too few clips in the bank.
+    #[error("episode {episode}: {source}")]
+    Sounds { episode: String, source: TooFewClips },
+}
+
+/// Referee for an episode: applies the rules to a world, from the first observation to the sealed record. Every step simulates
+/// motion, images and sound on the calling thread.
 pub struct Referee {
     rules: Rules,
     sensors: Sensors,
@@ -37,7 +65,7 @@ enum GoalState {
     Skipped,
 }
 
-/// Result of an action.
+/// An action's result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepOutcome {
     /// Observation after the action.
@@ -154,7 +182,7 @@ impl Referee {
         self.end
     }
 
-    /// Returns the largest memory use of the episode, without the scene: audio state, goal pictures, step facts.
+    /// Returns the episode's largest memory use in bytes, without the scene: audio state, goal pictures, step facts.
     pub fn most_bytes(&self) -> usize {
         let picture = |cue: &GoalCue| match cue {
             GoalCue::Image(image) => image.pixels.len(),
@@ -174,9 +202,8 @@ impl Referee {
         if let Some(first) = &self.first {
             return first.clone();
         }
-        let sounding = self.schedule.next(&self.silent(), false);
-        self.sounding = sounding;
-        let senses = self.world.sense(sounding);
+        self.sounding = self.schedule.next(&self.silent(), false);
+        let senses = self.world.sense(self.sounding);
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
         first
@@ -187,21 +214,21 @@ impl Referee {
     /// # Errors
     /// If the episode has ended.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
-        let (feedback, sounding) = self.act(action)?;
-        let senses = self.world.sense(sounding);
+        let feedback = self.act(action)?;
+        let senses = self.world.sense(self.sounding);
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
     }
 
-    /// Repeats recorded actions of an interrupted episode with their state hashes. Reaches the same state and
-    /// observation as [`Referee::step`], but renders only the last picture. Returns `None` without actions.
+    /// Repeats an interrupted episode's actions with recorded state hashes, and returns the outcome of the last action. Only its
+    /// picture is rendered.
     ///
     /// # Errors
     /// If a state differs from the record, or the episode ends before the last action.
     pub fn replay(&mut self, taken: &[(Action, u64)]) -> Result<Option<StepOutcome>, RefereeError> {
         let Some((&(last, after), before)) = taken.split_last() else { return Ok(None) };
         for &(action, state_hash) in before {
-            let (_, sounding) = self.act(action)?;
-            self.world.hear(sounding);
+            self.act(action)?;
+            self.world.hear(self.sounding);
             self.check_replayed(state_hash)?;
         }
         let outcome = self.step(last)?;
@@ -218,7 +245,7 @@ impl Referee {
     }
 
     /// Moves the body and applies the rules. The caller must sense exactly once afterwards.
-    fn act(&mut self, action: Action) -> Result<(Feedback, Option<usize>), RefereeError> {
+    fn act(&mut self, action: Action) -> Result<Feedback, RefereeError> {
         if let Some(reason) = self.end {
             return Err(RefereeError::Over { reason, steps: self.steps() });
         }
@@ -231,20 +258,19 @@ impl Referee {
             Action::Submit | Action::Stop => self.submit(action),
             _ => Feedback::None,
         };
-        let sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
-        self.sounding = sounding;
+        self.sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
         self.steps.push(StepFacts {
             action,
             pose: self.world.pose(),
             collided: moved.collided,
             in_region: self.regions_entered(),
-            sounding: sounding.map(|goal| goal as u8),
+            sounding: self.sounding.map(|goal| goal as u8),
             state_hash: self.state_hash(),
         });
         if self.end.is_none() && self.steps() >= self.rules.max_steps {
             self.end = Some(EndReason::StepLimit);
         }
-        Ok((feedback, sounding))
+        Ok(feedback)
     }
 
     /// Ends the episode from outside. No effect after the end.
@@ -279,7 +305,7 @@ impl Referee {
             // A claim that completes a goal is not wrong, even with a distractor nearby. The distractor is looked up before
             // the goal is skipped: the fact is about the goal claimed now.
             wrong_instance = self.goal_of_a_distractor();
-            if self.skips_on_failure() {
+            if self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal {
                 skipped = self.open_goals().next();
             }
         }
@@ -310,7 +336,7 @@ impl Referee {
         }
     }
 
-    /// Goal completed by a Submit here: the next one, or the nearest in an unordered mission.
+    /// Returns the goal that a Submit completes here: the next one, or the nearest in an unordered mission.
     fn matching_goal(&self) -> Option<usize> {
         self.claimable_goals()
             .filter_map(|goal| Some((self.distance_within(goal)?, goal)))
@@ -318,7 +344,7 @@ impl Referee {
             .map(|(_, goal)| goal)
     }
 
-    /// First goal that would match with a distractor as target.
+    /// Returns the first goal that would match with a distractor as target.
     fn goal_of_a_distractor(&self) -> Option<usize> {
         let targets = &self.truth.targets;
         let at_distractor =
@@ -326,7 +352,7 @@ impl Referee {
         self.claimable_goals().find(at_distractor)
     }
 
-    /// Goals open to a Submit: the next one, or all open ones in an unordered mission.
+    /// Returns the goals open to a Submit: the next one, or all open ones in an unordered mission.
     fn claimable_goals(&self) -> impl Iterator<Item = usize> {
         self.open_goals().take(match self.mission.order {
             Order::Ordered => 1,
@@ -336,10 +362,6 @@ impl Referee {
 
     fn open_goals(&self) -> impl Iterator<Item = usize> {
         self.goals.iter().enumerate().filter(|(_, state)| **state == GoalState::Open).map(|(goal, _)| goal)
-    }
-
-    fn skips_on_failure(&self) -> bool {
-        self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal
     }
 
     fn submit_limit(&self) -> u32 {
@@ -355,13 +377,13 @@ impl Referee {
         (0..self.goals.len()).fold(0, |bits, goal| bits | bit(goal))
     }
 
-    /// Per goal: whether its target is silent.
+    /// Returns per goal whether its target is silent.
     fn silent(&self) -> Vec<bool> {
         let silences = self.rules.sounding == SoundingRule::UnfinishedInDrawnOrder;
         self.goals.iter().map(|&state| silences && state == GoalState::Found).collect()
     }
 
-    /// Returns a hash of body and goal state. Episodes with equal hashes after every step are equal.
+    /// Returns a hash over body and goal state. Episodes with equal hashes after every step are equal.
     pub fn state_hash(&self) -> u64 {
         let fold = |hash: u64, state: &GoalState| hash.rotate_left(5) ^ (*state as u64 + 1);
         self.goals.iter().fold(self.world.state_hash(), fold)
@@ -374,72 +396,13 @@ impl Referee {
             rgb: rgb.filter(|_| self.sensors.rgb),
             depth: depth.filter(|_| self.sensors.depth).map(|depth| scaled(depth, self.rules.depth_divisor)),
             audio: senses.audio.map(|audio| padded(&audio, self.rules.audio_samples as usize)),
-            pose: self.told_pose(),
+            pose: match self.rules.pose_frame {
+                PoseFrame::Start => self.world.pose().relative_to(&self.truth.start),
+                PoseFrame::World => self.world.pose(),
+            },
             remaining_steps: self.rules.max_steps.saturating_sub(self.steps()),
             remaining_submits: self.submit_limit().saturating_sub(self.submits_used),
             feedback,
         }
     }
-
-    fn told_pose(&self) -> Pose {
-        let pose = self.world.pose();
-        match self.rules.pose_frame {
-            PoseFrame::Start => pose.relative_to(&self.truth.start),
-            PoseFrame::World => pose,
-        }
-    }
-}
-
-fn motion_of(action: Action) -> Motion {
-    match action {
-        Action::MoveForward => Motion::Forward,
-        Action::TurnLeft => Motion::Left,
-        Action::TurnRight => Motion::Right,
-        Action::Submit | Action::Stop => Motion::Stay,
-    }
-}
-
-fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
-    let view = View { width: sensors.width, height: sensors.height, hfov_rad: sensors.hfov_rad };
-    WorldOptions {
-        forward_m: rules.forward_m,
-        turn_deg: rules.turn_deg,
-        camera_height_m: rules.camera_height_m,
-        ear_height_m: rules.ear_height_m,
-        depth_max_m: rules.depth_max_m,
-        samples_per_step: rules.samples_per_step() as usize,
-        view: (sensors.rgb || sensors.depth).then_some(view),
-        audio: sensors.audio,
-        head: Head::default(),
-        noise: Noise::default(),
-    }
-}
-
-fn noise(rules: &Rules, seed: u64) -> Noise {
-    let depth = match rules.depth_noise {
-        episode::DepthNoise::None => DepthNoise::None,
-        episode::DepthNoise::Redwood => DepthNoise::Redwood,
-    };
-    let rgb = match rules.rgb_noise {
-        episode::RgbNoise::None => RgbNoise::None,
-        episode::RgbNoise::Gaussian => RgbNoise::Gaussian,
-    };
-    Noise { depth, rgb, seed }
-}
-
-fn scaled(mut depth: Vec<f32>, divisor: f32) -> Vec<f32> {
-    if divisor != 1.0 {
-        depth.iter_mut().for_each(|metres| *metres /= divisor);
-    }
-    depth
-}
-
-/// Appends silence per ear up to `length` samples.
-fn padded(audio: &[f32], length: usize) -> Vec<f32> {
-    let samples = audio.len() / Sensors::AUDIO_CHANNELS as usize;
-    let mut out = vec![0.0; length.max(samples) * Sensors::AUDIO_CHANNELS as usize];
-    for (ear, heard) in out.chunks_mut(length.max(samples)).zip(audio.chunks(samples.max(1))) {
-        ear[..heard.len()].copy_from_slice(heard);
-    }
-    out
 }

@@ -1,4 +1,4 @@
-//! Sound clips and sources of an episode.
+//! An episode's sound clips and sources.
 
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_truth::{EpisodeTruth, Target};
@@ -45,7 +45,7 @@ pub(crate) fn sources(
     Ok(positions.into_iter().zip(clips).filter_map(source).collect())
 }
 
-/// Clip index per target. Only leaking rules depend on the target.
+/// Returns the clip index per target. Only leaking rules depend on the target.
 fn clips(rules: &Rules, targets: &[Target], count: usize, rng: &mut Rng) -> Result<Vec<usize>, TooFewClips> {
     let needed = rules.clips_of_episode(targets.len());
     if count < needed {
@@ -58,7 +58,7 @@ fn clips(rules: &Rules, targets: &[Target], count: usize, rng: &mut Rng) -> Resu
     })
 }
 
-/// `wanted` distinct indices below `count`.
+/// Draws `wanted` distinct indices below `count`.
 fn different(count: usize, wanted: usize, rng: &mut Rng) -> Vec<usize> {
     let mut indices: Vec<_> = (0..count).collect();
     rng.shuffle(&mut indices);
@@ -66,7 +66,7 @@ fn different(count: usize, wanted: usize, rng: &mut Rng) -> Vec<usize> {
     indices
 }
 
-/// Clip index for a category, equal in all episodes.
+/// Returns a category's clip index, equal in all episodes.
 fn of_category(category: &str, count: usize) -> usize {
     Rng::new(0).fork(category).below(count)
 }
@@ -195,7 +195,7 @@ mod tests {
                 let (chi_square, bits) = dependence(&pairs, FAMILIES, values);
                 let deviations = deviations(chi_square, ((FAMILIES - 1) * (values - 1)) as f64);
                 assert!(deviations < 2.33, "{mode:?}, {name}: {deviations} standard deviations from chance");
-                assert!(bits < 0.01, "{mode:?}: a clip tells {bits} bits of the {name}");
+                assert!(bits < 0.01, "{mode:?}: a clip reveals {bits} bits of the {name}");
             }
         }
     }

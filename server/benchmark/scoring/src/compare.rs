@@ -1,15 +1,14 @@
 //! Paired comparison of two runs.
 
 use crate::{
-    bootstrap::{clusters, intervals},
     metrics::Key,
-    score::{EpisodeScore, Estimate, sorted},
+    score::{EpisodeScore, Estimate, clusters, intervals, sorted},
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Paired comparison of two runs over their common episodes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Comparison {
     /// Common episodes.
     pub episodes: u32,
@@ -20,7 +19,7 @@ pub struct Comparison {
 }
 
 /// Difference between two runs in a metric.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Difference {
     /// The metric.
     pub key: Key,
@@ -75,7 +74,7 @@ pub(crate) fn pairs<'a>(
     sorted(first).into_iter().filter_map(of_both).collect()
 }
 
-/// Id and goal order: both orders share episodes, but are not comparable.
+/// Returns id and goal order: both orders share episodes, but are not comparable.
 fn identity(score: &EpisodeScore) -> (&str, &str) {
     (&score.episode, score.order.as_str())
 }

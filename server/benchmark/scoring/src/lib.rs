@@ -5,7 +5,6 @@
 //!
 //! *Never*: does I/O; uses facts outside the truth and the record of an episode; depends on the order of its inputs.
 
-mod bootstrap;
 mod compare;
 mod metrics;
 mod rank;

@@ -1,11 +1,12 @@
 //! Metric definitions: the table of all metrics.
 //!
-//! To add a metric: a row of [`METRICS`] here; a field of [`Metrics`], of [`Summary`] and the formulas in `score.rs`.
-//! JSON keys, CSV columns, tables and forms follow the table.
+//! A new metric needs a row in [`METRICS`], fields in [`Metrics`] and [`Summary`], and formulas in `score.rs`. JSON keys, CSV
+//! columns, tables and forms follow the table.
 
 use crate::score::{Estimate, Metrics, Summary};
 use serde::{Deserialize, Serialize};
 use std::{fmt, str::FromStr};
+use utoipa::ToSchema;
 
 /// Metric definition.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +25,7 @@ pub struct Metric {
     pub hidden_until_reveal: bool,
     /// Prominence in tables.
     pub prominence: Prominence,
-    /// Ranking key; `None` if boards cannot be sorted by this metric.
+    /// Ranking key; `None` if leaderboards cannot be sorted by this metric.
     pub key: Option<Key>,
     /// Value in an episode.
     pub episode: EpisodeValue,
@@ -44,7 +45,7 @@ pub enum Unit {
 }
 
 /// Better end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
     /// More is better.
@@ -91,190 +92,172 @@ pub enum SummaryValue {
 /// All metrics, in JSON field and CSV column order.
 pub const METRICS: [Metric; 18] = [
     Metric {
-        id: "goals",
-        label: "Goals",
-        meaning: "Goals of the mission",
         direction: None,
         hidden_until_reveal: false,
         episode: EpisodeValue::Number(|m| f64::from(m.goals)),
-        ..COUNT
+        ..count("goals", "Goals", "Goals of the mission")
     },
     Metric {
-        id: "found",
-        label: "Found",
-        meaning: "Goals found",
         direction: Some(Direction::Higher),
         episode: EpisodeValue::Number(|m| f64::from(m.found)),
-        ..COUNT
+        ..count("found", "Found", "Goals found")
     },
     Metric {
-        id: "sr",
-        label: "SR",
-        meaning: "Success rate: share of episodes in which every goal was found",
         prominence: Prominence::Headline,
         key: Some(Key::Sr),
         episode: EpisodeValue::Number(|m| m.sr),
         summary: SummaryValue::Estimate(|s| s.sr),
-        ..SHARE
+        ..share("sr", "SR", "Success rate: share of episodes in which every goal was found")
     },
     Metric {
-        id: "isr",
-        label: "ISR",
-        meaning: "Share of the goals that were found, mean over episodes",
         prominence: Prominence::Headline,
         key: Some(Key::Isr),
         episode: EpisodeValue::Number(|m| m.isr),
         summary: SummaryValue::Estimate(|s| s.isr),
-        ..SHARE
+        ..share("isr", "ISR", "Share of the goals that were found, mean over episodes")
     },
     Metric {
-        id: "isr_by_goal",
-        label: "ISR by goal",
-        meaning: "Share of the goals that were found, over all goals of all episodes",
         summary: SummaryValue::Mean(|s| s.isr_by_goal),
-        ..SHARE
+        ..share(
+            "isr_by_goal",
+            "ISR by goal",
+            "Share of the goals that were found, over all goals of all episodes",
+        )
     },
     Metric {
-        id: "osr",
-        label: "OSR",
-        meaning: "Share of the goals whose success region was entered, claimed or not",
         prominence: Prominence::Headline,
         key: Some(Key::Osr),
         episode: EpisodeValue::Number(|m| m.osr),
         summary: SummaryValue::Estimate(|s| s.osr),
-        ..SHARE
+        ..share("osr", "OSR", "Share of the goals whose success region was entered, claimed or not")
     },
     Metric {
-        id: "osr_all",
-        label: "OSR, all goals",
-        meaning: "Share of episodes in which every success region was entered",
         episode: EpisodeValue::Number(|m| m.osr_all),
         summary: SummaryValue::Mean(|s| s.osr_all),
-        ..SHARE
+        ..share("osr_all", "OSR, all goals", "Share of episodes in which every success region was entered")
     },
     Metric {
-        id: "spl",
-        label: "SPL",
-        meaning: "Success weighted by path length: SR times reference tour over the longer of tour and walk",
         prominence: Prominence::Headline,
         key: Some(Key::Spl),
         episode: EpisodeValue::Number(|m| m.spl),
         summary: SummaryValue::Estimate(|s| s.spl),
-        ..SHARE
+        ..share(
+            "spl",
+            "SPL",
+            "Success weighted by path length: SR times reference tour over the longer of tour and walk",
+        )
     },
     Metric {
-        id: "soft_spl",
-        label: "SoftSPL",
-        meaning: "ISR weighted by path length: ISR times reference tour over the longer of tour and walk",
         prominence: Prominence::Headline,
         key: Some(Key::SoftSpl),
         episode: EpisodeValue::Number(|m| m.soft_spl),
         summary: SummaryValue::Estimate(|s| s.soft_spl),
-        ..SHARE
+        ..share(
+            "soft_spl",
+            "SoftSPL",
+            "ISR weighted by path length: ISR times reference tour over the longer of tour and walk",
+        )
     },
     Metric {
-        id: "sna",
-        label: "SNA",
-        meaning: "Success weighted by the number of actions",
         key: Some(Key::Sna),
         episode: EpisodeValue::Number(|m| m.sna),
         summary: SummaryValue::Estimate(|s| s.sna),
-        ..SHARE
+        ..share("sna", "SNA", "Success weighted by the number of actions")
     },
     Metric {
-        id: "steps",
-        label: "Steps",
-        meaning: "Actions taken in an episode",
         hidden_until_reveal: false,
         prominence: Prominence::Default,
         key: Some(Key::Steps),
         episode: EpisodeValue::Number(|m| f64::from(m.steps)),
         summary: SummaryValue::Mean(|s| s.steps),
-        ..COUNT
+        ..count("steps", "Steps", "Actions taken in an episode")
     },
     Metric {
-        id: "path_m",
-        label: "Path",
-        meaning: "Length of the walk, metres",
         hidden_until_reveal: false,
         prominence: Prominence::Default,
         key: Some(Key::PathM),
         episode: EpisodeValue::Number(|m| m.path_m),
         summary: SummaryValue::Mean(|s| s.path_m),
-        ..LENGTH
+        ..length("path_m", "Path", "Length of the walk, metres")
     },
     Metric {
-        id: "reference_m",
-        label: "Reference tour",
-        meaning: "Length of the shortest tour through all success regions, metres",
         direction: None,
         episode: EpisodeValue::Number(|m| m.reference_m),
-        ..LENGTH
+        ..length(
+            "reference_m",
+            "Reference tour",
+            "Length of the shortest tour through all success regions, metres",
+        )
     },
     Metric {
-        id: "collisions",
-        label: "Collisions",
-        meaning: "Actions in which an obstacle held the body back",
         hidden_until_reveal: false,
         prominence: Prominence::Default,
         key: Some(Key::Collisions),
         episode: EpisodeValue::Number(|m| f64::from(m.collisions)),
         summary: SummaryValue::Mean(|s| s.collisions),
-        ..COUNT
+        ..count("collisions", "Collisions", "Actions in which an obstacle held the body back")
     },
     Metric {
-        id: "wrong_submits",
-        label: "Wrong submits",
-        meaning: "Claims that completed no goal",
         prominence: Prominence::Default,
         key: Some(Key::WrongSubmits),
         episode: EpisodeValue::Number(|m| f64::from(m.wrong_submits)),
         summary: SummaryValue::Mean(|s| s.wrong_submits),
-        ..COUNT
+        ..count("wrong_submits", "Wrong submits", "Claims that completed no goal")
     },
     Metric {
-        id: "wrong_instance_submits",
-        label: "Wrong instances",
-        meaning: "Wrong submits at another instance of a goal's category",
         episode: EpisodeValue::Number(|m| f64::from(m.wrong_instance_submits)),
         summary: SummaryValue::Mean(|s| s.wrong_instance_submits),
-        ..COUNT
+        ..count(
+            "wrong_instance_submits",
+            "Wrong instances",
+            "Wrong submits at another instance of a goal's category",
+        )
     },
     Metric {
-        id: "steps_to_goal",
-        label: "Steps to goal",
-        meaning: "Number of the action that found a goal, mean over the goals found",
         episode: EpisodeValue::PerGoal(|m| m.steps_to_goal.iter().map(|step| step.map(f64::from)).collect()),
         summary: SummaryValue::GoalMean(|s| s.steps_to_goal),
-        ..COUNT
+        ..count(
+            "steps_to_goal",
+            "Steps to goal",
+            "Number of the action that found a goal, mean over the goals found",
+        )
     },
     Metric {
-        id: "final_distance_m",
-        label: "Final distance",
-        meaning: "Walking distance from the last pose to a goal, metres, mean over the reachable goals",
         episode: EpisodeValue::PerGoal(|m| m.final_distance_m.clone()),
         summary: SummaryValue::GoalMean(|s| s.final_distance_m),
-        ..LENGTH
+        ..length(
+            "final_distance_m",
+            "Final distance",
+            "Walking distance from the last pose to a goal, metres, mean over the reachable goals",
+        )
     },
 ];
 
-/// Defaults for shares.
-const SHARE: Metric = Metric {
-    id: "",
-    label: "",
-    meaning: "",
-    unit: Unit::Share,
-    direction: Some(Direction::Higher),
-    hidden_until_reveal: true,
-    prominence: Prominence::Optional,
-    key: None,
-    episode: EpisodeValue::None,
-    summary: SummaryValue::None,
-};
-/// Defaults for counts.
-const COUNT: Metric = Metric { unit: Unit::Count, direction: Some(Direction::Lower), ..SHARE };
-/// Defaults for lengths.
-const LENGTH: Metric = Metric { unit: Unit::Metres, ..COUNT };
+/// Returns a share with defaults.
+const fn share(id: &'static str, label: &'static str, meaning: &'static str) -> Metric {
+    Metric {
+        id,
+        label,
+        meaning,
+        unit: Unit::Share,
+        direction: Some(Direction::Higher),
+        hidden_until_reveal: true,
+        prominence: Prominence::Optional,
+        key: None,
+        episode: EpisodeValue::None,
+        summary: SummaryValue::None,
+    }
+}
+
+/// Returns a count with defaults.
+const fn count(id: &'static str, label: &'static str, meaning: &'static str) -> Metric {
+    Metric { unit: Unit::Count, direction: Some(Direction::Lower), ..share(id, label, meaning) }
+}
+
+/// Returns a length with defaults.
+const fn length(id: &'static str, label: &'static str, meaning: &'static str) -> Metric {
+    Metric { unit: Unit::Metres, ..count(id, label, meaning) }
+}
 
 impl Metric {
     /// Returns the episode's number; `None` for lists per goal and for values defined on summaries only.
@@ -309,8 +292,10 @@ impl Metric {
     }
 }
 
-/// Metric for ranking boards.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+/// Ranking metric.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Key {
     /// Share of episodes with every goal found.
@@ -349,12 +334,23 @@ fn choices() -> String {
 
 impl Key {
     /// All keys, in the order of [`METRICS`].
-    pub const ALL: [Self; 10] = ranking_keys();
+    pub const ALL: [Self; 10] = [
+        Self::Sr,
+        Self::Isr,
+        Self::Osr,
+        Self::Spl,
+        Self::SoftSpl,
+        Self::Sna,
+        Self::Steps,
+        Self::PathM,
+        Self::Collisions,
+        Self::WrongSubmits,
+    ];
 
     /// Returns the metric definition.
     pub fn metric(self) -> &'static Metric {
         // The table has a row for every key: a test checks it.
-        METRICS.iter().find(|metric| metric.key == Some(self)).unwrap_or(&SHARE)
+        METRICS.iter().find(|metric| metric.key == Some(self)).unwrap_or(&METRICS[0])
     }
 
     /// Returns the metric id.
@@ -376,19 +372,6 @@ impl Key {
     pub fn mean_of(self, summary: &Summary) -> f64 {
         self.metric().mean_of(summary).unwrap_or(0.0)
     }
-}
-
-const fn ranking_keys() -> [Key; 10] {
-    let mut keys = [Key::Sr; 10];
-    let (mut row, mut count) = (0, 0);
-    while row < METRICS.len() {
-        if let Some(key) = METRICS[row].key {
-            keys[count] = key;
-            count += 1;
-        }
-        row += 1;
-    }
-    keys
 }
 
 impl FromStr for Key {

@@ -1,10 +1,9 @@
 //! Leaderboard ranks: intervals over resampled scenes, and groups without significant differences.
 
 use crate::{
-    bootstrap::{RESAMPLES, clusters, intervals},
     compare::pairs,
     metrics::{Direction, Key},
-    score::{EpisodeScore, Summary, sorted},
+    score::{EpisodeScore, RESAMPLES, Summary, clusters, intervals, sorted},
 };
 use avln_geom::SplitMix64;
 use serde::{Deserialize, Serialize};
@@ -27,7 +26,7 @@ pub struct Entry<'a> {
 /// Row in a ranked leaderboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RankedEntry {
-    /// Index of the entry in the ranked slice.
+    /// Entry index in the ranked slice.
     pub entry: usize,
     /// Standing among the competing entries; `None` for the others.
     pub standing: Option<Standing>,
@@ -56,10 +55,9 @@ pub fn best_first(summaries: &[&Summary], key: Key) -> Vec<usize> {
     order
 }
 
-/// Sorts `entries` by `key`, best first, with standings for competing entries.
-///
-/// Entries equal in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above it
-/// unless the 95 % interval for its paired difference in `key` to the group's first entry excludes 0.
+/// Sorts `entries` by `key`, best first, with standings for competing entries. Entries equal in the key and in SR, ISR, SPL,
+/// SoftSPL and OSR share a rank. An entry joins the tie group above it unless the 95 % interval for its paired difference in
+/// `key` to the group's first entry excludes 0.
 pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     let summaries: Vec<&Summary> = entries.iter().map(|entry| entry.summary).collect();
     let order = best_first(&summaries, key);
@@ -72,7 +70,7 @@ pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     order.into_iter().map(|entry| RankedEntry { entry, standing: standings[entry] }).collect()
 }
 
-/// Standings for entries sorted best first.
+/// Returns standings for entries sorted best first.
 fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
     let scores: Vec<&[EpisodeScore]> = sorted.iter().map(|entry| entry.scores).collect();
     let spans = rank_intervals(&scores, key, seed);
@@ -106,7 +104,7 @@ fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {
     TIE_BREAKS.into_iter().fold(by(key), |ordering, next| ordering.then_with(|| by(next)))
 }
 
-/// True if the 95 % interval for the paired difference excludes 0. Needs at least two pairs.
+/// Returns whether the 95 % interval for the paired difference excludes 0. Needs at least two pairs.
 fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
     let pairs = pairs(a.scores, b.scores);
     if pairs.len() < 2 {
@@ -120,7 +118,7 @@ fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
     low > 0.0 || high < 0.0
 }
 
-/// Middle 95 % of ranks per entry over resampled scenes, as (best, worst). All entries share the resamples. A single
+/// Returns the middle 95 % of ranks per entry over resampled scenes, as (best, worst). All entries share the resamples. A single
 /// scene resamples episodes. Equal means share a rank.
 fn rank_intervals(entries: &[&[EpisodeScore]], key: Key, seed: u64) -> Vec<(u32, u32)> {
     let sums = ClusterSums::new(entries, key);
@@ -175,7 +173,7 @@ impl ClusterSums {
         times
     }
 
-    /// Means over the drawn clusters; infinite for entries without episodes there.
+    /// Returns means over the drawn clusters; infinite for entries without episodes there.
     fn means(&self, times: &[u32]) -> Vec<f64> {
         let mean = |sums: &Vec<(f64, u32)>| {
             let mut total = 0.0;
@@ -200,7 +198,7 @@ fn episode_of(score: &EpisodeScore) -> &str {
     &score.episode
 }
 
-/// Indices into `means` with their ranks, 1 for the smallest; equal means share a rank.
+/// Returns indices into `means` with their ranks, 1 for the smallest; equal means share a rank.
 fn shared_ranks(means: &[f64]) -> Vec<(usize, u32)> {
     let mut order: Vec<usize> = (0..means.len()).collect();
     order.sort_by(|&a, &b| means[a].total_cmp(&means[b]));

@@ -1,24 +1,19 @@
-//! Formulas: episode metrics from facts; run means and intervals from episodes.
+//! Formulas: episode metrics from facts; run means from episodes, with bootstrap intervals.
 
-use crate::bootstrap::{clusters, intervals};
 use avln_episode::{Order, Point3, Rules};
+use avln_geom::SplitMix64;
 use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
-/// Episode metrics. Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Episode metrics, explained by [`METRICS`](crate::METRICS). Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
+#[expect(missing_docs, reason = "METRICS explains the fields")]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Metrics {
-    /// Goals in the mission.
     pub goals: u32,
-    /// Goals found.
     pub found: u32,
-    /// Success: 1 if every goal was found, else 0.
     pub sr: f64,
-    /// Goal share found.
     pub isr: f64,
-    /// Goal share found or with a visited success region.
     pub osr: f64,
-    /// 1 if `osr` is 1, else 0.
     pub osr_all: f64,
     /// `sr × reference / max(reference, path)` (Anderson et al. 2018).
     pub spl: f64,
@@ -26,17 +21,11 @@ pub struct Metrics {
     pub soft_spl: f64,
     /// `sr × fewest actions / max(fewest actions, actions)` (Chen et al. 2020).
     pub sna: f64,
-    /// Actions, all five kinds.
     pub steps: u32,
-    /// Path length, metres.
     pub path_m: f64,
-    /// Reference tour length, metres.
     pub reference_m: f64,
-    /// Actions blocked by an obstacle.
     pub collisions: u32,
-    /// Submits and Stops that completed no goal.
     pub wrong_submits: u32,
-    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: u32,
     /// Per goal: step number from 1, if found.
@@ -59,7 +48,7 @@ pub struct EpisodeScore {
 }
 
 /// Mean over episodes with the 95 % interval, resampled by scene. `low <= value <= high`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Estimate {
     /// The mean.
     pub value: f64,
@@ -69,38 +58,25 @@ pub struct Estimate {
     pub high: f64,
 }
 
-/// Metrics for a set of episodes. Plain numbers are means over episodes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Metrics for a set of episodes, explained by [`METRICS`](crate::METRICS). Plain numbers are means over episodes.
+#[expect(missing_docs, reason = "METRICS explains the fields")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Summary {
-    /// Episode count.
     pub episodes: u32,
-    /// Scene count.
     pub scenes: u32,
-    /// Success rate.
     pub sr: Estimate,
-    /// Goal share found, mean over episodes.
     pub isr: Estimate,
     /// Goal share found, over all goals in all episodes.
     pub isr_by_goal: f64,
-    /// Goal share with a visited region, mean over episodes.
     pub osr: Estimate,
-    /// Episode share with all regions visited.
     pub osr_all: f64,
-    /// Success weighted by path length.
     pub spl: Estimate,
-    /// Goal share found, weighted by path length.
     pub soft_spl: Estimate,
-    /// Success weighted by action count.
     pub sna: Estimate,
-    /// Actions.
     pub steps: f64,
-    /// Path length, metres.
     pub path_m: f64,
-    /// Collisions.
     pub collisions: f64,
-    /// Submits and Stops that completed no goal.
     pub wrong_submits: f64,
-    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: f64,
     /// Steps to a goal, mean over found goals; `None` without any.
@@ -109,9 +85,7 @@ pub struct Summary {
     pub final_distance_m: Option<f64>,
 }
 
-/// Computes episode metrics from facts. An episode without goals scores 0.
-///
-/// Episodes with [`avln_episode::EndReason::ServerFault`] have metrics too; callers exclude them from means.
+/// Computes episode metrics from facts; 0 without goals. Callers exclude episodes with a server fault from means.
 pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
     let goals = truth.targets.len();
     let steps_to_goal = record.found_at(goals);
@@ -164,7 +138,7 @@ fn entered_region(record: &Record, goal: usize) -> bool {
     at_start || record.steps.iter().any(|step| step.in_region & bit != 0)
 }
 
-/// Sum over straight lines between consecutive base positions, metres.
+/// Sums the straight lines between consecutive base positions, metres.
 fn path_length_m(record: &Record) -> f64 {
     // Poses are f32. The sum over up to 1,000 steps is f64, so that rounding errors do not add up.
     let mut at = record.start.position;
@@ -184,7 +158,7 @@ fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
     (squared(0) + squared(1) + squared(2)).sqrt()
 }
 
-/// `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
+/// Returns `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
 fn efficiency(least: f64, spent: f64) -> f64 {
     if !least.is_finite() || least < 0.0 {
         return 0.0;
@@ -193,16 +167,14 @@ fn efficiency(least: f64, spent: f64) -> f64 {
     if most > 0.0 { least / most } else { 1.0 }
 }
 
-/// Lower bound for actions in a success: forward steps along the reference tour, and one claim per goal.
+/// Returns a lower bound for actions in a success: forward steps on the reference tour, and a claim per goal.
 fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
-    // Turns are excluded, so that no success needs fewer actions. The margin keeps a tour with exactly n forward steps
-    // at n although its length is a rounded sum.
+    // Turns are excluded, so that no success needs fewer actions. The margin lets a tour with exactly n forward steps count as n,
+    // although its length is a rounded sum.
     (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }
 
-/// Returns means and intervals over `scores`; `None` for an empty slice.
-///
-/// The result depends on scores and seed, not on slice order.
+/// Returns means and intervals over `scores`, in any order; `None` for an empty slice.
 pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
     let scores = sorted(scores);
     if scores.is_empty() {
@@ -269,4 +241,84 @@ fn share_of_all_goals(scores: &[&EpisodeScore]) -> f64 {
 fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
     (count > 0).then(|| sum / f64::from(count))
+}
+
+/// Resamples per interval of the percentile bootstrap over scenes (Efron 1979).
+pub(crate) const RESAMPLES: usize = 1000;
+
+/// A cluster, drawn as a whole: sums per column, and the episode count.
+pub(crate) struct Cluster<const K: usize> {
+    sums: [f64; K],
+    count: usize,
+}
+
+/// Groups rows by scene; with a single scene every row is a cluster. Rows with equal scenes must be adjacent.
+pub(crate) fn clusters<const K: usize>(rows: &[(&str, [f64; K])]) -> Vec<Cluster<K>> {
+    // Episodes in a scene are correlated, so scenes are resampled. A single scene leaves only episodes to resample.
+    let one_scene = rows.windows(2).all(|pair| pair[0].0 == pair[1].0);
+    let same = |a: &(&str, [f64; K]), b: &(&str, [f64; K])| !one_scene && a.0 == b.0;
+    rows.chunk_by(same).map(total).collect()
+}
+
+fn total<const K: usize>(rows: &[(&str, [f64; K])]) -> Cluster<K> {
+    let mut sums = [0.0; K];
+    for (_, values) in rows {
+        for (sum, value) in sums.iter_mut().zip(values) {
+            *sum += value;
+        }
+    }
+    Cluster { sums, count: rows.len() }
+}
+
+/// Returns sorted means per column over clusters drawn with replacement.
+fn resampled_means<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [Vec<f64>; K] {
+    let mut draw = SplitMix64::new(seed);
+    let mut means: [Vec<f64>; K] = std::array::from_fn(|_| Vec::with_capacity(RESAMPLES));
+    for _ in 0..RESAMPLES {
+        let mut sums = [0.0; K];
+        let mut count = 0;
+        for _ in clusters {
+            let drawn = &clusters[draw.below(clusters.len())];
+            count += drawn.count;
+            for (sum, value) in sums.iter_mut().zip(&drawn.sums) {
+                *sum += value;
+            }
+        }
+        for (column, sum) in means.iter_mut().zip(sums) {
+            column.push(sum / count as f64);
+        }
+    }
+    for column in &mut means {
+        column.sort_by(f64::total_cmp);
+    }
+    means
+}
+
+/// Returns the middle 95 % of resampled means per column, as (low, high). `clusters` must not be empty.
+pub(crate) fn intervals<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [(f64, f64); K] {
+    let means = resampled_means(clusters, seed);
+    std::array::from_fn(|column| {
+        (means[column][RESAMPLES / 40 - 1], means[column][RESAMPLES - RESAMPLES / 40 - 1])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opposite_scenes_give_the_full_interval() {
+        let rows = [("a", [0.0]), ("a", [0.0]), ("b", [1.0]), ("b", [1.0])];
+        let grouped = clusters(&rows);
+        assert_eq!(grouped.len(), 2);
+        assert_eq!(intervals(&grouped, 1), [(0.0, 1.0)]);
+    }
+
+    #[test]
+    fn fair_coin_interval_matches_normal_approximation() {
+        // 100 episodes in a scene, half with 1: 0.5 ± 1.96 × sqrt(0.25 / 100) = 0.402 to 0.598.
+        let rows: Vec<_> = (0..100).map(|i| ("a", [f64::from(i % 2)])).collect();
+        let [(low, high)] = intervals(&clusters(&rows), 9);
+        assert!((low - 0.402).abs() < 0.02 && (high - 0.598).abs() < 0.02, "{low} to {high}");
+    }
 }

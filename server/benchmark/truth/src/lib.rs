@@ -8,12 +8,12 @@ use avln_episode::{Action, EndReason, Modality, Order, Rules};
 use avln_geom::{Aabb, Point3, Pose};
 use serde::{Deserialize, Serialize};
 
-/// Hidden part of an episode.
+/// An episode's hidden part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeTruth {
-    /// Id of the episode inside its split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
     /// Seed for random draws at run time.
     pub seed: u64,
@@ -23,18 +23,18 @@ pub struct EpisodeTruth {
     pub order: Order,
     /// Targets in goal order.
     pub targets: Vec<Target>,
-    /// Length of the shortest tour through all success regions, metres.
+    /// Shortest tour length through all success regions, metres.
     pub reference_m: f64,
-    /// Corners of this tour on the floor, for replays.
+    /// This tour's corners on the floor, for replays.
     pub reference_path: Vec<Point3<f32>>,
 }
 
-/// Target of a goal.
+/// A goal's target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     /// Instance id in the scene; never 0.
     pub instance: u32,
-    /// Category of the instance.
+    /// Instance category.
     pub category: String,
     /// Cue kind.
     pub modality: Modality,
@@ -42,24 +42,24 @@ pub struct Target {
     pub bounds: Aabb,
     /// Sound source position.
     pub source: Point3<f32>,
-    /// Height of the adjacent floor, metres.
+    /// Floor height at the target, metres.
     pub floor_y_m: f32,
     /// Sampled base positions in the success region, on the navmesh.
     pub region: Vec<Point3<f32>>,
-    /// Poses with a view of the target, from the survey.
+    /// Poses from which the survey saw the target.
     pub viewpoints: Vec<Pose>,
     /// Walking distance from the start to the success region, metres.
     pub start_distance_m: f64,
 }
 
 impl Target {
-    /// Least storey height, metres: points within half of it share a floor.
+    /// Least storey height, metres: points within half this height share a floor.
     const STOREY_M: f32 = 2.0;
 
     /// Returns the distance from the camera at `base` to the target's box, metres, if `base` is in the success region
     /// by [`DistanceRule::CameraToBox`](avln_episode::DistanceRule::CameraToBox).
     ///
-    /// `sees(eye, half_view_rad)` checks for a line of sight to the target at some heading, within this elevation.
+    /// `sees(eye, half_view_rad)` checks whether the target is visible at some heading, within this elevation.
     pub fn distance_within_region(
         &self,
         base: &Point3<f32>,
@@ -76,7 +76,7 @@ impl Target {
     }
 }
 
-/// Facts of a finished episode, recorded by the referee: the only input of scoring besides the truth.
+/// Facts from a finished episode, recorded by the referee. Scoring uses only these and the truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// Rule set name.
@@ -104,11 +104,11 @@ pub struct StepFacts {
     pub pose: Pose,
     /// True if an obstacle blocked the body.
     pub collided: bool,
-    /// Bit i: the body is in the success region of goal i.
+    /// Bit i: the body is in goal i's success region.
     pub in_region: u8,
     /// Goal with the sounding target; `None` for silence.
     pub sounding: Option<u8>,
-    /// Hash of the simulation state afterwards.
+    /// State hash afterwards.
     pub state_hash: u64,
 }
 
@@ -121,7 +121,7 @@ pub struct SubmitFacts {
     pub completed: Option<u8>,
     /// Goal made impossible by the rule `skips_goal`.
     pub skipped: Option<u8>,
-    /// Goal that would match with another instance of its category as target.
+    /// Goal that would match if another instance in its category were the target.
     #[serde(default)]
     pub wrong_instance: Option<u8>,
 }

@@ -13,10 +13,7 @@ pub(crate) enum Attachment {
     /// Unary calls play the session.
     Unary,
     /// No client is attached. The session waits for a Hello with `resume`.
-    Detached {
-        /// End of the wait.
-        until: Instant,
-    },
+    Detached { until: Instant },
     /// The session ends; open episodes are being stored, kept or handed over.
     Closing(StopReason),
 }
@@ -86,7 +83,6 @@ impl Attachment {
         }
     }
 
-    /// Returns the reason if the session ends.
     pub(crate) fn stop_reason(self) -> Option<StopReason> {
         match self {
             Self::Closing(reason) => Some(reason),
@@ -96,7 +92,6 @@ impl Attachment {
 }
 
 impl StopReason {
-    /// Returns the treatment of the session.
     pub(crate) fn ending(self) -> Ending {
         match self {
             // The client of the new connection never saw the open episodes, so it cannot continue them.

@@ -1,9 +1,9 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
-    refusal::{Failure, Refusal, call_host},
-    registry::SessionRegistry,
-    session::{Opening, Session},
+    refusal::{Failure, Refusal, Result, call_host},
+    registry::{SessionGuard, SessionRegistry},
+    session::Session,
     sim_pool::SimPool,
     watchdog::Watchdog,
     wire,
@@ -12,6 +12,7 @@ use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
 use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tonic::{Response, Status, metadata::MetadataMap};
 
 /// State shared by all gRPC services.
 pub(crate) struct ServiceContext<H: Host> {
@@ -23,26 +24,14 @@ pub(crate) struct ServiceContext<H: Host> {
     watchers: Arc<Semaphore>,
 }
 
-impl<H: Host> Clone for ServiceContext<H> {
-    fn clone(&self) -> Self {
-        Self {
-            host: self.host.clone(),
-            limits: self.limits.clone(),
-            registry: self.registry.clone(),
-            pool: self.pool.clone(),
-            watchdog: self.watchdog.clone(),
-            watchers: self.watchers.clone(),
-        }
-    }
-}
-
 impl<H: Host> ServiceContext<H> {
-    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Self {
+    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Arc<Self> {
         let limits = Arc::new(limits);
         let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
         let watchers = Arc::new(Semaphore::new(limits.max_watchers));
-        Self { host, registry: SessionRegistry::new(limits.clone()), limits, pool, watchdog, watchers }
+        let registry = SessionRegistry::new(limits.clone());
+        Arc::new(Self { host, registry, limits, pool, watchdog, watchers })
     }
 
     /// Refuses new runs while too many simulations hang.
@@ -66,7 +55,7 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's open run.
-    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun> {
         let open = self.any_run(token).await?;
         let Some(state) = &open.over else { return Ok(open) };
         let message = format!("run '{}' is {state}; start another run", open.run);
@@ -74,20 +63,18 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Returns a run token's run, open or over.
-    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
-        let host = self.host.clone();
+    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun> {
         let token = token.to_owned();
-        call_host("open a run", async move { host.open_run(&token).await }).await
+        call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
-    /// Closes the run and returns the status.
-    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
-        let host = self.host.clone();
+    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd> {
         let run = run.to_owned();
-        call_host("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
+        call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
+            .await
+            .map(wire::run_end)
     }
 
-    /// Opens a session.
     pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
         self.session(Interrupted {
             open: open.clone(),
@@ -99,11 +86,50 @@ impl<H: Host> ServiceContext<H> {
 
     /// Opens a session with restored episodes.
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
-        Arc::new(Session::open(Opening {
-            host: self.host.clone(),
-            pool: self.pool.clone(),
-            limits: &self.limits,
-            interrupted,
-        }))
+        Arc::new(Session::open(self.host.clone(), self.pool.clone(), &self.limits, interrupted))
+    }
+}
+
+/// The right to play a run's session.
+pub(crate) type RunGuard<H> = SessionGuard<Session<H>>;
+
+/// A reply to a gRPC call.
+pub(crate) type Reply<T> = Result<Response<T>, Status>;
+
+pub(crate) fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
+    let Some(value) = metadata.get("authorization") else {
+        let message = "this call needs the metadata 'authorization: Bearer <token>'";
+        return Err(Refusal::new(Reason::TokenMissing, message));
+    };
+    let token = value.to_str().ok().and_then(|text| text.strip_prefix("Bearer ")).map(str::trim);
+    match token {
+        Some(token) if (1..=Limits::MAX_TOKEN_BYTES).contains(&token.len()) => Ok(token.to_owned()),
+        _ => {
+            let limit = Limits::MAX_TOKEN_BYTES;
+            let message = format!("authorization is not 'Bearer ' and a token of 1 to {limit} bytes");
+            Err(Refusal::new(Reason::TokenMalformed, message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_bearer_tokens_pass() {
+        let read = |value: Option<&str>| {
+            let mut metadata = MetadataMap::new();
+            if let Some(value) = value {
+                metadata.insert("authorization", value.parse().unwrap());
+            }
+            bearer(&metadata).map_err(|refusal| refusal.reason)
+        };
+        assert_eq!(read(Some("Bearer abc")), Ok("abc".to_owned()));
+        assert_eq!(read(None), Err(Reason::TokenMissing));
+        let long = format!("Bearer {}", "x".repeat(Limits::MAX_TOKEN_BYTES + 1));
+        for wrong in ["abc", "Basic abc", "Bearer ", "Bearer", &long] {
+            assert_eq!(read(Some(wrong)), Err(Reason::TokenMalformed), "{wrong}");
+        }
     }
 }

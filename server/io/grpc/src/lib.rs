@@ -69,20 +69,18 @@
 //! use avln_store as hidden;
 //! ```
 
-mod admission;
 mod attachment;
 mod context;
 mod control;
-mod episode;
 mod host;
+mod lifecycle;
 mod limits;
 mod outbound;
 mod play_stream;
-mod reaper;
 mod refusal;
 mod registry;
+mod run_service;
 mod serve;
-mod service;
 mod session;
 mod sim_pool;
 mod unary;
@@ -90,10 +88,10 @@ mod watchdog;
 mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
-pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot};
-pub use episode::{Acted, Episode, EpisodeLog, HostedEpisode, Restored, TimeSpent};
+pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot, TimeSpent};
 pub use host::{
-    ClientRange, Digests, Host, Interrupted, OpenRun, RunRequest, RunTicket, ServerInfo, StoredEnd,
+    Acted, ClientRange, Digests, Episode, EpisodeLog, Host, HostedEpisode, Interrupted, OpenRun, Restored,
+    RunRequest, RunTicket, ServerInfo, StoredEnd,
 };
 pub use limits::Limits;
 pub use refusal::Refusal;

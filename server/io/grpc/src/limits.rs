@@ -14,8 +14,7 @@ pub struct Limits {
     pub max_watchers: usize,
     /// Simulation threads. More threads than processor cores only slow every step down.
     pub max_simulations: usize,
-    /// Slots over all sessions, shared between active teams. An episode takes about 10 MiB without the scene. A session has at
-    /// least one slot.
+    /// Slots over all sessions, shared between active teams, at least one each. An episode takes about 10 MiB without the scene.
     pub max_slots: u32,
     /// Hanging simulations at which new runs are refused. A hanging simulation occupies a thread, memory and maybe a core.
     pub max_hanging: usize,

@@ -2,10 +2,11 @@
 
 use crate::{control::unix_ms, host::OpenRun, refusal::Failure};
 use avln_proto::v1::{self, PlayResponse, play_response::Frame};
+use parking_lot::Mutex;
 use std::{
     collections::VecDeque,
     pin::Pin,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     task::{Context, Poll},
     time::Duration,
 };
@@ -69,7 +70,7 @@ impl Departure {
 
     /// Returns the round-trip time that agents are not charged for.
     pub(crate) fn round_trip(&self) -> Duration {
-        self.state.round_trip().unwrap_or_default()
+        self.state.round_trip.lock().unwrap_or_default()
     }
 
     /// Waits until the frame has left. After a broken stream it never returns.
@@ -109,7 +110,7 @@ impl Outbound {
         };
         let now = Instant::now();
         let (left, departure) = watch::channel(None);
-        let mut waiting = self.state.waiting();
+        let mut waiting = self.state.waiting.lock();
         waiting.push_back(QueuedFrame { since: now, left });
         // Under the lock, so that frames leave in the order of `waiting`.
         permit.send(item);
@@ -122,9 +123,8 @@ impl Outbound {
         self.state.is_cut.send_replace(true);
     }
 
-    /// Records a round trip.
     pub(crate) fn measured(&self, took: Duration) {
-        let mut round_trip = self.state.round_trip();
+        let mut round_trip = self.state.round_trip.lock();
         // The shortest: longer ones contain pauses of either side.
         *round_trip = Some(round_trip.map_or(took, |shortest| shortest.min(took)));
     }
@@ -132,7 +132,7 @@ impl Outbound {
     /// Waits until the client has hung up or left a frame unread for too long.
     pub(crate) async fn gone(&self) {
         loop {
-            let since = self.state.waiting().front().map(|waiting| waiting.since);
+            let since = self.state.waiting.lock().front().map(|waiting| waiting.since);
             let check = since.unwrap_or_else(Instant::now) + self.stall;
             if since.is_some() && check <= Instant::now() {
                 return;
@@ -145,23 +145,13 @@ impl Outbound {
     }
 }
 
-impl QueueState {
-    fn round_trip(&self) -> MutexGuard<'_, Option<Duration>> {
-        self.round_trip.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn waiting(&self) -> MutexGuard<'_, VecDeque<QueuedFrame>> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl Stream for Frames {
     type Item = Item;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Item>> {
         let next = self.queue.poll_recv(context);
         if let Poll::Ready(Some(_)) = next
-            && let Some(waiting) = self.state.waiting().pop_front()
+            && let Some(waiting) = self.state.waiting.lock().pop_front()
         {
             waiting.left.send_replace(Some(Instant::now()));
         }
@@ -177,7 +167,6 @@ pub(crate) struct PingTimer {
 }
 
 impl PingTimer {
-    /// Sends a Ping.
     pub(crate) async fn tick(&mut self, out: &Outbound, deadline: &RunDeadline) {
         self.nonce += 1;
         let ping = v1::Ping {
@@ -233,7 +222,6 @@ impl RunDeadline {
         }
     }
 
-    /// Returns the warning.
     pub(crate) fn notice(&self) -> v1::Notice {
         let seconds = self.remaining_s().unwrap_or_default();
         v1::Notice {

@@ -1,16 +1,14 @@
 //! Play stream: one run, several slots, from Hello to Goodbye.
 
 use crate::{
-    admission::{Admission, admit},
     attachment::{AttachmentEvent, StopReason},
-    context::ServiceContext,
+    context::{RunGuard, ServiceContext},
     control::{Drain, unix_ms},
     host::Host,
+    lifecycle::Admission,
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
-    reaper,
-    refusal::{Failure, FaultSubject, Refusal},
-    registry::SessionGuard,
+    refusal::{Failure, FaultSubject, Refusal, Result},
     session::{Session, SlotRequest, stored_end},
 };
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
@@ -19,30 +17,11 @@ use tokio::time::{Instant, interval_at, timeout};
 use tonic::{Status, Streaming};
 use tracing::Instrument;
 
-/// One Play stream.
 pub(crate) struct PlayStream<H: Host> {
-    pub(crate) context: ServiceContext<H>,
+    pub(crate) context: Arc<ServiceContext<H>>,
     pub(crate) token: String,
     pub(crate) inbound: Streaming<v1::PlayRequest>,
     pub(crate) out: Outbound,
-}
-
-/// A stream's end, with the client's status if the connection was lost.
-struct StreamEnd {
-    reason: StopReason,
-    failure: Option<Failure>,
-}
-
-impl From<StopReason> for StreamEnd {
-    fn from(reason: StopReason) -> Self {
-        Self { reason, failure: None }
-    }
-}
-
-impl StreamEnd {
-    fn lost(failure: Failure) -> Self {
-        Self { reason: StopReason::ConnectionLost, failure: Some(failure) }
-    }
 }
 
 impl<H: Host> PlayStream<H> {
@@ -53,14 +32,14 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    async fn play(&mut self) -> Result<(), Failure> {
+    async fn play(&mut self) -> Result<()> {
         let hello = self.hello().await?;
-        match admit(&self.context, &self.token, &hello, Limits::MAX_SLOTS).await {
+        match self.context.admit(&self.token, &hello, Limits::MAX_SLOTS).await {
             Ok(admission) => {
                 let span = tracing::error_span!("session", run = admission.open.run);
                 self.attach(admission, &hello.known).instrument(span).await
             }
-            Err(over) if hello.resume && over.reason() == Reason::RunOver => {
+            Err(over) if hello.resume && over.reason == Reason::RunOver => {
                 let run = self.context.any_run(&self.token).await?.run;
                 self.report_results(&run, &hello.known).await
             }
@@ -68,7 +47,7 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    async fn hello(&mut self) -> Result<v1::Hello, Failure> {
+    async fn hello(&mut self) -> Result<v1::Hello> {
         let limit = self.context.limits.hello;
         let first = timeout(limit, self.inbound.message()).await.map_err(|_| {
             let message = format!("no Hello within {limit:?} of opening the stream; send it first");
@@ -81,7 +60,7 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Plays the session until the stream ends.
-    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<()> {
         let Admission { open, session, mut guard, welcome } = admission;
         let slots = welcome.slots;
         let end = match self.out.send(Frame::Welcome(welcome)).await {
@@ -90,18 +69,18 @@ impl<H: Host> PlayStream<H> {
                 session.attach_stream(&self.out, slots, known).await;
                 self.read(&session, &mut guard, RunDeadline::of(&open)).await
             }
-            Err(_) => StreamEnd::lost(unread()),
+            Err(_) => Err(unread()),
         };
         self.finish(session, guard, end).await
     }
 
-    /// Reads frames and passes them to the slots.
+    /// Reads frames and passes them to the slots. A lost connection is an error.
     async fn read(
         &mut self,
         session: &Session<H>,
-        guard: &mut SessionGuard<Session<H>>,
+        guard: &mut RunGuard<H>,
         deadline: RunDeadline,
-    ) -> StreamEnd {
+    ) -> Result<StopReason> {
         let out = self.out.clone();
         let mut unread_for_too_long = pin!(out.gone());
         let mut over = pin!(session.over());
@@ -124,12 +103,12 @@ impl<H: Host> PlayStream<H> {
                 // In this order: a stop takes precedence over everything, and a flood of requests delays neither the end of the
                 // run nor notices.
                 biased;
-                reason = guard.stopped() => return reason.into(),
-                () = &mut unread_for_too_long => return StreamEnd::lost(unread()),
-                reason = &mut over => return reason.into(),
+                reason = guard.stopped() => return Ok(reason),
+                () = &mut unread_for_too_long => return Err(unread()),
+                reason = &mut over => return Ok(reason),
                 drain = &mut drain, if !announced => {
                     announced = true;
-                    let _ = out.send(Frame::Notice(drain_notice(&drain))).await;
+                    let _ = out.send(drain_notice(&drain)).await;
                 }
                 () = deadline.runs_low(), if !warned => {
                     warned = true;
@@ -140,10 +119,10 @@ impl<H: Host> PlayStream<H> {
                         pings.answered(pong.nonce, &out, self.context.limits.wire);
                     }
                     Ok(Some(request)) => if let Some(reason) = self.receive(session, request).await {
-                        return reason.into();
+                        return Ok(reason);
                     },
-                    Ok(None) => return StreamEnd::lost(no_goodbye()),
-                    Err(status) => return StreamEnd::lost(broken(status)),
+                    Ok(None) => return Err(no_goodbye()),
+                    Err(status) => return Err(broken(status)),
                 },
                 _ = ticks.tick() => pings.tick(&out, &deadline).await,
             }
@@ -161,19 +140,18 @@ impl<H: Host> PlayStream<H> {
             Some(Request::Goodbye(goodbye)) if goodbye.pause => return Some(StopReason::Paused),
             Some(Request::Goodbye(_)) => return Some(StopReason::Goodbye),
             Some(Request::Hello(_)) => {
-                let failure = Failure::new(Reason::BadRequest, "second Hello; send Ready, Act or Goodbye");
-                self.fault(&failure, FaultSubject::default()).await;
-                return None;
+                return self.refuse(Reason::BadRequest, "second Hello; send Ready, Act or Goodbye").await;
             }
-            None => {
-                let failure = Failure::new(Reason::Unsupported, "the frame is empty or not known here");
-                self.fault(&failure, FaultSubject::default()).await;
-                return None;
-            }
+            None => return self.refuse(Reason::Unsupported, "the frame is empty or not known here").await,
         };
         if let Err(failure) = session.send(slot, request.clone()) {
             self.fault(&failure, request.subject(slot)).await;
         }
+        None
+    }
+
+    async fn refuse(&self, reason: Reason, message: &str) -> Option<StopReason> {
+        self.fault(&Failure::new(reason, message), FaultSubject::default()).await;
         None
     }
 
@@ -186,31 +164,41 @@ impl<H: Host> PlayStream<H> {
     async fn finish(
         &self,
         session: Arc<Session<H>>,
-        guard: SessionGuard<Session<H>>,
-        end: StreamEnd,
-    ) -> Result<(), Failure> {
-        let reason = guard.ends(end.reason);
+        guard: RunGuard<H>,
+        end: Result<StopReason>,
+    ) -> Result<()> {
+        let (reason, lost) = match end {
+            Ok(reason) => (reason, None),
+            Err(lost) => (StopReason::ConnectionLost, Some(lost)),
+        };
+        let reason = guard.ends(reason);
         if reason.cuts_stream() {
             self.out.cut();
         }
         // Before the episodes end, so that the client learns the reason first.
-        let notice = match reason {
-            StopReason::Expired => Some(Frame::Notice(expired_notice())),
-            StopReason::Draining => Some(Frame::Notice(stop_notice())),
+        let last = match reason {
+            StopReason::Expired => {
+                let message = "the run's wall time is over: open episodes and the run end";
+                Some(notice(v1::NoticeKind::BudgetLow, message, unix_ms()))
+            }
+            StopReason::Draining => {
+                let message = "the server stops now; open episodes continue when it is back";
+                Some(notice(v1::NoticeKind::Draining, message, 0))
+            }
             StopReason::AgentHangs => {
                 let failure = agent_hangs(&self.context.limits);
                 Some(Frame::Fault(failure.frame(FaultSubject::default(), false)))
             }
             _ => None,
         };
-        if let Some(notice) = notice {
-            let _ = self.out.send(notice).await;
+        if let Some(last) = last {
+            let _ = self.out.send(last).await;
         }
-        if let Some(run_end) = reaper::end(&self.context, session, guard, reason).await? {
+        if let Some(run_end) = self.context.end(session, guard, reason).await? {
             let _ = self.out.send(Frame::RunEnd(run_end)).await;
             return Ok(());
         }
-        match (refusal_of(reason), end.failure) {
+        match (refusal_of(reason), lost) {
             (Some(refusal), _) => {
                 let failure = Failure::from(refusal);
                 let _ = self.out.send(Frame::Fault(failure.frame(FaultSubject::default(), false))).await;
@@ -222,7 +210,7 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Reports to a client that resumes a finished run how the run and the client's last episodes ended.
-    async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+    async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<()> {
         for position in known.iter().take(Limits::MAX_SLOTS as usize) {
             if let Some(end) = stored_end(&self.context.host, run, position).await? {
                 let _ = self.out.send(Frame::EpisodeEnd(end)).await;
@@ -261,33 +249,17 @@ fn agent_hangs(limits: &Limits) -> Failure {
     Failure::new(Reason::TooSlow, message)
 }
 
+fn notice(kind: v1::NoticeKind, message: impl Into<String>, effective_unix_ms: i64) -> Frame {
+    Frame::Notice(v1::Notice { kind: kind.into(), message: message.into(), effective_unix_ms })
+}
+
 /// Announces a drain and the cut of open episodes.
-fn drain_notice(drain: &Drain) -> v1::Notice {
+fn drain_notice(drain: &Drain) -> Frame {
+    let message =
+        format!("the server is about to stop ({}); finish open episodes, no others begin", drain.reason);
     let remaining = drain.until.saturating_duration_since(Instant::now());
-    v1::Notice {
-        kind: v1::NoticeKind::Draining.into(),
-        message: format!(
-            "the server is about to stop ({}); finish open episodes, no others begin",
-            drain.reason
-        ),
-        effective_unix_ms: unix_ms() + i64::try_from(remaining.as_millis()).unwrap_or(i64::MAX / 2),
-    }
-}
-
-fn expired_notice() -> v1::Notice {
-    v1::Notice {
-        kind: v1::NoticeKind::BudgetLow.into(),
-        message: "the run's wall time is over: open episodes and the run end".to_owned(),
-        effective_unix_ms: unix_ms(),
-    }
-}
-
-fn stop_notice() -> v1::Notice {
-    v1::Notice {
-        kind: v1::NoticeKind::Draining.into(),
-        message: "the server stops now; open episodes continue when it is back".to_owned(),
-        effective_unix_ms: 0,
-    }
+    let cut_unix_ms = unix_ms() + i64::try_from(remaining.as_millis()).unwrap_or(i64::MAX / 2);
+    notice(v1::NoticeKind::Draining, message, cut_unix_ms)
 }
 
 fn unread() -> Failure {

@@ -4,13 +4,15 @@ use std::{
     fmt::Display,
     future::Future,
     hash::{BuildHasher, Hasher},
+    sync::Arc,
 };
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
 
-/// A request that the server refuses.
-///
-/// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
+/// A result with [`Failure`] by default.
+pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
+
+/// A refused request. The message is logged and not sent for [`Reason::Internal`] and [`Reason::SimFault`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Refusal {
@@ -39,89 +41,55 @@ impl Refusal {
     }
 }
 
-/// A server failure. The log has the details under the id; the agent receives only the id.
+/// A failed call, as reported to the client. A server failure's details are in the log only, under the incident id.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ServerFault {
-    reason: Reason,
-    id: String,
-}
-
-impl ServerFault {
-    /// Logs a failure outside the simulator.
-    pub(crate) fn log(attempt: &str, detail: impl Display) -> Self {
-        Self::record(Reason::Internal, attempt, detail)
-    }
-
-    /// Logs a simulator failure.
-    pub(crate) fn simulator(attempt: &str, detail: impl Display) -> Self {
-        Self::record(Reason::SimFault, attempt, detail)
-    }
-
-    fn record(reason: Reason, attempt: &str, detail: impl Display) -> Self {
-        let random = std::hash::RandomState::new().build_hasher().finish();
-        let id = format!("inc_{random:016x}");
-        tracing::error!(id, attempt, %detail, "server fault");
-        Self { reason, id }
-    }
-
-    fn message(&self) -> String {
-        match self.reason {
-            Reason::SimFault => format!("the simulator failed ({}); the episode does not count", self.id),
-            _ => format!("the server failed; report {} to its organiser", self.id),
-        }
-    }
-}
-
-/// A failed call: the client's or the server's fault.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Failure {
-    Refused(Refusal),
-    Fault(ServerFault),
+pub(crate) struct Failure {
+    pub(crate) reason: Reason,
+    pub(crate) message: String,
+    retry_after_s: Option<u32>,
+    /// Empty for a refusal.
+    incident: String,
 }
 
 impl Failure {
     pub(crate) fn new(reason: Reason, message: impl Into<String>) -> Self {
-        Self::from(Refusal::new(reason, message))
+        Self { reason, message: message.into(), retry_after_s: None, incident: String::new() }
     }
 
-    pub(crate) fn reason(&self) -> Reason {
-        match self {
-            Self::Refused(refusal) => refusal.reason,
-            Self::Fault(fault) => fault.reason,
-        }
+    /// Logs a server failure outside the simulator.
+    pub(crate) fn server(attempt: &str, detail: impl Display) -> Self {
+        let incident = log_incident(attempt, detail);
+        let message = format!("the server failed; report {incident} to its organiser");
+        Self { incident, ..Self::new(Reason::Internal, message) }
     }
 
-    pub(crate) fn message(&self) -> String {
-        match self {
-            Self::Refused(refusal) => refusal.message.clone(),
-            Self::Fault(fault) => fault.message(),
-        }
+    /// Logs a simulator failure.
+    pub(crate) fn simulator(attempt: &str, detail: impl Display) -> Self {
+        let incident = log_incident(attempt, detail);
+        let message = format!("the simulator failed ({incident}); the episode does not count");
+        Self { incident, ..Self::new(Reason::SimFault, message) }
     }
 
-    fn retry_after_s(&self) -> Option<u32> {
-        match self {
-            Self::Refused(refusal) => refusal.retry_after_s,
-            Self::Fault(_) => None,
-        }
-    }
-
-    /// Returns the frame that reports the failure on a stream.
     pub(crate) fn frame(&self, subject: FaultSubject<'_>, recoverable: bool) -> v1::Fault {
         v1::Fault {
             slot: subject.slot,
             episode: subject.episode.to_owned(),
             step: subject.step,
-            code: self.reason().code() as u32,
-            reason: self.reason().into(),
-            message: self.message(),
+            code: self.reason.code() as u32,
+            reason: self.reason.into(),
+            message: self.message.clone(),
             recoverable,
-            retry_after_s: self.retry_after_s(),
-            id: match self {
-                Self::Refused(_) => String::new(),
-                Self::Fault(fault) => fault.id.clone(),
-            },
+            retry_after_s: self.retry_after_s,
+            id: self.incident.clone(),
         }
     }
+}
+
+fn log_incident(attempt: &str, detail: impl Display) -> String {
+    let random = std::hash::RandomState::new().build_hasher().finish();
+    let id = format!("inc_{random:016x}");
+    tracing::error!(id, attempt, %detail, "server fault");
+    id
 }
 
 /// A fault's subject; the default is the whole stream.
@@ -134,43 +102,47 @@ pub(crate) struct FaultSubject<'a> {
 
 impl From<Refusal> for Failure {
     fn from(refusal: Refusal) -> Self {
-        match refusal.reason {
-            Reason::SimFault => Self::Fault(ServerFault::simulator("host", refusal.message)),
-            reason if matches!(reason.code(), Code::Internal | Code::Unknown) => {
-                Self::Fault(ServerFault::log("host", refusal.message))
-            }
-            _ => Self::Refused(refusal),
+        let Refusal { reason, message, retry_after_s } = refusal;
+        match reason.code() {
+            _ if reason == Reason::SimFault => Self::simulator("host", message),
+            Code::Internal | Code::Unknown => Self::server("host", message),
+            _ => Self { retry_after_s, ..Self::new(reason, message) },
         }
-    }
-}
-
-impl From<ServerFault> for Failure {
-    fn from(fault: ServerFault) -> Self {
-        Self::Fault(fault)
     }
 }
 
 impl From<Failure> for Status {
     fn from(failure: Failure) -> Self {
-        let mut status = Self::new(failure.reason().code(), failure.message());
+        let mut status = Self::new(failure.reason.code(), failure.message);
         let trailers = status.metadata_mut();
-        trailers.insert(REASON_KEY, MetadataValue::from_static(failure.reason().word()));
-        if let Some(seconds) = failure.retry_after_s() {
+        trailers.insert(REASON_KEY, MetadataValue::from_static(failure.reason.word()));
+        if let Some(seconds) = failure.retry_after_s {
             trailers.insert(RETRY_AFTER_KEY, MetadataValue::from(seconds));
         }
         status
     }
 }
 
+impl From<Refusal> for Status {
+    fn from(refusal: Refusal) -> Self {
+        Failure::from(refusal).into()
+    }
+}
+
 /// Calls the host. A panic becomes a server fault.
-pub(crate) async fn call_host<T: Send + 'static>(
+pub(crate) async fn call_host<H, T, F>(
     attempt: &'static str,
-    work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
-) -> Result<T, Failure> {
+    host: &Arc<H>,
+    call: impl FnOnce(Arc<H>) -> F,
+) -> Result<T>
+where
+    T: Send + 'static,
+    F: Future<Output = Result<T, Refusal>> + Send + 'static,
+{
     // In a task, so that a caller that hangs up does not cancel the work halfway.
-    match tokio::spawn(work.in_current_span()).await {
+    match tokio::spawn(call(host.clone()).in_current_span()).await {
         Ok(answer) => answer.map_err(Failure::from),
-        Err(broken) => Err(ServerFault::log(attempt, broken).into()),
+        Err(broken) => Err(Failure::server(attempt, broken)),
     }
 }
 
@@ -189,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn details_of_a_server_fault_stay_in_the_log() {
+    fn server_fault_details_stay_in_the_log() {
         let status = Status::from(Failure::from(Refusal::internal("target 17 is a sofa")));
         assert_eq!(status.code(), Code::Internal);
         assert!(!status.message().contains("sofa"), "{}", status.message());
@@ -197,9 +169,10 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_panic_of_the_host_is_a_server_fault() {
-        let failure = call_host::<()>("test", async { panic!("secret") }).await.unwrap_err();
-        assert_eq!(failure.reason(), Reason::Internal);
-        assert!(!failure.message().contains("secret"));
+    async fn host_panics_are_server_faults() {
+        let failure =
+            call_host::<_, (), _>("test", &Arc::new(()), |_| async { panic!("secret") }).await.unwrap_err();
+        assert_eq!(failure.reason, Reason::Internal);
+        assert!(!failure.message.contains("secret"));
     }
 }

@@ -6,9 +6,10 @@ use crate::{
     refusal::Refusal,
 };
 use avln_proto::v1::{self, Reason};
+use parking_lot::Mutex;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
 };
 use tokio::{
     sync::watch,
@@ -47,7 +48,6 @@ struct HandedOver<S> {
 struct SessionEntry<S> {
     guard: u64,
     team: String,
-    /// Slots granted to the session.
     slots: u32,
     attachment: watch::Sender<Attachment>,
     /// Closed when the guard is dropped.
@@ -82,16 +82,10 @@ impl<S> SessionRegistry<S> {
         Arc::new(Self { entries: Mutex::new(entries), summary: watch::Sender::default(), limits })
     }
 
-    fn entries(&self) -> MutexGuard<'_, SessionEntries<S>> {
-        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Returns whether the server stops.
     pub(crate) fn is_shut(&self) -> bool {
         self.summary.borrow().is_shut
     }
 
-    /// Waits until the server stops.
     pub(crate) async fn shutting(&self) {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.is_shut).await;
@@ -135,14 +129,14 @@ impl<S> SessionRegistry<S> {
     }
 
     fn request_stop(&self, run: &str, reason: StopReason) -> Option<watch::Receiver<()>> {
-        let entries = self.entries();
+        let entries = self.entries.lock();
         let entry = entries.by_run.get(run)?;
         entry.apply(AttachmentEvent::Stopped(reason));
         Some(entry.over.clone())
     }
 
     fn claim(self: &Arc<Self>, run: &str) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
-        let mut entries = self.entries();
+        let mut entries = self.entries.lock();
         // Under the same lock as `shut`: either this call is refused, or `shut` finds the entry and stops it.
         self.check_open()?;
         if entries.by_run.contains_key(run) {
@@ -175,17 +169,16 @@ impl<S> SessionRegistry<S> {
 
     /// Returns a run token's unary client, unless the session ends.
     pub(crate) fn unary_client(&self, token: &str) -> Option<Arc<UnaryClient<S>>> {
-        let entries = self.entries();
+        let entries = self.entries.lock();
         let entry = entries.by_run.get(entries.run_of_token.get(token)?)?;
         entry.unary.clone().filter(|_| *entry.attachment.borrow() == Attachment::Unary)
     }
 
     /// Removes the session that guard number `guard` handed over, if no connection took it.
-    ///
-    /// The session does not identify the hand-over: one session passes through many of them, and a late call for an
-    /// earlier one must not remove it.
     pub(crate) fn take_unclaimed(&self, run: &str, guard: u64) -> Option<Arc<S>> {
-        let mut entries = self.entries();
+        // The session does not identify the hand-over: one session passes through several, and a late call for an earlier
+        // hand-over must not remove it.
+        let mut entries = self.entries.lock();
         let is_unclaimed = entries.handed_over.get(run).is_some_and(|waiting| waiting.guard == guard);
         if is_unclaimed { entries.handed_over.remove(run).map(|waiting| waiting.session) } else { None }
     }
@@ -193,7 +186,7 @@ impl<S> SessionRegistry<S> {
     /// Admits no further session, stops all, and waits until they are over. Returns sessions between two connections.
     pub(crate) async fn shut(&self) -> Vec<Arc<S>> {
         {
-            let entries = self.entries();
+            let entries = self.entries.lock();
             self.summary.send_modify(|summary| summary.is_shut = true);
             for entry in entries.by_run.values() {
                 entry.apply(AttachmentEvent::Stopped(StopReason::Draining));
@@ -202,7 +195,7 @@ impl<S> SessionRegistry<S> {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.sessions == 0).await;
         // The connections that would have resumed these sessions are refused from now on.
-        let unclaimed = std::mem::take(&mut self.entries().handed_over);
+        let unclaimed = std::mem::take(&mut self.entries.lock().handed_over);
         unclaimed.into_values().map(|waiting| waiting.session).collect()
     }
 }
@@ -227,10 +220,9 @@ impl<S> SessionEntries<S> {
 }
 
 impl<S> SessionGuard<S> {
-    /// Grants slots: the smaller of `wished` and the team's share, but at least 1 and at least `held`, the number needed for
-    /// open episodes.
+    /// Grants slots: `wished`, up to the team's share, but at least 1 and at least the `held` slots with open episodes.
     pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         let share = entries.share(team, self.registry.limits.max_slots);
         let granted = wished.min(share).max(held).max(1);
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
@@ -240,9 +232,8 @@ impl<S> SessionGuard<S> {
         granted
     }
 
-    /// Records a change of the attachment.
     pub(crate) fn apply(&self, event: AttachmentEvent) {
-        if let Some(entry) = self.registry.entries().by_run.get(&self.run) {
+        if let Some(entry) = self.registry.entries.lock().by_run.get(&self.run) {
             entry.apply(event);
         }
     }
@@ -257,7 +248,7 @@ impl<S> SessionGuard<S> {
 
     /// Makes the session available to unary calls with this token.
     pub(crate) fn attach_unary(&self, token: &str, client: Arc<UnaryClient<S>>) {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         entries.run_of_token.insert(token.to_owned(), self.run.clone());
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
             entry.unary = Some(client);
@@ -269,11 +260,10 @@ impl<S> SessionGuard<S> {
     pub(crate) fn hand_over(self, session: Arc<S>) -> u64 {
         let guard = self.number;
         // Before the guard is dropped, which wakes that connection.
-        self.registry.entries().handed_over.insert(self.run.clone(), HandedOver { guard, session });
+        self.registry.entries.lock().handed_over.insert(self.run.clone(), HandedOver { guard, session });
         guard
     }
 
-    /// Waits until the session must end.
     pub(crate) async fn stopped(&mut self) -> StopReason {
         let closing = self.attachment.wait_for(|attachment| attachment.stop_reason().is_some()).await;
         // The sender lives in the registry as long as this guard. Draining would lose no episode.
@@ -283,7 +273,7 @@ impl<S> SessionGuard<S> {
 
 impl<S> Drop for SessionGuard<S> {
     fn drop(&mut self) {
-        let mut entries = self.registry.entries();
+        let mut entries = self.registry.entries.lock();
         if entries.by_run.get(&self.run).is_some_and(|entry| entry.guard == self.number) {
             entries.by_run.remove(&self.run);
             entries.run_of_token.retain(|_, run| *run != self.run);
@@ -318,7 +308,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_session_that_does_not_end_costs_a_bounded_wait() {
+    async fn waiting_for_a_stuck_session_is_bounded() {
         let registry = registry(4);
         let _first = registry.enter("run_a", StopReason::Superseded).await.unwrap();
         let before = Instant::now();
@@ -345,7 +335,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_late_cleanup_spares_a_session_that_is_handed_over_again() {
+    async fn late_cleanup_spares_sessions_handed_over_again() {
         let registry = registry(4);
         let session = Arc::new(());
         let (first, _) = registry.enter("run_a", StopReason::Resumed).await.unwrap();

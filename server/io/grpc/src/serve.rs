@@ -1,7 +1,24 @@
-//! HTTP/2 server: connections after the handshake, and shutdown.
+//! HTTP/2 server: connections after the handshake, shutdown, and the Info and Play services.
 
-use crate::{context::ServiceContext, host::Host, limits::Limits, reaper, service};
+use crate::{
+    context::{Reply, ServiceContext, bearer},
+    control::Control,
+    host::Host,
+    limits::Limits,
+    outbound::{Frames, outbound},
+    play_stream::PlayStream,
+    refusal::call_host,
+    run_service::RunCalls,
+    unary::UnaryCall,
+    wire,
+};
 use avln_net::{AcceptLimits, AcceptLoop, Connection, Listener, Meter, Metered};
+use avln_proto::v1::{
+    self,
+    info_service_server::{InfoService, InfoServiceServer},
+    play_service_server::{PlayService, PlayServiceServer},
+    run_service_server::RunServiceServer,
+};
 use hyper::{body::Incoming, server::conn::http2, service::service_fn};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use std::{
@@ -14,7 +31,8 @@ use std::{
     time::Duration,
 };
 use tokio::time::{Instant, sleep_until, timeout};
-use tonic::service::Routes;
+use tonic::{Request, Response, Streaming, service::Routes};
+use tonic_health::server::HealthReporter;
 use tower::Service;
 
 /// Pause after a failed accept.
@@ -56,23 +74,32 @@ pub async fn serve<H: Host>(
 ) -> Result<(), ServeError> {
     let context = ServiceContext::new(host, limits);
     let limits = context.limits.clone();
-    let (routes, health) = service::routes(&context).await?;
+    let (routes, health) = routes(&context).await?;
     // Claimed before the first client is admitted, which otherwise could start its run over.
-    for guard in reaper::claim_interrupted(&context).await {
-        tokio::spawn(reaper::restore(context.clone(), guard));
+    for guard in context.claim_interrupted().await {
+        tokio::spawn(context.clone().restore(guard));
     }
-    let mut accept = AcceptLoop::new(listener, accept_limits(&limits));
+    let accept_limits = AcceptLimits {
+        max_connections: limits.max_connections,
+        max_connections_per_address: limits.max_connections_per_address,
+        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
+        waits_when_full: false,
+        handshake: limits.first_request,
+        failure_pause: ACCEPT_PAUSE,
+        max_failures: None,
+    };
+    let mut accept = AcceptLoop::new(listener, accept_limits);
     tokio::select! {
         error = accept.run({
             let limits = limits.clone();
             move |connection| serve_connection(connection, limits.clone(), routes.clone())
         }) => tracing::error!(%error, "the accept loop ended"),
-        () = reaper::end_expired_runs(context.clone()) => {}
-        () = reaper::end_cancelled_runs(context.clone()) => {}
+        () = context.end_expired_runs() => {}
+        () = context.end_cancelled_runs() => {}
         () = shutdown => {}
     }
     let connections = accept.stop_listening();
-    service::set_health::<H>(&health, false).await;
+    set_health::<H>(&health, false).await;
     // Sessions before connections: clients must receive the notice of the stop on their streams.
     let end_sessions = async {
         for session in context.registry.shut().await {
@@ -88,21 +115,9 @@ pub async fn serve<H: Host>(
     Ok(())
 }
 
-fn accept_limits(limits: &Limits) -> AcceptLimits {
-    AcceptLimits {
-        max_connections: limits.max_connections,
-        max_connections_per_address: limits.max_connections_per_address,
-        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
-        waits_when_full: false,
-        handshake: limits.first_request,
-        failure_pause: ACCEPT_PAUSE,
-        max_failures: None,
-    }
-}
-
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.
 async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: Routes) {
-    let Connection { stream, opened, place, mut closing, .. } = connection;
+    let Connection { stream, opened, permit, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
     let seen = Arc::new(AtomicBool::new(false));
     let service = service_fn({
@@ -145,7 +160,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
     }
     if meter.exceeds(i64::from(limits.header_bytes)) {
         tracing::warn!("connection closed: its client sent excessive data");
-        place.delay_others(Instant::now() + PENALTY);
+        permit.delay_others(Instant::now() + PENALTY);
     }
 }
 
@@ -164,4 +179,108 @@ fn configure(limits: &Limits) -> http2::Builder<TokioExecutor> {
         .keep_alive_interval(limits.keepalive_interval)
         .keep_alive_timeout(limits.keepalive_timeout);
     builder
+}
+
+/// Creates all services, with health and reflection, and the reporter that sets the health.
+pub(crate) async fn routes<H: Host>(
+    context: &Arc<ServiceContext<H>>,
+) -> Result<(Routes, HealthReporter), tonic_reflection::server::Error> {
+    let Limits { decode_bytes, encode_bytes, .. } = *context.limits;
+    let info = InfoServiceServer::new(InfoCalls(context.clone())).max_decoding_message_size(decode_bytes);
+    let run = RunServiceServer::new(RunCalls(context.clone())).max_decoding_message_size(decode_bytes);
+    let play = PlayServiceServer::new(PlayCalls(context.clone()))
+        .max_decoding_message_size(decode_bytes)
+        .max_encoding_message_size(encode_bytes);
+    let (reporter, health) = tonic_health::server::health_reporter();
+    set_health::<H>(&reporter, true).await;
+    let reflection = tonic_reflection::server::Builder::configure()
+        .register_encoded_file_descriptor_set(avln_proto::FILE_DESCRIPTOR_SET)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+        .build_v1()?;
+    let routes =
+        Routes::new(health).add_service(reflection).add_service(info).add_service(run).add_service(play);
+    Ok((routes.prepare(), reporter))
+}
+
+pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
+    use tonic::server::NamedService;
+    use tonic_health::ServingStatus::{NotServing, Serving};
+    let status = if up { Serving } else { NotServing };
+    let names = [
+        "",
+        InfoServiceServer::<InfoCalls<H>>::NAME,
+        RunServiceServer::<RunCalls<H>>::NAME,
+        PlayServiceServer::<PlayCalls<H>>::NAME,
+    ];
+    for name in names {
+        reporter.set_service_status(name, status).await;
+    }
+}
+
+struct InfoCalls<H: Host>(Arc<ServiceContext<H>>);
+
+#[tonic::async_trait]
+impl<H: Host> InfoService for InfoCalls<H> {
+    async fn get_server_info(
+        &self,
+        _: Request<v1::GetServerInfoRequest>,
+    ) -> Reply<v1::GetServerInfoResponse> {
+        let ServiceContext { host, limits, registry, .. } = &*self.0;
+        let draining =
+            registry.is_shut() || host.control().is_some_and(|control| control.draining().is_some());
+        let notice = host.control().map(Control::announcement).unwrap_or_default();
+        Ok(Response::new(wire::server_info(host.info(), limits, draining, notice)))
+    }
+
+    async fn list_phases(&self, request: Request<v1::ListPhasesRequest>) -> Reply<v1::ListPhasesResponse> {
+        let token = match request.metadata().contains_key("authorization") {
+            true => Some(bearer(request.metadata())?),
+            false => None,
+        };
+        let phases = call_host("list phases", &self.0.host, |host| async move {
+            let account = match token {
+                Some(token) => Some(host.account(&token).await?),
+                None => None,
+            };
+            host.phases(account.as_ref()).await
+        });
+        let phases = phases.await?;
+        let phases = phases.into_iter().map(wire::phase).collect();
+        Ok(Response::new(v1::ListPhasesResponse { phases }))
+    }
+}
+
+struct PlayCalls<H: Host>(Arc<ServiceContext<H>>);
+
+#[tonic::async_trait]
+impl<H: Host> PlayService for PlayCalls<H> {
+    type PlayStream = Frames;
+
+    async fn play(&self, request: Request<Streaming<v1::PlayRequest>>) -> Reply<Self::PlayStream> {
+        let context = self.0.clone();
+        let token = bearer(request.metadata())?;
+        context.registry.check_open()?;
+        let open = context.any_run(&token).await?;
+        // Two frames per slot: an observation and the end of its episode.
+        let (out, frames) = outbound(2 * open.slot_limit() as usize, context.limits.reader_stall);
+        let stream = PlayStream { context, token, inbound: request.into_inner(), out };
+        // In a task, so that episodes are stored even if the connection is cut.
+        tokio::spawn(stream.run());
+        Ok(Response::new(frames))
+    }
+
+    async fn reset(&self, request: Request<v1::ResetRequest>) -> Reply<v1::ResetResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.reset(request.into_inner()).await?))
+    }
+
+    async fn step(&self, request: Request<v1::StepRequest>) -> Reply<v1::StepResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.step(request.into_inner()).await?))
+    }
+
+    async fn end(&self, request: Request<v1::EndRequest>) -> Reply<v1::EndResponse> {
+        let call = UnaryCall::new(&self.0, request.metadata())?;
+        Ok(Response::new(call.end(request.into_inner()).await?))
+    }
 }

@@ -1,25 +1,25 @@
 //! Thread pool for simulation.
 
 use crate::{
-    episode::{Episode, HostedEpisode},
+    host::{Episode, HostedEpisode},
     limits::Limits,
-    refusal::ServerFault,
+    refusal::{Failure, Result},
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
+use parking_lot::{Condvar, Mutex};
 use std::{
     collections::{BTreeMap, VecDeque},
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     thread,
     time::{Duration, Instant},
 };
 use tokio::sync::oneshot;
 use tracing::Span;
 
-/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced.
-///
-/// Clones share the threads, which end with the last clone.
+/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced. Clones share
+/// the threads, which end with the last clone.
 #[derive(Clone)]
 pub(crate) struct SimPool(Arc<PoolOwner>);
 
@@ -54,10 +54,7 @@ impl SimPool {
         Self(Arc::new(PoolOwner(state)))
     }
 
-    /// Runs a team's job in turn and waits for the result.
-    ///
-    /// # Errors
-    /// If the job panics, or does not commit within `limit` after the start.
+    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         team: &str,
@@ -75,17 +72,13 @@ impl SimPool {
         let token = Arc::new(CancelToken::default());
         let job = Job { limit, token: token.clone(), body: Box::new(body) };
         let PoolOwner(state) = &*self.0;
-        state.queue().jobs.push(team, job);
+        state.queue.lock().jobs.push(team, job);
         state.changed.notify_one();
         settle(limit, &token, result).await
     }
 }
 
 impl PoolState {
-    fn queue(&self) -> MutexGuard<'_, JobQueue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn spawn_worker(self: &Arc<Self>) {
         let state = self.clone();
         let spawned = thread::Builder::new().name("avln-simulate".to_owned()).spawn(move || state.work());
@@ -101,26 +94,26 @@ impl PoolState {
             let state = self.clone();
             let abandoned_team = team.clone();
             let replace = move || {
-                state.queue().jobs.done(&abandoned_team, limit);
+                state.queue.lock().jobs.done(&abandoned_team, limit);
                 state.spawn_worker();
             };
             // An abandoned thread was already replaced: it must not take another job.
             if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
                 return;
             }
-            self.queue().jobs.done(&team, begun.elapsed());
+            self.queue.lock().jobs.done(&team, begun.elapsed());
         }
     }
 
     fn next(&self) -> Option<(String, Job)> {
-        let mut queue = self.queue();
+        let mut queue = self.queue.lock();
         loop {
             if queue.is_closed {
                 return None;
             }
             match queue.jobs.take() {
                 Some(next) => return Some(next),
-                None => queue = self.changed.wait(queue).unwrap_or_else(PoisonError::into_inner),
+                None => self.changed.wait(&mut queue),
             }
         }
     }
@@ -128,7 +121,7 @@ impl PoolState {
 
 impl Drop for PoolOwner {
     fn drop(&mut self) {
-        self.0.queue().is_closed = true;
+        self.0.queue.lock().is_closed = true;
         self.0.changed.notify_all();
     }
 }
@@ -148,40 +141,35 @@ impl SimClient {
         Self { pool, team, longest_start: limits.preparation, longest_step: limits.step }
     }
 
-    /// Runs simulator work on an episode. A panic is returned as a fault together with the episode.
-    ///
-    /// # Errors
-    /// If the work hangs. The episode is lost with it.
+    /// Runs simulator work on an episode. Returns the episode even after a panic, but not if the work hangs.
     pub(crate) async fn run<E: Episode, T: Send + 'static>(
         &self,
         mut hosted: HostedEpisode<E>,
         limit: Duration,
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(HostedEpisode<E>, Result<T, ServerFault>), ServerFault> {
+    ) -> Result<(HostedEpisode<E>, Result<T>)> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, limit, move |token| {
             let begun = Instant::now();
             // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
             let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
-            let result = result.map_err(|panic| ServerFault::simulator("simulate", panic_message(&*panic)));
+            let result = result.map_err(|panic| Failure::simulator("simulate", panic_message(&*panic)));
             hosted.time.queue += begun - queued;
             hosted.time.simulation += begun.elapsed();
             (hosted, result)
         });
-        done.await.map_err(|lost| ServerFault::simulator("simulate", lost))
+        done.await.map_err(|lost| Failure::simulator("simulate", lost))
     }
 }
 
-/// Ends an episode from outside.
 pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
     // After an earlier panic the simulator may be in any state, and this call may panic too.
     if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
-        ServerFault::simulator("truncate", panic_message(&*panic));
+        Failure::simulator("truncate", panic_message(&*panic));
     }
 }
 
-/// Fair queue of jobs: the team with the least processor time is first, regardless of queue length. Teams that
-/// always have jobs waiting get equal time.
+/// Fair job queue: the team with the least processor time is first, so busy teams get equal time at any queue length.
 #[derive(Debug)]
 struct FairQueue<J> {
     teams: BTreeMap<String, TeamQueue<J>>,
@@ -212,7 +200,6 @@ impl<J> Default for FairQueue<J> {
 }
 
 impl<J> FairQueue<J> {
-    /// Appends a job to a team's queue.
     fn push(&mut self, team: &str, job: J) {
         let level = self.level;
         let queue = self.teams.entry(team.to_owned()).or_insert_with(|| TeamQueue {

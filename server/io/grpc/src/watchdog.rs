@@ -1,12 +1,13 @@
 //! Watchdog for work that may hang. The work runs on system threads outside the async runtime, with a time limit. A thread cannot
 //! be stopped from outside, so a thread that hangs is abandoned and counted.
 
+use parking_lot::{Condvar, Mutex};
 use std::{
     any::Any,
     collections::BTreeMap,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        Arc,
         atomic::{AtomicU8, AtomicU64, AtomicUsize, Ordering},
     },
     thread,
@@ -75,8 +76,8 @@ const COMMITTED: u8 = 1;
 const ABANDONED: u8 = 2;
 
 impl CancelToken {
-    /// Commits the job: the result counts from now on, regardless of the time limit. Returns false if the job was abandoned
-    /// before. Visible effects must come after this call.
+    /// Commits the job: the result counts, regardless of the time limit. Returns false if the job was abandoned before.
+    // Visible effects must come after this call.
     #[must_use]
     pub(crate) fn commit(&self) -> bool {
         // A single atomic exchange decides the race between job and watchdog, so exactly one side wins.
@@ -97,7 +98,6 @@ impl CancelToken {
         self.state.load(Ordering::Acquire) == ABANDONED
     }
 
-    /// Waits until the job is abandoned.
     pub(crate) async fn given_up(&self) {
         self.given_up.notified().await;
     }
@@ -129,17 +129,13 @@ impl Watchdog {
         let held = token.clone();
         let span = Span::current();
         let body = move || {
-            watchdog.watched(
-                limit,
-                &held,
-                || {},
-                || {
-                    let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
-                    if held.commit() {
-                        let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
-                    }
-                },
-            );
+            let work = || {
+                let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
+                if held.commit() {
+                    let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
+                }
+            };
+            watchdog.watched(limit, &held, || {}, work);
         };
         if let Err(error) = thread::Builder::new().name("avln-work".to_owned()).spawn(body) {
             return Err(Lost::Panicked(format!("cannot start a thread: {error}")));
@@ -147,8 +143,8 @@ impl Watchdog {
         settle(limit, &token, result).await
     }
 
-    /// Runs `work` on this thread. If it does not commit within `limit`, it is abandoned, and the watchdog calls `then` on
-    /// another thread. Returns false if the work was abandoned.
+    /// Runs `work` on this thread. If it does not commit within `limit`, the watchdog abandons it and calls `then` on another
+    /// thread. Returns false if the work was abandoned.
     pub(crate) fn watched(
         &self,
         limit: Duration,
@@ -159,7 +155,7 @@ impl Watchdog {
         let key =
             self.enter(Instant::now() + limit, WatchedJob { token: token.clone(), then: Box::new(then) });
         work();
-        self.state().jobs().watched.remove(&key);
+        self.state().jobs.lock().watched.remove(&key);
         let was_abandoned = token.is_given_up();
         if was_abandoned {
             self.state().hanging.fetch_sub(1, Ordering::Relaxed);
@@ -173,7 +169,7 @@ impl Watchdog {
     }
 
     fn enter(&self, due: Instant, job: WatchedJob) -> (Instant, u64) {
-        let mut jobs = self.state().jobs();
+        let mut jobs = self.state().jobs.lock();
         jobs.next += 1;
         let key = (due, jobs.next);
         jobs.watched.insert(key, job);
@@ -188,13 +184,9 @@ impl Watchdog {
 }
 
 impl WatchdogState {
-    fn jobs(&self) -> MutexGuard<'_, WatchedJobs> {
-        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Abandons overdue jobs until the last clone of the watchdog is dropped.
     fn watch(&self) {
-        let mut jobs = self.jobs();
+        let mut jobs = self.jobs.lock();
         while !jobs.is_closed {
             let now = Instant::now();
             match jobs.watched.first_key_value().map(|(&(due, _), _)| due) {
@@ -203,14 +195,13 @@ impl WatchdogState {
                         // `then` runs without the lock: it may take long and use the watchdog itself.
                         drop(jobs);
                         self.give_up(job);
-                        jobs = self.jobs();
+                        jobs = self.jobs.lock();
                     }
                 }
                 Some(due) => {
-                    let waited = self.changed.wait_timeout(jobs, due - now);
-                    jobs = waited.unwrap_or_else(PoisonError::into_inner).0;
+                    self.changed.wait_until(&mut jobs, due);
                 }
-                None => jobs = self.changed.wait(jobs).unwrap_or_else(PoisonError::into_inner),
+                None => self.changed.wait(&mut jobs),
             }
         }
     }
@@ -230,7 +221,7 @@ impl WatchdogState {
 
 impl Drop for WatchdogOwner {
     fn drop(&mut self) {
-        self.0.jobs().is_closed = true;
+        self.0.jobs.lock().is_closed = true;
         self.0.changed.notify_one();
     }
 }
@@ -248,7 +239,6 @@ pub(crate) async fn settle<T>(
     }
 }
 
-/// Returns a panic's message.
 pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let message = panic.downcast_ref::<&str>().copied();
     let message = message.or_else(|| panic.downcast_ref::<String>().map(String::as_str));

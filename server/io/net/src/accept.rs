@@ -1,11 +1,12 @@
 //! Accept loop: connection limits, TLS handshakes and orderly shutdown.
 
-use crate::{Listener, Stream};
+use crate::listener::{Listener, Stream};
+use parking_lot::Mutex;
 use std::{
     collections::BTreeMap,
     io,
     net::{IpAddr, SocketAddr},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     time::Duration,
 };
 use tokio::{
@@ -22,7 +23,7 @@ pub struct AcceptLimits {
     pub max_connections: usize,
     /// Open connections per address.
     pub max_connections_per_address: usize,
-    /// True if new connections wait in the system's queue while all places are taken, instead of being closed.
+    /// True if connections beyond the limit wait in the system's queue instead of being closed.
     pub waits_when_full: bool,
     /// Time for a TLS handshake.
     pub handshake: Duration,
@@ -57,8 +58,8 @@ pub struct Connection {
     pub peer: SocketAddr,
     /// Start of the handshake.
     pub opened: Instant,
-    /// Place in the limits.
-    pub place: Arc<Place>,
+    /// Permit of the connection limits.
+    pub permit: Arc<ConnectionPermit>,
     /// Signal that the server stops.
     pub closing: Closing,
 }
@@ -91,15 +92,15 @@ impl AcceptLoop {
     {
         let mut failures = 0;
         loop {
-            let permit = if self.limits.waits_when_full { self.limiter.wait().await } else { None };
+            let slot = if self.limits.waits_when_full { self.limiter.wait().await } else { None };
             while self.connections.tasks.try_join_next().is_some() {}
             match self.listener.accept().await {
                 Ok((tcp, peer)) => {
                     failures = 0;
-                    match self.limiter.take(peer.ip(), permit) {
-                        Some(place) => self.spawn(tcp, peer, place, handle.clone()),
+                    match self.limiter.take(peer.ip(), slot) {
+                        Some(permit) => self.spawn(tcp, peer, permit, handle.clone()),
                         // Closing at once is a clearer answer than a connection that never replies.
-                        None => tracing::warn!(%peer, "connection refused: all places are taken"),
+                        None => tracing::warn!(%peer, "connection refused: the connection limit is reached"),
                     }
                 }
                 Err(error) if self.limits.max_failures.is_none_or(|limit| failures < limit) => {
@@ -113,7 +114,7 @@ impl AcceptLoop {
         }
     }
 
-    fn spawn<F, T>(&mut self, tcp: TcpStream, peer: SocketAddr, place: Place, handle: F)
+    fn spawn<F, T>(&mut self, tcp: TcpStream, peer: SocketAddr, permit: ConnectionPermit, handle: F)
     where
         F: Fn(Connection) -> T + Send + 'static,
         T: Future<Output = ()> + Send + 'static,
@@ -124,16 +125,16 @@ impl AcceptLoop {
         self.connections.tasks.spawn(async move {
             // Without it small frames wait for acknowledgements. A socket that refuses the option still works.
             let _ = tcp.set_nodelay(true);
-            if let Some(until) = place.delayed_until() {
+            if let Some(until) = permit.delayed_until() {
                 sleep_until(until).await;
             }
             let opened = Instant::now();
             match handshaker.handshake(tcp, limit).await {
                 Ok(stream) => {
-                    // Kept here as well: a handler that moves only the stream out of the connection must not free the place.
-                    let kept = Arc::new(place);
-                    let place = kept.clone();
-                    handle(Connection { stream, peer, opened, place, closing }).await;
+                    // Kept here as well: a handler that moves only the stream out of the connection must not free the permit.
+                    let kept = Arc::new(permit);
+                    let permit = kept.clone();
+                    handle(Connection { stream, peer, opened, permit, closing }).await;
                     drop(kept);
                 }
                 Err(refused) => tracing::debug!(%peer, %refused, "connection closed"),
@@ -165,12 +166,12 @@ struct ConnectionLimiter {
     delayed: Mutex<BTreeMap<IpAddr, Instant>>,
 }
 
-/// An open connection's place, until it is dropped.
+/// An open connection's permit, until it is dropped.
 #[derive(Debug)]
-pub struct Place {
+pub struct ConnectionPermit {
     limiter: Arc<ConnectionLimiter>,
     address: IpAddr,
-    _permit: OwnedSemaphorePermit,
+    _slot: OwnedSemaphorePermit,
 }
 
 impl ConnectionLimiter {
@@ -179,49 +180,44 @@ impl ConnectionLimiter {
         Arc::new(Self { total, by_address: Mutex::default(), limit_per_address, delayed: Mutex::default() })
     }
 
-    /// Waits for a place.
     async fn wait(&self) -> Option<OwnedSemaphorePermit> {
         self.total.clone().acquire_owned().await.ok()
     }
 
-    /// Takes a place for a connection from `address`; `None` if a limit is reached.
-    fn take(self: &Arc<Self>, address: IpAddr, permit: Option<OwnedSemaphorePermit>) -> Option<Place> {
-        let permit = permit.or_else(|| self.total.clone().try_acquire_owned().ok())?;
-        let mut by_address = self.by_address();
+    /// Returns a permit for a connection from `address`; `None` if a limit is reached.
+    fn take(
+        self: &Arc<Self>,
+        address: IpAddr,
+        slot: Option<OwnedSemaphorePermit>,
+    ) -> Option<ConnectionPermit> {
+        let slot = slot.or_else(|| self.total.clone().try_acquire_owned().ok())?;
+        let mut by_address = self.by_address.lock();
         let here = by_address.get(&address).copied().unwrap_or(0);
         if here >= self.limit_per_address {
             return None;
         }
         by_address.insert(address, here + 1);
-        Some(Place { limiter: self.clone(), address, _permit: permit })
-    }
-
-    fn by_address(&self) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
-        self.by_address.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn delayed(&self) -> MutexGuard<'_, BTreeMap<IpAddr, Instant>> {
-        self.delayed.lock().unwrap_or_else(PoisonError::into_inner)
+        Some(ConnectionPermit { limiter: self.clone(), address, _slot: slot })
     }
 }
 
-impl Place {
+impl ConnectionPermit {
     /// Delays new connections from this address.
     pub fn delay_others(&self, until: Instant) {
-        self.limiter.delayed().insert(self.address, until);
+        self.limiter.delayed.lock().insert(self.address, until);
     }
 
     /// Returns the end of this connection's delay.
     fn delayed_until(&self) -> Option<Instant> {
-        let mut delayed = self.limiter.delayed();
+        let mut delayed = self.limiter.delayed.lock();
         delayed.retain(|_, until| *until > Instant::now());
         delayed.get(&self.address).copied()
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionPermit {
     fn drop(&mut self) {
-        let mut by_address = self.limiter.by_address();
+        let mut by_address = self.limiter.by_address.lock();
         match by_address.get_mut(&self.address) {
             Some(count) if *count > 1 => *count -= 1,
             _ => drop(by_address.remove(&self.address)),
@@ -234,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_limited_in_total_and_per_address() {
+    fn permits_are_limited_in_total_and_per_address() {
         let limiter = ConnectionLimiter::new(3, 2);
         let address = |last| IpAddr::from([127, 0, 0, last]);
         let first = limiter.take(address(1), None).unwrap();
@@ -250,10 +246,10 @@ mod tests {
     async fn a_penalty_delays_only_its_address() {
         let limiter = ConnectionLimiter::new(9, 9);
         let [first, second] = [1, 2].map(|last| IpAddr::from([127, 0, 0, last]));
-        let place = limiter.take(first, None).unwrap();
-        assert_eq!(place.delayed_until(), None);
+        let permit = limiter.take(first, None).unwrap();
+        assert_eq!(permit.delayed_until(), None);
         let until = Instant::now() + Duration::from_secs(1);
-        place.delay_others(until);
+        permit.delay_others(until);
         assert_eq!(limiter.take(first, None).unwrap().delayed_until(), Some(until));
         assert_eq!(limiter.take(second, None).unwrap().delayed_until(), None);
         tokio::time::advance(Duration::from_secs(1)).await;

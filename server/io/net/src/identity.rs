@@ -1,10 +1,10 @@
 //! Certificates and keys, reloaded when the files change.
 
-use crate::Protocol;
+use parking_lot::Mutex;
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     time::{Duration, Instant, SystemTime},
 };
 use tokio_rustls::{
@@ -23,34 +23,18 @@ use tokio_rustls::{
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Certificate or key error.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read as PEM.
     #[error("{what} {}: {problem}; give a PEM file", path.display())]
-    File {
-        /// Expected content.
-        what: &'static str,
-        /// Path of the file.
-        path: PathBuf,
-        /// Problem with it.
-        problem: String,
-    },
+    File { what: &'static str, path: PathBuf, problem: String },
     /// Certificate and key do not match.
     #[error("the key in {} is not that of the certificate in {}; give the two that were issued together", key.display(), certificate.display())]
-    WrongPair {
-        /// File of the certificate.
-        certificate: PathBuf,
-        /// File of the key.
-        key: PathBuf,
-    },
+    WrongPair { certificate: PathBuf, key: PathBuf },
     /// The certificate is unsuitable for a server.
     #[error("the certificate in {}: {problem}; have another issued", certificate.display())]
-    Certificate {
-        /// File of the certificate.
-        certificate: PathBuf,
-        /// Problem with it.
-        problem: String,
-    },
+    Certificate { certificate: PathBuf, problem: String },
 }
 
 /// TLS identity: certificate and key.
@@ -68,7 +52,7 @@ impl Identity {
     /// If a file cannot be read or has other content, or certificate and key do not match.
     pub fn read(certificate: &Path, key: &Path) -> Result<Self, TlsError> {
         let files = ReloadingFiles::read(certificate, key)?;
-        let warning = out_of_date(&files.loaded().certified.cert)
+        let warning = out_of_date(&files.loaded.lock().certified.cert)
             .map(|problem| format!("the certificate in {} {problem}", certificate.display()));
         let config = ServerConfig::builder_with_provider(provider())
             .with_safe_default_protocol_versions()
@@ -83,9 +67,9 @@ impl Identity {
         self.warning.as_deref()
     }
 
-    pub(crate) fn acceptor(&self, protocol: Protocol) -> TlsAcceptor {
+    pub(crate) fn acceptor(&self, protocol_name: &[u8]) -> TlsAcceptor {
         let mut config = self.config.clone();
-        config.alpn_protocols = vec![protocol.name().to_vec()];
+        config.alpn_protocols = vec![protocol_name.to_vec()];
         TlsAcceptor::from(Arc::new(config))
     }
 }
@@ -123,10 +107,6 @@ impl ReloadingFiles {
         Ok(Self { certificate: certificate.to_owned(), key: key.to_owned(), loaded })
     }
 
-    fn loaded(&self) -> MutexGuard<'_, LoadedPair> {
-        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Reloads the files if they have changed.
     fn refresh(&self, loaded: &mut LoadedPair) {
         let versions = file_versions(&self.certificate, &self.key);
@@ -151,7 +131,7 @@ impl ReloadingFiles {
 
 impl ResolvesServerCert for ReloadingFiles {
     fn resolve(&self, _: ClientHello<'_>) -> Option<Arc<CertifiedKey>> {
-        let mut loaded = self.loaded();
+        let mut loaded = self.loaded.lock();
         // Blocking calls in an async task, but short and at most once a second.
         if loaded.checked.elapsed() >= CHECK_INTERVAL {
             loaded.checked = Instant::now();
@@ -191,7 +171,7 @@ fn read_chain(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
 
 fn not_pem(what: &'static str, path: &Path, error: &pem::Error) -> TlsError {
     let problem = match error {
-        pem::Error::NoItemsFound => format!("it holds no {what}"),
+        pem::Error::NoItemsFound => format!("the file contains no {what}"),
         pem::Error::Io(error) => format!("it cannot be read: {error}"),
         other => format!("it is damaged: {other}"),
     };
@@ -257,7 +237,7 @@ mod tests {
         let files =
             ReloadingFiles::read(&folder.path().join("cert.pem"), &folder.path().join("key.pem")).unwrap();
         let served = || {
-            let mut loaded = files.loaded();
+            let mut loaded = files.loaded.lock();
             files.refresh(&mut loaded);
             loaded.certified.cert[0].to_vec()
         };

@@ -2,15 +2,13 @@
 //!
 //! Start at [`Identity`], which reads certificates, [`Listener`] and [`AcceptLoop`].
 //!
-//! *Never*: lets a silent client keep a place, since handshakes have a time limit; leaves a client that sends plain text to a
+//! *Never*: lets a silent client use up a connection, since handshakes have a time limit; leaves a client that sends plain text to a
 //! TLS port without an answer.
 
 mod accept;
 mod identity;
 mod listener;
-mod meter;
 
-pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, Connections, Place};
+pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections};
 pub use identity::{Identity, TlsError};
-pub use listener::{HandshakeError, Handshaker, Listener, Protocol, Stream};
-pub use meter::{Meter, Metered};
+pub use listener::{HandshakeError, Handshaker, Listener, Meter, Metered, Protocol, Stream};

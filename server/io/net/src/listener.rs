@@ -1,10 +1,14 @@
-//! Listeners, TLS handshakes and byte streams.
+//! Listeners, TLS handshakes, byte streams, and detection of clients that send more than their requests need.
 
-use crate::Identity;
+use crate::identity::Identity;
 use std::{
     io,
     net::SocketAddr,
     pin::Pin,
+    sync::{
+        Arc,
+        atomic::{AtomicI64, Ordering},
+    },
     task::{Context, Poll},
     time::Duration,
 };
@@ -14,6 +18,7 @@ use tokio::{
     time::{error::Elapsed, timeout},
 };
 use tokio_rustls::{TlsAcceptor, server::TlsStream};
+use tokio_util::either::Either;
 
 /// Application protocol inside TLS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,7 +79,7 @@ impl From<TcpListener> for Listener {
 impl Listener {
     /// Creates a listener that uses TLS if there is an identity.
     pub fn new(tcp: TcpListener, identity: Option<&Identity>, protocol: Protocol) -> Self {
-        let tls = identity.map(|identity| (identity.acceptor(protocol), protocol));
+        let tls = identity.map(|identity| (identity.acceptor(protocol.name()), protocol));
         Self { tcp, handshaker: Handshaker(tls) }
     }
 
@@ -122,7 +127,7 @@ impl Handshaker {
     /// If the client does not complete the handshake.
     pub async fn handshake(&self, tcp: TcpStream, limit: Duration) -> Result<Stream, HandshakeError> {
         match &self.0 {
-            None => Ok(Stream::Plain(tcp)),
+            None => Ok(Either::Left(tcp)),
             Some((acceptor, protocol)) => timeout(limit, secure(acceptor, *protocol, tcp)).await?,
         }
     }
@@ -142,7 +147,7 @@ async fn secure(
         copy(&mut tcp.take(MAX_PLAIN_TEXT), &mut sink()).await?;
         return Err(HandshakeError::PlainText);
     }
-    Ok(Stream::Secure(Box::new(acceptor.accept(tcp).await?)))
+    Ok(Either::Right(Box::new(acceptor.accept(tcp).await?)))
 }
 
 impl std::fmt::Debug for Handshaker {
@@ -151,56 +156,143 @@ impl std::fmt::Debug for Handshaker {
     }
 }
 
-/// A connection's byte stream.
+/// A connection's byte stream: plain text or TLS.
+pub type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
+
+/// Received bytes, minus sent bytes and an allowance per request.
+///
+/// Clients send little and receive much, so a flood of headers, frames or pings without requests makes the excess grow.
 #[derive(Debug)]
-pub enum Stream {
-    /// Plain text.
-    Plain(TcpStream),
-    /// TLS.
-    Secure(Box<TlsStream<TcpStream>>),
+pub struct Meter {
+    excess: AtomicI64,
+    limit: i64,
 }
 
-/// Forwards a method call to the variant.
-macro_rules! to_either {
-    ($stream:expr, $method:ident $(, $argument:expr)*) => {
-        match $stream.get_mut() {
-            Stream::Plain(stream) => Pin::new(stream).$method($($argument),*),
-            Stream::Secure(stream) => Pin::new(stream.as_mut()).$method($($argument),*),
+impl Meter {
+    /// Creates a meter with a limit for the excess, bytes.
+    pub fn new(limit: i64) -> Arc<Self> {
+        Arc::new(Self { excess: AtomicI64::new(0), limit })
+    }
+
+    /// Returns whether the excess is above the limit.
+    pub fn is_full(&self) -> bool {
+        self.exceeds(self.limit)
+    }
+
+    /// Returns whether the excess is above `bytes`.
+    pub fn exceeds(&self, bytes: i64) -> bool {
+        self.excess.load(Ordering::Relaxed) > bytes
+    }
+
+    /// Adds to the allowance, bytes.
+    pub fn allow(&self, bytes: usize) {
+        self.count(-i64::try_from(bytes).unwrap_or(i64::MAX));
+    }
+
+    fn count(&self, bytes: i64) {
+        let sum = self.excess.load(Ordering::Relaxed).saturating_add(bytes);
+        // Bounded: an honest connection must not save credit for a later flood.
+        self.excess.store(sum.max(-self.limit), Ordering::Relaxed);
+    }
+}
+
+/// A stream with a meter, which fails when the excess is above the limit.
+#[derive(Debug)]
+pub struct Metered<S> {
+    inner: S,
+    meter: Arc<Meter>,
+}
+
+impl<S> Metered<S> {
+    /// Attaches a meter to a stream.
+    pub fn new(inner: S, meter: Arc<Meter>) -> Self {
+        Self { inner, meter }
+    }
+
+    fn wrote(&self, outcome: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
+        if let Poll::Ready(Ok(bytes)) = outcome {
+            self.meter.allow(bytes);
         }
-    };
-}
-
-impl AsyncRead for Stream {
-    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        to_either!(self, poll_read, cx, buf)
+        outcome
     }
 }
 
-impl AsyncWrite for Stream {
-    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
-        to_either!(self, poll_write, cx, buf)
+impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buf: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buf.filled().len();
+        let outcome = Pin::new(&mut self.inner).poll_read(cx, buf);
+        self.meter.count((buf.filled().len() - before) as i64);
+        if self.meter.is_full() {
+            return Poll::Ready(Err(io::Error::other("the peer sends excessive data")));
+        }
+        outcome
     }
+}
 
-    fn poll_flush(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        to_either!(self, poll_flush, cx)
-    }
-
-    fn poll_shutdown(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        to_either!(self, poll_shutdown, cx)
+impl<S: AsyncWrite + Unpin> AsyncWrite for Metered<S> {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let outcome = Pin::new(&mut self.inner).poll_write(cx, bytes);
+        self.wrote(outcome)
     }
 
     fn poll_write_vectored(
-        self: Pin<&mut Self>,
+        mut self: Pin<&mut Self>,
         cx: &mut Context<'_>,
-        bufs: &[io::IoSlice<'_>],
+        parts: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        to_either!(self, poll_write_vectored, cx, bufs)
+        let outcome = Pin::new(&mut self.inner).poll_write_vectored(cx, parts);
+        self.wrote(outcome)
     }
 
     fn is_write_vectored(&self) -> bool {
-        match self {
-            Self::Plain(stream) => stream.is_write_vectored(),
-            Self::Secure(stream) => stream.is_write_vectored(),
+        self.inner.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.inner).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.inner).poll_shutdown(cx)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+
+    #[tokio::test]
+    async fn answered_and_allowed_bytes_do_not_count() {
+        let (mut peer, server) = duplex(1 << 16);
+        let meter = Meter::new(1000);
+        let mut server = Metered::new(server, meter.clone());
+        let mut buffer = [0; 900];
+        for _ in 0..5 {
+            peer.write_all(&[1; 900]).await.unwrap();
+            server.read_exact(&mut buffer).await.unwrap();
+            server.write_all(&[2; 600]).await.unwrap();
+            meter.allow(300);
         }
+        assert!(!meter.is_full());
+        peer.write_all(&[1; 900]).await.unwrap();
+        server.read_exact(&mut buffer).await.unwrap();
+        peer.write_all(&[1; 900]).await.unwrap();
+        let error = server.read_exact(&mut buffer).await.unwrap_err();
+        assert!(meter.is_full() && error.to_string().contains("excessive"), "{error}");
+    }
+
+    #[test]
+    fn credit_is_bounded() {
+        let meter = Meter::new(1000);
+        meter.allow(1 << 30);
+        meter.count(1999);
+        assert!(!meter.is_full());
+        meter.count(2);
+        assert!(meter.is_full());
     }
 }

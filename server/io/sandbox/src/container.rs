@@ -1,3 +1,4 @@
+use crate::plan::SandboxPlan;
 use std::path::{Path, PathBuf};
 
 /// A program that runs containers.
@@ -12,32 +13,32 @@ pub enum Engine {
 /// A containerised agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Container {
-    /// The image.
+    /// Container image.
     pub image: String,
-    /// Program and arguments of the agent; empty: the default of the image.
+    /// The agent's program and arguments; empty for the image's default.
     pub command: Vec<String>,
-    /// Name for the container.
+    /// Container name.
     pub name: String,
     /// Folder with the server's socket.
     pub folder: PathBuf,
-    /// User and group that own the folder.
+    /// The folder's user and group.
     pub owner: (u32, u32),
-    /// Memory for all of the agent, MiB; `None`: any.
+    /// Memory limit for the whole container, MiB; `None` for no limit.
     pub memory_mib: Option<u32>,
-    /// Devices that the agent may use.
+    /// Permitted devices.
     pub devices: Vec<PathBuf>,
 }
 
-/// Path of the folder inside the container.
+/// The folder's path inside the container.
 const INSIDE: &str = "/avln";
-/// Most processes and threads.
+/// Maximum processes and threads.
 const PROCESSES: u32 = 4096;
 
 impl Engine {
     /// Supported engines, preferred first.
     pub const ALL: [Self; 2] = [Self::Podman, Self::Docker];
 
-    /// Name of the engine program.
+    /// Returns the engine's program name.
     pub fn program(self) -> &'static str {
         match self {
             Self::Podman => "podman",
@@ -45,16 +46,11 @@ impl Engine {
         }
     }
 
-    /// The first engine of which `path`, a list as in `PATH`, has the program.
+    /// Returns the first engine with a program in `path`, a list as in `PATH`.
     pub fn find(path: &std::ffi::OsStr) -> Option<Self> {
         let is_there =
             |engine: &Self| std::env::split_paths(path).any(|dir| dir.join(engine.program()).is_file());
         Self::ALL.into_iter().find(is_there)
-    }
-
-    /// Arguments that end a container at once.
-    pub fn kill(name: &str) -> [&str; 2] {
-        ["kill", name]
     }
 }
 
@@ -69,15 +65,11 @@ impl Container {
         "own processes, users and mounts by the container engine",
     ];
 
-    /// Arguments of the engine's program. The token is not among them: it comes by the environment.
+    /// Returns the engine arguments that run the container. The token is in the environment.
     pub fn arguments(&self, engine: Engine) -> Vec<String> {
-        let mut arguments: Vec<String> =
-            ["run", "--rm", "--interactive=false", "--network", "none", "--read-only"]
-                .map(String::from)
-                .into();
+        let fixed = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges";
+        let mut arguments: Vec<String> = fixed.split(' ').map(String::from).collect();
         let mut add = |flag: &str, value: String| arguments.extend([flag.to_owned(), value]);
-        add("--cap-drop", "ALL".to_owned());
-        add("--security-opt", "no-new-privileges".to_owned());
         add("--pids-limit", PROCESSES.to_string());
         if let Some(mib) = self.memory_mib {
             add("--memory", format!("{mib}m"));
@@ -85,6 +77,7 @@ impl Container {
         }
         add("--tmpfs", "/tmp:rw,nosuid,nodev,size=1g".to_owned());
         add("--volume", format!("{}:{INSIDE}:ro", self.folder.display()));
+        // Podman without root maps the caller's own user into the container; Docker needs the ids.
         match (engine, self.owner) {
             (Engine::Podman, (user, _)) if user != 0 => add("--userns", "keep-id".to_owned()),
             (_, (user, group)) => add("--user", format!("{user}:{group}")),
@@ -94,16 +87,12 @@ impl Container {
         }
         add("--name", self.name.clone());
         add("--env", "HOME=/tmp".to_owned());
-        add("--env", format!("AVLN_SERVER=unix:{}", Self::socket().display()));
+        add("--env", format!("AVLN_SERVER=unix:{}", SandboxPlan::server_socket(Path::new(INSIDE)).display()));
+        // Without a value: command lines are visible to other users, and the engine copies its own variable.
         add("--env", "AVLN_TOKEN".to_owned());
         arguments.push(self.image.clone());
         arguments.extend(self.command.iter().cloned());
         arguments
-    }
-
-    /// Path of the server socket inside the container.
-    fn socket() -> PathBuf {
-        crate::Plan::server_socket(Path::new(INSIDE))
     }
 }
 
@@ -116,7 +105,7 @@ mod tests {
             image: "ada/walker:3".to_owned(),
             command: vec!["python3".to_owned(), "play.py".to_owned()],
             name: "avln-run_1".to_owned(),
-            folder: "/run/cell".into(),
+            folder: "/run/sandbox".into(),
             owner: (1001, 1002),
             memory_mib: Some(2048),
             devices: vec!["/dev/dri".into()],
@@ -124,19 +113,19 @@ mod tests {
     }
 
     #[test]
-    fn docker_gets_everything_that_shuts_the_container() {
+    fn docker_arguments_restrict_the_container() {
         let expected = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges \
              --pids-limit 4096 --memory 2048m --memory-swap 2048m --tmpfs /tmp:rw,nosuid,nodev,size=1g \
-             --volume /run/cell:/avln:ro --user 1001:1002 --device /dev/dri --name avln-run_1 --env HOME=/tmp \
+             --volume /run/sandbox:/avln:ro --user 1001:1002 --device /dev/dri --name avln-run_1 --env HOME=/tmp \
              --env AVLN_SERVER=unix:/avln/arena.sock --env AVLN_TOKEN ada/walker:3 python3 play.py";
         assert_eq!(container().arguments(Engine::Docker).join(" "), expected);
     }
 
     #[test]
-    fn podman_without_root_keeps_the_owner_and_no_memory_limit_is_made_up() {
+    fn podman_without_root_keeps_the_owner() {
         let plain = Container { memory_mib: None, devices: vec![], command: vec![], ..container() };
         let expected = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges \
-             --pids-limit 4096 --tmpfs /tmp:rw,nosuid,nodev,size=1g --volume /run/cell:/avln:ro --userns keep-id \
+             --pids-limit 4096 --tmpfs /tmp:rw,nosuid,nodev,size=1g --volume /run/sandbox:/avln:ro --userns keep-id \
              --name avln-run_1 --env HOME=/tmp --env AVLN_SERVER=unix:/avln/arena.sock --env AVLN_TOKEN ada/walker:3";
         assert_eq!(plain.arguments(Engine::Podman).join(" "), expected);
         let root = Container { owner: (0, 0), ..plain };
@@ -144,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn engines_are_found_where_the_path_has_them() {
+    fn engines_are_found_in_the_path() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Engine::find(folder.path().as_os_str()), None);
         std::fs::write(folder.path().join("docker"), "").unwrap();

@@ -1,61 +1,50 @@
-//! The sandbox of a sealed agent: namespaces, Landlock, seccomp and limits, or a container.
+//! Sandbox for sealed agents: namespaces, Landlock, seccomp and limits, or a container.
 //!
-//! Start reading at [`Plan`], then [`enter`] and [`shut`]: the program re-executes itself as the
-//! *supervisor*, which creates namespaces, and again as the *child*, which drops all privileges, reports the
-//! restrictions, waits for the run token and becomes the agent.
+//! Start at [`SandboxPlan`], then [`supervise`] and [`enter`]: the program executes itself as the *supervisor*, which creates
+//! namespaces, and again as the *child*, which drops all privileges, reports the restrictions, waits for the run token and
+//! becomes the agent.
 //!
-//! *Never*: passes a token to the agent before the report was read; reports restrictions not confirmed by the
-//! kernel.
+//! *Never*: sends the agent a token before the report was read; reports restrictions that the kernel did not confirm.
 
 mod container;
-#[cfg(target_os = "linux")]
-mod inmate;
-#[cfg(target_os = "linux")]
-mod mounts;
-#[cfg(target_os = "linux")]
-mod namespaces;
 mod plan;
 #[cfg(target_os = "linux")]
-mod porter;
+mod process;
 #[cfg(target_os = "linux")]
 mod restrict;
 
 pub use container::{Container, Engine};
-pub use plan::{CellError, Missing, Plan, Report};
+pub use plan::{MissingRestriction, SandboxError, SandboxPlan, SandboxReport};
 
-/// Supervisor: creates namespaces, runs `program` with `inmate_arguments` inside and waits for its end. Must
-/// be called before any thread starts.
-///
-/// Returns the exit code of the agent, or 128 plus the signal number.
+use std::{convert::Infallible, path::Path};
+
+/// Supervisor: creates namespaces, runs `program` with `child_arguments` inside and waits for the end. Must be called before
+/// any thread starts. Returns the agent's exit code, or 128 plus the signal number.
 ///
 /// # Errors
 /// If the plan cannot be read, or the child cannot be started.
-pub fn enter(
-    plan: &std::path::Path,
-    program: &std::path::Path,
-    inmate_arguments: &[String],
-) -> Result<u8, CellError> {
+pub fn supervise(plan: &Path, program: &Path, child_arguments: &[String]) -> Result<u8, SandboxError> {
     #[cfg(target_os = "linux")]
-    return porter::enter(plan, program, inmate_arguments);
+    return process::supervise(plan, program, child_arguments);
     #[cfg(not(target_os = "linux"))]
     {
-        let _ = (plan, program, inmate_arguments);
-        Err(CellError::Unsupported)
+        let _ = (plan, program, child_arguments);
+        Err(SandboxError::Unsupported)
     }
 }
 
-/// Child: restricts this process, reports, waits for the token and becomes the agent. `outside` is the reason
-/// for missing namespaces; `None` if they exist.
+/// Child: restricts this process, reports, waits for the token and becomes the agent. `outside` is the reason for missing
+/// namespaces; `None` if they exist.
 ///
 /// # Errors
-/// If the plan cannot be read, the data folder would stay accessible, the run was not started, or the agent
-/// cannot be started. Does not return otherwise.
-pub fn shut(plan: &std::path::Path, outside: Option<&str>) -> Result<std::convert::Infallible, CellError> {
+/// If the plan cannot be read, the agent could read the data folder, no run was started, or the agent cannot be started. Does not
+/// return otherwise.
+pub fn enter(plan: &Path, outside: Option<&str>) -> Result<Infallible, SandboxError> {
     #[cfg(target_os = "linux")]
-    return inmate::shut(plan, outside);
+    return process::enter(plan, outside);
     #[cfg(not(target_os = "linux"))]
     {
         let _ = (plan, outside);
-        Err(CellError::Unsupported)
+        Err(SandboxError::Unsupported)
     }
 }

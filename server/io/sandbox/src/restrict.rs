@@ -1,37 +1,44 @@
-//! System call and file restrictions of the agent.
+//! Restrictions of the agent: mounts, Landlock, seccomp and resource limits.
 
-use crate::Plan;
+use crate::plan::{SandboxPlan, SandboxReport};
 use landlock::{
     ABI, Access, AccessFs, AccessNet, CompatLevel, Compatible, Ruleset, RulesetAttr, RulesetCreatedAttr,
     RulesetStatus, Scope, path_beneath_rules,
 };
-use nix::sys::resource::{Resource, setrlimit};
+use nix::{
+    mount::{MsFlags, mount},
+    sys::resource::{Resource, setrlimit},
+};
 use seccompiler::{
     BpfProgram, SeccompAction, SeccompCmpArgLen as Width, SeccompCmpOp as Op, SeccompCondition,
     SeccompFilter, SeccompRule, apply_filter,
 };
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
-/// Paths required by every program.
+/// Readable paths for every program.
 const SYSTEM: [&str; 10] =
     ["/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt", "/etc", "/proc", "/sys/devices/system"];
 const HARMLESS_DEVICES: [&str; 5] = ["/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"];
 
-/// Most processes and threads of the agent.
+/// Maximum processes and threads.
 const PROCESSES: u64 = 4096;
-/// Limit of open files per process.
+/// Maximum open files per process.
 const FILES: u64 = 4096;
-/// Limit of a written file, bytes: the size of the scratch folder.
+/// Maximum size of a written file, bytes: the scratch folder's size.
 const FILE_BYTES: u64 = 1 << 30;
 
-/// Readable paths of the agent.
-pub(crate) fn readable(plan: &Plan) -> Vec<PathBuf> {
+/// Returns the agent's readable paths.
+pub(crate) fn readable(plan: &SandboxPlan) -> Vec<PathBuf> {
     let own = [plan.workplace.clone(), plan.folder.clone()];
     SYSTEM.iter().map(PathBuf::from).chain(own).chain(plan.readable.clone()).collect()
 }
 
 /// Limits the agent to readable paths, the scratch folder and devices; no TCP, and no outside processes.
-pub(crate) fn landlock(plan: &Plan) -> Result<(), String> {
+pub(crate) fn landlock(plan: &SandboxPlan) -> Result<(), String> {
     const FILES: ABI = ABI::V5;
     let build = || {
         Ruleset::default()
@@ -41,20 +48,22 @@ pub(crate) fn landlock(plan: &Plan) -> Result<(), String> {
             .scope(Scope::from_all(ABI::V6))?
             .create()?
             .add_rules(path_beneath_rules(readable(plan), AccessFs::from_read(FILES)))?
-            .add_rules(path_beneath_rules([Plan::scratch(&plan.folder)], AccessFs::from_all(FILES)))?
+            .add_rules(path_beneath_rules([SandboxPlan::scratch(&plan.folder)], AccessFs::from_all(FILES)))?
             .add_rules(path_beneath_rules(HARMLESS_DEVICES, AccessFs::from_all(FILES)))?
             .add_rules(path_beneath_rules(&plan.devices, AccessFs::from_all(FILES)))?
             .restrict_self()
     };
     match build().map_err(|error: landlock::RulesetError| error.to_string())?.ruleset {
         RulesetStatus::FullyEnforced => Ok(()),
-        RulesetStatus::PartiallyEnforced => Err("the kernel has an old Landlock; parts hold".to_owned()),
+        RulesetStatus::PartiallyEnforced => {
+            Err("the kernel's Landlock is old and enforces a part only".to_owned())
+        }
         RulesetStatus::NotEnforced => Err("the kernel has no Landlock".to_owned()),
     }
 }
 
-/// Numbers of processes, files and bytes.
-pub(crate) fn limits(plan: &Plan) -> Result<(), String> {
+/// Limits processes, files and bytes.
+pub(crate) fn limits(plan: &SandboxPlan) -> Result<(), String> {
     let memory = plan.memory_mib.map(|mib| (Resource::RLIMIT_AS, u64::from(mib) << 20));
     let fixed = [
         (Resource::RLIMIT_CORE, 0),
@@ -70,7 +79,7 @@ pub(crate) fn limits(plan: &Plan) -> Result<(), String> {
     Ok(())
 }
 
-/// Denied system calls, which reach beyond the process and are not needed by agents.
+/// Denied system calls: they reach beyond the process, and agents do not need them.
 #[rustfmt::skip]
 const DENIED: &[i64] = &[
     libc::SYS_ptrace, libc::SYS_process_vm_readv, libc::SYS_process_vm_writev, libc::SYS_kcmp, libc::SYS_pidfd_getfd,
@@ -85,7 +94,7 @@ const DENIED: &[i64] = &[
     libc::SYS_sethostname, libc::SYS_setdomainname, libc::SYS_quotactl, libc::SYS_vhangup,
 ];
 
-/// Namespaces that a new process could ask for.
+/// Flags for namespaces in clone.
 const NAMESPACES: [i32; 7] = [
     libc::CLONE_NEWUSER,
     libc::CLONE_NEWNS,
@@ -96,13 +105,12 @@ const NAMESPACES: [i32; 7] = [
     libc::CLONE_NEWCGROUP,
 ];
 
-/// `ioctl` requests that inject keystrokes into a terminal, TIOCSTI and TIOCLINUX; their type depends on the
-/// C library.
+/// `ioctl` requests TIOCSTI and TIOCLINUX, which inject keystrokes; their type depends on the C library.
 const KEYSTROKES: [u64; 2] = [0x5412, 0x541C];
 
-type Rules = BTreeMap<i64, Vec<SeccompRule>>;
+type CallRules = BTreeMap<i64, Vec<SeccompRule>>;
 
-/// No socket but Unix ones, no call that reaches beyond the process, no keystroke put into the organiser's terminal.
+/// Denies sockets other than Unix ones, calls that reach beyond the process, and keystrokes into the organiser's terminal.
 pub(crate) fn seccomp() -> Result<(), String> {
     // Without clone3 the C library uses clone, with flags that seccomp can inspect.
     let absent = BTreeMap::from([(libc::SYS_clone3, Vec::new())]);
@@ -115,8 +123,8 @@ pub(crate) fn seccomp() -> Result<(), String> {
     Ok(())
 }
 
-fn denied() -> Result<Rules, seccompiler::BackendError> {
-    let mut rules: Rules = DENIED.iter().map(|&call| (call, Vec::new())).collect();
+fn denied() -> Result<CallRules, seccompiler::BackendError> {
+    let mut rules: CallRules = DENIED.iter().map(|&call| (call, Vec::new())).collect();
     rules.insert(libc::SYS_socket, vec![rule(0, Op::Ne, libc::AF_UNIX as u64)?]);
     let foreign = NAMESPACES.iter().map(|&flag| {
         let bit = u64::from(flag.cast_unsigned());
@@ -132,8 +140,88 @@ fn rule(argument: u8, op: Op, value: u64) -> Result<SeccompRule, seccompiler::Ba
     SeccompRule::new(vec![SeccompCondition::new(argument, Width::Dword, op, value)?])
 }
 
-fn compile(rules: Rules, answer: i32) -> Result<BpfProgram, seccompiler::BackendError> {
+fn compile(rules: CallRules, answer: i32) -> Result<BpfProgram, seccompiler::BackendError> {
     let refuse = SeccompAction::Errno(answer.cast_unsigned());
     let filter = SeccompFilter::new(rules, SeccompAction::Allow, refuse, std::env::consts::ARCH.try_into()?)?;
     filter.try_into()
+}
+
+pub(crate) const HIDDEN: &str = "data folder out of sight";
+const READ_ONLY: &str = "read-only root";
+const OWN_PROCESSES: &str = "own processes only in /proc";
+const SCRATCH: &str = "scratch folder of 1 GiB in memory";
+const SCRATCH_SIZE: &str = "size=1g,mode=700";
+const NONE: Option<&str> = None;
+
+/// Makes everything except the scratch folder read-only and hides the data folder, in a private mount namespace.
+pub(crate) fn arrange(plan: &SandboxPlan, report: &mut SandboxReport) {
+    report.note(READ_ONLY, make_private().and_then(|()| read_only()));
+    let plain = MsFlags::MS_NOSUID | MsFlags::MS_NODEV;
+    let sight = plain | MsFlags::MS_NOEXEC;
+    report.note(OWN_PROCESSES, put("proc", Path::new("/proc"), sight, NONE));
+    report.note(HIDDEN, put("tmpfs", &plan.hidden, sight | MsFlags::MS_RDONLY, Some("size=4k")));
+    report.note(SCRATCH, put("tmpfs", &SandboxPlan::scratch(&plan.folder), plain, Some(SCRATCH_SIZE)));
+}
+
+/// Stops mount propagation in both directions.
+fn make_private() -> Result<(), String> {
+    let flags = MsFlags::MS_REC | MsFlags::MS_PRIVATE;
+    mount(NONE, "/", NONE, flags, NONE)
+        .map_err(|error| format!("cannot separate the mounts from those outside: {error}"))
+}
+
+fn put(kind: &str, place: &Path, flags: MsFlags, options: Option<&str>) -> Result<(), String> {
+    mount(Some(kind), place, Some(kind), flags, options)
+        .map_err(|error| format!("cannot mount {kind} on {}: {error}", place.display()))
+}
+
+fn read_only() -> Result<(), String> {
+    let table = fs::read_to_string("/proc/self/mountinfo").map_err(|error| format!("mountinfo: {error}"))?;
+    for (place, flags) in table.lines().filter_map(mounted) {
+        let flags = flags | MsFlags::MS_BIND | MsFlags::MS_REMOUNT | MsFlags::MS_RDONLY;
+        mount(NONE, place.as_str(), NONE, flags, NONE)
+            .map_err(|error| format!("{place} stays writable: {error}"))?;
+    }
+    Ok(())
+}
+
+/// Parses a mountinfo line: mount point and flags.
+fn mounted(line: &str) -> Option<(String, MsFlags)> {
+    // A remount must repeat the flags: the kernel refuses to drop locked ones inside a user namespace.
+    let mut fields = line.split(' ').skip(4);
+    let (place, options) = (fields.next()?, fields.next()?);
+    Some((unescape(place), options.split(',').filter_map(flag).collect()))
+}
+
+fn flag(option: &str) -> Option<MsFlags> {
+    Some(match option {
+        "nosuid" => MsFlags::MS_NOSUID,
+        "nodev" => MsFlags::MS_NODEV,
+        "noexec" => MsFlags::MS_NOEXEC,
+        "noatime" => MsFlags::MS_NOATIME,
+        "nodiratime" => MsFlags::MS_NODIRATIME,
+        "relatime" => MsFlags::MS_RELATIME,
+        _ => return None,
+    })
+}
+
+/// Decodes escaped characters, such as `\040` for a space.
+fn unescape(place: &str) -> String {
+    [("\\040", " "), ("\\011", "\t"), ("\\012", "\n"), ("\\134", "\\")]
+        .iter()
+        .fold(place.to_owned(), |text, (code, letter)| text.replace(code, letter))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mount_lines_contain_place_and_flags() {
+        let line =
+            "36 35 98:0 /mnt1 /a\\040place rw,nosuid,relatime master:1 - ext3 /dev/root rw,errors=continue";
+        let (place, flags) = mounted(line).unwrap();
+        assert_eq!((place.as_str(), flags), ("/a place", MsFlags::MS_NOSUID | MsFlags::MS_RELATIME));
+        assert!(mounted("36 35 98:0").is_none());
+    }
 }

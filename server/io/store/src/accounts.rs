@@ -1,12 +1,11 @@
 use crate::{
     audit::{AuditNote, add_notes},
-    column::{Word, value},
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction, Word, value},
+    error::{Result, StoreError},
 };
 use avln_challenge::{Reference, TokenScope};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, SqlitePool, Transaction};
+use sqlx::{FromRow, SqlitePool};
 use std::fmt;
 
 /// A participant.
@@ -34,9 +33,10 @@ pub struct NewToken<'a> {
 }
 
 /// A valid token.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, FromRow)]
 pub struct Token {
     /// Granted rights.
+    #[sqlx(try_from = "String")]
     pub kind: TokenScope,
     /// Owning team; `None` for an organiser's token.
     pub team: Option<String>,
@@ -45,6 +45,7 @@ pub struct Token {
     /// Name given by the owner; may be empty.
     pub name: String,
     /// Expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
+    #[sqlx(rename = "expires_ms")]
     pub expires_unix_ms: Option<i64>,
 }
 
@@ -82,11 +83,8 @@ pub enum TokenState {
 
 #[derive(FromRow)]
 struct TokenRow {
-    kind: Word<TokenScope>,
-    name: String,
-    team: Option<String>,
-    run: Option<String>,
-    expires_ms: Option<i64>,
+    #[sqlx(flatten)]
+    token: Token,
     revoked_ms: Option<i64>,
 }
 
@@ -94,13 +92,13 @@ impl Store {
     /// Adds a team. A repeated call with the same `reference` has no effect.
     ///
     /// # Errors
-    /// If a team with this name has another `reference`, or the database fails.
+    /// If a team with this name has another `reference`.
     pub async fn create_team(
         &self,
         name: &str,
         reference: Option<Reference>,
         now_unix_ms: i64,
-    ) -> Result<(), StoreError> {
+    ) -> Result<()> {
         let insert =
             "INSERT INTO teams (name, reference, created_ms) VALUES ($1, $2, $3) ON CONFLICT DO NOTHING";
         let word = reference.map(Reference::as_str);
@@ -112,10 +110,7 @@ impl Store {
     }
 
     /// Returns the team called `name`.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn team(&self, name: &str) -> Result<Option<Team>, StoreError> {
+    pub async fn team(&self, name: &str) -> Result<Option<Team>> {
         let select = "SELECT reference FROM teams WHERE name = $1";
         let found: Option<Option<Word<Reference>>> =
             sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?;
@@ -125,8 +120,8 @@ impl Store {
     /// Stores a secret's hash. A repeated call has no effect.
     ///
     /// # Errors
-    /// If the team is unknown or the database fails.
-    pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// If the team is unknown.
+    pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<()> {
         if let Some(team) = token.team
             && self.team(team).await?.is_none()
         {
@@ -138,59 +133,44 @@ impl Store {
     }
 
     /// Returns a secret's state at `now_unix_ms`.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn find_token(&self, secret: &str, now_unix_ms: i64) -> Result<TokenState, StoreError> {
+    pub async fn find_token(&self, secret: &str, now_unix_ms: i64) -> Result<TokenState> {
         find_token(&self.read, &TokenHash::of(secret), now_unix_ms).await
     }
 
     /// Revokes all tokens of `team`, including run tokens. Returns their count.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn revoke_tokens(&self, team: &str, now_unix_ms: i64) -> Result<u64, StoreError> {
+    pub async fn revoke_tokens(&self, team: &str, now_unix_ms: i64) -> Result<u64> {
         let update = "UPDATE tokens SET revoked_ms = $1 WHERE team = $2 AND revoked_ms IS NULL";
         Ok(sqlx::query(update).bind(now_unix_ms).bind(team).execute(&self.write).await?.rows_affected())
     }
 
     /// Returns all team and organiser tokens, newest first. Run tokens are not listed.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn tokens(&self) -> Result<Vec<TokenLine>, StoreError> {
+    pub async fn tokens(&self) -> Result<Vec<TokenLine>> {
         read_tokens(&self.read, None).await
     }
 
     /// Revokes the token with [`TokenLine::id`] `id`. A second call has no effect.
     ///
     /// # Errors
-    /// If there is no such token or the database fails.
-    pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// If there is no such token.
+    pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         self.revoke(id, None, note, now_unix_ms).await
     }
 
     /// Revokes a token as [`Store::revoke_token`] does, if it belongs to `team`.
     ///
     /// # Errors
-    /// If the team has no such token or the database fails.
+    /// If the team has no such token.
     pub async fn revoke_own_token(
         &self,
         team: &str,
         id: &str,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<(), StoreError> {
+    ) -> Result<()> {
         self.revoke(id, Some(team), note, now_unix_ms).await
     }
 
-    async fn revoke(
-        &self,
-        id: &str,
-        team: Option<&str>,
-        note: AuditNote,
-        now_unix_ms: i64,
-    ) -> Result<(), StoreError> {
+    async fn revoke(&self, id: &str, team: Option<&str>, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         // The first revocation time stays: it bounds the period of use. Run tokens end with their run.
         let update = "UPDATE tokens SET revoked_ms = COALESCE(revoked_ms, $1) \
@@ -227,7 +207,7 @@ impl fmt::Debug for TokenHash {
 }
 
 /// Returns a team's tokens, or all team and organiser tokens, newest first.
-pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result<Vec<TokenLine>, StoreError> {
+pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result<Vec<TokenLine>> {
     let select = "SELECT substr(hash, 1, $1) AS id, kind, name, team, created_ms, expires_ms, revoked_ms FROM tokens \
                   WHERE kind <> 'run' AND ($2 IS NULL OR team = $2) ORDER BY created_ms DESC, hash";
     Ok(sqlx::query_as(select).bind(TOKEN_ID_DIGITS).bind(team).fetch_all(pool).await?)
@@ -237,11 +217,11 @@ pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result
 const TOKEN_ID_DIGITS: i64 = 12;
 
 pub(crate) async fn insert_token(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     token: &NewToken<'_>,
     run: Option<&str>,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     // A repeated start request may bring the same secret.
     let insert = "INSERT INTO tokens (hash, kind, name, team, run, created_ms, expires_ms) \
                   VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING";
@@ -258,34 +238,19 @@ pub(crate) async fn insert_token(
     Ok(())
 }
 
-pub(crate) async fn find_token(
-    pool: &SqlitePool,
-    token: &TokenHash,
-    now_unix_ms: i64,
-) -> Result<TokenState, StoreError> {
+pub(crate) async fn find_token(pool: &SqlitePool, token: &TokenHash, now_unix_ms: i64) -> Result<TokenState> {
     let select = "SELECT kind, name, team, run, expires_ms, revoked_ms FROM tokens WHERE hash = $1";
     let row: Option<TokenRow> = sqlx::query_as(select).bind(&token.0).fetch_optional(pool).await?;
     let Some(row) = row else { return Ok(TokenState::Unknown) };
     if row.revoked_ms.is_some() {
         return Ok(TokenState::Revoked);
     }
-    if row.expires_ms.is_some_and(|expires| expires <= now_unix_ms) {
-        return Ok(TokenState::Expired);
-    }
-    Ok(TokenState::Valid(Token {
-        kind: row.kind.0,
-        team: row.team,
-        run: row.run,
-        name: row.name,
-        expires_unix_ms: row.expires_ms,
-    }))
+    let is_expired = row.token.expires_unix_ms.is_some_and(|expires| expires <= now_unix_ms);
+    Ok(if is_expired { TokenState::Expired } else { TokenState::Valid(row.token) })
 }
 
 /// Returns a team's reference kind; `None` for a competing team.
-pub(crate) async fn read_reference(
-    tx: &mut Transaction<'_, Sqlite>,
-    team: &str,
-) -> Result<Option<Reference>, StoreError> {
+pub(crate) async fn read_reference(tx: &mut Transaction<'_>, team: &str) -> Result<Option<Reference>> {
     let select = "SELECT reference FROM teams WHERE name = $1";
     let word: Option<Word<Reference>> = sqlx::query_scalar(select).bind(team).fetch_one(&mut **tx).await?;
     Ok(value(word))

@@ -2,14 +2,13 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    column::Word,
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction, word},
+    error::{Result, StoreError},
     phases::{Phase, read_heads, read_phases},
 };
-use avln_challenge::{Charge, Quota, RunGrant, RunState, RunUse, quotas};
+use avln_challenge::{Charge, Quota, RunGrant, RunUse, quotas};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::{FromRow, Row, sqlite::SqliteRow};
 
 /// A person in a phase's team.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
@@ -39,7 +38,7 @@ impl Store {
     /// Approves a team for a phase, or withdraws the approval. Returns whether that changed anything.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, or the database fails.
+    /// If the phase or the team is unknown.
     pub async fn approve(
         &self,
         phase: &str,
@@ -47,7 +46,7 @@ impl Store {
         approved: bool,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         let mut tx = self.begin().await?;
         find_phase(&mut tx, phase).await?;
         find_team(&mut tx, team).await?;
@@ -68,13 +67,8 @@ impl Store {
     /// Adds a person to a team. Returns whether that changed anything.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, the person is in another team, or the database fails.
-    pub async fn add_member(
-        &self,
-        member: &Member,
-        note: AuditNote,
-        now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    /// If the phase or the team is unknown, or the person is in another team.
+    pub async fn add_member(&self, member: &Member, note: AuditNote, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         find_phase(&mut tx, &member.phase).await?;
         find_team(&mut tx, &member.team).await?;
@@ -101,15 +95,7 @@ impl Store {
     }
 
     /// Removes a person from a team. Returns whether that changed anything.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn remove_member(
-        &self,
-        member: &Member,
-        note: AuditNote,
-        now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    pub async fn remove_member(&self, member: &Member, note: AuditNote, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         let delete = "DELETE FROM members WHERE phase = $1 AND person = $2 AND team = $3";
         let delete = sqlx::query(delete).bind(&member.phase).bind(&member.person).bind(&member.team);
@@ -122,10 +108,7 @@ impl Store {
     }
 
     /// Returns a team's members, by phase and person.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn members(&self, team: &str) -> Result<Vec<Member>, StoreError> {
+    pub async fn members(&self, team: &str) -> Result<Vec<Member>> {
         let select = "SELECT phase, team, person FROM members WHERE team = $1 ORDER BY phase, person";
         Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
     }
@@ -133,13 +116,8 @@ impl Store {
     /// Grants runs to a team beyond the quota.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, or the database fails.
-    pub async fn grant(
-        &self,
-        grant: &NewGrant<'_>,
-        note: AuditNote,
-        now_unix_ms: i64,
-    ) -> Result<(), StoreError> {
+    /// If the phase or the team is unknown.
+    pub async fn grant(&self, grant: &NewGrant<'_>, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         find_phase(&mut tx, grant.phase).await?;
         find_team(&mut tx, grant.team).await?;
@@ -153,13 +131,8 @@ impl Store {
     /// Returns a team's quotas in a phase, or in all visible phases.
     ///
     /// # Errors
-    /// If the phase is unknown or hidden from the team, or the database fails.
-    pub async fn quotas(
-        &self,
-        team: &str,
-        phase: Option<&str>,
-        now_unix_ms: i64,
-    ) -> Result<Vec<Quota>, StoreError> {
+    /// If the phase is unknown or hidden from the team.
+    pub async fn quotas(&self, team: &str, phase: Option<&str>, now_unix_ms: i64) -> Result<Vec<Quota>> {
         let mut tx = self.read.begin().await?;
         let phases = match phase {
             Some(id) => {
@@ -177,17 +150,17 @@ impl Store {
     }
 }
 
-async fn find_phase(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Phase, StoreError> {
+async fn find_phase(tx: &mut Transaction<'_>, id: &str) -> Result<Phase> {
     read_phases(tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
 }
 
-async fn find_team(tx: &mut Transaction<'_, Sqlite>, name: &str) -> Result<(), StoreError> {
+async fn find_team(tx: &mut Transaction<'_>, name: &str) -> Result<()> {
     let select = "SELECT 1 FROM teams WHERE name = $1";
     let found: Option<i64> = sqlx::query_scalar(select).bind(name).fetch_optional(&mut **tx).await?;
     found.map(drop).ok_or_else(|| StoreError::unknown("team", name))
 }
 
-fn reject_hidden(phase: &Phase, team: &str) -> Result<(), StoreError> {
+fn reject_hidden(phase: &Phase, team: &str) -> Result<()> {
     if phase.admission.shows_to(Some(team)) {
         return Ok(());
     }
@@ -195,11 +168,7 @@ fn reject_hidden(phase: &Phase, team: &str) -> Result<(), StoreError> {
 }
 
 /// Rejects a team without access to the phase.
-pub(crate) async fn check_admission(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &Phase,
-    team: &str,
-) -> Result<(), StoreError> {
+pub(crate) async fn check_admission(tx: &mut Transaction<'_>, phase: &Phase, team: &str) -> Result<()> {
     reject_hidden(phase, team)?;
     let rejected =
         |why| Err(StoreError::TeamNotApproved { phase: phase.id.clone(), team: team.to_owned(), why });
@@ -215,56 +184,43 @@ pub(crate) async fn check_admission(
     }
 }
 
-#[derive(FromRow)]
-struct UseRow {
-    id: String,
-    state: Word<RunState>,
-    created_ms: i64,
-    scored: u32,
-    given_up: u32,
-    server_faults: u32,
-    stepped: bool,
-}
-
-impl From<UseRow> for RunUse {
-    fn from(row: UseRow) -> Self {
-        Self {
-            run: row.id,
-            state: row.state.0,
-            created_unix_ms: row.created_ms,
-            scored: row.scored,
-            given_up: row.given_up,
-            server_faults: row.server_faults,
-            stepped: row.stepped,
-        }
-    }
+fn run_use(row: SqliteRow) -> Result<RunUse, sqlx::Error> {
+    Ok(RunUse {
+        run: row.try_get("id")?,
+        state: word(&row, "state")?,
+        created_unix_ms: row.try_get("created_ms")?,
+        scored: row.try_get("scored")?,
+        given_up: row.try_get("given_up")?,
+        server_faults: row.try_get("server_faults")?,
+        stepped: row.try_get("stepped")?,
+    })
 }
 
 /// Returns a run's charge.
 pub(crate) async fn read_charge(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     team: &str,
     phase: &str,
     run: &str,
-) -> Result<Charge, StoreError> {
+) -> Result<Charge> {
     let runs = read_uses(tx, team, phase, Some(run)).await?;
     runs.first().map(RunUse::charge).ok_or_else(|| StoreError::unknown("run", run))
 }
 
 /// Returns a team's quotas in a phase, the total first.
 pub(crate) async fn read_quotas(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     phase: &Phase,
     team: &str,
     now_unix_ms: i64,
-) -> Result<Vec<Quota>, StoreError> {
+) -> Result<Vec<Quota>> {
     let runs = read_uses(tx, team, &phase.id, None).await?;
     let grants = read_grants(tx, team, &phase.id).await?;
     Ok(quotas(&phase.id, &phase.quotas, &phase.schedule, &runs, &grants, now_unix_ms))
 }
 
 /// Rejects a start if a window has no runs left. The error names the window that lasts longest.
-pub(crate) fn check_quotas(quotas: &[Quota]) -> Result<(), StoreError> {
+pub(crate) fn check_quotas(quotas: &[Quota]) -> Result<()> {
     match quotas.iter().find(|quota| quota.remaining == Some(0)) {
         Some(quota) => Err(StoreError::QuotaUsed(Box::new(quota.clone()))),
         None => Ok(()),
@@ -273,26 +229,21 @@ pub(crate) fn check_quotas(quotas: &[Quota]) -> Result<(), StoreError> {
 
 /// Returns the run called `run`, or all a team's runs in a phase, oldest first.
 async fn read_uses(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     team: &str,
     phase: &str,
     run: Option<&str>,
-) -> Result<Vec<RunUse>, StoreError> {
+) -> Result<Vec<RunUse>> {
     // Only scored episodes have metrics. Attempts lost by the server have none, so they charge nothing.
     let select = "SELECT r.id, r.state, r.created_ms, s.scored, s.given_up, s.server_faults, \
          EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.metrics ->> '$.steps' > 0) AS stepped \
          FROM runs r JOIN run_summaries s ON s.run = r.id \
          WHERE r.team = $1 AND r.phase = $2 AND ($3 IS NULL OR r.id = $3) ORDER BY r.created_ms, r.id";
-    let rows: Vec<UseRow> =
-        sqlx::query_as(select).bind(team).bind(phase).bind(run).fetch_all(&mut **tx).await?;
-    Ok(rows.into_iter().map(RunUse::from).collect())
+    let select = sqlx::query(select).bind(team).bind(phase).bind(run).try_map(run_use);
+    Ok(select.fetch_all(&mut **tx).await?)
 }
 
-async fn read_grants(
-    tx: &mut Transaction<'_, Sqlite>,
-    team: &str,
-    phase: &str,
-) -> Result<Vec<RunGrant>, StoreError> {
+async fn read_grants(tx: &mut Transaction<'_>, team: &str, phase: &str) -> Result<Vec<RunGrant>> {
     let select = "SELECT runs, granted_ms FROM grants WHERE team = $1 AND phase = $2 ORDER BY id";
     let rows: Vec<(u32, i64)> = sqlx::query_as(select).bind(team).bind(phase).fetch_all(&mut **tx).await?;
     Ok(rows.into_iter().map(|(runs, granted_unix_ms)| RunGrant { runs, granted_unix_ms }).collect())

@@ -1,8 +1,11 @@
 //! The audit list: lines are only added. Database triggers reject updates and deletions.
 
-use crate::{database::Store, error::StoreError};
+use crate::{
+    database::{Store, Transaction},
+    error::Result,
+};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 
 /// A change to be recorded in the audit list.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -44,38 +47,25 @@ pub struct AuditLine {
 
 impl Store {
     /// Returns the audit list, oldest line first.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn audit(&self) -> Result<Vec<AuditLine>, StoreError> {
+    pub async fn audit(&self) -> Result<Vec<AuditLine>> {
         let select = "SELECT id, at_ms, actor, subject, what, before, after, reason FROM audit ORDER BY id";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
     /// Adds a line to the audit list.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn add_audit_note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+    pub async fn add_audit_note(&self, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         add_notes(&mut tx, &[note], now_unix_ms).await?;
         Ok(tx.commit().await?)
     }
 
     /// Returns the newest audit line's id, 0 for an empty list. It grows with every change by an organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn newest_audit_id(&self) -> Result<i64, StoreError> {
+    pub async fn newest_audit_id(&self) -> Result<i64> {
         Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM audit").fetch_one(&self.read).await?)
     }
 }
 
-pub(crate) async fn add_notes(
-    tx: &mut Transaction<'_, Sqlite>,
-    notes: &[AuditNote],
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
+pub(crate) async fn add_notes(tx: &mut Transaction<'_>, notes: &[AuditNote], now_unix_ms: i64) -> Result<()> {
     let insert = "INSERT INTO audit (at_ms, actor, subject, what, before, after, reason) \
                   VALUES ($1, $2, $3, $4, $5, $6, $7)";
     for note in notes {

@@ -1,4 +1,7 @@
-use crate::{database::Store, error::StoreError};
+use crate::{
+    database::Store,
+    error::{Result, StoreError},
+};
 use serde::{Deserialize, Serialize};
 use sqlx::types::Json;
 
@@ -27,7 +30,7 @@ pub struct Scene {
 }
 
 /// A floor plan in the world frame (Y up), metres.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SceneMap {
     /// Building minimum corner: x, y, z.
     pub min: [f32; 3],
@@ -41,8 +44,8 @@ impl Store {
     /// Adds a split. A repeated call has no effect.
     ///
     /// # Errors
-    /// If a split with this name has another digest, or the database fails.
-    pub async fn upsert_split(&self, split: &Split) -> Result<(), StoreError> {
+    /// If a split with this name has another digest.
+    pub async fn upsert_split(&self, split: &Split) -> Result<()> {
         let insert = "INSERT INTO splits (name, digest, scenes, episodes) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
         sqlx::query(insert)
             .bind(&split.name)
@@ -57,18 +60,12 @@ impl Store {
     }
 
     /// Returns all split names.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn split_names(&self) -> Result<Vec<String>, StoreError> {
+    pub async fn split_names(&self) -> Result<Vec<String>> {
         Ok(sqlx::query_scalar("SELECT name FROM splits ORDER BY name").fetch_all(&self.read).await?)
     }
 
     /// Returns a split's digest; `None` if there is no split with this name.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn split_digest(&self, name: &str) -> Result<Option<String>, StoreError> {
+    pub async fn split_digest(&self, name: &str) -> Result<Option<String>> {
         let select = "SELECT digest FROM splits WHERE name = $1";
         Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
     }
@@ -76,8 +73,8 @@ impl Store {
     /// Adds a scene or replaces the map. A map without polygons never replaces a stored one.
     ///
     /// # Errors
-    /// If a scene with this name has another digest, or the database fails.
-    pub async fn upsert_scene(&self, scene: &Scene) -> Result<(), StoreError> {
+    /// If a scene with this name has another digest.
+    pub async fn upsert_scene(&self, scene: &Scene) -> Result<()> {
         let mut tx = self.begin().await?;
         let select = "SELECT digest FROM scenes WHERE name = $1";
         let stored: Option<String> =
@@ -98,6 +95,6 @@ impl Store {
     }
 }
 
-fn check_digest(what: &'static str, name: &str, stored: &str, given: &str) -> Result<(), StoreError> {
+fn check_digest(what: &'static str, name: &str, stored: &str, given: &str) -> Result<()> {
     if stored == given { Ok(()) } else { Err(StoreError::Taken { what, name: name.to_owned() }) }
 }

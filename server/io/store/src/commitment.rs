@@ -3,16 +3,16 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction},
+    error::{Result, StoreError},
     phases::{has_runs, read_phases},
 };
 use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 
 /// A phase's commitment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Commitment {
     /// BLAKE3 hash over the values, hex.
     pub commitment: String,
@@ -51,14 +51,14 @@ impl Store {
     /// if the phase was already committed to the same episodes, or has runs.
     ///
     /// # Errors
-    /// If the phase is unknown or the database fails.
+    /// If the phase is unknown.
     pub async fn commit_phase(
         &self,
         phase: &str,
         secret: &str,
         scorer: &str,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         // A malformed secret would surface at the first start of a run only.
         parse(secret)?;
         let mut tx = self.begin().await?;
@@ -90,13 +90,13 @@ impl Store {
     /// Publishes the values behind a phase's commitment. The first call counts.
     ///
     /// # Errors
-    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed, or the database fails.
+    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed.
     pub async fn reveal_phase(
         &self,
         phase: &str,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<(Commitment, CommitmentValues), StoreError> {
+    ) -> Result<(Commitment, CommitmentValues)> {
         let mut tx = self.begin().await?;
         let read = read_phases(&mut tx, Some(phase)).await?.pop();
         let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
@@ -120,48 +120,35 @@ impl Store {
     }
 
     /// Returns a phase's commitment; `None` before it is made.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn commitment(&self, phase: &str) -> Result<Option<Commitment>, StoreError> {
+    pub async fn commitment(&self, phase: &str) -> Result<Option<Commitment>> {
         let mut tx = self.read.begin().await?;
         read_commitment(&mut tx, phase).await
     }
 }
 
 /// Returns the latest deadline after `now_unix_ms` among a phase's open runs.
-async fn last_deadline(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-    now_unix_ms: i64,
-) -> Result<Option<i64>, StoreError> {
+async fn last_deadline(tx: &mut Transaction<'_>, phase: &str, now_unix_ms: i64) -> Result<Option<i64>> {
     let select = "SELECT MAX(deadline_ms) FROM runs \
                   WHERE phase = $1 AND state IN ('created', 'running') AND deadline_ms > $2";
     Ok(sqlx::query_scalar(select).bind(phase).bind(now_unix_ms).fetch_one(&mut **tx).await?)
 }
 
-pub(crate) async fn read_commitment(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-) -> Result<Option<Commitment>, StoreError> {
+pub(crate) async fn read_commitment(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<Commitment>> {
     Ok(read_secret(tx, phase).await?.map(SecretRow::into_commitment))
 }
 
 /// Returns the key for a phase's draws; `None` without commitment.
-pub(crate) async fn read_key(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-) -> Result<Option<PhaseSecret>, StoreError> {
+pub(crate) async fn read_key(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<PhaseSecret>> {
     read_secret(tx, phase).await?.map(|row| parse(&row.secret)).transpose()
 }
 
-async fn read_secret(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Option<SecretRow>, StoreError> {
+async fn read_secret(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<SecretRow>> {
     let select = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms FROM phase_secrets \
                   WHERE phase = $1";
     Ok(sqlx::query_as(select).bind(phase).fetch_optional(&mut **tx).await?)
 }
 
-async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<String, StoreError> {
+async fn read_pool(tx: &mut Transaction<'_>, phase: &str) -> Result<String> {
     let select = "SELECT s.digest FROM phases p JOIN splits s ON s.name = p.split WHERE p.id = $1";
     let digest: Option<String> = sqlx::query_scalar(select).bind(phase).fetch_optional(&mut **tx).await?;
     let digest = digest.ok_or_else(|| StoreError::unknown("phase", phase))?;
@@ -170,7 +157,7 @@ async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Stri
     Ok(pool_digest(&digest, episodes.iter().map(String::as_str)))
 }
 
-fn parse(secret: &str) -> Result<PhaseSecret, StoreError> {
+fn parse(secret: &str) -> Result<PhaseSecret> {
     PhaseSecret::from_hex(secret)
         .ok_or_else(|| StoreError::damaged("phase secret", "it is not 64 hexadecimal digits"))
 }

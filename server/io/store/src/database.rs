@@ -1,19 +1,32 @@
-use crate::error::{StoreError, sqlite_code};
+//! The database file: opening, conversions of column values, online copies and their inspection.
+
+use crate::error::{Result, StoreError, sqlite_code};
 use quick_cache::sync::Cache;
+use serde::de::DeserializeOwned;
 use sqlx::{
-    Sqlite, Transaction,
+    Database, Decode, FromRow, Row, Sqlite, Type,
+    error::BoxDynError,
     migrate::{MigrateError, Migrator},
-    sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous},
+    sqlite::{
+        SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteRow, SqliteSynchronous,
+        SqliteTypeInfo, SqliteValueRef,
+    },
+    types::Json,
 };
 use std::{
     any::{Any, TypeId},
+    collections::BTreeMap,
     fmt,
     path::Path,
+    str::FromStr,
     sync::Arc,
     time::Duration,
 };
 
 static MIGRATIONS: Migrator = sqlx::migrate!("../../../migrations");
+
+/// A transaction on the database. Dropped without commit, it is rolled back.
+pub(crate) type Transaction<'a> = sqlx::Transaction<'a, Sqlite>;
 
 /// The newest schema version known to this program.
 pub const SCHEMA_VERSION: i64 = 9;
@@ -38,11 +51,11 @@ impl Store {
     ///
     /// # Errors
     /// If the file cannot be used, is no LH-AVLN Arena database, is locked by another program or has a newer schema.
-    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+    pub async fn open(path: &Path) -> Result<Self> {
         Self::open_with_timeout(path, BUSY_TIMEOUT).await
     }
 
-    pub(crate) async fn open_with_timeout(path: &Path, busy: Duration) -> Result<Self, StoreError> {
+    pub(crate) async fn open_with_timeout(path: &Path, busy: Duration) -> Result<Self> {
         let explained = |error| explain(path, error);
         // The migrator creates a table first, so a foreign file must be rejected before it runs.
         if path.exists() {
@@ -64,8 +77,8 @@ impl Store {
         self.write.close().await;
     }
 
-    /// Begins a transaction with write access. A transaction dropped without commit is rolled back.
-    pub(crate) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+    /// Begins a transaction with write access.
+    pub(crate) async fn begin(&self) -> Result<Transaction<'static>> {
         match self.write.begin_with(BEGIN).await {
             // SQLite itself rolls a transaction back when the disk is full. sqlx then counts it as open on this connection, so
             // the connection is replaced.
@@ -118,7 +131,7 @@ pub(crate) fn connect_options(path: &Path, busy: Duration) -> SqliteConnectOptio
 }
 
 /// Rejects an existing foreign file, without changing it.
-pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<(), StoreError> {
+pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<()> {
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(connect_options(path, busy)).await;
     let pool = pool.map_err(|error| explain(path, error))?;
     let identity = read_identity(&pool).await;
@@ -157,6 +170,144 @@ fn explain_migration(path: &Path, error: MigrateError) -> StoreError {
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explain(path, error),
         other => StoreError::Migration { path: path.to_owned(), reason: other.to_string() },
     }
+}
+
+/// A text column with an enum's word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Word<T>(pub(crate) T);
+
+impl<T> Type<Sqlite> for Word<T> {
+    fn type_info() -> SqliteTypeInfo {
+        <str as Type<Sqlite>>::type_info()
+    }
+
+    fn compatible(column: &<Sqlite as Database>::TypeInfo) -> bool {
+        <str as Type<Sqlite>>::compatible(column)
+    }
+}
+
+impl<'r, T: FromStr<Err: Into<BoxDynError>>> Decode<'r, Sqlite> for Word<T> {
+    fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
+        // An unknown word comes from a newer program or a damaged file: the whole row is rejected.
+        let word = <&str as Decode<Sqlite>>::decode(value)?;
+        word.parse().map(Self).map_err(Into::into)
+    }
+}
+
+pub(crate) fn word<T: FromStr<Err: Into<BoxDynError>>>(
+    row: &SqliteRow,
+    column: &str,
+) -> Result<T, sqlx::Error> {
+    row.try_get::<Word<T>, _>(column).map(|Word(value)| value)
+}
+
+pub(crate) fn json<T: DeserializeOwned + 'static>(row: &SqliteRow, column: &str) -> Result<T, sqlx::Error> {
+    row.try_get::<Json<T>, _>(column).map(|Json(value)| value)
+}
+
+pub(crate) fn optional_json<T: DeserializeOwned + 'static>(
+    row: &SqliteRow,
+    column: &str,
+) -> Result<Option<T>, sqlx::Error> {
+    Ok(row.try_get::<Option<Json<T>>, _>(column)?.map(|Json(value)| value))
+}
+
+/// Unwraps an optional word.
+pub(crate) fn value<T>(word: Option<Word<T>>) -> Option<T> {
+    word.map(|word| word.0)
+}
+
+/// A copy's contents.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Inventory {
+    /// Schema version.
+    pub schema: i64,
+    /// Team count.
+    pub teams: u32,
+    /// Episode count with a result.
+    pub results: u32,
+    /// Splits in use.
+    pub splits: Vec<String>,
+    /// Runs.
+    pub runs: Vec<KeptRun>,
+}
+
+/// A run in a copy.
+#[derive(Clone, Debug, PartialEq, Eq, FromRow)]
+pub struct KeptRun {
+    /// Run id.
+    pub id: String,
+    /// True if the run cannot change any more.
+    pub is_settled: bool,
+    /// Attempts by episode ordinal; empty if the run is settled.
+    #[sqlx(json)]
+    pub attempts: BTreeMap<u32, u32>,
+}
+
+/// Copies the database at `path` to the new file `to` in one consistent state. Servers can write meanwhile.
+///
+/// # Errors
+/// If `path` is no LH-AVLN Arena database, or the copy cannot be written.
+pub async fn copy_database(path: &Path, to: &Path) -> Result<()> {
+    reject_foreign(path, BUSY_TIMEOUT).await?;
+    let pool = read_only(path).await?;
+    // VACUUM INTO reads in one transaction: the copy is consistent while others write. Copying the files would miss the WAL.
+    let copied = sqlx::query("VACUUM INTO $1").bind(to.to_string_lossy().into_owned()).execute(&pool).await;
+    pool.close().await;
+    copied.map(drop).map_err(|error| explain(path, error))
+}
+
+/// Checks all pages and references in a copy and returns the contents. The copy is not changed.
+///
+/// # Errors
+/// If the copy is damaged, no LH-AVLN Arena database or has a newer schema.
+pub async fn inspect_database(path: &Path) -> Result<Inventory> {
+    reject_foreign(path, BUSY_TIMEOUT).await?;
+    let pool = read_only(path).await?;
+    let inventory = inspect(&pool, path).await;
+    pool.close().await;
+    inventory
+}
+
+async fn read_only(path: &Path) -> Result<SqlitePool> {
+    let options = connect_options(path, BUSY_TIMEOUT).read_only(true);
+    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await;
+    pool.map_err(|error| explain(path, error))
+}
+
+async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory> {
+    let newest = "SELECT MAX(version) FROM _sqlx_migrations WHERE success";
+    let schema: i64 =
+        sqlx::query_scalar(newest).fetch_one(pool).await.map_err(|error| explain(path, error))?;
+    if schema > SCHEMA_VERSION {
+        return Err(StoreError::Newer { path: path.to_owned(), found: schema, known: SCHEMA_VERSION });
+    }
+    // Three faults are enough for a message.
+    let faults: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check(3)").fetch_all(pool).await?;
+    if faults != ["ok"] {
+        return Err(StoreError::damaged("file", faults.join("; ")));
+    }
+    let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_all(pool).await?.len();
+    if dangling > 0 {
+        return Err(StoreError::damaged("file", format!("{dangling} rows refer to missing rows")));
+    }
+    let results = "SELECT COUNT(*) FROM episodes WHERE metrics IS NOT NULL";
+    Ok(Inventory {
+        schema,
+        teams: sqlx::query_scalar("SELECT COUNT(*) FROM teams").fetch_one(pool).await?,
+        results: sqlx::query_scalar(results).fetch_one(pool).await?,
+        splits: sqlx::query_scalar("SELECT DISTINCT split FROM phases ORDER BY 1").fetch_all(pool).await?,
+        runs: read_kept_runs(pool).await?,
+    })
+}
+
+async fn read_kept_runs(pool: &SqlitePool) -> Result<Vec<KeptRun>> {
+    let select = "SELECT id, settled AS is_settled, (SELECT json_group_object(ordinal, attempts) FROM episodes e \
+                  WHERE e.run = id AND NOT settled) AS attempts \
+                  FROM (SELECT id, state NOT IN ('created', 'running') AND NOT EXISTS \
+                  (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state = 'running') AS settled FROM runs r) \
+                  ORDER BY id";
+    Ok(sqlx::query_as(select).fetch_all(pool).await?)
 }
 
 #[cfg(test)]

@@ -1,11 +1,10 @@
 //! Episode assignment and results.
 
 use crate::{
-    column::{Word, value},
     commitment::read_key,
-    database::Store,
-    error::StoreError,
-    packed,
+    database::{Store, Transaction, Word, value},
+    error::{Result, StoreError},
+    facts::pack,
     runs::{Run, read_run},
     scores::{add_to_totals, complete_run, count_fault},
 };
@@ -13,7 +12,7 @@ use avln_challenge::{EpisodeState, RunState, TimeAccount};
 use avln_episode::EndReason;
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 
 /// Attempts at an episode before repeated server failures end it.
 const MAX_ATTEMPTS: i64 = 3;
@@ -89,13 +88,6 @@ pub(crate) struct WrittenResult {
 }
 
 #[derive(FromRow)]
-struct StatusRow {
-    state: Word<EpisodeState>,
-    end_reason: Option<Word<EndReason>>,
-    metrics: Option<Json<Metrics>>,
-}
-
-#[derive(FromRow)]
 struct AttemptRow {
     ordinal: i64,
     state: Word<EpisodeState>,
@@ -107,13 +99,13 @@ impl Store {
     /// phase without a secret it is `handle`, a random name.
     ///
     /// # Errors
-    /// If the run is unknown, over or past the deadline, the handle was used before, or the database fails.
+    /// If the run is unknown, over or past the deadline, or the handle was used before.
     pub async fn assign_next_episode(
         &self,
         run: &str,
         handle: &str,
         now_unix_ms: i64,
-    ) -> Result<Option<AssignedEpisode>, StoreError> {
+    ) -> Result<Option<AssignedEpisode>> {
         let mut tx = self.begin().await?;
         let found = read_run(&mut tx, run).await?;
         // A completed run has no pending episodes: the agent gets `None` and no error.
@@ -139,10 +131,7 @@ impl Store {
     }
 
     /// Returns the next episode for [`Store::assign_next_episode`], by id.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn next_pending(&self, run: &str) -> Result<Option<String>, StoreError> {
+    pub async fn next_pending(&self, run: &str) -> Result<Option<String>> {
         let select =
             "SELECT episode FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
         Ok(sqlx::query_scalar(select).bind(run).fetch_optional(&self.read).await?)
@@ -153,12 +142,12 @@ impl Store {
     /// attempts.
     ///
     /// # Errors
-    /// If no such episode is running or the database fails; the transaction is rolled back then.
+    /// If no such episode is running. The transaction is rolled back on errors.
     pub async fn record_result(
         &self,
         result: &EpisodeResult<'_>,
         now_unix_ms: i64,
-    ) -> Result<RecordedResult, StoreError> {
+    ) -> Result<RecordedResult> {
         let mut tx = self.begin().await?;
         let WrittenResult { is_new, counts } = write_result(&mut tx, result, now_unix_ms).await?;
         let run = read_run(&mut tx, result.run).await?;
@@ -169,8 +158,8 @@ impl Store {
     /// Completes a run if all episodes are over. An incomplete run is not changed.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
-    pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+    /// If the run is unknown.
+    pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         complete_run(&mut tx, run, now_unix_ms).await?;
         let run = read_run(&mut tx, run).await?;
@@ -179,40 +168,26 @@ impl Store {
     }
 
     /// Returns all running episodes by run and handle. After a restart these are the interrupted ones.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn running_episodes(&self) -> Result<Vec<RunningEpisode>, StoreError> {
+    pub async fn running_episodes(&self) -> Result<Vec<RunningEpisode>> {
         let select = "SELECT run, handle, episode FROM episodes WHERE state = 'running' ORDER BY run, handle";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
     /// Returns an attempt's status; `None` if there is none, or a later attempt replaced it.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>, StoreError> {
+    pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>> {
         let select = "SELECT state, end_reason, metrics FROM episodes WHERE run = $1 AND handle = $2";
-        let row: Option<StatusRow> =
+        let row: Option<(Word<_>, Option<Word<_>>, Option<Json<_>>)> =
             sqlx::query_as(select).bind(run).bind(handle).fetch_optional(&self.read).await?;
-        Ok(row.map(|row| EpisodeStatus {
-            state: row.state.0,
-            end: value(row.end_reason),
-            metrics: row.metrics.map(|Json(metrics)| metrics),
+        Ok(row.map(|(Word(state), end, metrics)| EpisodeStatus {
+            state,
+            end: value(end),
+            metrics: metrics.map(|Json(metrics)| metrics),
         }))
     }
 
     /// Returns an attempt lost by the server to the pending episodes; after three attempts the episode is abandoned. Returns
     /// false, without changes, if the attempt is not running.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn reopen_episode(
-        &self,
-        run: &str,
-        handle: &str,
-        now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    pub async fn reopen_episode(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
              state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
@@ -235,7 +210,7 @@ impl Store {
 }
 
 /// Draws the next attempt's name; `None` if the phase has no secret or no episode is pending.
-async fn draw_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Option<String>, StoreError> {
+async fn draw_handle(tx: &mut Transaction<'_>, run: &Run) -> Result<Option<String>> {
     let Some(key) = read_key(tx, &run.phase).await? else { return Ok(None) };
     let select = "SELECT ordinal, attempts FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
     let next: Option<(i64, i64)> = sqlx::query_as(select).bind(&run.id).fetch_optional(&mut **tx).await?;
@@ -244,10 +219,10 @@ async fn draw_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Opti
 
 /// Writes all rows changed by a result.
 pub(crate) async fn write_result(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     result: &EpisodeResult<'_>,
     now_unix_ms: i64,
-) -> Result<WrittenResult, StoreError> {
+) -> Result<WrittenResult> {
     let counts = result.record.end != EndReason::ServerFault;
     let attempt = find_attempt(tx, result).await?;
     match attempt.state.0 {
@@ -270,22 +245,19 @@ pub(crate) async fn write_result(
     Ok(WrittenResult { is_new: true, counts })
 }
 
-async fn find_attempt(
-    tx: &mut Transaction<'_, Sqlite>,
-    result: &EpisodeResult<'_>,
-) -> Result<AttemptRow, StoreError> {
+async fn find_attempt(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>) -> Result<AttemptRow> {
     let select = "SELECT ordinal, state, attempts FROM episodes WHERE run = $1 AND handle = $2";
     let found = sqlx::query_as(select).bind(result.run).bind(result.handle).fetch_optional(&mut **tx).await?;
     found.ok_or_else(|| StoreError::unknown("episode", result.handle))
 }
 
 async fn close_episode(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     result: &EpisodeResult<'_>,
     ordinal: i64,
     retry: bool,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let end = result.record.end;
     let is_fault = end == EndReason::ServerFault;
     let state = match end {
@@ -310,11 +282,7 @@ async fn close_episode(
     Ok(())
 }
 
-async fn write_facts(
-    tx: &mut Transaction<'_, Sqlite>,
-    result: &EpisodeResult<'_>,
-    ordinal: i64,
-) -> Result<(), StoreError> {
+async fn write_facts(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>, ordinal: i64) -> Result<()> {
     let truth = serde_json::to_vec(result.truth).map_err(|error| StoreError::damaged("truth", error))?;
     // All runs in a phase share an episode's truth: rows are stored once, by hash.
     let digest = blake3::hash(&truth).to_hex().to_string();
@@ -325,7 +293,7 @@ async fn write_facts(
         .bind(result.run)
         .bind(ordinal)
         .bind(&digest)
-        .bind(packed::pack(result.record))
+        .bind(pack(result.record))
         .execute(&mut **tx)
         .await?;
     Ok(())
@@ -345,7 +313,7 @@ mod tests {
 
     const PLACE: &str = "hall";
 
-    async fn store_with_running_episode(folder: &std::path::Path) -> Result<Store, StoreError> {
+    async fn store_with_running_episode(folder: &std::path::Path) -> Result<Store> {
         let store = Store::open_with_timeout(&folder.join("arena.db"), Duration::from_millis(1)).await?;
         let split = Split { name: "val".to_owned(), digest: "d".to_owned(), scenes: 1, episodes: 1 };
         store.upsert_split(&split).await?;

@@ -3,20 +3,20 @@
 //! Start reading at [`Store`], the half with write access, and [`Reader`], the read-only half for pages. `migrations/`
 //! describes the tables.
 //!
+//! Every function fails if the database fails or contains a damaged row, and rolls its transaction back then; `# Errors` sections
+//! list further errors.
+//!
 //! *Never*: returns data to a [`Reader`]'s caller that the phase hides from this viewer; stores a secret in plain text.
 
 mod accounts;
 mod admission;
 mod audit;
-mod backup;
 mod catalog;
-mod column;
 mod commitment;
 mod database;
 mod episodes;
 mod error;
 mod facts;
-mod packed;
 mod phases;
 mod runs;
 mod scores;
@@ -32,25 +32,23 @@ pub use avln_challenge::{
     QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
     TimeAccount, TokenScope, Visibility, calendar, pool_digest,
 };
-pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
 pub use catalog::{Scene, SceneMap, Split};
 pub use commitment::Commitment;
-pub use database::{SCHEMA_VERSION, Store};
+pub use database::{Inventory, KeptRun, SCHEMA_VERSION, Store, copy_database, inspect_database};
 pub use episodes::{AssignedEpisode, EpisodeResult, EpisodeStatus, RecordedResult, RunningEpisode};
-pub use error::StoreError;
-pub use facts::{Facts, Pruned, Rescore, Rescored, ScoredEpisode};
+pub use error::{Result, StoreError};
+pub use facts::{Facts, Pruned, ScoredEpisode};
 pub use phases::{Phase, Ranking};
 pub use runs::Run;
+pub use scores::{Rescore, Rescored};
 pub use start::{NewRun, StartedRun};
 pub use uptime::DowntimeCredit;
 pub use views::{
     Census, Reader, Viewer,
-    compare::{CompareView, Incomparable, PairView},
     episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView},
-    group::GroupView,
     leaderboard::{LeaderboardQuery, LeaderboardRow, LeaderboardView, RowFilter},
     management::{GrantLine, Holder, TeamLine, TeamsView},
     phase::{MissionsView, PhaseView},
-    run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView},
-    run_list::{LiveRun, RunList},
+    run::{EpisodeLine, GroupView, LogAccess, ModalityView, RunLine, RunView},
+    runs::{CompareView, Incomparable, LiveRun, PairView, RunList},
 };

@@ -2,9 +2,8 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    column::Word,
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction, json, word},
+    error::{Result, StoreError},
 };
 use avln_challenge::{
     Admission, PhaseEpisode, PhaseState, QuotaLimits, RunChoice, Sampling, Schedule, Visibility,
@@ -12,7 +11,7 @@ use avln_challenge::{
 use avln_episode::{Order, Rules, Sensors, TimeLimits};
 use avln_scoring::Key;
 use serde::{Deserialize, Serialize};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, Row, sqlite::SqliteRow, types::Json};
 
 /// A playable part of the challenge: missions, rules, limits and result visibility.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,7 +57,7 @@ pub struct Phase {
 }
 
 /// A phase's default ranking.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ranking {
     /// The metric.
@@ -99,7 +98,7 @@ impl Phase {
     }
 
     /// Rejects a start at `now_unix_ms` unless the phase is open.
-    pub(crate) fn check_open(&self, now_unix_ms: i64) -> Result<(), StoreError> {
+    pub(crate) fn check_open(&self, now_unix_ms: i64) -> Result<()> {
         let phase = self.id.clone();
         match self.schedule.state(now_unix_ms) {
             PhaseState::Open => Ok(()),
@@ -124,59 +123,35 @@ impl Phase {
     }
 }
 
-#[derive(FromRow)]
-struct PhaseRow {
-    id: String,
-    title: String,
-    description: String,
-    position: u32,
-    split: String,
-    rules: Json<Rules>,
-    orders: Json<Vec<Order>>,
-    sensors: Json<Sensors>,
-    scores: Word<Visibility>,
-    replays: Word<Visibility>,
-    max_slots: u32,
-    state: String,
-    opens_ms: Option<i64>,
-    closes_ms: Option<i64>,
-    paused: Option<String>,
-    quotas: Json<QuotaLimits>,
-    time: Json<TimeLimits>,
-    ranking: Json<Ranking>,
-    admission: Json<Admission>,
-    sampling: Json<Sampling>,
-    sealed: bool,
-}
-
-impl PhaseRow {
-    fn into_phase(self, episodes: Vec<PhaseEpisode>) -> Phase {
-        Phase {
-            id: self.id,
-            title: self.title,
-            description: self.description,
-            position: self.position,
-            split: self.split,
-            rules: self.rules.0,
-            orders: self.orders.0,
-            sensors: self.sensors.0,
-            scores: self.scores.0,
-            replays: self.replays.0,
-            max_slots: self.max_slots,
+impl FromRow<'_, SqliteRow> for Phase {
+    /// Reads a row, without episodes.
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            title: row.try_get("title")?,
+            description: row.try_get("description")?,
+            position: row.try_get("position")?,
+            split: row.try_get("split")?,
+            rules: json(row, "rules")?,
+            orders: json(row, "orders")?,
+            sensors: json(row, "sensors")?,
+            scores: word(row, "scores")?,
+            replays: word(row, "replays")?,
+            max_slots: row.try_get("max_slots")?,
             schedule: Schedule {
-                opens_unix_ms: self.opens_ms,
-                closes_unix_ms: self.closes_ms,
-                paused: self.paused,
-                closed: self.state == CLOSED,
+                opens_unix_ms: row.try_get("opens_ms")?,
+                closes_unix_ms: row.try_get("closes_ms")?,
+                paused: row.try_get("paused")?,
+                closed: row.try_get::<&str, _>("state")? == CLOSED,
             },
-            quotas: self.quotas.0,
-            time: self.time.0,
-            ranking: self.ranking.0,
-            admission: self.admission.0,
-            sampling: self.sampling.0,
-            sealed: self.sealed,
-            episodes,
-        }
+            quotas: json(row, "quotas")?,
+            time: json(row, "time")?,
+            ranking: json(row, "ranking")?,
+            admission: json(row, "admission")?,
+            sampling: json(row, "sampling")?,
+            sealed: row.try_get("sealed")?,
+            episodes: Vec::new(),
+        })
     }
 }
 
@@ -188,8 +163,8 @@ impl Store {
     /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling.
     ///
     /// # Errors
-    /// If the split or a scene is unknown, runs fix a changed value, or the database fails.
-    pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// If the split or a scene is unknown, or runs fix a changed value.
+    pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<()> {
         self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
     }
 
@@ -197,12 +172,7 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::upsert_phase`].
-    pub async fn change_phases(
-        &self,
-        phases: &[Phase],
-        notes: &[AuditNote],
-        now_unix_ms: i64,
-    ) -> Result<(), StoreError> {
+    pub async fn change_phases(&self, phases: &[Phase], notes: &[AuditNote], now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         for phase in phases {
             change_phase(&mut tx, phase, now_unix_ms).await?;
@@ -214,36 +184,26 @@ impl Store {
     /// Returns the phase called `id`.
     ///
     /// # Errors
-    /// If there is none ([`StoreError::Unknown`]) or the database fails.
-    pub async fn phase(&self, id: &str) -> Result<Phase, StoreError> {
+    /// If there is none ([`StoreError::Unknown`]).
+    pub async fn phase(&self, id: &str) -> Result<Phase> {
         let mut tx = self.read.begin().await?;
         read_phases(&mut tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
     }
 
     /// Returns all phases in the organiser's order.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn phases(&self) -> Result<Vec<Phase>, StoreError> {
+    pub async fn phases(&self) -> Result<Vec<Phase>> {
         let mut tx = self.read.begin().await?;
         read_phases(&mut tx, None).await
     }
 
     /// Returns whether the phase has runs.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn has_runs(&self, phase: &str) -> Result<bool, StoreError> {
+    pub async fn has_runs(&self, phase: &str) -> Result<bool> {
         let mut tx = self.read.begin().await?;
         has_runs(&mut tx, phase).await
     }
 }
 
-async fn change_phase(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &Phase,
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
+async fn change_phase(tx: &mut Transaction<'_>, phase: &Phase, now_unix_ms: i64) -> Result<()> {
     check_references(tx, phase).await?;
     let before = read_phases(tx, Some(&phase.id)).await?.pop();
     let plays_differently = before.as_ref().is_none_or(|before| !before.plays_as(phase));
@@ -256,7 +216,7 @@ async fn change_phase(
 }
 
 /// Rejects an unknown split or scene.
-async fn check_references(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -> Result<(), StoreError> {
+async fn check_references(tx: &mut Transaction<'_>, phase: &Phase) -> Result<()> {
     let split: Option<i64> = sqlx::query_scalar("SELECT 1 FROM splits WHERE name = $1")
         .bind(&phase.split)
         .fetch_optional(&mut **tx)
@@ -268,16 +228,12 @@ async fn check_references(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -> Re
     missing.map_or(Ok(()), |episode| Err(StoreError::unknown("scene", &episode.scene)))
 }
 
-pub(crate) async fn has_runs(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<bool, StoreError> {
+pub(crate) async fn has_runs(tx: &mut Transaction<'_>, phase: &str) -> Result<bool> {
     let select = "SELECT EXISTS (SELECT 1 FROM runs WHERE phase = $1)";
     Ok(sqlx::query_scalar(select).bind(phase).fetch_one(&mut **tx).await?)
 }
 
-async fn write_phase(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &Phase,
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
+async fn write_phase(tx: &mut Transaction<'_>, phase: &Phase, now_unix_ms: i64) -> Result<()> {
     // `created_ms` is not updated: it orders phases with equal positions.
     let upsert = "INSERT INTO phases (id, title, description, position, split, rules, orders, sensors, scores, \
          replays, max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, created_ms, sealed) \
@@ -317,7 +273,7 @@ async fn write_phase(
     Ok(())
 }
 
-async fn write_phase_episodes(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -> Result<(), StoreError> {
+async fn write_phase_episodes(tx: &mut Transaction<'_>, phase: &Phase) -> Result<()> {
     sqlx::query("DELETE FROM phase_episodes WHERE phase = $1").bind(&phase.id).execute(&mut **tx).await?;
     let insert =
         "INSERT INTO phase_episodes (phase, ordinal, episode, scene, goals) VALUES ($1, $2, $3, $4, $5)";
@@ -343,45 +299,33 @@ pub(crate) struct PhaseHead {
 }
 
 /// Returns the head for phase `id`, or for all phases.
-pub(crate) async fn read_heads(
-    tx: &mut Transaction<'_, Sqlite>,
-    id: Option<&str>,
-) -> Result<Vec<PhaseHead>, StoreError> {
+pub(crate) async fn read_heads(tx: &mut Transaction<'_>, id: Option<&str>) -> Result<Vec<PhaseHead>> {
     let counts = "SELECT COUNT(*), COUNT(DISTINCT scene) FROM phase_episodes WHERE phase = $1";
-    let rows = read_rows(tx, id).await?;
-    let mut heads = Vec::with_capacity(rows.len());
-    for row in rows {
-        let (episodes, scenes) = sqlx::query_as(counts).bind(&row.id).fetch_one(&mut **tx).await?;
-        heads.push(PhaseHead { phase: row.into_phase(vec![]), episodes, scenes });
+    let mut heads = Vec::new();
+    for phase in read_rows(tx, id).await? {
+        let (episodes, scenes) = sqlx::query_as(counts).bind(&phase.id).fetch_one(&mut **tx).await?;
+        heads.push(PhaseHead { phase, episodes, scenes });
     }
     Ok(heads)
 }
 
 /// Returns the phase called `id`, or all phases.
-pub(crate) async fn read_phases(
-    tx: &mut Transaction<'_, Sqlite>,
-    id: Option<&str>,
-) -> Result<Vec<Phase>, StoreError> {
-    let rows = read_rows(tx, id).await?;
-    let mut phases = Vec::with_capacity(rows.len());
-    for row in rows {
-        let episodes = read_phase_episodes(tx, &row.id).await?;
-        phases.push(row.into_phase(episodes));
+pub(crate) async fn read_phases(tx: &mut Transaction<'_>, id: Option<&str>) -> Result<Vec<Phase>> {
+    let mut phases = read_rows(tx, id).await?;
+    for phase in &mut phases {
+        phase.episodes = read_phase_episodes(tx, &phase.id).await?;
     }
     Ok(phases)
 }
 
-async fn read_rows(tx: &mut Transaction<'_, Sqlite>, id: Option<&str>) -> Result<Vec<PhaseRow>, StoreError> {
+async fn read_rows(tx: &mut Transaction<'_>, id: Option<&str>) -> Result<Vec<Phase>> {
     let select = "SELECT id, title, description, position, split, rules, orders, sensors, scores, replays, \
          max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, sealed \
          FROM phases WHERE $1 IS NULL OR id = $1 ORDER BY position, created_ms, id";
     Ok(sqlx::query_as(select).bind(id).fetch_all(&mut **tx).await?)
 }
 
-async fn read_phase_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-) -> Result<Vec<PhaseEpisode>, StoreError> {
+async fn read_phase_episodes(tx: &mut Transaction<'_>, phase: &str) -> Result<Vec<PhaseEpisode>> {
     let select = "SELECT episode, scene, goals FROM phase_episodes WHERE phase = $1 ORDER BY ordinal";
     let rows: Vec<(String, String, Json<_>)> =
         sqlx::query_as(select).bind(phase).fetch_all(&mut **tx).await?;

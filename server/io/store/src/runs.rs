@@ -1,13 +1,12 @@
 use crate::{
     admission::read_charge,
     audit::{AuditNote, add_notes},
-    column::Word,
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction, json, optional_json, word},
+    error::{Result, StoreError},
 };
 use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
 use avln_episode::{Order, Sensors};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, Row, sqlite::SqliteRow, types::Json};
 use std::collections::BTreeMap;
 
 /// A method's pass over a phase's episodes, or a sample. Times are milliseconds since 1970-01-01 UTC.
@@ -70,60 +69,35 @@ impl Run {
     }
 }
 
-/// A `run_overview` row.
-#[derive(FromRow)]
-struct RunRow {
-    id: String,
-    phase: String,
-    team: String,
-    method: String,
-    version: String,
-    method_description: Option<String>,
-    method_code_url: Option<String>,
-    method_paper_url: Option<String>,
-    method_weights_licence: Option<String>,
-    method_external_data: Option<String>,
-    mission_order: Word<Order>,
-    state: Word<RunState>,
-    sensors: Option<Json<Sensors>>,
-    senses: Option<Json<Sensors>>,
-    digests: Json<BTreeMap<String, String>>,
-    created_ms: i64,
-    finished_ms: Option<i64>,
-    ends_ms: Option<i64>,
-    episodes: u32,
-    done: u32,
-    verified: bool,
-    disqualified: Option<String>,
-}
-
-impl From<RunRow> for Run {
-    fn from(row: RunRow) -> Self {
-        Self {
-            id: row.id,
-            phase: row.phase,
-            team: row.team,
+impl FromRow<'_, SqliteRow> for Run {
+    /// Reads a `run_overview` row.
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let text = |column| Ok::<_, sqlx::Error>(row.try_get::<Option<_>, _>(column)?.unwrap_or_default());
+        Ok(Self {
+            id: row.try_get("id")?,
+            phase: row.try_get("phase")?,
+            team: row.try_get("team")?,
             method: MethodInfo {
-                name: row.method,
-                version: row.version,
-                description: row.method_description.unwrap_or_default(),
-                code_url: row.method_code_url.unwrap_or_default(),
-                paper_url: row.method_paper_url.unwrap_or_default(),
-                weights_licence: row.method_weights_licence.unwrap_or_default(),
-                external_data: row.method_external_data.unwrap_or_default(),
+                name: row.try_get("method")?,
+                version: row.try_get("version")?,
+                description: text("method_description")?,
+                code_url: text("method_code_url")?,
+                paper_url: text("method_paper_url")?,
+                weights_licence: text("method_weights_licence")?,
+                external_data: text("method_external_data")?,
             },
-            order: row.mission_order.0,
-            state: row.state.0,
-            episodes: row.episodes,
-            done: row.done,
-            sensors: row.sensors.map(|Json(sensors)| sensors),
-            senses: row.senses.map(|Json(senses)| senses),
-            digests: row.digests.0,
-            created_unix_ms: row.created_ms,
-            finished_unix_ms: row.finished_ms,
-            deadline_unix_ms: row.ends_ms,
-            ruling: Ruling { verified: row.verified, disqualified: row.disqualified },
-        }
+            order: word(row, "mission_order")?,
+            state: word(row, "state")?,
+            episodes: row.try_get("episodes")?,
+            done: row.try_get("done")?,
+            sensors: optional_json(row, "sensors")?,
+            senses: optional_json(row, "senses")?,
+            digests: json(row, "digests")?,
+            created_unix_ms: row.try_get("created_ms")?,
+            finished_unix_ms: row.try_get("finished_ms")?,
+            deadline_unix_ms: row.try_get("ends_ms")?,
+            ruling: Ruling { verified: row.try_get("verified")?, disqualified: row.try_get("disqualified")? },
+        })
     }
 }
 
@@ -139,8 +113,8 @@ impl Store {
     /// Returns a run's charge to the team quota.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
-    pub async fn charge(&self, run: &str) -> Result<Charge, StoreError> {
+    /// If the run is unknown.
+    pub async fn charge(&self, run: &str) -> Result<Charge> {
         let mut tx = self.read.begin().await?;
         let Run { id, team, phase, .. } = read_run(&mut tx, run).await?;
         read_charge(&mut tx, &team, &phase, &id).await
@@ -149,46 +123,34 @@ impl Store {
     /// Returns the run called `id`.
     ///
     /// # Errors
-    /// If there is none ([`StoreError::Unknown`]) or the database fails.
-    pub async fn run(&self, id: &str) -> Result<Run, StoreError> {
+    /// If there is none ([`StoreError::Unknown`]).
+    pub async fn run(&self, id: &str) -> Result<Run> {
         let mut tx = self.read.begin().await?;
         read_run(&mut tx, id).await
     }
 
     /// Returns a phase's completed runs, newest first.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>, StoreError> {
+    pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         let state = Some(RunState::Completed);
         read_runs(&mut tx, &RunFilter { phase: Some(phase), state, ..RunFilter::default() }).await
     }
 
     /// Returns a team's runs, newest first.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>, StoreError> {
+    pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
     }
 
     /// Returns the open runs past the deadline, by id.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>, StoreError> {
+    pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>> {
         let select =
             "SELECT id FROM run_overview WHERE state IN ('created', 'running') AND ends_ms <= $1 ORDER BY id";
         Ok(sqlx::query_scalar(select).bind(now_unix_ms).fetch_all(&self.read).await?)
     }
 
     /// Returns the open runs, newest first.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn open_runs(&self) -> Result<Vec<Run>, StoreError> {
+    pub async fn open_runs(&self) -> Result<Vec<Run>> {
         let mut tx = self.read.begin().await?;
         // Open runs have two states, and the filter takes one.
         let runs = read_runs(&mut tx, &RunFilter::default()).await?;
@@ -198,8 +160,8 @@ impl Store {
     /// Records a session's requested sensors, and adds them to those from earlier sessions.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
-    pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
+    /// If the run is unknown.
+    pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<()> {
         let mut tx = self.begin().await?;
         // An agent may reconnect with fewer sensors; the leaderboard must show all sensors it ever used.
         let mut senses = sensors.clone();
@@ -216,8 +178,8 @@ impl Store {
     /// Cancels a run. A run that is over is not changed; results from its running episodes can still be recorded.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
-    pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+    /// If the run is unknown.
+    pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         self.end_run(run, RunState::Cancelled, now_unix_ms).await
     }
 
@@ -225,8 +187,8 @@ impl Store {
     /// running episodes can still be recorded.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
-    pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run, StoreError> {
+    /// If the run is unknown.
+    pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         // The last result may complete the run at the same moment: the first end wins.
         let update = "UPDATE runs SET state = $3, finished_ms = $1 \
@@ -240,14 +202,14 @@ impl Store {
     /// Marks a run as verified by the organiser, or removes the mark. Returns whether the ruling changed.
     ///
     /// # Errors
-    /// If the run is unknown or not over, or the database fails.
+    /// If the run is unknown or not over.
     pub async fn verify_run(
         &self,
         run: &str,
         verified: bool,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         let mut tx = self.begin().await?;
         let found = read_run(&mut tx, run).await?;
         if verified && found.state.is_open() {
@@ -261,14 +223,14 @@ impl Store {
     /// changed.
     ///
     /// # Errors
-    /// If the run is unknown or the database fails.
+    /// If the run is unknown.
     pub async fn disqualify_run(
         &self,
         run: &str,
         reason: Option<&str>,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<bool> {
         let mut tx = self.begin().await?;
         let before = read_run(&mut tx, run).await?.ruling;
         let after = Ruling { disqualified: reason.map(str::to_owned), ..before.clone() };
@@ -278,13 +240,13 @@ impl Store {
 
 /// Writes a changed ruling with its audit note and commits.
 async fn write_ruling(
-    mut tx: Transaction<'_, Sqlite>,
+    mut tx: Transaction<'_>,
     run: &str,
     before: &Ruling,
     after: &Ruling,
     note: AuditNote,
     now_unix_ms: i64,
-) -> Result<bool, StoreError> {
+) -> Result<bool> {
     if before == after {
         return Ok(false);
     }
@@ -298,24 +260,16 @@ async fn write_ruling(
     Ok(true)
 }
 
-pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {
+pub(crate) async fn read_run(tx: &mut Transaction<'_>, id: &str) -> Result<Run> {
     let select = "SELECT * FROM run_overview WHERE id = $1";
-    let row: Option<RunRow> = sqlx::query_as(select).bind(id).fetch_optional(&mut **tx).await?;
-    row.map(Run::from).ok_or_else(|| StoreError::unknown("run", id))
+    let run = sqlx::query_as(select).bind(id).fetch_optional(&mut **tx).await?;
+    run.ok_or_else(|| StoreError::unknown("run", id))
 }
 
 /// Returns the selected runs, newest first.
-pub(crate) async fn read_runs(
-    tx: &mut Transaction<'_, Sqlite>,
-    filter: &RunFilter<'_>,
-) -> Result<Vec<Run>, StoreError> {
+pub(crate) async fn read_runs(tx: &mut Transaction<'_>, filter: &RunFilter<'_>) -> Result<Vec<Run>> {
     let select = "SELECT * FROM run_overview WHERE ($1 IS NULL OR team = $1) AND ($2 IS NULL OR phase = $2) \
                   AND ($3 IS NULL OR state = $3) ORDER BY created_ms DESC, id";
-    let rows: Vec<RunRow> = sqlx::query_as(select)
-        .bind(filter.team)
-        .bind(filter.phase)
-        .bind(filter.state.map(RunState::as_str))
-        .fetch_all(&mut **tx)
-        .await?;
-    Ok(rows.into_iter().map(Run::from).collect())
+    let state = filter.state.map(RunState::as_str);
+    Ok(sqlx::query_as(select).bind(filter.team).bind(filter.phase).bind(state).fetch_all(&mut **tx).await?)
 }

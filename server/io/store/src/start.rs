@@ -4,14 +4,14 @@ use crate::{
     accounts::{NewToken, insert_token},
     admission::{check_admission, check_quotas, read_quotas},
     commitment::read_key,
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction},
+    error::{Result, StoreError},
     phases::{Phase, read_phases},
     runs::{Run, read_run},
 };
 use avln_challenge::{MethodInfo, PhaseEpisode, Quota, Sampling, TokenScope, draw};
 use avln_episode::Order;
-use sqlx::{Sqlite, Transaction, types::Json};
+use sqlx::types::Json;
 use std::collections::BTreeMap;
 
 /// A request for a run.
@@ -53,8 +53,8 @@ impl Store {
     ///
     /// # Errors
     /// If the phase or team is unknown, the team is not admitted, the phase is not open, does not allow the order or requires
-    /// a sealed run, a quota is used up, the request id belongs to a different request, or the database fails.
-    pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
+    /// a sealed run, a quota is used up, or the request id belongs to a different request.
+    pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun> {
         if self.team(new.team).await?.is_none() {
             return Err(StoreError::unknown("team", new.team));
         }
@@ -85,10 +85,7 @@ impl Store {
 }
 
 /// Returns the run from an earlier request with the same id. A different request with this id is an error.
-async fn find_earlier_run(
-    tx: &mut Transaction<'_, Sqlite>,
-    new: &NewRun<'_>,
-) -> Result<Option<String>, StoreError> {
+async fn find_earlier_run(tx: &mut Transaction<'_>, new: &NewRun<'_>) -> Result<Option<String>> {
     let Some(request) = new.client_request_id else { return Ok(None) };
     let select = "SELECT id, phase = $3 AND method = $4 AND version = $5 AND mission_order = $6 \
                   FROM runs WHERE team = $1 AND client_request_id = $2";
@@ -108,11 +105,11 @@ async fn find_earlier_run(
 }
 
 async fn check_start(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     new: &NewRun<'_>,
     phase: &Phase,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     // Quotas are tested last: waiting helps against a used-up quota, so lasting reasons are reported first.
     check_admission(tx, phase, new.team).await?;
     phase.check_open(now_unix_ms)?;
@@ -126,11 +123,11 @@ async fn check_start(
 }
 
 async fn insert_run(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     new: &NewRun<'_>,
     phase: &Phase,
     now_unix_ms: i64,
-) -> Result<(), StoreError> {
+) -> Result<()> {
     let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
                   created_ms, episodes, deadline_ms, method_description, method_code_url, method_paper_url, \
                   method_weights_licence, method_external_data) \
@@ -168,11 +165,7 @@ fn filled(text: &str) -> Option<&str> {
 }
 
 /// Inserts a run's episodes as pending, in playing order.
-async fn insert_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &str,
-    phase: &Phase,
-) -> Result<(), StoreError> {
+async fn insert_episodes(tx: &mut Transaction<'_>, run: &str, phase: &Phase) -> Result<()> {
     if phase.sampling == Sampling::default() {
         // One statement copies the whole list.
         let all = "INSERT INTO episodes (run, ordinal, episode, scene, state) \

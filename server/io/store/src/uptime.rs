@@ -2,11 +2,11 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    database::Store,
-    error::StoreError,
+    database::{Store, Transaction},
+    error::Result,
 };
 use avln_challenge::calendar::rfc3339;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 
 /// Shortest downtime that is credited, milliseconds. Shorter ones would fill the audit list.
 const SHORTEST_MS: i64 = 1000;
@@ -31,10 +31,7 @@ struct UptimeRow {
 
 impl Store {
     /// Records that the server is alive. After a crash, the downtime starts at the last heartbeat.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn record_heartbeat(&self, now_unix_ms: i64) -> Result<(), StoreError> {
+    pub async fn record_heartbeat(&self, now_unix_ms: i64) -> Result<()> {
         let upsert = "INSERT INTO uptime (id, alive_ms) VALUES (1, $1) \
                       ON CONFLICT (id) DO UPDATE SET alive_ms = excluded.alive_ms";
         sqlx::query(upsert).bind(now_unix_ms).execute(&self.write).await?;
@@ -43,10 +40,7 @@ impl Store {
 
     /// Records in the audit list that the server drains for maintenance, which lasts until the next
     /// [`Store::credit_downtime`]. The first call counts.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn record_drain(&self, reason: &str, now_unix_ms: i64) -> Result<(), StoreError> {
+    pub async fn record_drain(&self, reason: &str, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         // A second announcement must not shorten the maintenance.
         let upsert = "INSERT INTO uptime (id, alive_ms, drain_ms, drain_reason) VALUES (1, $1, $1, $2) ON CONFLICT (id) \
@@ -64,10 +58,7 @@ impl Store {
     /// Extends deadlines by the downtime when a server starts. A crash extends open runs' deadlines. An announced
     /// maintenance ([`Store::record_drain`]) counts from the announcement, and extends closing times as well.
     /// Every change is an audit line.
-    ///
-    /// # Errors
-    /// If the database fails; the transaction is rolled back then.
-    pub async fn credit_downtime(&self, now_unix_ms: i64) -> Result<DowntimeCredit, StoreError> {
+    pub async fn credit_downtime(&self, now_unix_ms: i64) -> Result<DowntimeCredit> {
         let mut tx = self.begin().await?;
         let select = "SELECT alive_ms, drain_ms, drain_reason FROM uptime";
         let last: Option<UptimeRow> = sqlx::query_as(select).fetch_optional(&mut *tx).await?;
@@ -93,10 +84,7 @@ impl Store {
 
     /// Moves all open runs' deadlines by `by_ms` after the system clock was set: the remaining time is unchanged.
     /// Counts runs.
-    ///
-    /// # Errors
-    /// If the database fails; the transaction is rolled back then.
-    pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64, StoreError> {
+    pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64> {
         let mut tx = self.begin().await?;
         let runs = extend_runs(&mut tx, by_ms, "the clock was set", now_unix_ms).await?;
         tx.commit().await?;
@@ -104,12 +92,7 @@ impl Store {
     }
 }
 
-async fn extend_runs(
-    tx: &mut Transaction<'_, Sqlite>,
-    by_ms: i64,
-    why: &str,
-    now_unix_ms: i64,
-) -> Result<u64, StoreError> {
+async fn extend_runs(tx: &mut Transaction<'_>, by_ms: i64, why: &str, now_unix_ms: i64) -> Result<u64> {
     let update = "UPDATE runs SET deadline_ms = deadline_ms + $1 \
                   WHERE state IN ('created', 'running') AND deadline_ms IS NOT NULL";
     let runs = sqlx::query(update).bind(by_ms).execute(&mut **tx).await?.rows_affected();
@@ -123,12 +106,12 @@ async fn extend_runs(
 
 /// Extends closing times after `since_unix_ms`.
 async fn extend_phases(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     since_unix_ms: i64,
     by_ms: i64,
     why: &str,
     now_unix_ms: i64,
-) -> Result<Vec<String>, StoreError> {
+) -> Result<Vec<String>> {
     // A phase that closed before the maintenance stays closed, and one that opens later lost no time.
     let update = "UPDATE phases SET closes_ms = closes_ms + $1 WHERE state = 'open' AND closes_ms > $2 \
                   AND COALESCE(opens_ms, 0) < $3 RETURNING id, closes_ms";

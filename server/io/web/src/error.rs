@@ -9,8 +9,12 @@ use axum::{
     http::{StatusCode, header},
     response::{IntoResponse, Response},
 };
+use serde::Serialize;
+use utoipa::ToSchema;
 
-/// Cause of a failed request.
+/// The result of a handler or of a step in it.
+pub(crate) type Result<T, E = RequestError> = std::result::Result<T, E>;
+
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum RequestError {
     #[error("there is no {what} '{name}' that you may see")]
@@ -33,18 +37,18 @@ pub(crate) enum RequestError {
         "this token cannot be used to sign in: it is unknown, expired, revoked, or the token of a run; use a token of a team or an organiser"
     )]
     WrongToken,
-    #[error("too many failed attempts to sign in; try again in a minute")]
+    #[error("too many failed attempts to sign in; wait a minute before the next one")]
     Attempts,
     #[error(
-        "the form came from another site or from a page of an older session, and nothing was changed; open the page again and send the form from there"
+        "the form came from another site or from a page of an older session, and nothing was changed; reload the page and send the form from there"
     )]
     Foreign,
     #[error("{0}; nothing was changed")]
     Refused(String),
-    #[error("too many visitors are waiting for pictures or sound; try again in a few seconds")]
+    #[error("too many visitors are waiting for pictures or sound; wait a few seconds")]
     Crowded,
     #[error(
-        "{limit} visitors are following runs, which is the limit; load the page again to see the progress, or come back later"
+        "{limit} visitors are following runs, which is the limit; reload the page to see the progress, or come back later"
     )]
     Followed { limit: usize },
     #[error("the server is busy; try again in a few seconds")]
@@ -53,7 +57,29 @@ pub(crate) enum RequestError {
     Internal,
 }
 
+/// An error for programs: problem details by RFC 9457.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct Problem {
+    r#type: &'static str,
+    title: &'static str,
+    status: u16,
+    detail: String,
+    instance: String,
+    reason: &'static str,
+}
+
+/// An error's status, code for programs (as in gRPC) and page heading.
+pub(crate) struct ErrorClass {
+    pub(crate) status: StatusCode,
+    pub(crate) reason: &'static str,
+    pub(crate) title: &'static str,
+}
+
 impl RequestError {
+    pub(crate) fn unknown(what: &'static str, name: impl Into<String>) -> Self {
+        Self::Unknown { what, name: name.into() }
+    }
+
     /// Returns the error for a response that has only a status.
     pub(crate) fn of_status(status: StatusCode) -> Self {
         match status {
@@ -66,60 +92,43 @@ impl RequestError {
         }
     }
 
-    pub(crate) fn status(&self) -> StatusCode {
+    pub(crate) fn class(&self) -> ErrorClass {
+        let class = |status, reason, title| ErrorClass { status, reason, title };
         match self {
-            Self::Unknown { .. } | Self::NoPage => StatusCode::NOT_FOUND,
-            Self::Invalid(_) => StatusCode::BAD_REQUEST,
-            Self::BadToken => StatusCode::UNAUTHORIZED,
-            Self::TooLong { .. } => StatusCode::URI_TOO_LONG,
-            Self::Method => StatusCode::METHOD_NOT_ALLOWED,
-            Self::Body => StatusCode::PAYLOAD_TOO_LARGE,
-            Self::WrongToken | Self::Foreign => StatusCode::FORBIDDEN,
-            Self::Refused(_) => StatusCode::CONFLICT,
-            Self::Crowded | Self::Followed { .. } | Self::Attempts => StatusCode::TOO_MANY_REQUESTS,
-            Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
-            Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+            Self::Unknown { .. } | Self::NoPage => class(StatusCode::NOT_FOUND, "NOT_FOUND", "Not found"),
+            Self::Invalid(_) => class(StatusCode::BAD_REQUEST, "INVALID_ARGUMENT", "Invalid request"),
+            Self::TooLong { .. } => class(StatusCode::URI_TOO_LONG, "INVALID_ARGUMENT", "Address too long"),
+            Self::Body => class(StatusCode::PAYLOAD_TOO_LARGE, "INVALID_ARGUMENT", "Request too large"),
+            Self::BadToken => class(StatusCode::UNAUTHORIZED, "UNAUTHENTICATED", "Token not accepted"),
+            Self::Method => class(StatusCode::METHOD_NOT_ALLOWED, "METHOD_NOT_ALLOWED", "Read only"),
+            Self::WrongToken => class(StatusCode::FORBIDDEN, "PERMISSION_DENIED", "Not signed in"),
+            Self::Foreign => class(StatusCode::FORBIDDEN, "PERMISSION_DENIED", "Form not accepted"),
+            Self::Refused(_) => class(StatusCode::CONFLICT, "FAILED_PRECONDITION", "Refused"),
+            Self::Attempts => class(StatusCode::TOO_MANY_REQUESTS, "RESOURCE_EXHAUSTED", "Too many attempts"),
+            Self::Crowded | Self::Followed { .. } => {
+                class(StatusCode::TOO_MANY_REQUESTS, "RESOURCE_EXHAUSTED", "Too many visitors")
+            }
+            Self::Busy => class(StatusCode::SERVICE_UNAVAILABLE, "UNAVAILABLE", "Busy"),
+            Self::Internal => class(StatusCode::INTERNAL_SERVER_ERROR, "INTERNAL", "Internal error"),
         }
     }
 
-    /// Returns the code for programs, named as in gRPC.
-    pub(crate) fn reason(&self) -> &'static str {
-        match self {
-            Self::Unknown { .. } | Self::NoPage => "NOT_FOUND",
-            Self::Invalid(_) | Self::TooLong { .. } | Self::Body => "INVALID_ARGUMENT",
-            Self::BadToken => "UNAUTHENTICATED",
-            Self::Method => "METHOD_NOT_ALLOWED",
-            Self::WrongToken | Self::Foreign => "PERMISSION_DENIED",
-            Self::Refused(_) => "FAILED_PRECONDITION",
-            Self::Crowded | Self::Followed { .. } | Self::Attempts => "RESOURCE_EXHAUSTED",
-            Self::Busy => "UNAVAILABLE",
-            Self::Internal => "INTERNAL",
-        }
-    }
-
-    /// Returns the page heading.
-    pub(crate) fn title(&self) -> &'static str {
-        match self {
-            Self::Unknown { .. } | Self::NoPage => "Not found",
-            Self::Invalid(_) => "Invalid request",
-            Self::BadToken => "Token not accepted",
-            Self::TooLong { .. } => "Address too long",
-            Self::Method => "Read only",
-            Self::Body => "Request too large",
-            Self::WrongToken => "Not signed in",
-            Self::Attempts => "Too many attempts",
-            Self::Foreign => "Form not accepted",
-            Self::Refused(_) => "Refused",
-            Self::Crowded | Self::Followed { .. } => "Too many visitors",
-            Self::Busy => "Busy",
-            Self::Internal => "Internal error",
+    pub(crate) fn problem(&self, path: &str) -> Problem {
+        let ErrorClass { status, reason, title } = self.class();
+        Problem {
+            r#type: "about:blank",
+            title,
+            status: status.as_u16(),
+            detail: self.to_string(),
+            instance: path.to_owned(),
+            reason,
         }
     }
 }
 
 impl IntoResponse for RequestError {
     fn into_response(self) -> Response {
-        let mut response = self.status().into_response();
+        let mut response = self.class().status.into_response();
         let extra = match self {
             Self::BadToken => Some((header::WWW_AUTHENTICATE, "Bearer")),
             Self::Busy | Self::Crowded | Self::Followed { .. } => Some((header::RETRY_AFTER, "5")),

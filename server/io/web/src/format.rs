@@ -2,12 +2,11 @@
 
 pub(crate) use avln_store::calendar::rfc3339;
 
-use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
+use avln_episode::{Encoding, EndReason, Order, Sensors};
 use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
-use avln_store::{
-    EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
-};
-use serde::Serializer;
+use avln_store::{EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, RunState, Visibility};
+use serde::Serialize;
+use serde_json::Value;
 use std::{collections::BTreeMap, fmt::Write};
 
 /// Text for a missing value.
@@ -18,16 +17,27 @@ pub(crate) fn url_encode(text: &str) -> String {
     askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
 }
 
-/// Serialises a time by RFC 3339.
-pub(crate) fn at<S: Serializer>(unix_ms: &i64, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(&rfc3339(*unix_ms))
+/// Returns `data` as JSON with a time `x_at` by RFC 3339 for every field `x_unix_ms`.
+pub(crate) fn with_named_times(data: &impl Serialize) -> serde_json::Result<Value> {
+    let mut value = serde_json::to_value(data)?;
+    name_times(&mut value);
+    Ok(value)
 }
 
-/// Serialises an optional time by RFC 3339.
-pub(crate) fn maybe_at<S: Serializer>(unix_ms: &Option<i64>, serializer: S) -> Result<S::Ok, S::Error> {
-    match unix_ms {
-        Some(unix_ms) => at(unix_ms, serializer),
-        None => serializer.serialize_none(),
+fn name_times(value: &mut Value) {
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(name_times),
+        Value::Object(fields) => {
+            for (mut name, mut value) in std::mem::take(fields) {
+                name_times(&mut value);
+                if let Some(stem) = name.strip_suffix("_unix_ms") {
+                    value = value.as_i64().map_or(Value::Null, |ms| rfc3339(ms).into());
+                    name = format!("{stem}_at");
+                }
+                fields.insert(name, value);
+            }
+        }
+        _ => {}
     }
 }
 
@@ -54,18 +64,12 @@ pub(crate) fn maybe_metres(value: &Option<f64>) -> String {
     value.as_ref().map_or_else(|| NOTHING.to_owned(), metres)
 }
 
-/// A duration in a suitable unit.
 pub(crate) fn duration(seconds: &f64) -> String {
     match *seconds {
         s if s < 100.0 => format!("{s:.2} s"),
         s if s < 6000.0 => format!("{:.1} min", s / 60.0),
         s => format!("{:.1} h", s / 3600.0),
     }
-}
-
-/// A duration, milliseconds with two decimals.
-pub(crate) fn maybe_milliseconds(milliseconds: Option<f64>) -> String {
-    milliseconds.map_or_else(|| NOTHING.to_owned(), |ms| format!("{ms:.2} ms"))
 }
 
 /// A time for people: UTC, whole minutes.
@@ -83,17 +87,14 @@ pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
     unix_ms.as_ref().map_or_else(|| NOTHING.to_owned(), time_html)
 }
 
-/// Metric label.
 pub(crate) fn metric(key: &Key) -> &'static str {
     key.metric().label
 }
 
-/// Metric definition.
 pub(crate) fn meaning(key: &Key) -> &'static str {
     key.metric().meaning
 }
 
-/// Metric direction.
 pub(crate) fn better(direction: &Direction) -> &'static str {
     match direction {
         Direction::Higher => "higher is better",
@@ -101,7 +102,6 @@ pub(crate) fn better(direction: &Direction) -> &'static str {
     }
 }
 
-/// A mean with unit.
 pub(crate) fn mean(key: &Key, value: &f64) -> String {
     match key.metric().unit {
         Unit::Metres => metres(value),
@@ -110,7 +110,7 @@ pub(crate) fn mean(key: &Key, value: &f64) -> String {
     }
 }
 
-/// A difference with its interval; shares differ in percentage points.
+/// A difference with interval; shares differ in percentage points.
 pub(crate) fn difference(difference: &Difference) -> String {
     let Estimate { value, low, high } = difference.estimate;
     let (factor, digits) = match difference.key.metric().unit {
@@ -130,7 +130,6 @@ pub(crate) fn difference(difference: &Difference) -> String {
     format!("{} ({} to {})", signed(value), signed(low), signed(high))
 }
 
-/// Comparison verdict.
 pub(crate) fn verdict(difference: &Difference) -> &'static str {
     let is_more = difference.estimate.value > 0.0;
     match (difference.is_sure, is_more == (difference.key.direction() == Direction::Higher)) {
@@ -148,7 +147,7 @@ pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
     }
 }
 
-/// A share with its interval as text and bar.
+/// A share with the interval as text and bar.
 pub(crate) fn estimate_html(estimate: &Estimate) -> String {
     let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
     let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
@@ -166,7 +165,6 @@ pub(crate) fn estimate_html(estimate: &Estimate) -> String {
     html
 }
 
-/// Goal order.
 pub(crate) fn order(order: &Order) -> &'static str {
     match order {
         Order::Ordered => "Ordered",
@@ -174,24 +172,7 @@ pub(crate) fn order(order: &Order) -> &'static str {
     }
 }
 
-/// Selected run per method.
-pub(crate) fn pick(pick: &RunChoice) -> &'static str {
-    match pick {
-        RunChoice::Best => "best",
-        RunChoice::Latest => "latest",
-    }
-}
-
-/// Reference kind.
-pub(crate) fn reference(reference: &Reference) -> &'static str {
-    match reference {
-        Reference::Baseline => "baseline",
-        Reference::Oracle => "oracle",
-        Reference::Human => "human",
-    }
-}
-
-/// The rank with its interval. It contains only digits, so it needs no escaping.
+/// The rank with interval. It contains only digits, so it needs no escaping.
 pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
     match standing {
         None => NOTHING.to_owned(),
@@ -208,16 +189,6 @@ pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
     if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
 }
 
-/// Goal cue kind.
-pub(crate) fn modality(modality: &Modality) -> &'static str {
-    match modality {
-        Modality::Category => "category",
-        Modality::Description => "description",
-        Modality::Image => "image",
-    }
-}
-
-/// Run state.
 pub(crate) fn run_state(state: &RunState) -> &'static str {
     match state {
         RunState::Created => "not started",
@@ -229,7 +200,6 @@ pub(crate) fn run_state(state: &RunState) -> &'static str {
     }
 }
 
-/// Episode state.
 pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
     match state {
         EpisodeState::Pending => "pending",
@@ -240,7 +210,6 @@ pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
     }
 }
 
-/// Phase state.
 pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
     match state {
         PhaseState::Upcoming => "not open yet",
@@ -250,7 +219,6 @@ pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
     }
 }
 
-/// Quota window.
 pub(crate) fn window(window: &QuotaWindow) -> &'static str {
     match window {
         QuotaWindow::Day => "today (UTC)",
@@ -275,7 +243,6 @@ pub(crate) fn visibility(visibility: &Visibility) -> &'static str {
     }
 }
 
-/// Episode end reason.
 pub(crate) fn end(reason: &EndReason) -> &'static str {
     match reason {
         EndReason::Stopped => "stopped",
@@ -288,7 +255,6 @@ pub(crate) fn end(reason: &EndReason) -> &'static str {
     }
 }
 
-/// Episode end reason, if it has ended.
 pub(crate) fn maybe_end(reason: &Option<EndReason>) -> &'static str {
     reason.as_ref().map_or(NOTHING, end)
 }
@@ -320,8 +286,11 @@ pub(crate) fn sensors(sensors: &Sensors) -> String {
         (*depth, "depth", encodings.depth),
         (*audio, "sound", encodings.audio),
     ];
-    let mut words: Vec<String> =
-        all.iter().filter(|(on, ..)| *on).map(|(_, name, encoding)| with_encoding(name, *encoding)).collect();
+    let encoded = |&(_, name, encoding): &(bool, &str, Encoding)| match encoding {
+        Encoding::Raw => name.to_owned(),
+        encoding => format!("{name} ({})", encoding.as_str()),
+    };
+    let mut words: Vec<String> = all.iter().filter(|(on, ..)| *on).map(encoded).collect();
     if words.is_empty() {
         words.push("pose only".to_owned());
     }
@@ -340,11 +309,7 @@ pub(crate) fn sensor_list(sensors: &Option<Sensors>) -> String {
     [word(rgb, "colour"), word(depth, "depth"), word(audio, "sound")].join(", ")
 }
 
-fn with_encoding(name: &str, encoding: Encoding) -> String {
-    if encoding == Encoding::Raw { name.to_owned() } else { format!("{name} ({})", encoding.as_str()) }
-}
-
-/// A count with its noun; the plural ends in s.
+/// A count with a noun that has a regular plural.
 pub(crate) fn plural(count: &u32, noun: &str) -> String {
     let s = if *count == 1 { "" } else { "s" };
     format!("{count} {noun}{s}")
@@ -353,6 +318,7 @@ pub(crate) fn plural(count: &u32, noun: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     #[test]
     fn times_follow_the_calendar() {
@@ -362,6 +328,14 @@ mod tests {
         assert_eq!(rfc3339(4_107_542_400_000), "2100-03-01T00:00:00Z");
         assert_eq!(rfc3339(-1), "1969-12-31T23:59:59Z");
         assert_eq!(moment(1_795_266_906_000), "2026-11-21 13:15 UTC");
+    }
+
+    #[test]
+    fn times_are_rfc_3339_at_every_depth() {
+        let data = json!({ "finished_unix_ms": null, "runs": [{ "created_unix_ms": 1000, "n": 2 }] });
+        let expected =
+            json!({ "finished_at": null, "runs": [{ "created_at": "1970-01-01T00:00:01Z", "n": 2 }] });
+        assert_eq!(with_named_times(&data).expect("JSON"), expected);
     }
 
     #[test]

@@ -48,13 +48,11 @@ pub enum FreezeError {
     },
 }
 
-/// A copy's content.
 struct Scope {
     phases: BTreeMap<String, PhaseView>,
     runs: BTreeMap<String, RunLine>,
     /// Start page.
     first: String,
-    /// List of runs.
     list: String,
 }
 
@@ -86,7 +84,6 @@ pub async fn freeze(
     Ok(written.len())
 }
 
-/// gRPC port in commands on the pages.
 const GRPC_PORT: u16 = 50051;
 
 /// Rewrites the links in a page, and adds new addresses to `next`.
@@ -121,10 +118,7 @@ async fn fetch(router: &Router, address: &str) -> Result<(bool, Vec<u8>), Freeze
     let failed = |status| FreezeError::Page { address: address.to_owned(), status };
     let request = Request::get(address).body(Body::empty());
     let request = request.map_err(|_| failed(StatusCode::BAD_REQUEST))?;
-    let answer = match router.clone().oneshot(request).await {
-        Ok(answer) => answer,
-        Err(never) => match never {},
-    };
+    let Ok(answer) = router.clone().oneshot(request).await;
     if answer.status() != StatusCode::OK {
         return Err(failed(answer.status()));
     }
@@ -185,7 +179,9 @@ impl Scope {
         let inside = match parts[..] {
             [""] | ["leaderboard"] => return Some(self.first.clone()),
             ["runs"] => return Some(self.list.clone()),
-            ["api", "v1", table @ ("runs" | "runs.csv")] => return Some(self.table_of_runs(table)),
+            ["api", "v1", table @ ("runs" | "runs.csv")] => {
+                return Some(self.list.replacen("/runs", &format!("/api/v1/{table}"), 1));
+            }
             ["assets", _] | ["docs"] | ["docs", _] | ["docs", _, _] => query.is_empty(),
             ["api", "v1", "openapi.json"] => query.is_empty(),
             ["leaderboard", phase] => known(phase) && is_plain_selection(query),
@@ -203,33 +199,25 @@ impl Scope {
         inside.then(|| link.to_owned())
     }
 
-    /// Returns the API address for the list of runs.
-    fn table_of_runs(&self, table: &str) -> String {
-        self.list.replacen("/runs", &format!("/api/v1/{table}"), 1)
-    }
-
     fn shows_replays(&self, run: &str) -> bool {
         let phase = self.runs.get(run).and_then(|line| self.phases.get(&line.phase));
         phase.is_some_and(|phase| phase.replays == Visibility::Public)
     }
 
-    /// Returns true if both runs are in the copy.
     fn is_pair(&self, query: &str) -> bool {
         let runs = query.split('&').filter_map(|part| part.split_once('='));
         runs.clone().count() == 2 && runs.into_iter().all(|(_, run)| self.shows_replays(run))
     }
 }
 
-/// Returns true for a leaderboard selected only by order, sort key and run. Other selections would be too many to copy.
+// Returns true for a leaderboard selected only by order, sort key and run. Other selections would be too many to copy.
 fn is_plain_selection(query: &str) -> bool {
     let names = query.split('&').filter(|part| !part.is_empty()).map(|part| part.split('=').next());
     names.into_iter().all(|name| matches!(name, Some("order" | "sort" | "pick")))
 }
 
-/// Attributes with addresses.
 const ATTRIBUTES: [&str; 3] = [" href=\"", " src=\"", " action=\""];
 
-/// Returns the file name for an address.
 fn file_of(address: &str) -> String {
     let (path, query) = address.split_once('?').unwrap_or((address, ""));
     let path = path.trim_start_matches('/');

@@ -1,8 +1,9 @@
 //! Leaderboard selection: query parameters, and the links that change them.
 
 use crate::{
-    error::RequestError,
-    format::{self, rfc3339, url_encode},
+    error::{RequestError, Result},
+    format::{rfc3339, url_encode},
+    request::RequestContext,
 };
 use avln_episode::Order;
 use avln_scoring::{Key, Prominence};
@@ -13,14 +14,11 @@ use axum::{
 };
 use std::{collections::BTreeSet, str::FromStr};
 
-/// The last second in a day.
 const LAST_SECOND: u32 = 86_399;
 
-/// The displayed orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Orders {
     One(Order),
-    /// All orders side by side.
     Both,
 }
 
@@ -30,24 +28,9 @@ impl Orders {
     }
 }
 
-/// A filter by sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum SensorFilter {
-    With,
-    Without,
-}
-
-impl SensorFilter {
-    pub(crate) fn as_str(self) -> &'static str {
-        match self {
-            Self::With => "with",
-            Self::Without => "without",
-        }
-    }
-}
-
 /// Parameter names, ordered as [`LeaderboardParams::sensors`].
 pub(crate) const SENSOR_PARAMS: [&str; 3] = ["rgb", "depth", "audio"];
+const SENSOR_WORDS: [(&str, bool); 2] = [("with", true), ("without", false)];
 
 /// Leaderboard query parameters. Missing parameters default to the phase's ranking.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -59,9 +42,9 @@ pub(crate) struct LeaderboardParams {
     pub(crate) search: String,
     /// Team name; empty for all teams.
     pub(crate) team: String,
-    /// Filters by colour, depth and sound.
-    pub(crate) sensors: [Option<SensorFilter>; 3],
-    /// Only runs completed on or before this day; its end in milliseconds since 1970-01-01 UTC.
+    /// Filters by colour, depth and sound: true for agents with the sensor.
+    pub(crate) sensors: [Option<bool>; 3],
+    /// Latest completion time, milliseconds since 1970-01-01 UTC.
     pub(crate) as_of_unix_ms: Option<i64>,
     /// Columns; empty for the default ones.
     pub(crate) columns: Vec<Key>,
@@ -72,7 +55,7 @@ pub(crate) struct LeaderboardParams {
 impl<S: Sync> FromRequestParts<S> for LeaderboardParams {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self> {
         let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
         let Query(pairs) = pairs.map_err(|error| RequestError::Invalid(error.body_text()))?;
         Self::from_pairs(&pairs)
@@ -80,7 +63,7 @@ impl<S: Sync> FromRequestParts<S> for LeaderboardParams {
 }
 
 impl LeaderboardParams {
-    fn from_pairs(pairs: &[(String, String)]) -> Result<Self, RequestError> {
+    fn from_pairs(pairs: &[(String, String)]) -> Result<Self> {
         let mut params = Self::default();
         for (name, value) in pairs {
             params.set(name, value)?;
@@ -88,7 +71,7 @@ impl LeaderboardParams {
         Ok(params)
     }
 
-    fn set(&mut self, name: &str, value: &str) -> Result<(), RequestError> {
+    fn set(&mut self, name: &str, value: &str) -> Result<()> {
         if value.is_empty() {
             self.has_blanks = true;
         }
@@ -96,7 +79,9 @@ impl LeaderboardParams {
             "order" if value == "both" => self.orders = Some(Orders::Both),
             "order" => self.orders = parse(name, value)?.map(Orders::One),
             "sort" => self.sort = parse(name, value)?,
-            "pick" => self.pick = parse_pick(value)?,
+            "pick" => {
+                self.pick = choice(name, value, [("best", RunChoice::Best), ("latest", RunChoice::Latest)])?
+            }
             "q" => value.trim().clone_into(&mut self.search),
             "team" => value.clone_into(&mut self.team),
             "as_of" => self.as_of_unix_ms = parse_day(value)?,
@@ -105,14 +90,13 @@ impl LeaderboardParams {
                 let sensor = SENSOR_PARAMS.iter().position(|sensor| *sensor == other);
                 let sensor =
                     sensor.ok_or_else(|| RequestError::Invalid(format!("unknown parameter '{other}'")))?;
-                self.sensors[sensor] = parse_sensor_filter(value)?;
+                self.sensors[sensor] = choice(name, value, SENSOR_WORDS)?;
             }
         }
         Ok(())
     }
 
-    /// Returns the order for a single leaderboard.
-    pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order, RequestError> {
+    pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order> {
         match self.orders {
             Some(Orders::One(order)) => Ok(order),
             Some(Orders::Both) => {
@@ -128,12 +112,7 @@ impl LeaderboardParams {
         self.orders.unwrap_or(usual)
     }
 
-    pub(crate) fn query<'a>(
-        &self,
-        phase: &'a PhaseView,
-        order: Order,
-        now_unix_ms: i64,
-    ) -> LeaderboardQuery<'a> {
+    fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> LeaderboardQuery<'a> {
         LeaderboardQuery {
             phase: &phase.id,
             order,
@@ -141,12 +120,40 @@ impl LeaderboardParams {
             pick: self.pick.unwrap_or(phase.ranking.entry),
             as_of_unix_ms: self.as_of_unix_ms,
             now_unix_ms,
-            filter: RowFilter {
-                words: self.search.clone(),
-                team: self.team.clone(),
-                senses: self.sensors.map(|filter| filter.map(|filter| filter == SensorFilter::With)),
-            },
+            filter: RowFilter { words: self.search.clone(), team: self.team.clone(), senses: self.sensors },
         }
+    }
+
+    pub(crate) async fn read(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+        order: Order,
+    ) -> Result<LeaderboardView> {
+        let query = self.query(phase, order, context.now_unix_ms);
+        let view = context.reader.leaderboard(&context.viewer, &query).await?;
+        view.ok_or_else(|| RequestError::unknown("phase", phase.id.clone()))
+    }
+
+    pub(crate) async fn read_all(
+        &self,
+        context: &RequestContext,
+        phase: &PhaseView,
+    ) -> Result<Vec<LeaderboardView>> {
+        let mut views = Vec::new();
+        for &order in &phase.orders {
+            views.push(self.read(context, phase, order).await?);
+        }
+        Ok(views)
+    }
+
+    /// Rejects a selection of columns, for responses with all columns.
+    pub(crate) fn reject_columns(&self) -> Result<()> {
+        if self.columns.is_empty() {
+            return Ok(());
+        }
+        let message = "the API returns all columns; remove the parameter 'column'";
+        Err(RequestError::Invalid(message.to_owned()))
     }
 
     pub(crate) fn is_filtered(&self) -> bool {
@@ -172,7 +179,7 @@ impl LeaderboardParams {
             add("sort", key.as_str());
         }
         if let Some(pick) = self.pick.filter(|pick| *pick != phase.ranking.entry) {
-            add("pick", format::pick(&pick));
+            add("pick", pick.as_str());
         }
         for (name, value) in [("q", &self.search), ("team", &self.team)] {
             if !value.is_empty() {
@@ -181,7 +188,7 @@ impl LeaderboardParams {
         }
         for (name, filter) in SENSOR_PARAMS.iter().zip(self.sensors) {
             if let Some(filter) = filter {
-                add(name, filter.as_str());
+                add(name, sensor_word(filter));
             }
         }
         if let Some(moment) = self.as_of_unix_ms {
@@ -196,9 +203,12 @@ impl LeaderboardParams {
     }
 }
 
-/// Returns true for default columns.
 fn is_default(column: Key) -> bool {
     column.metric().prominence != Prominence::Optional
+}
+
+fn sensor_word(is_required: bool) -> &'static str {
+    if is_required { "with" } else { "without" }
 }
 
 fn first_order(phase: &PhaseView) -> Order {
@@ -206,48 +216,36 @@ fn first_order(phase: &PhaseView) -> Order {
 }
 
 /// Parses a value; `None` if it is empty.
-fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<Option<T>, RequestError> {
+fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<Option<T>> {
     let wrong = |error| RequestError::Invalid(format!("{name}: {error}"));
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-fn parse_pick(value: &str) -> Result<Option<RunChoice>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "best" => Ok(Some(RunChoice::Best)),
-        "latest" => Ok(Some(RunChoice::Latest)),
-        other => Err(RequestError::Invalid(format!("pick must be best or latest, not '{other}'"))),
-    }
-}
-
-fn parse_sensor_filter(value: &str) -> Result<Option<SensorFilter>, RequestError> {
-    match value {
-        "" => Ok(None),
-        "with" => Ok(Some(SensorFilter::With)),
-        "without" => Ok(Some(SensorFilter::Without)),
-        other => {
-            Err(RequestError::Invalid(format!("rgb, depth and audio must be with or without, not '{other}'")))
-        }
-    }
-}
-
-/// Parses a day such as `2026-07-01` and returns its last millisecond.
-fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
+/// Finds the choice for `value`; `None` if it is empty.
+fn choice<T: Copy>(name: &str, value: &str, choices: [(&str, T); 2]) -> Result<Option<T>> {
     if value.is_empty() {
         return Ok(None);
     }
-    let parts: Vec<&str> = value.split('-').collect();
-    let end = match parts[..] {
-        [year, month, day] => year
-            .parse()
-            .ok()
-            .zip(month.parse().ok())
-            .zip(day.parse().ok())
-            .and_then(|((year, month), day)| calendar::unix_ms(year, month, day, LAST_SECOND)),
-        _ => None,
+    let [first, second] = choices.map(|(word, _)| word);
+    let wrong = || RequestError::Invalid(format!("{name} must be {first} or {second}, not '{value}'"));
+    let found = choices.into_iter().find(|(word, _)| *word == value);
+    found.map(|(_, choice)| Some(choice)).ok_or_else(wrong)
+}
+
+/// Returns the last millisecond of a day such as `2026-07-01`.
+fn parse_day(value: &str) -> Result<Option<i64>> {
+    if value.is_empty() {
+        return Ok(None);
+    }
+    let end = || {
+        let mut parts = value.split('-');
+        let mut next = || parts.next()?.parse::<u16>().ok();
+        let (year, month, day) = (next()?, next()?, next()?);
+        parts.next().is_none().then_some(())?;
+        calendar::unix_ms(year, u8::try_from(month).ok()?, u8::try_from(day).ok()?, LAST_SECOND)
     };
     let wrong = || RequestError::Invalid(format!("as_of must be a day such as 2026-07-01, not '{value}'"));
-    end.map(|end| Some(end + 999)).ok_or_else(wrong)
+    end().map(|end| Some(end + 999)).ok_or_else(wrong)
 }
 
 pub(crate) fn day(unix_ms: i64) -> String {
@@ -257,10 +255,9 @@ pub(crate) fn day(unix_ms: i64) -> String {
 /// Form and links for other selections from the same phase.
 pub(crate) struct LeaderboardControls {
     pub(crate) params: LeaderboardParams,
-    phase: PhaseView,
+    pub(crate) phase: PhaseView,
     pub(crate) key: Key,
     pub(crate) pick: RunChoice,
-    /// Teams with entries.
     pub(crate) teams: BTreeSet<String>,
 }
 
@@ -322,10 +319,6 @@ impl LeaderboardControls {
         self.params.address(&self.phase)
     }
 
-    pub(crate) fn orders(&self) -> &[Order] {
-        &self.phase.orders
-    }
-
     /// Returns the form's hidden `order`; all orders need none.
     pub(crate) fn order_value(&self) -> Option<&'static str> {
         match self.params.orders {
@@ -336,12 +329,8 @@ impl LeaderboardControls {
 
     pub(crate) fn sensors(&self) -> [(&'static str, &'static str, &'static str); 3] {
         let labels = ["Colour", "Depth", "Sound"];
-        let value = |index: usize| self.params.sensors[index].map_or("", SensorFilter::as_str);
+        let value = |index: usize| self.params.sensors[index].map_or("", sensor_word);
         [0, 1, 2].map(|index| (SENSOR_PARAMS[index], labels[index], value(index)))
-    }
-
-    pub(crate) fn is_team(&self, team: &str) -> bool {
-        self.params.team == team
     }
 
     /// Returns the selected day, or an empty text.
@@ -354,7 +343,7 @@ impl LeaderboardControls {
         Key::ALL.into_iter().map(|key| (key, shown.contains(&key))).collect()
     }
 
-    /// Returns true if the form differs from its defaults; the page then shows it open.
+    /// Returns true if the form has entries; the page then shows it open.
     pub(crate) fn is_open(&self) -> bool {
         self.params.is_filtered() || self.params.as_of_unix_ms.is_some() || !self.params.columns.is_empty()
     }
@@ -364,7 +353,7 @@ impl LeaderboardControls {
 mod tests {
     use super::*;
 
-    fn params(query: &str) -> Result<LeaderboardParams, RequestError> {
+    fn params(query: &str) -> Result<LeaderboardParams> {
         let uri = format!("/x?{query}").parse().expect("an address");
         let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(&uri).expect("pairs");
         LeaderboardParams::from_pairs(&pairs)

@@ -10,7 +10,6 @@
 //! ```
 
 mod api;
-mod compression;
 mod error;
 mod format;
 mod freeze;
@@ -20,7 +19,6 @@ mod management;
 mod middleware;
 mod pages;
 mod plot;
-mod proxy;
 mod replay;
 mod replay_renderer;
 mod request;
@@ -34,15 +32,14 @@ pub use management::{
     ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
     TeamCredential,
 };
-pub use proxy::{ProxyRangeError, TrustedProxy};
 pub use replay_renderer::{
     RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest,
 };
-pub use server::{WebError, serve, serve_router};
+pub use server::{ProxyRangeError, TrustedProxy, WebError, serve, serve_router};
 
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, middleware::from_fn_with_state, routing::get};
-use error::RequestError;
+use error::{RequestError, Result};
 use live::LiveFeed;
 use management::ManagementState;
 use replay_renderer::RenderQueue;
@@ -50,7 +47,7 @@ use request::GrpcEndpoint;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// Settings and services for the web server, besides its database.
+/// Settings and services for the web server, besides the database.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
     /// gRPC server port.
@@ -63,7 +60,7 @@ pub struct Site {
     pub live_status: Option<Arc<dyn LiveStatus>>,
     /// Management actions; `None` disables sign-in.
     pub management: Option<Arc<dyn Management>>,
-    /// Reverse proxies whose `X-Forwarded-For` header names the client.
+    /// Reverse proxies with a reliable `X-Forwarded-For` header.
     pub trusted_proxies: Vec<TrustedProxy>,
 }
 
@@ -73,7 +70,7 @@ pub fn router(reader: Reader, site: Site) -> Router {
     router_until(reader, site, false, None)
 }
 
-/// As [`router`]. `is_secure`: the servers use TLS. Event streams end when `closed` loses its sender.
+/// As [`router`]. `is_secure`: the servers use TLS. Event streams end when the sender of `closed` is dropped.
 fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watch::Receiver<()>>) -> Router {
     let live_status = site.live_status;
     let open = Router::new()
@@ -88,21 +85,18 @@ fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watc
         .layer(Extension(site.replay_renderer.map(|renderer| Arc::new(RenderQueue::new(renderer)))));
     let router = match site.management {
         None => open.with_state(reader),
-        Some(actions) => with_management(open, ManagementState::new(actions, is_secure), reader),
+        Some(actions) => {
+            let management = Arc::new(ManagementState::new(actions, is_secure));
+            open.merge(pages::management_router())
+                .layer(Extension(management.clone()))
+                .layer(from_fn_with_state((management, reader.clone()), management::identify))
+                .with_state(reader)
+        }
     };
     middleware::with_middleware(router, live_status)
 }
 
-/// Adds sign-in and the management pages.
-fn with_management(open: Router<Reader>, management: ManagementState, reader: Reader) -> Router {
-    let management = Arc::new(management);
-    open.merge(pages::management_router())
-        .layer(Extension(management.clone()))
-        .layer(from_fn_with_state((management, reader.clone()), management::identify))
-        .with_state(reader)
-}
-
-async fn ready(State(reader): State<Reader>) -> Result<&'static str, RequestError> {
+async fn ready(State(reader): State<Reader>) -> Result<&'static str> {
     reader.ping().await.map_err(|_| RequestError::Busy)?;
     Ok("ready\n")
 }

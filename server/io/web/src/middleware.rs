@@ -1,22 +1,29 @@
-//! Middleware for all responses: access log, limits, headers, caching and error bodies.
+//! Middleware for all responses: access log, limits, headers, caching, compression and error bodies.
 
 use crate::{
-    compression::CompressedBodies,
     error::RequestError,
     live::LiveStatus,
     management::{MAX_FORM_BYTES, has_session_cookie},
-    pages::{self, Menu, PageContext},
+    pages,
+    request::{CONTEXT, Menu, PageContext},
+    server::Streaming,
 };
 use axum::{
     Router,
-    body::{Body, to_bytes},
+    body::{Body, Bytes, to_bytes},
     extract::{Request, State},
     http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
     middleware::{Next, from_fn_with_state},
     response::{IntoResponse, Response},
 };
+use flate2::{Compression, write::GzEncoder};
+use quick_cache::{Weighter, sync::Cache};
 use serde_json::json;
-use std::{sync::Arc, time::Duration};
+use std::{
+    io::{self, Write},
+    sync::Arc,
+    time::Duration,
+};
 use tower_http::{
     CompressionLevel,
     catch_panic::CatchPanicLayer,
@@ -26,12 +33,18 @@ use tower_http::{
 };
 use tracing::Level;
 
-/// Size limit for addresses, bytes.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
-/// referrers.
+// Cache size, bytes: some thousands of pages.
+const CACHE_BYTES: u64 = 32 << 20;
+// Typical compressed page, bytes; an estimate for the cache.
+const TYPICAL_BYTES: usize = 8 << 10;
+// Bodies below this size fit into a single packet without compression, bytes.
+const MIN_BYTES: usize = 1024;
+
+// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
+// referrers.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "same-origin"),
@@ -46,21 +59,17 @@ const UNFRAMED: [(HeaderName, &str); 2] = [
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];
-/// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
+// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
 const FRAMED: [(HeaderName, &str); 1] = [(
     POLICY,
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
 )];
 
-/// Marks a response with a streamed body, which is neither cached nor tagged.
-#[derive(Clone, Copy)]
-pub(crate) struct Streaming;
-
 /// Wraps `router` in all middleware. Pages show the announcement from `live_status`.
 pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveStatus>>) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
-    // The path without its query: search words do not belong into a log.
+    // The path without the query: search words do not belong into a log.
     let access_log = TraceLayer::new_for_http()
         .make_span_with(|request: &Request| {
             tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
@@ -78,7 +87,7 @@ pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveSt
         .layer(access_log)
 }
 
-/// Limits time and address length, gives errors a body, and adds the headers.
+/// Limits time and address length, and adds error bodies and headers.
 async fn finish_response(
     State(live_status): State<Option<Arc<dyn LiveStatus>>>,
     request: Request,
@@ -92,7 +101,7 @@ async fn finish_response(
     let mut response = if is_too_long {
         RequestError::TooLong { limit: MAX_ADDRESS_BYTES }.into_response()
     } else {
-        let answer = context.clone().scope(next.run(request));
+        let answer = CONTEXT.scope(context.clone(), next.run(request));
         let answer = tokio::time::timeout(RESPONSE_TIMEOUT, answer).await;
         answer.unwrap_or_else(|_| RequestError::Busy.into_response())
     };
@@ -110,35 +119,23 @@ async fn finish_response(
     response
 }
 
-/// Gives an error its body: problem details (RFC 9457) for programs, a page for people.
+/// Adds the body of an error: problem details (RFC 9457) for programs, a page for people.
 fn with_error_body(bare: Response, for_programs: bool, path: &str, context: PageContext) -> Response {
     let error = bare.extensions().get::<RequestError>().cloned();
     let error = error.unwrap_or_else(|| RequestError::of_status(bare.status()));
     let menu = bare.extensions().get::<Menu>().copied().unwrap_or_default();
     let (mut parts, _) = bare.into_parts();
     let (kind, body) = if for_programs {
-        ("application/problem+json", problem(&error, path))
+        ("application/problem+json", json!(error.problem(path)).to_string())
     } else {
         let context = PageContext { menu, ..context };
-        ("text/html; charset=utf-8", context.sync_scope(|| pages::error_page(&error)))
+        ("text/html; charset=utf-8", CONTEXT.sync_scope(context, || pages::error_page(&error)))
     };
-    parts.status = error.status();
+    parts.status = error.class().status;
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
     parts.headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     parts.headers.remove(header::CONTENT_LENGTH);
     Response::from_parts(parts, Body::from(body))
-}
-
-fn problem(error: &RequestError, path: &str) -> String {
-    json!({
-        "type": "about:blank",
-        "title": error.title(),
-        "status": error.status().as_u16(),
-        "detail": error.to_string(),
-        "instance": path,
-        "reason": error.reason(),
-    })
-    .to_string()
 }
 
 /// Adds an `ETag` to successful responses, answers `If-None-Match` with 304, and compresses public bodies.
@@ -166,7 +163,12 @@ async fn cache_and_compress(
     // A weak tag, because it is the same for all encodings of the body.
     let hash = blake3::hash(&body);
     let tag = format!("W/\"{}\"", &hash.to_hex()[..32]);
-    set_caching(&mut parts.headers, &tag, is_private);
+    // Caches may store public responses, with revalidation, but no private ones.
+    let control = if is_private { "private, no-store" } else { "public, no-cache" };
+    parts.headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
+    if let Ok(tag) = HeaderValue::from_str(&tag) {
+        parts.headers.insert(header::ETAG, tag);
+    }
     if known.is_some_and(|known| matches_tag(&known, &tag)) {
         parts.status = StatusCode::NOT_MODIFIED;
         parts.headers.remove(header::CONTENT_TYPE);
@@ -182,15 +184,6 @@ async fn cache_and_compress(
     Response::from_parts(parts, Body::from(body))
 }
 
-/// Lets caches store public responses, with revalidation, and forbids copies of private responses.
-fn set_caching(headers: &mut HeaderMap, tag: &str, is_private: bool) {
-    let control = if is_private { "private, no-store" } else { "public, no-cache" };
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
-    if let Ok(tag) = HeaderValue::from_str(tag) {
-        headers.insert(header::ETAG, tag);
-    }
-}
-
 fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
     let known = known.to_str().unwrap_or_default();
     known
@@ -199,11 +192,70 @@ fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
         .any(|one| one == "*" || one.trim_start_matches("W/") == tag.trim_start_matches("W/"))
 }
 
+#[derive(Clone)]
+struct BodyWeighter;
+
+impl Weighter<blake3::Hash, Bytes> for BodyWeighter {
+    fn weight(&self, _: &blake3::Hash, body: &Bytes) -> u64 {
+        body.len() as u64
+    }
+}
+
+pub(crate) struct CompressedBodies(Cache<blake3::Hash, Bytes, BodyWeighter>);
+
+impl Default for CompressedBodies {
+    fn default() -> Self {
+        Self(Cache::with_weighter(CACHE_BYTES as usize / TYPICAL_BYTES, CACHE_BYTES, BodyWeighter))
+    }
+}
+
+impl CompressedBodies {
+    /// Returns the body compressed if the client accepts that and it helps; updates `headers` accordingly.
+    pub(crate) fn compress(
+        &self,
+        hash: blake3::Hash,
+        body: Bytes,
+        accepted: Option<&HeaderValue>,
+        headers: &mut HeaderMap,
+    ) -> Bytes {
+        if body.len() < MIN_BYTES || !accepted.is_some_and(accepts_gzip) || !is_text(headers) {
+            return body;
+        }
+        let Ok(compressed) = self.0.get_or_insert_with(&hash, || gzip(&body)) else { return body };
+        headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+        headers.remove(header::CONTENT_LENGTH);
+        compressed
+    }
+}
+
+fn gzip(body: &[u8]) -> io::Result<Bytes> {
+    let mut encoder = GzEncoder::new(Vec::with_capacity(body.len() / 4), Compression::fast());
+    encoder.write_all(body)?;
+    encoder.finish().map(Bytes::from)
+}
+
+/// Returns true if `Accept-Encoding` lists gzip with a weight above 0.
+fn accepts_gzip(accepted: &HeaderValue) -> bool {
+    let encodings = accepted.to_str().unwrap_or_default();
+    encodings.split(',').any(|encoding| {
+        let (name, weight) = encoding.split_once(';').unwrap_or((encoding, ""));
+        let is_refused = matches!(weight.trim(), "q=0" | "q=0.0" | "q=0.00" | "q=0.000");
+        matches!(name.trim(), "gzip" | "*") && !is_refused
+    })
+}
+
+/// Returns true for text; pictures and sound are compressed already.
+fn is_text(headers: &HeaderMap) -> bool {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    kind.starts_with("text/") || kind.starts_with("application/") || kind.starts_with("image/svg")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use axum::routing::get;
     use http_body_util::BodyExt;
+    use std::io::Read;
     use tower::ServiceExt;
 
     /// Requests an address from a router with broken handlers.
@@ -241,5 +293,37 @@ mod tests {
         let matches = |known: &'static str| matches_tag(&HeaderValue::from_static(known), "\"a\"");
         assert!(matches("\"a\"") && matches("W/\"a\"") && matches("\"b\", \"a\"") && matches("*"));
         assert!(!matches("\"b\"") && !matches("a") && !matches(""));
+    }
+
+    fn headers(kind: &'static str) -> HeaderMap {
+        HeaderMap::from_iter([(header::CONTENT_TYPE, HeaderValue::from_static(kind))])
+    }
+
+    #[test]
+    fn text_is_compressed_once() {
+        let (bodies, plain) = (CompressedBodies::default(), Bytes::from("all the same ".repeat(1000)));
+        let (hash, gzip) = (blake3::hash(&plain), HeaderValue::from_static("br, gzip;q=0.8"));
+        let mut sent = headers("text/html");
+        let first = bodies.compress(hash, plain.clone(), Some(&gzip), &mut sent);
+        assert_eq!(sent[header::CONTENT_ENCODING], "gzip");
+        let mut decoded = String::new();
+        flate2::read::GzDecoder::new(&first[..]).read_to_string(&mut decoded).expect("gzip");
+        assert_eq!(decoded.as_bytes(), plain);
+        let second = bodies.compress(hash, plain, Some(&gzip), &mut headers("text/html"));
+        assert_eq!((second.as_ptr(), second.len()), (first.as_ptr(), first.len()), "the cached bytes");
+    }
+
+    #[test]
+    fn short_binary_and_unwanted_bodies_stay_plain() {
+        let (bodies, gzip) = (CompressedBodies::default(), HeaderValue::from_static("gzip"));
+        let long = Bytes::from(vec![b'a'; 5000]);
+        let sent = |body: &Bytes, accepted: Option<&HeaderValue>, kind| {
+            bodies.compress(blake3::hash(body), body.clone(), accepted, &mut headers(kind)).len()
+        };
+        assert_eq!(sent(&long, Some(&gzip), "image/png"), 5000);
+        assert_eq!(sent(&long, None, "text/css"), 5000);
+        assert_eq!(sent(&long, Some(&HeaderValue::from_static("gzip;q=0, br")), "text/css"), 5000);
+        assert_eq!(sent(&Bytes::from_static(b"short"), Some(&gzip), "text/css"), 5);
+        assert!(sent(&long, Some(&gzip), "application/json") < 100);
     }
 }

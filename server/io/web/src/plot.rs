@@ -20,17 +20,12 @@ pub(crate) struct Curves<'a> {
     pub(crate) curves: Vec<Curve<'a>>,
     /// Horizontal lines with their labels.
     pub(crate) levels: Vec<(f64, &'a str)>,
-    /// Last step.
     pub(crate) last: u32,
-    /// Cursor step.
     pub(crate) step: u32,
 }
 
-/// One curve.
 pub(crate) struct Curve<'a> {
-    /// Line style index.
     pub(crate) kind: usize,
-    /// Label at the last point.
     pub(crate) label: &'a str,
     /// Steps and values. NaN interrupts the curve.
     pub(crate) points: Vec<(u32, f64)>,
@@ -46,7 +41,6 @@ pub(crate) fn round_ticks(most: f64) -> Vec<f64> {
     (0..=(most / step - 1e-9).ceil() as u32).map(|index| f64::from(index) * step).collect()
 }
 
-/// Returns a step's horizontal position, pixels.
 fn x_of(step: u32, last: u32) -> f64 {
     LEFT_PX + WIDTH_PX * f64::from(step) / f64::from(last.max(1))
 }
@@ -139,7 +133,6 @@ impl Curves<'_> {
     }
 }
 
-/// Returns a line style sample for a legend.
 pub(crate) fn curve_sign(kind: &usize) -> String {
     let kind = kind % KINDS;
     format!(
@@ -147,7 +140,6 @@ pub(crate) fn curve_sign(kind: &usize) -> String {
     )
 }
 
-/// Escapes text for element content.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
@@ -187,7 +179,7 @@ pub(crate) fn stacked(counts: &[u32]) -> String {
     svg + "</svg>"
 }
 
-/// Draws a bar for `count` in a table whose largest count is `most`.
+/// Draws a bar for `count` in a table with the maximum `most`.
 pub(crate) fn bar(count: &u32, most: u32) -> String {
     let width = 100.0 * f64::from(*count) / f64::from(most.max(1));
     format!(
@@ -196,7 +188,6 @@ pub(crate) fn bar(count: &u32, most: u32) -> String {
     )
 }
 
-/// Returns a bar style sample for a legend.
 pub(crate) fn bar_sign(index: &usize) -> String {
     let kind = index % BAR_KINDS;
     format!(

@@ -1,9 +1,14 @@
-//! Request data: the viewer, and typed query parameters.
+//! Request data: viewer, page context, and typed query parameters.
 
-use crate::{error::RequestError, format::url_encode};
-use avln_store::{CompareView, Incomparable, Reader, RunList, Viewer};
+use crate::{
+    error::{RequestError, Result},
+    format::url_encode,
+};
+use avln_store::{
+    CompareView, EpisodeView, Incomparable, MissionsView, PhaseView, Reader, RunList, RunView, Viewer,
+};
 use axum::{
-    extract::{FromRequestParts, Query},
+    extract::{FromRequestParts, Path, Query},
     http::{header, request::Parts},
 };
 use serde::{Deserialize, de::DeserializeOwned};
@@ -24,7 +29,7 @@ pub(crate) struct RequestContext {
 impl FromRequestParts<Reader> for RequestContext {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self> {
         let now_unix_ms = now_unix_ms();
         let viewer = match parts.headers.get(header::AUTHORIZATION) {
             // Set by the session middleware.
@@ -35,6 +40,29 @@ impl FromRequestParts<Reader> for RequestContext {
             }
         };
         Ok(Self { reader: reader.clone(), viewer, now_unix_ms })
+    }
+}
+
+impl RequestContext {
+    pub(crate) async fn phase(&self, id: &str) -> Result<PhaseView> {
+        let phase = self.reader.phase(&self.viewer, id, self.now_unix_ms).await?;
+        phase.ok_or_else(|| RequestError::unknown("phase", id))
+    }
+
+    pub(crate) async fn missions(&self, phase: &str) -> Result<MissionsView> {
+        let missions = self.reader.missions(&self.viewer, phase).await?;
+        missions.ok_or_else(|| RequestError::unknown("public list of missions of phase", phase))
+    }
+
+    pub(crate) async fn run(&self, id: &str) -> Result<RunView> {
+        let run = self.reader.run(&self.viewer, id).await?;
+        run.ok_or_else(|| RequestError::unknown("run", id))
+    }
+
+    pub(crate) async fn episode(&self, run: &str, ordinal: &str) -> Result<EpisodeView> {
+        let unknown = || RequestError::unknown("episode", format!("{ordinal} of run {run}"));
+        let index = ordinal.parse().map_err(|_| unknown())?;
+        self.reader.episode(&self.viewer, run, index).await?.ok_or_else(unknown)
     }
 }
 
@@ -49,11 +77,50 @@ pub(crate) fn now_unix_ms() -> i64 {
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
-/// The gRPC server's port and transport.
+tokio::task_local! {
+    // A task-local, because every page needs it and handlers have nothing else to do with it.
+    pub(crate) static CONTEXT: PageContext;
+}
+
+/// Parts of the page frame that depend on the visitor and the running arena.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PageContext {
+    pub(crate) menu: Menu,
+    /// The organiser's announcement; may be empty.
+    pub(crate) announcement: String,
+}
+
+impl PageContext {
+    pub(crate) fn current() -> Self {
+        CONTEXT.try_with(Self::clone).unwrap_or_default()
+    }
+}
+
+/// The menu entry that depends on the visitor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Menu {
+    /// No entry: this server has no sign-in.
+    #[default]
+    Plain,
+    Stranger,
+    Team,
+    Organiser,
+}
+
+impl Menu {
+    pub(crate) fn link(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            Self::Plain => None,
+            Self::Stranger => Some(("/sign-in", "Sign in")),
+            Self::Team => Some(("/me", "My page")),
+            Self::Organiser => Some(("/organise", "Organise")),
+        }
+    }
+}
+
 #[derive(Clone, Copy, Default)]
 pub(crate) struct GrpcEndpoint {
     pub(crate) port: u16,
-    /// True if it uses TLS.
     pub(crate) is_secure: bool,
 }
 
@@ -93,7 +160,7 @@ pub(crate) struct StrictQuery<T>(pub(crate) T);
 impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
     type Rejection = RequestError;
 
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self> {
         match Query::<T>::try_from_uri(&parts.uri) {
             Ok(Query(parameters)) => Ok(Self(parameters)),
             Err(error) => Err(RequestError::Invalid(error.body_text())),
@@ -101,12 +168,23 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
     }
 }
 
-/// An empty query.
+/// Path parameters of an address without query.
+pub(crate) struct PathOnly<T>(pub(crate) T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for PathOnly<T> {
+    type Rejection = RequestError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self> {
+        StrictQuery::<NoParameters>::from_request_parts(parts, state).await?;
+        let path = Path::from_request_parts(parts, state).await;
+        path.map(|Path(path)| Self(path)).map_err(|error| RequestError::of_status(error.status()))
+    }
+}
+
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NoParameters {}
 
-/// Run ids to compare.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CompareQuery {
@@ -115,24 +193,19 @@ pub(crate) struct CompareQuery {
 }
 
 impl CompareQuery {
-    pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView, RequestError> {
+    pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView> {
         let Self { first, second } = self;
-        match context.reader.compare(&context.viewer, [first, second]).await? {
-            Some(Ok(view)) => Ok(view),
-            Some(Err(Incomparable::Apart)) => Err(RequestError::Invalid(format!(
-                "the runs '{first}' and '{second}' cannot be compared: they belong to different phases or orders of goals"
-            ))),
-            Some(Err(Incomparable::Hidden)) => Err(RequestError::Invalid(format!(
-                "the runs '{first}' and '{second}' cannot be compared: their phase hides the scores of single episodes"
-            ))),
-            None => {
-                Err(RequestError::Unknown { what: "pair of runs", name: format!("{first} and {second}") })
-            }
-        }
+        let reason = match context.reader.compare(&context.viewer, [first, second]).await? {
+            Some(Ok(view)) => return Ok(view),
+            Some(Err(Incomparable::Apart)) => "they belong to different phases or orders of goals",
+            Some(Err(Incomparable::Hidden)) => "their phase hides the scores of single episodes",
+            None => return Err(RequestError::unknown("pair of runs", format!("{first} and {second}"))),
+        };
+        let message = format!("the runs '{first}' and '{second}' cannot be compared: {reason}");
+        Err(RequestError::Invalid(message))
     }
 }
 
-/// The displayed moment in a replay.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ReplayQuery {
@@ -156,41 +229,31 @@ impl ReplayQuery {
     }
 }
 
-/// A picture's sensor.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PictureQuery {
-    sensor: Option<PictureSensor>,
+    pub(crate) sensor: Option<PictureSensor>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum PictureSensor {
+pub(crate) enum PictureSensor {
     Rgb,
     Depth,
 }
 
-impl PictureQuery {
-    pub(crate) fn is_depth(self) -> bool {
-        self.sensor == Some(PictureSensor::Depth)
-    }
-}
-
-/// A page in the list of runs.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunsQuery {
     pub(crate) phase: Option<String>,
-    /// Last run on the previous page.
     pub(crate) before: Option<String>,
     pub(crate) limit: Option<u32>,
 }
 
 impl RunsQuery {
-    /// Default and maximum `limit`.
     pub(crate) const LIMITS: (u32, u32) = (50, 200);
 
-    pub(crate) fn limit(&self) -> Result<u32, RequestError> {
+    pub(crate) fn limit(&self) -> Result<u32> {
         let (usual, most) = Self::LIMITS;
         match self.limit.unwrap_or(usual) {
             limit if (1..=most).contains(&limit) => Ok(limit),
@@ -207,16 +270,11 @@ impl RunsQuery {
         parameter("phase", self.phase.as_deref()) + &parameter("before", before) + &format!("limit={limit}")
     }
 
-    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, RequestError> {
+    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList> {
         let before = self.before.as_deref();
         let list = reader.older_runs(viewer, self.phase.as_deref(), before, self.limit()?).await?;
-        list.ok_or_else(|| RequestError::Unknown { what: "run", name: before.unwrap_or_default().to_owned() })
+        list.ok_or_else(|| RequestError::unknown("run", before.unwrap_or_default()))
     }
-}
-
-/// Parses an episode index.
-pub(crate) fn ordinal(text: &str) -> Result<u32, RequestError> {
-    text.parse().map_err(|_| RequestError::Unknown { what: "episode", name: text.to_owned() })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_acoustics::{
-    Acoustics, Bank, Clip, Ears, Emitter, Head, Listener, SURFACE_BANDS, Settings, SoundPlace, SoundShelf,
+    Acoustics, Bank, BuildingCache, Clip, Ears, Emitter, Head, Listener, SURFACE_BANDS, Settings, SoundCache,
     Surface, Surfaces,
 };
 use avln_geom::{Point3, RayMesh, Rng};
@@ -65,10 +65,10 @@ fn main() {
 
 /// Loads four cached sources, as the first episode in a prepared building does. Excludes the disk.
 fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
-    let place = SoundPlace { shelf: Arc::new(Memory::default()), name: "bench".to_owned() };
+    let place = BuildingCache { cache: Arc::new(Memory::default()), name: "bench".to_owned() };
     let open = || {
         let surfaces = Surfaces::by_material(scene);
-        Acoustics::new(scene, Arc::clone(rays), surfaces, Settings::default()).kept_at(Some(place.clone()))
+        Acoustics::new(scene, Arc::clone(rays), surfaces, Settings::default()).with_cache(Some(place.clone()))
     };
     let sources = |acoustics: &Acoustics| {
         places.iter().take(4).for_each(|place| drop(black_box(acoustics.source(place))));
@@ -124,12 +124,12 @@ fn enclose(scene: &mut Scene) {
 #[derive(Default)]
 struct Memory(Mutex<BTreeMap<String, Vec<u8>>>);
 
-impl SoundShelf for Memory {
-    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+impl SoundCache for Memory {
+    fn load_sound(&self, name: &str) -> Option<Vec<u8>> {
         self.0.lock().expect("nothing panics").get(name).cloned()
     }
 
-    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+    fn store_sound(&self, name: &str, bytes: &[u8]) {
         self.0.lock().expect("nothing panics").insert(name.to_owned(), bytes.to_vec());
     }
 }

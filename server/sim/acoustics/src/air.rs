@@ -1,138 +1,46 @@
-//! The air of a building on a grid: open cells and unobstructed steps between them.
+//! Air cells of a building, and unobstructed steps between them.
 
-use avln_geom::{Aabb, Point3, RayMesh, Vector3};
+pub(crate) mod grid;
+
+use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
+use grid::Grid;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-mod raster;
-
-/// Edge of a cell, metres.
-const CELL_M: f32 = 0.2;
-
-/// Limit on the number of cells; larger buildings get larger cells.
-const MAX_CELLS: f32 = 1.0e6;
-
-/// Smallest volume of room air, cubic metres, counting cells with six air neighbours. Smaller connected air
-/// is the inside of a wall, a slab or furniture.
+// Smaller connected air is the inside of a wall, a slab or furniture. Only cells with six air neighbours count.
 const MIN_ROOM_M3: f32 = 0.8;
 
-/// The air of a building in which sound travels.
 pub(crate) struct Air {
-    rays: Arc<RayMesh>,
-    grid: Grid,
+    pub(crate) rays: Arc<RayMesh>,
+    pub(crate) grid: Grid,
     /// Per cell: true if the centre is room air.
-    in_room: Vec<bool>,
+    pub(crate) in_room: Vec<bool>,
     /// Per cell: true if the step to the next cell in x, y, z is free.
     free_steps: Vec<[bool; 3]>,
 }
 
-/// A box of cubic cells; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
-#[derive(Clone, Debug)]
-pub(crate) struct Grid {
-    /// Centre of cell 0.
-    pub(crate) first_center: Point3<f32>,
-    pub(crate) cell_m: f32,
-    pub(crate) size: [usize; 3],
-}
-
-impl Grid {
-    fn new(bounds: Option<Aabb>) -> Self {
-        let finite = |bounds: &Aabb| bounds.size().iter().all(|edge_m| edge_m.is_finite());
-        let Some(bounds) = bounds.filter(finite) else {
-            return Self { first_center: Point3::origin(), cell_m: CELL_M, size: [0; 3] };
-        };
-        let edges = bounds.size();
-        let mut cell_m = CELL_M;
-        while edges.iter().map(|edge_m| (edge_m / cell_m).ceil().max(1.0)).product::<f32>() > MAX_CELLS {
-            cell_m *= 1.25;
-        }
-        let size = [edges.x, edges.y, edges.z].map(|edge_m| ((edge_m / cell_m) as usize).max(1));
-        let used = Vector3::from_fn(|axis, _| (size[axis] - 1) as f32 * cell_m);
-        Self { first_center: bounds.min + (edges - used) * 0.5, cell_m, size }
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.size.iter().product()
-    }
-
-    pub(crate) fn index(&self, cell: [usize; 3]) -> usize {
-        (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0]
-    }
-
-    pub(crate) fn cell(&self, index: usize) -> [usize; 3] {
-        let [size_x, size_y, _] = self.size;
-        [index % size_x, index / size_x % size_y, index / (size_x * size_y)]
-    }
-
-    pub(crate) fn center(&self, index: usize) -> Point3<f32> {
-        let cell = self.cell(index);
-        self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
-    }
-
-    /// Returns true if `point` is inside the grid.
-    pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
-        (0..3).all(|axis| {
-            let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
-            (0.0..self.size[axis] as f32).contains(&place)
-        })
-    }
-
-    /// Index distance between neighbours in direction `axis`.
-    pub(crate) fn stride(&self, axis: usize) -> usize {
-        [1, self.size[0], self.size[0] * self.size[1]][axis]
-    }
-
-    /// Returns the cells within `reach` cells of `point` (of the nearest cell if `point` is outside).
-    fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
-        if self.len() == 0 {
-            return Vec::new();
-        }
-        let ranges = [0, 1, 2].map(|axis| {
-            let position = ((point[axis] - self.first_center[axis]) / self.cell_m).round();
-            let middle = (position.max(0.0) as usize).min(self.size[axis] - 1);
-            middle.saturating_sub(reach)..=(middle + reach).min(self.size[axis] - 1)
-        });
-        let [xs, ys, zs] = ranges;
-        let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
-        rows.flat_map(|(y, z)| xs.clone().map(move |x| self.index([x, y, z]))).collect()
-    }
-}
-
 impl Air {
-    /// Scans the surfaces of `scene`; `rays` must be built over the same triangles.
+    /// Scans the surfaces in `scene`; `rays` must contain the same triangles.
     pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>) -> Self {
         let grid = Grid::new(scene.bounds());
         let mut open = vec![true; grid.len()];
         let mut free_steps = vec![[true; 3]; grid.len()];
         for triangle in 0..scene.mesh.triangles.len() {
             let corners = scene.corners(triangle);
-            raster::close_cells_near(&grid, &corners, &mut open);
-            raster::block_steps_through(&grid, &corners, &mut free_steps);
+            close_cells_near(&grid, &corners, &mut open);
+            block_steps_through(&grid, &corners, &mut free_steps);
         }
         let mut air = Self { rays, grid, in_room: open, free_steps };
         air.keep_rooms();
         air
     }
 
-    /// Bytes of the cell data.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
     }
 
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    pub(crate) fn rays(&self) -> &RayMesh {
-        &self.rays
-    }
-
-    /// Returns true if the centre of `cell` is room air.
-    pub(crate) fn in_room(&self, cell: usize) -> bool {
-        self.in_room[cell]
-    }
-
-    /// Returns the open cells reachable from `cell` in a single free step.
+    /// Returns the room cells reachable from `cell` in a single free step.
     pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
         let position = self.grid.cell(cell);
         (0..3).flat_map(move |axis| {
@@ -162,7 +70,7 @@ impl Air {
         }
     }
 
-    /// Marks all cells connected to `seed` and counts cells with six air neighbours.
+    /// Marks the cells connected to `seed`; returns how many have six air neighbours.
     fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
         let mut stack = vec![seed];
         let mut count = 0;
@@ -180,7 +88,7 @@ impl Air {
     }
 
     /// Returns a few room cells visible from `point`, nearest first.
-    pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
+    pub(crate) fn visible_cells(&self, point: &Point3<f32>) -> Vec<usize> {
         const ENOUGH: usize = 8;
         for reach in 1..=2 {
             let cells = self.room_cells(point, reach).into_iter();
@@ -193,7 +101,7 @@ impl Air {
         Vec::new()
     }
 
-    /// Returns the room cell for a point enclosed by furniture or outside: the nearest cell behind a single
+    /// Returns the room cell for a point inside furniture or outside: the nearest cell behind a single
     /// surface, otherwise the cell behind the fewest surfaces. `None` without room air.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
         const REACH_M: f32 = 1.2;
@@ -209,12 +117,9 @@ impl Air {
                 break;
             }
         }
-        best.map(|(_, cell)| cell).or_else(|| self.nearest_of_all(point))
-    }
-
-    fn nearest_of_all(&self, point: &Point3<f32>) -> Option<usize> {
+        let distance = |cell: &usize| self.distance_to(point, *cell);
         let rooms = (0..self.grid.len()).filter(|cell| self.in_room[*cell]);
-        rooms.min_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)))
+        best.map(|(_, cell)| cell).or_else(|| rooms.min_by(|a, b| distance(a).total_cmp(&distance(b))))
     }
 
     fn room_cells(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
@@ -242,5 +147,130 @@ impl Air {
             count += 1;
         }
         count
+    }
+}
+
+/// Corners of a triangle.
+type Triangle = [Point3<f32>; 3];
+
+/// Cells with a centre this close to a surface are closed, metres.
+const SKIN_M: f32 = 0.04;
+
+fn close_cells_near(grid: &Grid, corners: &Triangle, open: &mut [bool]) {
+    let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
+    let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
+    for z in zs {
+        for y in ys.clone() {
+            for x in xs.clone() {
+                let cell = grid.index([x, y, z]);
+                open[cell] &= distance_squared(&grid.center(cell), corners) >= SKIN_M * SKIN_M;
+            }
+        }
+    }
+}
+
+/// Blocks the steps between neighbouring centres that the triangle cuts.
+fn block_steps_through(grid: &Grid, corners: &Triangle, free_steps: &mut [[bool; 3]]) {
+    for axis in 0..3 {
+        let across = [(axis + 1) % 3, (axis + 2) % 3];
+        let (Some(us), Some(vs)) =
+            (span(grid, corners, across[0], 1e-4), span(grid, corners, across[1], 1e-4))
+        else {
+            continue;
+        };
+        for u in us {
+            for v in vs.clone() {
+                block_column(grid, corners, axis, [u, v], free_steps);
+            }
+        }
+    }
+}
+
+/// Blocks the cut steps in a row along `axis`; `column` is the row position on the next two axes.
+fn block_column(
+    grid: &Grid,
+    corners: &Triangle,
+    axis: usize,
+    column: [usize; 2],
+    free_steps: &mut [[bool; 3]],
+) {
+    let across = [(axis + 1) % 3, (axis + 2) % 3];
+    let line = [0, 1].map(|i| grid.first_center[across[i]] + column[i] as f32 * grid.cell_m);
+    let flat = corners.map(|corner| [corner[across[0]] - line[0], corner[across[1]] - line[1]]);
+    let Some(weights) = weights_at_origin(&flat) else { return };
+    let height: f32 = weights.iter().zip(corners).map(|(weight, corner)| weight * corner[axis]).sum();
+    let position = ((height - grid.first_center[axis]) / grid.cell_m).floor();
+    if position >= 0.0 && (position as usize) < grid.size[axis] {
+        let mut cell = [0; 3];
+        cell[axis] = position as usize;
+        (cell[across[0]], cell[across[1]]) = (column[0], column[1]);
+        free_steps[grid.index(cell)][axis] = false;
+    }
+}
+
+/// Barycentric weights for the origin in a flat triangle; `None` outside.
+fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
+    let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
+    let [a, b, c] = *corners;
+    let areas = [cross(b, c), cross(c, a), cross(a, b)];
+    let total: f32 = areas.iter().sum();
+    let weights = areas.map(|area| area / total);
+    // A tolerance at the edges, so that no gap opens between adjacent triangles.
+    (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
+}
+
+/// Returns the index range on `axis` within `margin_m` around the triangle.
+fn span(grid: &Grid, corners: &Triangle, axis: usize, margin_m: f32) -> Option<RangeInclusive<usize>> {
+    let [a, b, c] = corners.map(|corner| corner[axis]);
+    let position = |at: f32| (at - grid.first_center[axis]) / grid.cell_m;
+    let low = position(a.min(b).min(c) - margin_m).ceil().max(0.0);
+    let high = position(a.max(b).max(c) + margin_m).floor().min(grid.size[axis] as f32 - 1.0);
+    (low <= high).then_some(low as usize..=high as usize)
+}
+
+/// Squared distance from `point` to the triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
+fn distance_squared(point: &Point3<f32>, corners: &Triangle) -> f32 {
+    let [a, b, c] = corners;
+    let (ab, ac) = (b - a, c - a);
+    let normal = ab.cross(&ac);
+    let area = normal.norm_squared();
+    let inside =
+        |from: &Point3<f32>, to: &Point3<f32>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;
+    if area > 0.0 && inside(a, b) && inside(b, c) && inside(c, a) {
+        let height = (point - a).dot(&normal);
+        return height * height / area;
+    }
+    let edges = [(a, ab), (b, c - b), (c, a - c)];
+    edges.iter().map(|(from, edge)| edge_distance_squared(point, from, edge)).fold(f32::INFINITY, f32::min)
+}
+
+fn edge_distance_squared(point: &Point3<f32>, from: &Point3<f32>, edge: &Vector3<f32>) -> f32 {
+    let offset = point - from;
+    let along = (offset.dot(edge) / edge.norm_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (offset - edge * along).norm_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_to_a_triangle_by_hand() {
+        let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]].map(Point3::from);
+        for (point, squared) in [
+            ([0.5, 0.5, 3.0], 9.0),
+            ([1.0, -2.0, 0.0], 4.0),
+            ([-3.0, -4.0, 0.0], 25.0),
+            ([2.0, 2.0, 0.0], 2.0),
+        ] {
+            assert!((distance_squared(&Point3::from(point), &corners) - squared).abs() < 1e-5, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_through_a_shared_edge_is_blocked_by_one_of_the_two() {
+        let (a, b) = ([[-1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]], [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]);
+        assert!(weights_at_origin(&a).is_some() || weights_at_origin(&b).is_some());
+        assert!(weights_at_origin(&[[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]]).is_none());
     }
 }

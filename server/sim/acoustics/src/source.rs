@@ -1,114 +1,100 @@
-//! Sound sources in a building, and the waves that reach a listener from them.
+//! Sound sources in a building, and their waves at a listener.
 
-use crate::air::Air;
+use crate::building::{Building, Settings};
+use crate::cache::{BuildingCache, Reader, Writer};
 use crate::geodesic::{GeodesicField, length_m};
+use crate::head::Head;
 use crate::images::Images;
-use crate::impulse::{Arrival, ImpulseResponse};
-use crate::late::{Cells, Echo, LateField, add_tail};
-use crate::planes::Planes;
-use crate::stored::{Reader, Writer};
-use crate::ways::Ways;
-use crate::{Head, Listener, Settings, SoundPlace, Surfaces};
+use crate::impulse::{Arrival, ImpulseResponse, Listener};
+use crate::late::{LateField, slices::Slice, tail::add_tail};
+use crate::surfaces::Surfaces;
+use crate::unreflected::UnreflectedWaves;
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Memory limit of cached sources per building, bytes; sources in use also stay alive through their users.
+/// Memory limit for cached sources per building, bytes; sources in use also stay alive through their users.
 const SOURCES_BYTES: usize = 64 << 20;
 
-/// Acoustics of a building, shared by all listeners. Results do not depend on earlier queries.
+/// A building's acoustics, shared by all listeners. Results do not depend on earlier queries.
 pub struct Acoustics {
     building: Arc<Building>,
     /// Most recently used first.
     sources: Mutex<VecDeque<(Key, Slot)>>,
-    place: Option<SoundPlace>,
+    cache: Option<BuildingCache>,
 }
 
-/// The bits of a source's position.
+/// Position bits.
 type Key = [u32; 3];
 
-/// Filled by the first user of the source, while others wait.
+// The first user computes the source while others wait.
 type Slot = Arc<OnceLock<Source>>;
 
-/// Precomputed data of a building.
-pub(crate) struct Building {
-    pub(crate) air: Air,
-    pub(crate) planes: Planes,
-    pub(crate) surfaces: Surfaces,
-    pub(crate) settings: Settings,
-    /// Per triangle: unit normal; 0 for degenerate triangles.
-    pub(crate) normals: Vec<Vector3<f32>>,
-    pub(crate) cells: Cells,
-}
-
-/// A sound source position with its precomputed paths through the building. Cheap to clone.
+/// A sound source with precomputed paths through the building. Cheap to clone.
 #[derive(Clone)]
 pub struct Source {
-    known: Arc<Known>,
-    /// Head model.
+    data: Arc<SourceData>,
     head: Head,
 }
 
-/// A wave that is the first to arrive.
+/// The first arriving wave.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FirstWave {
     /// Time from emission to the head centre, seconds.
     pub delay_s: f64,
-    /// Direction of the wave in the horizontal plane: 0 is ahead of the listener, left is positive.
+    /// Horizontal direction, radians: 0 is ahead of the listener, left is positive.
     pub azimuth_rad: f32,
-    /// Response of the two ears to this wave.
+    /// Response at both ears.
     pub response: ImpulseResponse,
 }
 
-/// Arrivals at a position.
 pub(crate) struct Heard {
     arrivals: Vec<Arrival>,
-    echo: Echo,
+    echo: Vec<Slice>,
 }
 
-struct Known {
+struct SourceData {
     building: Arc<Building>,
     position: Point3<f32>,
-    /// Entry of the sound into room air: `position`, unless enclosed by furniture.
+    /// Entry point into room air: `position`, unless enclosed by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
     images: Images,
-    /// `None` for a place that is not finite.
+    /// `None` for a position that is not finite.
     late: Option<LateField>,
 }
 
 impl Acoustics {
-    /// Prepares `scene`; `rays` must contain the triangles of its mesh, and `surfaces` their materials.
+    /// Prepares `scene`; `rays` must contain its triangles, and `surfaces` their materials.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
         if settings.ray_count > 0 {
             settings.head.prepare();
         }
         let building = Building::new(scene, rays, surfaces, settings);
-        Self { building: Arc::new(building), sources: Mutex::default(), place: None }
+        Self { building: Arc::new(building), sources: Mutex::default(), cache: None }
     }
 
     /// Sets the persistent cache for sources.
     #[must_use]
-    pub fn kept_at(self, place: Option<SoundPlace>) -> Self {
-        Self { place, ..self }
+    pub fn with_cache(self, cache: Option<BuildingCache>) -> Self {
+        Self { cache, ..self }
     }
 
-    /// Bytes of the building and of all cached sources.
+    /// Bytes in the building and all cached sources.
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         self.building.byte_count() + sources.iter().map(|(_, slot)| bytes_of(slot)).sum::<usize>()
     }
 
-    /// The source at `position`, world frame, metres; computed on first use.
-    ///
-    /// A position inside a closed piece of furniture sounds from the air next to it.
+    /// Returns the source at `position`, world frame, metres; computed on first use. Inside closed furniture,
+    /// the source plays from the adjacent air.
     pub fn source(&self, position: &Point3<f32>) -> Source {
         let key = [0, 1, 2].map(|axis| position[axis].to_bits());
-        self.slot(key).get_or_init(|| self.find(position, key)).clone()
+        self.slot(key).get_or_init(|| self.load_or_compute(position, key)).clone()
     }
 
-    /// The slot of a source, which comes first from now on; the last ones go when all are too large.
+    /// Returns a source's slot, moved to the front; the oldest slots are dropped above the memory limit.
     fn slot(&self, key: Key) -> Slot {
         let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let found = sources.iter().position(|(known, _)| *known == key);
@@ -125,74 +111,54 @@ impl Acoustics {
     }
 
     /// Reads the source from the cache, or computes and stores it.
-    fn find(&self, position: &Point3<f32>, key: Key) -> Source {
-        let Some(SoundPlace { shelf, name }) = &self.place else {
+    fn load_or_compute(&self, position: &Point3<f32>, key: Key) -> Source {
+        let Some(BuildingCache { cache, name }) = &self.cache else {
             return Source::new(Arc::clone(&self.building), position);
         };
-        let name = self.building.settings.name_of_source(name, key);
-        let found = shelf.find_sound(&name);
+        let name = self.building.settings.source_name(name, key);
+        let found = cache.load_sound(&name);
         let found = found.and_then(|bytes| Source::read(&bytes, Arc::clone(&self.building), position));
         found.unwrap_or_else(|| {
             let source = Source::new(Arc::clone(&self.building), position);
-            shelf.keep_sound(&name, &source.to_bytes());
+            cache.store_sound(&name, &source.to_bytes());
             source
         })
     }
 }
 
-/// Bytes of a source; 0 while it is being worked out.
+/// Bytes in a source; 0 until it is computed.
 fn bytes_of(slot: &Slot) -> usize {
-    slot.get().map_or(0, |source| source.known.byte_count())
-}
-
-impl Building {
-    pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
-        let air = Air::new(scene, rays);
-        let cells = Cells::new(&air, LateField::most_cells(&settings));
-        let normal = |triangle: usize| {
-            let [a, b, c] = scene.corners(triangle);
-            (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
-        };
-        let normals = (0..scene.mesh.triangles.len()).map(normal).collect();
-        Self { air, planes: Planes::new(scene), surfaces, settings, normals, cells }
-    }
-
-    fn byte_count(&self) -> usize {
-        self.air.byte_count()
-            + self.planes.byte_count()
-            + self.cells.byte_count()
-            + size_of_val(self.normals.as_slice())
-    }
+    slot.get().map_or(0, |source| source.data.byte_count())
 }
 
 impl Source {
     fn new(building: Arc<Building>, position: &Point3<f32>) -> Self {
         let air = &building.air;
         let mut outlet = *position;
-        let mut seeds = if finite(position) { air.clear_cells(position) } else { Vec::new() };
+        let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
         if seeds.is_empty() && finite(position) {
             seeds.extend(air.nearest_cell(position));
-            outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
+            outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
         let images = Images::new(&building, &outlet);
         let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
-        Self::of(Known { building, position: *position, outlet, field, images, late })
+        Self::of(SourceData { building, position: *position, outlet, field, images, late })
     }
 
-    fn of(known: Known) -> Self {
-        let head = known.building.settings.head.clone();
-        Self { known: Arc::new(known), head }
+    fn of(data: SourceData) -> Self {
+        let head = data.building.settings.head.clone();
+        Self { data: Arc::new(data), head }
     }
 
     /// Returns the source with a different head model.
     #[must_use]
-    pub fn heard_by(&self, head: &Head) -> Self {
-        Self { known: Arc::clone(&self.known), head: head.clone() }
+    pub fn with_head(&self, head: &Head) -> Self {
+        Self { data: Arc::clone(&self.data), head: head.clone() }
     }
 
     fn to_bytes(&self) -> Vec<u8> {
-        let Known { outlet, field, images, late, .. } = &*self.known;
+        let SourceData { outlet, field, images, late, .. } = &*self.data;
         let mut writer = Writer::default();
         writer.words(&[outlet.x, outlet.y, outlet.z].map(f32::to_bits));
         field.write(&mut writer);
@@ -210,24 +176,24 @@ impl Source {
         let field = GeodesicField::read(&mut reader, &building.air)?;
         let images = Images::read(&mut reader, &building, &outlet)?;
         let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, &building)?) };
-        Some(Self::of(Known { building, position: *position, outlet, field, images, late }))
+        Some(Self::of(SourceData { building, position: *position, outlet, field, images, late }))
     }
 
-    /// Position of the source, world frame, metres.
+    /// Position, world frame, metres.
     pub fn position(&self) -> Point3<f32> {
-        self.known.position
+        self.data.position
     }
 
-    /// Returns the response of both ears of `listener`. Empty for non-finite positions.
+    /// Returns the response at both ears. Empty for non-finite positions.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
         self.response(listener, &self.heard_at(&listener.position))
     }
 
     /// Returns all arrivals at a position, independent of the heading.
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
-        let arrivals = self.known.arrivals(place);
-        let late = self.known.late.as_ref().filter(|_| !arrivals.is_empty());
-        let echo = late.map_or_else(Echo::default, |late| late.at(&self.known.building, place));
+        let arrivals = self.data.arrivals(place);
+        let late = self.data.late.as_ref().filter(|_| !arrivals.is_empty());
+        let echo = late.map_or_else(Vec::new, |late| late.at(&self.data.building, place));
         Heard { arrivals, echo }
     }
 
@@ -236,21 +202,20 @@ impl Source {
         let settings = &self.settings();
         let arrivals = if listener.heading_rad.is_finite() { heard.arrivals.as_slice() } else { &[] };
         let mut response = ImpulseResponse::new(listener, arrivals, settings);
-        // Through walls some may come earlier, but hardly any.
+        // Waves through walls may arrive earlier, but carry hardly any energy.
         if let Some(first) = arrivals.first() {
             add_tail(&mut response, listener, &heard.echo, first.length_m, settings);
         }
         response
     }
 
-    /// Settings with the head model of this source.
     fn settings(&self) -> Settings {
-        Settings { head: self.head.clone(), ..self.known.building.settings.clone() }
+        Settings { head: self.head.clone(), ..self.data.building.settings.clone() }
     }
 
-    /// Returns the first wave at `listener`. `None` for non-finite positions.
+    /// Returns the first wave. `None` for non-finite positions.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
-        let arrivals = self.known.arrivals(&listener.position);
+        let arrivals = self.data.arrivals(&listener.position);
         let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
         Some(FirstWave {
             delay_s: first.delay_s(),
@@ -259,58 +224,55 @@ impl Source {
         })
     }
 
-    /// Share of the source's energy that left the building through holes and open doors to the outside, 0 to 1.
+    /// Energy share that left the building through holes and open doors, 0 to 1.
     pub fn lost_share(&self) -> f32 {
-        self.known.late.as_ref().map_or(1.0, LateField::lost_share)
+        self.data.late.as_ref().map_or(1.0, |late| late.lost_share)
     }
 
-    /// Samples of the longest impulse response that this source may have.
     pub(crate) fn response_samples(&self) -> usize {
-        self.known.building.settings.response_samples()
+        self.data.building.settings.response_samples()
     }
 
-    /// Path length of the first sound to `point`, metres; `None` if unreachable.
+    /// Shortest path length to `point`, metres; `None` if unreachable.
     pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
-        if !finite(point) || !finite(&self.known.outlet) {
+        if !finite(point) || !finite(&self.data.outlet) {
             return None;
         }
-        if self.known.building.air.rays().is_clear(point, &self.known.outlet) {
-            return Some((self.known.outlet - point).norm());
+        if self.data.building.air.rays.is_clear(point, &self.data.outlet) {
+            return Some((self.data.outlet - point).norm());
         }
-        self.known.ways().shortest(point).map(|way| length_m(&way))
+        self.data.waves().shortest(point).map(|path| length_m(&path))
     }
 }
 
-impl Known {
+impl SourceData {
     fn byte_count(&self) -> usize {
         let late = self.late.as_ref().map_or(0, LateField::byte_count);
         self.field.byte_count() + self.images.byte_count() + late
     }
 
     fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        if finite(listener) && finite(&self.outlet) {
-            let mut arrivals = self.ways().arrivals(listener);
-            let mirrored = self.images.arrivals(&self.building, listener, &arrivals);
-            arrivals.extend(mirrored);
-            arrivals
-        } else {
-            Vec::new()
+        if !finite(listener) || !finite(&self.outlet) {
+            return Vec::new();
         }
+        let mut arrivals = self.waves().arrivals(listener);
+        arrivals.extend(self.images.arrivals(&self.building, listener, &arrivals));
+        arrivals
     }
 
-    fn ways(&self) -> Ways<'_> {
-        Ways { building: &self.building, field: &self.field, outlet: &self.outlet }
+    fn waves(&self) -> UnreflectedWaves<'_> {
+        UnreflectedWaves { building: &self.building, field: &self.field, outlet: &self.outlet }
     }
 }
 
-/// Angle of a direction (unit vector, world frame) from straight ahead, positive to the left; 0 for up and down.
+/// Angle between a direction and straight ahead, positive to the left; 0 for up and down.
 fn azimuth_rad(direction: &Vector3<f32>, heading_rad: f32) -> f32 {
     let (sin, cos) = angle::sin_cos(heading_rad);
     angle::atan2(direction.z * sin - direction.x * cos, -direction.x * sin - direction.z * cos)
 }
 
 fn finite(point: &Point3<f32>) -> bool {
-    // Beyond this a house is not a house, and squares overflow.
+    // Larger coordinates are no building, and their squares overflow.
     const FAR_M: f32 = 1e6;
     point.iter().all(|coordinate| coordinate.abs() < FAR_M)
 }

@@ -1,8 +1,7 @@
-//! Files: size limits, neighbouring files, symbolic links and Git LFS pointers.
+//! Files: size limits, neighbouring files, symbolic links and Git LFS pointers; the import report.
 
-use crate::options::ImportReport;
 use avln_scene::SceneError;
-use avln_scene::limits::MAX_ENTRIES;
+use avln_scene::limits::{MAX_ENTRIES, MAX_WORD_CHARS};
 use percent_encoding::percent_decode_str;
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use std::fs::File;
@@ -15,45 +14,44 @@ pub(crate) type Checked<T> = Result<T, String>;
 
 /// First words in a Git LFS pointer, the text instead of a file that was not downloaded.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
+const LFS_ADVICE: &str = "it is a Git LFS pointer in the file's place; run `git lfs pull` in its folder";
 /// Greatest size for a text link or Git LFS pointer.
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
+
+/// Returns the reason as an error if `is_bad`.
+pub(crate) fn refuse_if(is_bad: bool, reason: impl FnOnce() -> String) -> Checked<()> {
+    if is_bad { Err(reason()) } else { Ok(()) }
+}
+
+/// Returns the error for a mesh with too many parts of a kind.
+pub(crate) fn too_many(limit: usize, parts: &str) -> String {
+    format!("it has more than {limit} {parts}; decimate it in a 3D editor")
+}
 
 /// Returns the error for an unusable file; `reason` continues "… is not a usable scene: ".
 pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Malformed { path: path.display().to_string(), reason: reason.into() }
 }
 
-/// Reads a regular file with at most `limit` bytes.
-///
-/// # Errors
-/// [`SceneError::Read`] if it cannot be read, is larger, or is a Git LFS pointer.
+/// Reads a regular file with at most `limit` bytes, as [`read_limited`].
 pub(crate) fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
     read_limited(path, limit).map_err(|source| SceneError::Read { path: path.display().to_string(), source })
 }
 
 /// Reads a file with at most `limit` bytes; follows links like [`resolve`].
 pub(crate) fn read(path: &Path, limit: u64, report: &mut ImportReport) -> Result<Vec<u8>, SceneError> {
-    let real = resolve(path, report)?;
-    read_regular(&real, limit)
+    read_regular(&resolve(path, report)?, limit)
 }
 
-/// Returns the real file's path.
-///
-/// Version control writes a symbolic link as a short text with the target's name on systems without links: this link is
-/// followed, with a warning.
-///
-/// # Errors
-/// If the file is a Git LFS pointer, or links form a long chain.
+/// Follows text links to the real file, with a warning. Refuses Git LFS pointers and long chains.
 pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf, SceneError> {
+    // Without support for symbolic links, version control writes a link as a short text with the target's name.
     let mut at = path.to_owned();
     for _ in 0..MAX_LINKS {
         let Some(text) = stand_in(&at) else { return Ok(at) };
         if text.starts_with(LFS_POINTER) {
-            return Err(malformed(
-                &at,
-                "it is a Git LFS pointer in the file's place; run `git lfs pull` in its folder",
-            ));
+            return Err(malformed(&at, LFS_ADVICE));
         }
         let Some(target) = link_target(&at, &text) else { return Ok(at) };
         report.warn(format!(
@@ -68,12 +66,8 @@ pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf,
 
 /// A file's content, if it is short enough for a text link or pointer.
 fn stand_in(path: &Path) -> Option<Vec<u8>> {
-    read_limited_quietly(path).filter(|bytes| !bytes.is_empty())
-}
-
-fn read_limited_quietly(path: &Path) -> Option<Vec<u8>> {
     let metadata = std::fs::metadata(path).ok()?;
-    let is_short = metadata.is_file() && metadata.len() <= MAX_STAND_IN_BYTES;
+    let is_short = metadata.is_file() && (1..=MAX_STAND_IN_BYTES).contains(&metadata.len());
     if is_short { std::fs::read(path).ok() } else { None }
 }
 
@@ -86,10 +80,7 @@ fn link_target(path: &Path, text: &[u8]) -> Option<PathBuf> {
     (target.extension() == path.extension() && target.is_file() && target != path).then_some(target)
 }
 
-/// Reads a regular file with at most `limit` bytes.
-///
-/// # Errors
-/// If it cannot be read, is larger, or is a Git LFS pointer.
+/// Reads a regular file with at most `limit` bytes. Refuses Git LFS pointers.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
     let refuse = |reason: String| Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, reason));
     let metadata = std::fs::metadata(path)?;
@@ -103,17 +94,12 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path)?.take(limit).read_to_end(&mut bytes)?;
     if bytes.starts_with(LFS_POINTER) {
-        return refuse(
-            "it is a Git LFS pointer in the file's place; run `git lfs pull` in its folder".to_owned(),
-        );
+        return refuse(LFS_ADVICE.to_owned());
     }
     Ok(bytes)
 }
 
-/// Returns the file for a relative URI.
-///
-/// # Errors
-/// If it is outside `folder`.
+/// Returns the file for a relative URI. Refuses files outside `folder`.
 pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     let outside = || format!("it refers to {address:?} outside its own folder; move that file next to it");
     let decoded = percent_decode_str(address).decode_utf8().map_err(|_| outside())?;
@@ -132,6 +118,12 @@ pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     Ok(folder.join(relative))
 }
 
+/// Returns the first existing file `X<suffix>` next to the table `X<ending>`.
+pub(crate) fn beside(table: &Path, ending: &str, suffixes: &[&str]) -> Option<PathBuf> {
+    let stem = table.file_name()?.to_str()?.strip_suffix(ending)?;
+    suffixes.iter().map(|suffix| table.with_file_name(format!("{stem}{suffix}"))).find(|path| path.is_file())
+}
+
 /// Returns the file name up to the first dot, with `_` for characters that scene names cannot have.
 pub(crate) fn scene_name(path: &Path) -> String {
     let file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -139,6 +131,11 @@ pub(crate) fn scene_name(path: &Path) -> String {
     let allowed = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
     let name: String = stem.chars().map(|letter| if allowed(letter) { letter } else { '_' }).collect();
     if name.is_empty() { "scene".to_owned() } else { name }
+}
+
+/// Returns at most [`MAX_WORD_CHARS`] characters, without control characters.
+pub(crate) fn plain_words(text: &str) -> String {
+    text.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect()
 }
 
 /// Reads a list and refuses one with more than [`MAX_ENTRIES`] entries: a short JSON text can name many defaults.
@@ -168,6 +165,33 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
             found.push(entry);
         }
         Ok(found)
+    }
+}
+
+/// Greatest warning count.
+const MAX_WARNINGS: usize = 100;
+const MORE: &str = "there are further warnings, which are not listed";
+
+/// Notes from a successful import: guesses, replacements and omissions.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ImportReport {
+    /// The recognised layout (`HM3D`, `glTF` …); empty before the import.
+    pub layout: &'static str,
+    /// Path to a navigation mesh next to the scene.
+    pub navmesh: Option<PathBuf>,
+    /// Distinct sentences in order; at most 100, and a note if there were more.
+    pub warnings: Vec<String>,
+}
+
+impl ImportReport {
+    /// Adds a warning, unless it is a duplicate.
+    pub fn warn(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        // A damaged file can cause a warning per triangle; the linear search for duplicates stays short because of the limit.
+        if self.warnings.len() > MAX_WARNINGS || self.warnings.contains(&text) {
+            return;
+        }
+        self.warnings.push(if self.warnings.len() < MAX_WARNINGS { text } else { MORE.to_owned() });
     }
 }
 
@@ -218,5 +242,16 @@ mod tests {
         {
             assert!(neighbour(folder, address).unwrap_err().contains("its own folder"), "{address}");
         }
+    }
+
+    #[test]
+    fn warnings_are_unique_and_limited() {
+        let mut report = ImportReport::default();
+        ["a", "b", "a"].into_iter().for_each(|text| report.warn(text));
+        assert_eq!(report.warnings, ["a", "b"]);
+        (0..1000).for_each(|number| report.warn(format!("warning {number}")));
+        assert_eq!(report.warnings.len(), MAX_WARNINGS + 1);
+        assert_eq!(report.warnings[MAX_WARNINGS - 1], "warning 97");
+        assert_eq!(report.warnings[MAX_WARNINGS], MORE);
     }
 }

@@ -1,20 +1,17 @@
 //! Gibson buildings: `X.scn` (objects with class and box), `X.glb` or `X.obj` (textured, Z up) and, if it exists,
 //! `X_semantic.ply` (object numbers per face).
 
-use crate::files::Checked;
-use crate::files::scene_name;
-use crate::labels::{ObjectLabel, UnlabelledSurfaces};
-use crate::options::{ImportOptions, ImportReport, UpAxis};
-use crate::world_frame::{FileFrame, UpConvention, check_size};
-use crate::{files, glb, labels, obj, ply};
+use crate::files::{self, Checked, ImportReport, beside, refuse_if, scene_name};
+use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
+use crate::ply;
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_geom::{Aabb, Point3};
 use avln_scene::limits::MAX_ENTRIES;
 use avln_scene::{InstanceId, Mesh, Scene, SceneError};
 use serde::Deserialize;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// Table suffix.
 pub(crate) const TABLE: &str = ".scn";
 const RENDER_MESHES: [&str; 3] = [".glb", ".obj", "_semantic.ply"];
 const SEMANTIC_MESH: &str = "_semantic.ply";
@@ -23,20 +20,8 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 const MARGIN_M: f32 = 0.02;
 
 /// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface inside its box; smaller
-/// boxes win.
-///
-/// # Errors
-/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged or the
-/// mesh is missing.
-pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(table, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+/// boxes win. Errors name line or byte.
+pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,
@@ -44,17 +29,17 @@ pub fn import_as(
     let bytes = files::read(table, MAX_TABLE_BYTES, report)?;
     let fail = |reason: String| files::malformed(table, reason);
     let listed = parse(&bytes, InstanceId::MAX).map_err(fail)?;
-    let render = RENDER_MESHES.iter().find_map(|suffix| beside(table, suffix)).ok_or_else(|| {
+    let render = beside(table, TABLE, &RENDER_MESHES).ok_or_else(|| {
         fail(
             "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder"
                 .to_owned(),
         )
     })?;
-    let mut surface = read_render(&render, report)?;
+    let mut surface = UnlabelledSurfaces::read(&render, report)?;
     let frame = FileFrame::of(&surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
     frame.apply(&mut surface.mesh);
     check_size(&surface.mesh, report).map_err(fail)?;
-    let label_of = match beside(table, SEMANTIC_MESH) {
+    let label_of = match beside(table, TABLE, &[SEMANTIC_MESH]) {
         Some(path) => labels_of_faces(&path, &frame, &surface.mesh, report)?,
         None => {
             report
@@ -65,25 +50,6 @@ pub fn import_as(
     let labels: Vec<ObjectLabel> =
         listed.iter().map(|object| ObjectLabel::of_words(object.id, &object.class)).collect();
     Ok(labels::scene(scene_name(table), surface, &label_of, &labels, Vec::new(), report))
-}
-
-fn beside(table: &Path, suffix: &str) -> Option<PathBuf> {
-    let stem = table.file_name()?.to_str()?.strip_suffix(TABLE)?;
-    Some(table.with_file_name(format!("{stem}{suffix}"))).filter(|path| path.is_file())
-}
-
-fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfaces, SceneError> {
-    let is = |kind: &str| path.extension().is_some_and(|extension| extension == kind);
-    if is("ply") {
-        let mesh = ply::read(path, report)?.mesh;
-        return Ok(UnlabelledSurfaces { mesh, materials: vec![ply::material(None)], textures: Vec::new() });
-    }
-    let model = if is("obj") {
-        obj::read(path, report)?
-    } else {
-        glb::read_part(&files::resolve(path, report)?, report)?
-    };
-    Ok(UnlabelledSurfaces { mesh: model.mesh, materials: model.materials, textures: model.textures })
 }
 
 fn labels_of_faces(
@@ -146,7 +112,6 @@ struct ScnObject {
 struct GibsonObject {
     id: u32,
     class: String,
-    /// Centre and size.
     place: Option<[[f32; 3]; 2]>,
 }
 
@@ -154,18 +119,14 @@ struct GibsonObject {
 fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<GibsonObject>> {
     let file: ScnFile = serde_json::from_slice(bytes)
         .map_err(|error| format!("it is no Gibson table ({error}); copy the .scn file again"))?;
-    if file.objects.len() > MAX_ENTRIES {
-        return Err(format!("it lists more than {MAX_ENTRIES} objects"));
-    }
+    refuse_if(file.objects.len() > MAX_ENTRIES, || format!("it lists more than {MAX_ENTRIES} objects"))?;
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
     for entry in file.objects {
         let id = u32::try_from(entry.id).ok().filter(|id| (1..=max_id).contains(id)).ok_or_else(|| {
             format!("an object has number {}, numbers are 1 to {max_id}; renumber the objects", entry.id)
         })?;
-        if !seen.insert(id) {
-            return Err(format!("object number {id} is not unique; renumber the objects"));
-        }
+        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
         if let Some(size) =
             entry.size.and_then(|sizes| sizes.into_iter().find(|size| size.is_nan() || *size < 0.0))
         {
@@ -180,7 +141,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<GibsonObject>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{self, damaged};
+    use crate::tests::{self, damaged};
 
     const TABLE_TEXT: &str = r#"{"objects": [
         {"class_": "couch", "id": 2, "location": [4, 3.5, 0.45], "size": [2, 1, 0.9], "parent_room": 1},
@@ -190,10 +151,10 @@ mod tests {
 
     fn check(files: &[(&str, &[u8])]) -> ImportReport {
         let folder = tempfile::tempdir().unwrap();
-        testing::write(folder.path(), "Made.scn", TABLE_TEXT);
-        files.iter().for_each(|(name, content)| testing::write(folder.path(), name, content));
+        tests::write(folder.path(), "Made.scn", TABLE_TEXT);
+        files.iter().for_each(|(name, content)| tests::write(folder.path(), name, content));
         let mut report = ImportReport::default();
-        let scene = import(&folder.path().join("Made.scn"), &mut report).unwrap();
+        let scene = import(&folder.path().join("Made.scn"), &ImportOptions::default(), &mut report).unwrap();
         let [table, sofa] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
         assert_eq!((table.id.0, table.category.as_str()), (1, "table"));
         assert_eq!((sofa.id.0, sofa.category.as_str()), (2, "sofa"));
@@ -204,30 +165,32 @@ mod tests {
 
     #[test]
     fn objects_are_the_surfaces_in_their_boxes() {
-        let report = check(&[("Made.obj", testing::obj().as_bytes())]);
+        let report = check(&[("Made.obj", tests::obj().as_bytes())]);
         assert!(report.warnings.iter().any(|warning| warning.contains("inside their boxes")), "{report:?}");
     }
 
     #[test]
     fn labels_on_faces_come_before_boxes() {
         let report =
-            check(&[("Made_semantic.ply", &testing::ply("ascii")), ("Made.obj", testing::obj().as_bytes())]);
+            check(&[("Made_semantic.ply", &tests::ply("ascii")), ("Made.obj", tests::obj().as_bytes())]);
         assert!(!report.warnings.iter().any(|warning| warning.contains("boxes")), "{report:?}");
-        check(&[("Made_semantic.ply", &testing::ply("ascii"))]);
+        check(&[("Made_semantic.ply", &tests::ply("ascii"))]);
     }
 
     #[test]
     fn a_table_without_a_mesh_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        testing::write(folder.path(), "Made.scn", TABLE_TEXT);
+        tests::write(folder.path(), "Made.scn", TABLE_TEXT);
         let error =
-            import(&folder.path().join("Made.scn"), &mut ImportReport::default()).unwrap_err().to_string();
+            import(&folder.path().join("Made.scn"), &ImportOptions::default(), &mut ImportReport::default())
+                .unwrap_err()
+                .to_string();
         assert!(error.contains("Made.scn") && error.contains("X.obj"), "{error}");
     }
 
     #[test]
     fn damaged_files_never_panic() {
-        let mesh = ply::parse(&testing::ply("ascii"), &mut ImportReport::default()).unwrap().mesh;
+        let mesh = ply::parse(&tests::ply("ascii"), &mut ImportReport::default()).unwrap().mesh;
         let frame = FileFrame::of(
             &mesh,
             &ImportOptions::default(),

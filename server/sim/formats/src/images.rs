@@ -1,10 +1,9 @@
-//! Images: PNG, JPEG and Basis Universal in, PNG out.
+//! Images: PNG, JPEG and Basis Universal (`.basis` files, as in HM3D, and KTX2 files) in, PNG out.
 
-use crate::files::{Checked, neighbour};
-use crate::options::ImportReport;
-use crate::{basis, files};
+use crate::files::{self, Checked, ImportReport, neighbour, refuse_if};
 use avln_scene::Texture;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXTURE_SIDE};
+use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -15,6 +14,15 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
+const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
+const BASIS_MAGIC: &[u8] = b"sB";
+/// Flag offset in a `.basis` header, and the flag for bottom row first.
+const BASIS_FLAGS_AT: usize = 21;
+const BASIS_BOTTOM_FIRST: u8 = 2;
+/// KTX2 metadata key for the orientation; the value's second letter is `u` for bottom row first.
+const ORIENTATION: &[u8] = b"KTXorientation\0";
+/// Bytes at a KTX2 file's start with the metadata.
+const METADATA_BYTES: usize = 1 << 16;
 const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
 /// Decodes an image without colour conversion; subtracts the texels from `budget`.
@@ -23,8 +31,8 @@ pub(crate) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
         decode_png(bytes, budget)
     } else if bytes.starts_with(JPEG_MAGIC) {
         decode_jpeg(bytes, budget)
-    } else if basis::is_basis(bytes) {
-        basis::decode(bytes, |width, height| check_size(width, height, budget))
+    } else if is_basis(bytes) {
+        decode_basis(bytes, |width, height| check_size(width, height, budget))
     } else {
         Err(format!("it is {}; {SUPPORTED}", kind_of(bytes)))
     }
@@ -40,11 +48,11 @@ fn kind_of(bytes: &[u8]) -> &'static str {
     }
 }
 
-pub(crate) fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
+fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
     let side = MAX_TEXTURE_SIDE as usize;
-    if width > side || height > side || width == 0 || height == 0 {
-        return Err(format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it"));
-    }
+    refuse_if(width > side || height > side || width == 0 || height == 0, || {
+        format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it")
+    })?;
     *budget = budget
         .checked_sub(width as u64 * height as u64)
         .ok_or("with it, the textures exceed the texel limit; resize them")?;
@@ -86,12 +94,46 @@ fn decode_jpeg(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     texture(u32::from(header.width), u32::from(header.height), &raw, raw.len() / texels)
 }
 
+fn is_basis(bytes: &[u8]) -> bool {
+    bytes.starts_with(BASIS_MAGIC) || bytes.starts_with(KTX2_MAGIC)
+}
+
+/// Decodes the largest level, top row first, after `check_size` has accepted width and height.
+fn decode_basis(bytes: &[u8], check_size: impl FnOnce(usize, usize) -> Checked<()>) -> Checked<Texture> {
+    let fail = |error: basisu::Error| {
+        format!(
+            "it is a Basis Universal texture that cannot be decoded ({error:?}); convert it to PNG or JPEG"
+        )
+    };
+    let picture = Transcoder::new(bytes).map_err(fail)?;
+    let (width, height) = picture.base_dimensions();
+    check_size(width as usize, height as usize)?;
+    let mut pixels = picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(fail)?;
+    let row_bytes = 4 * width as usize;
+    refuse_if(pixels.len() != row_bytes * height as usize, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
+    if begins_at_the_bottom(bytes) {
+        pixels = pixels.chunks_exact(row_bytes).rev().flatten().copied().collect();
+    }
+    Ok(Texture { width, height, pixels })
+}
+
+fn begins_at_the_bottom(bytes: &[u8]) -> bool {
+    if bytes.starts_with(BASIS_MAGIC) {
+        return bytes.get(BASIS_FLAGS_AT).is_some_and(|flags| flags & BASIS_BOTTOM_FIRST != 0);
+    }
+    let metadata = &bytes[..bytes.len().min(METADATA_BYTES)];
+    let at = metadata.windows(ORIENTATION.len()).position(|window| window == ORIENTATION);
+    at.is_some_and(|at| metadata.get(at + ORIENTATION.len() + 1) == Some(&b'u'))
+}
+
 /// Makes a texture from grey, grey-alpha, RGB or RGBA bytes.
 fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Texture> {
     let texels = width as usize * height as usize;
-    if !(1..=4).contains(&samples) || raw.len() != texels * samples {
-        return Err("its pixels do not fill its size; export it again".to_owned());
-    }
+    refuse_if(!(1..=4).contains(&samples) || raw.len() != texels * samples, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
     let rgba = |texel: &[u8]| match *texel {
         [grey] => [grey, grey, grey, 255],
         [grey, alpha] => [grey, grey, grey, alpha],
@@ -111,7 +153,6 @@ pub(crate) fn checker() -> Texture {
     Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
 }
 
-/// Encodes a texture as PNG: RGB for opaque textures, RGBA for others.
 pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
     let data: Vec<u8> = if opaque {
@@ -134,7 +175,8 @@ pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
 /// A scene's images in order by first use, without duplicates.
 pub(crate) struct ImageSet {
     folder: PathBuf,
-    textures: Vec<Texture>,
+    /// In number order.
+    pub(crate) textures: Vec<Texture>,
     number_of: BTreeMap<String, u16>,
     texels_left: u64,
 }
@@ -160,11 +202,6 @@ impl ImageSet {
         self.textures.push(texture);
         self.number_of.insert(name.to_owned(), number);
         Ok(number)
-    }
-
-    /// Returns all images in number order.
-    pub(crate) fn into_textures(self) -> Vec<Texture> {
-        self.textures
     }
 
     fn load(&mut self, name: &str, report: &mut ImportReport) -> Checked<Texture> {
@@ -219,6 +256,6 @@ mod tests {
         assert_eq!(numbers, [0, 1, 0, 2]);
         assert_eq!(report.warnings.len(), 3, "{report:?}");
         assert!(report.warnings[0].contains("\"absent.png\"") && report.warnings[0].contains("checker"));
-        assert_eq!(pictures.into_textures()[0], checker());
+        assert_eq!(pictures.textures[0], checker());
     }
 }

@@ -1,10 +1,15 @@
 //! Scan labels: from a semantic mesh to the render mesh's instances.
 
-use crate::options::ImportReport;
+use crate::files::{ImportReport, resolve};
+use crate::named_model::bounds;
+use crate::{glb, obj, ply};
 use avln_geom::{Aabb, Point3};
 use avln_scene::describe::{Meaning, Surfaces, meaning};
-use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
-use std::collections::BTreeMap;
+use avln_scene::{
+    Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, SceneError, Texture,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// Greatest difference between two meshes' boxes for a building, metres.
 const SAME_BUILDING_M: f32 = 1.0;
@@ -16,7 +21,23 @@ pub(crate) struct UnlabelledSurfaces {
     pub(crate) textures: Vec<Texture>,
 }
 
-/// A labelled object's number, category and room.
+impl UnlabelledSurfaces {
+    /// Reads a visible mesh (`.ply`, `.obj` or glTF), in file coordinates.
+    pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Self, SceneError> {
+        let model = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("ply") => return Ok(Self::of_scan(ply::read(path, report)?.mesh)),
+            Some("obj") => obj::read(path, report)?,
+            _ => glb::read_part(&resolve(path, report)?, report)?,
+        };
+        Ok(Self { mesh: model.mesh, materials: model.materials, textures: model.textures })
+    }
+
+    /// Returns the surfaces in a PLY file.
+    pub(crate) fn of_scan(mesh: Mesh) -> Self {
+        Self { mesh, materials: vec![ply::material(None)], textures: Vec::new() }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ObjectLabel {
     /// Number, not 0.
@@ -25,7 +46,6 @@ pub(crate) struct ObjectLabel {
     pub(crate) category: Option<String>,
     /// More specific noun; may be empty.
     pub(crate) noun: String,
-    /// Room index.
     pub(crate) region: Option<u16>,
 }
 
@@ -64,11 +84,13 @@ pub(crate) fn scene(
     report: &mut ImportReport,
 ) -> Scene {
     let UnlabelledSurfaces { mut mesh, materials, textures } = surface;
-    let triangles_of = triangles_of(label_of, labels, report);
+    let triangles_of = triangles_of(label_of);
+    warn_unlisted(&triangles_of, labels, report);
     let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
     let mut objects = Vec::new();
     let mut unseen = Vec::new();
-    for (label, category) in labels.iter().filter_map(|label| Some((label, label.category.clone()?))) {
+    for label in labels {
+        let Some(category) = label.category.clone() else { continue };
         let triangles = triangles_of.get(&label.id).map_or(&[][..], Vec::as_slice);
         let Some(bounds) = bounds(&mesh, triangles) else {
             unseen.push(label.id);
@@ -86,24 +108,23 @@ pub(crate) fn scene(
     }
     objects.sort_by_key(|object| object.id);
     for object in &objects {
-        triangles_of[&object.id.0]
-            .iter()
-            .for_each(|&triangle| mesh.instance_of[triangle as usize] = object.id);
+        for &triangle in &triangles_of[&object.id.0] {
+            mesh.instance_of[triangle as usize] = object.id;
+        }
     }
     Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted }
 }
 
-/// Triangles by label number.
-fn triangles_of(
-    label_of: &[u32],
-    labels: &[ObjectLabel],
-    report: &mut ImportReport,
-) -> BTreeMap<u32, Vec<u32>> {
+fn triangles_of(label_of: &[u32]) -> BTreeMap<u32, Vec<u32>> {
     let mut triangles_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (triangle, &label) in label_of.iter().enumerate().filter(|(_, label)| **label != 0) {
         triangles_of.entry(label).or_default().push(triangle as u32);
     }
-    let known: std::collections::BTreeSet<u32> = labels.iter().map(|label| label.id).collect();
+    triangles_of
+}
+
+fn warn_unlisted(triangles_of: &BTreeMap<u32, Vec<u32>>, labels: &[ObjectLabel], report: &mut ImportReport) {
+    let known: BTreeSet<u32> = labels.iter().map(|label| label.id).collect();
     let unlisted: Vec<u32> = triangles_of.keys().copied().filter(|id| !known.contains(id)).collect();
     if !unlisted.is_empty() {
         report.warn(format!(
@@ -112,16 +133,14 @@ fn triangles_of(
             some_of(&unlisted)
         ));
     }
-    triangles_of
 }
 
-fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
-    let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
-    let positions: Vec<Point3<f32>> = corners.map(|corner| mesh.positions[corner as usize]).collect();
-    Aabb::around(&positions)
+/// Returns the surfaces' box per label number.
+pub(crate) fn bounds_of(mesh: &Mesh, label_of: &[u32]) -> BTreeMap<u32, Aabb> {
+    let labelled = triangles_of(label_of).into_iter();
+    labelled.filter_map(|(label, triangles)| Some((label, bounds(mesh, &triangles)?))).collect()
 }
 
-/// A list's first numbers, as text.
 fn some_of(numbers: &[u32]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<String> = numbers.iter().take(SHOWN).map(u32::to_string).collect();
@@ -166,7 +185,6 @@ pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
     to.iter().map(label).collect()
 }
 
-/// Sample points on the mesh, and their triangles.
 fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     let mut points = Vec::new();
     let mut triangle_of = Vec::new();
@@ -183,7 +201,6 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     (points, triangle_of)
 }
 
-/// Parts per edge.
 fn cuts([a, b, c]: &[Point3<f32>; 3]) -> usize {
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     ((longest / SAMPLE_M).ceil() as usize).clamp(1, MAX_CUTS)

@@ -4,25 +4,23 @@
 //!
 //! *Never*: depends on missions.
 
-mod basis;
-mod extras;
 mod files;
-pub mod gibson;
+mod gibson;
 pub mod glb;
-pub mod habitat;
+mod habitat;
 pub mod hm3d;
 mod images;
 mod labels;
-pub mod mp3d;
+mod mp3d;
 mod named_model;
-pub mod obj;
+mod obj;
 pub mod open;
-mod options;
-pub mod ply;
-pub mod procthor;
-pub mod replica;
+mod ply;
+mod procthor;
+mod replica;
 #[cfg(test)]
-mod testing;
+mod tests;
 mod world_frame;
 
-pub use options::{ImportOptions, ImportReport, LengthUnit, UpAxis};
+pub use files::ImportReport;
+pub use world_frame::{ImportOptions, LengthUnit, UpAxis};

@@ -1,12 +1,13 @@
-//! Instances by node name: `KitchenTable_01_002` is a kitchen table.
+//! Instances by node: by our own `extras.avln` in exported files, or by name, as `KitchenTable_01_002` is a kitchen table.
 
-use crate::extras;
-use crate::extras::NodeExtras;
 use crate::files::Checked;
 use avln_geom::{Aabb, Point3};
 use avln_scene::categories::mpcat40;
 use avln_scene::describe::{Surfaces, is_structure};
-use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
+use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Greatest distance between an instance's pieces.
@@ -22,7 +23,7 @@ pub(crate) struct Model {
     pub(crate) node_of: Vec<u32>,
     /// Nodes, parents before children.
     pub(crate) nodes: Vec<ModelNode>,
-    pub(crate) scene_extras: serde_json::Value,
+    pub(crate) scene_extras: Value,
 }
 
 impl Model {
@@ -36,11 +37,10 @@ impl Model {
     ) -> Self {
         let node = |name| ModelNode { name, parent: None, extras: None };
         let nodes = names.into_iter().map(node).collect();
-        Self { mesh, materials, textures, node_of: part_of, nodes, scene_extras: serde_json::Value::Null }
+        Self { mesh, materials, textures, node_of: part_of, nodes, scene_extras: Value::Null }
     }
 }
 
-/// A node in the default scene.
 pub(crate) struct ModelNode {
     pub(crate) name: String,
     /// Index into [`Model::nodes`].
@@ -51,13 +51,10 @@ pub(crate) struct ModelNode {
 /// Role for the surfaces in a node and below.
 #[derive(Clone, Copy)]
 enum NodeClaim<'a> {
-    /// An instance.
     Instance(InstanceIdentity<'a>),
-    /// Structure, without an instance.
     Structure,
 }
 
-/// An instance's identity.
 #[derive(Clone, Copy)]
 enum InstanceIdentity<'a> {
     /// Extras in an exported scene.
@@ -66,7 +63,6 @@ enum InstanceIdentity<'a> {
     Named(&'static str),
 }
 
-/// An instance and the triangles.
 struct FoundInstance<'a> {
     identity: InstanceIdentity<'a>,
     name: &'a str,
@@ -77,7 +73,7 @@ struct FoundInstance<'a> {
 /// Converts a model to a scene: finds and numbers the instances, and describes those without a description.
 pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene> {
     let Model { mut mesh, materials, textures, node_of, nodes, scene_extras } = model;
-    let regions = extras::read_regions(&scene_extras)?;
+    let regions = read_regions(&scene_extras)?;
     let found = merged(found(&mesh, &node_of, &nodes));
     let ids = numbers(&found)?;
     let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
@@ -86,12 +82,13 @@ pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene>
         numbered.map(|(instance, &id)| object(instance, id, &surfaces, regions.len())).collect();
     objects.sort_by_key(|object| object.id);
     for (instance, &id) in found.iter().zip(&ids) {
-        instance.triangles.iter().for_each(|&triangle| mesh.instance_of[triangle as usize] = id);
+        for &triangle in &instance.triangles {
+            mesh.instance_of[triangle as usize] = id;
+        }
     }
     Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
 }
 
-/// Instances in node order.
 fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundInstance<'a>> {
     let claims: Vec<Option<NodeClaim<'a>>> = nodes.iter().map(claim).collect();
     let owners = owners(nodes, &claims);
@@ -104,22 +101,19 @@ fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundI
     let instance = |(node, claim): (usize, Option<NodeClaim<'a>>)| {
         let Some(NodeClaim::Instance(identity)) = claim else { return None };
         let triangles = triangles_of.remove(&node).unwrap_or_default();
-        let bounds = Aabb::around(&corners(mesh, &triangles)).or_else(|| stored_bounds(identity))?;
+        let bounds = match identity {
+            InstanceIdentity::Marked(extras) => bounds(mesh, &triangles).or_else(|| extras.bounds())?,
+            InstanceIdentity::Named(_) => bounds(mesh, &triangles)?,
+        };
         Some(FoundInstance { identity, name: &nodes[node].name, triangles, bounds })
     };
     claims.into_iter().enumerate().filter_map(instance).collect()
 }
 
-fn corners(mesh: &Mesh, triangles: &[u32]) -> Vec<Point3<f32>> {
-    let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
-    corners.map(|corner| mesh.positions[corner as usize]).collect()
-}
-
-fn stored_bounds(identity: InstanceIdentity<'_>) -> Option<Aabb> {
-    match identity {
-        InstanceIdentity::Marked(extras) => extras.bounds(),
-        InstanceIdentity::Named(_) => None,
-    }
+/// Returns the box around triangles; `None` if there are none.
+pub(crate) fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
+    let corners = triangles.iter().flat_map(|&triangle| &mesh.triangles[triangle as usize]);
+    Aabb::around(corners.map(|&corner| &mesh.positions[corner as usize]))
 }
 
 fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
@@ -251,6 +245,139 @@ fn phrase(name: &str) -> String {
         phrase.extend(shown.to_lowercase());
     }
     phrase.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Key in the `extras` of nodes and scenes.
+const KEY: &str = "avln";
+
+/// A node's instance; number 0 marks structure.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct NodeExtras {
+    pub(crate) instance: u32,
+    pub(crate) category: String,
+    pub(crate) region: Option<u16>,
+    noun: String,
+    color: String,
+    material: String,
+    size: String,
+    shape: String,
+    min: [f32; 3],
+    max: [f32; 3],
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
+struct SceneExtras {
+    regions: Vec<RegionExtras>,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
+struct RegionExtras {
+    label: String,
+    storey: u16,
+    min: [f32; 3],
+    max: [f32; 3],
+}
+
+impl NodeExtras {
+    /// Reads the node's `extras`; `None` if another program wrote them.
+    pub(crate) fn read(extras: &Value, name: &str) -> Checked<Option<Self>> {
+        let Some(ours) = extras.get(KEY) else { return Ok(None) };
+        let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
+        let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
+        let words = [&read.category, &read.noun, &read.color, &read.material, &read.size, &read.shape];
+        if words
+            .iter()
+            .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
+        {
+            return Err(fail(&format!(
+                "contains a word of more than {MAX_WORD_CHARS} characters or with control characters"
+            )));
+        }
+        if read.instance > InstanceId::MAX {
+            return Err(fail(&format!(
+                "names instance {}; the largest number is {}",
+                read.instance,
+                InstanceId::MAX
+            )));
+        }
+        if read.instance != 0 && read.category.trim().is_empty() {
+            return Err(fail("names an instance without a category"));
+        }
+        Ok(Some(read))
+    }
+
+    pub(crate) fn attributes(&self) -> Attributes {
+        Attributes {
+            noun: self.noun.clone(),
+            color: self.color.clone(),
+            material: self.material.clone(),
+            size: self.size.clone(),
+            shape: self.shape.clone(),
+        }
+    }
+
+    /// Returns the stored box, for an instance without surfaces.
+    pub(crate) fn bounds(&self) -> Option<Aabb> {
+        finite_box(self.min, self.max)
+    }
+}
+
+pub(crate) fn object_extras(object: &Object) -> Value {
+    let Attributes { noun, color, material, size, shape } = object.attributes.clone();
+    json!({ KEY: NodeExtras {
+        instance: object.id.0,
+        category: object.category.clone(),
+        region: object.region,
+        noun,
+        color,
+        material,
+        size,
+        shape,
+        min: object.bounds.min.into(),
+        max: object.bounds.max.into(),
+    } })
+}
+
+pub(crate) fn structure_extras() -> Value {
+    json!({ KEY: { "instance": InstanceId::NONE.0 } })
+}
+
+pub(crate) fn scene_extras(regions: &[Region]) -> Value {
+    let region = |region: &Region| RegionExtras {
+        label: region.label.clone(),
+        storey: region.storey,
+        min: region.bounds.min.into(),
+        max: region.bounds.max.into(),
+    };
+    json!({ KEY: SceneExtras { regions: regions.iter().map(region).collect() } })
+}
+
+/// Reads the regions in a scene's `extras`; none if another program wrote them.
+fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
+    let Some(ours) = extras.get(KEY) else { return Ok(Vec::new()) };
+    let fail = |reason: &str| format!("extras.{KEY} of its scene {reason}; correct or remove it");
+    let read = SceneExtras::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
+    if read.regions.len() > usize::from(u16::MAX) {
+        return Err(fail("lists more than 65535 regions"));
+    }
+    let region = |region: RegionExtras| {
+        let bounds =
+            finite_box(region.min, region.max).ok_or_else(|| fail("gives a region no finite box"))?;
+        Ok(Region {
+            label: region.label.chars().take(MAX_WORD_CHARS).collect(),
+            bounds,
+            storey: region.storey,
+        })
+    };
+    read.regions.into_iter().map(region).collect()
+}
+
+fn finite_box(min: [f32; 3], max: [f32; 3]) -> Option<Aabb> {
+    let finite = min.iter().chain(&max).all(|coordinate| coordinate.is_finite());
+    finite.then(|| Aabb::new(Point3::from(min), Point3::from(max)))
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! Scene opening, with layout recognition.
 
-use crate::options::{ImportOptions, ImportReport};
-use crate::{files, gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
-use avln_scene::canonical::canonical;
+use crate::files::{self, ImportReport};
+use crate::world_frame::ImportOptions;
+use crate::{gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
+use avln_scene::digest::canonical;
 use avln_scene::{Scene, SceneError};
 use std::path::{Path, PathBuf};
 
@@ -34,19 +35,12 @@ pub fn open_with(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneE
 /// Importer errors; [`SceneError::Malformed`] if the path has no scene, or several, or if `options` are given for a layout
 /// with fixed axes and units.
 pub fn open_as(path: &Path, options: &ImportOptions, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    let path = &existing(path)?;
+    std::fs::metadata(path)
+        .map_err(|source| SceneError::Read { path: path.display().to_string(), source })?;
     let (layout, scene) = recognised(path)?;
     report.layout = layout.name;
     report.navmesh = navmesh_beside(&scene);
     (layout.import)(&scene, options, report).map(canonical)
-}
-
-/// Checks that the path exists.
-fn existing(path: &Path) -> Result<PathBuf, SceneError> {
-    match std::fs::metadata(path) {
-        Ok(_) => Ok(path.to_owned()),
-        Err(source) => Err(SceneError::Read { path: path.display().to_string(), source }),
-    }
 }
 
 type Candidate = (&'static Layout, PathBuf);
@@ -88,15 +82,12 @@ fn several(candidates: &[Candidate]) -> String {
 }
 
 fn nothing(path: &Path) -> String {
-    let wanted = LAYOUTS
-        .iter()
-        .map(|layout| format!("{} ({})", layout.name, layout.sign))
-        .collect::<Vec<_>>()
-        .join(", ");
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("navmesh") => "it is a navigation mesh, without surfaces; use the mesh next to it".to_owned(),
-        _ => format!("no scene of a known layout is there; known layouts are {wanted}"),
+    if path.extension().is_some_and(|extension| extension == "navmesh") {
+        return "it is a navigation mesh, without surfaces; use the mesh next to it".to_owned();
     }
+    let known: Vec<String> =
+        LAYOUTS.iter().map(|layout| format!("{} ({})", layout.name, layout.sign)).collect();
+    format!("no scene of a known layout is there; known layouts are {}", known.join(", "))
 }
 
 /// Scenes with a layout in a folder or the inner folders, sorted by name.
@@ -139,9 +130,7 @@ fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
     }
 }
 
-/// A file layout.
 struct Layout {
-    /// Layout name.
     name: &'static str,
     /// Characteristic file, for error messages.
     sign: &'static str,
@@ -153,8 +142,10 @@ struct Layout {
     scene_in_folder: fn(&Path) -> Option<PathBuf>,
     /// Returns a scene's main file, for a file from the caller.
     scene_of_file: fn(&Path) -> Option<PathBuf>,
-    import: fn(&Path, &ImportOptions, &mut ImportReport) -> Result<Scene, SceneError>,
+    import: ImportFunction,
 }
+
+type ImportFunction = fn(&Path, &ImportOptions, &mut ImportReport) -> Result<Scene, SceneError>;
 
 /// Information in a layout's files, in increasing order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -208,7 +199,7 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Labels,
         scene_in_folder: |file| ends_with(file, mp3d::TABLE).then(|| file.to_owned()),
         scene_of_file: |file| companion(file, mp3d::TABLE),
-        import: mp3d::import_as,
+        import: mp3d::import,
     },
     Layout {
         name: "Replica",
@@ -217,7 +208,7 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Labels,
         scene_in_folder: |file| ends_with(file, replica::TABLE).then(|| file.to_owned()),
         scene_of_file: replica_table,
-        import: replica::import_as,
+        import: replica::import,
     },
     Layout {
         name: "Gibson",
@@ -226,36 +217,29 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Labels,
         scene_in_folder: |file| ends_with(file, gibson::TABLE).then(|| file.to_owned()),
         scene_of_file: |file| companion(file, gibson::TABLE),
-        import: gibson::import_as,
+        import: gibson::import,
     },
-    Layout {
-        name: "glTF",
-        sign: "X.glb or X.gltf",
-        inner_folders: &[],
-        detail: Detail::Mesh,
-        scene_in_folder: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
-        scene_of_file: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
-        import: glb::import_as,
-    },
-    Layout {
-        name: "OBJ",
-        sign: "X.obj",
-        inner_folders: &[],
-        detail: Detail::Mesh,
-        scene_in_folder: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
-        scene_of_file: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
-        import: obj::import_as,
-    },
-    Layout {
-        name: "PLY",
-        sign: "X.ply",
-        inner_folders: &[],
-        detail: Detail::Mesh,
-        scene_in_folder: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
-        scene_of_file: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
-        import: ply::import_as,
-    },
+    mesh_layout("glTF", "X.glb or X.gltf", |file| with_extension(file, &["glb", "gltf"]), glb::import),
+    mesh_layout("OBJ", "X.obj", |file| with_extension(file, &["obj"]), obj::import),
+    mesh_layout("PLY", "X.ply", |file| with_extension(file, &["ply"]), ply::import),
 ];
+
+const fn mesh_layout(
+    name: &'static str,
+    sign: &'static str,
+    scene: fn(&Path) -> Option<PathBuf>,
+    import: ImportFunction,
+) -> Layout {
+    Layout {
+        name,
+        sign,
+        inner_folders: &[],
+        detail: Detail::Mesh,
+        scene_in_folder: scene,
+        scene_of_file: scene,
+        import,
+    }
+}
 
 /// Refuses options for a layout with fixed axes and units.
 fn fixed(path: &Path, options: &ImportOptions, layout: &str) -> Result<(), SceneError> {
@@ -274,6 +258,10 @@ fn hm3d_mesh(file: &Path) -> Option<PathBuf> {
     let stem = [".semantic.txt", ".semantic.glb"].iter().find_map(|suffix| name.strip_suffix(suffix))?;
     let [plain, basis] = [".glb", ".basis.glb"].map(|suffix| file.with_file_name(format!("{stem}{suffix}")));
     Some(if basis.is_file() && !plain.is_file() { basis } else { plain })
+}
+
+fn with_extension(file: &Path, extensions: &[&str]) -> Option<PathBuf> {
+    has_extension(file, extensions).then(|| file.to_owned())
 }
 
 fn has_extension(file: &Path, extensions: &[&str]) -> bool {
@@ -314,7 +302,7 @@ fn replica_table(file: &Path) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{self, write};
+    use crate::tests::{self, write};
     use crate::{LengthUnit, UpAxis};
 
     const HOUSE: &str = "ASCII 1.1\nH made - 0 0 0 0 0 1 1 0 0 0 0 0 0 0 0 0 0 0 6 5 3 0 0 0 0 0\nC 0 1 sofa 10 sofa 0 0 0 0 0\n\
@@ -343,10 +331,10 @@ mod tests {
             ("gibson", "made.scn", GIBSON, "made_semantic.ply"),
         ] {
             write(&at(scan), name, table);
-            write(&at(scan), mesh, testing::ply("ascii"));
+            write(&at(scan), mesh, tests::ply("ascii"));
         }
         write(&at("mp3d"), "made.navmesh", "TESM");
-        write(&at("plain"), "made.ply", testing::ply("ascii"));
+        write(&at("plain"), "made.ply", tests::ply("ascii"));
         let navmesh = Some(at("mp3d/made.navmesh"));
         assert_eq!(opened(&at("mp3d")), ("Matterport3D", vec![3], navmesh.clone()));
         assert_eq!(opened(&at("mp3d/made.house")), ("Matterport3D", vec![3], navmesh.clone()));
@@ -363,8 +351,8 @@ mod tests {
     #[test]
     fn several_scenes_are_listed() {
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), "a.ply", testing::ply("ascii"));
-        write(folder.path(), "b.obj", testing::obj());
+        write(folder.path(), "a.ply", tests::ply("ascii"));
+        write(folder.path(), "b.obj", tests::obj());
         let error = refusal(folder.path());
         assert!(
             error.contains("2 scenes") && error.contains("a.ply (PLY)") && error.contains("b.obj (OBJ)"),
@@ -372,7 +360,7 @@ mod tests {
         );
         // A table selects the mesh.
         write(folder.path(), "a.scn", GIBSON);
-        write(folder.path(), "a_semantic.ply", testing::ply("ascii"));
+        write(folder.path(), "a_semantic.ply", tests::ply("ascii"));
         assert_eq!(opened(folder.path()).0, "Gibson");
         // Load settings for Habitat are no second scene.
         write(folder.path(), "a.scene_dataset_config.json", "{}");
@@ -396,7 +384,7 @@ mod tests {
     #[test]
     fn caller_sets_axis_and_unit() {
         let folder = tempfile::tempdir().unwrap();
-        let small = testing::obj();
+        let small = tests::obj();
         let big = small.lines().map(|line| match line.strip_prefix("v ") {
             Some(rest) => {
                 let scaled: Vec<String> =

@@ -1,13 +1,10 @@
 //! Replica scans: `habitat/info_semantic.json` (objects and classes), `habitat/mesh_semantic.ply` (object numbers per face)
 //! and `mesh.ply` (the same surfaces, coloured); polygons have four corners, Z is up.
 
-use crate::files::Checked;
-use crate::files::scene_name;
-use crate::labels::{ObjectLabel, UnlabelledSurfaces};
-use crate::options::{ImportOptions, ImportReport, UpAxis};
-use crate::ply::Ply;
-use crate::world_frame::{FileFrame, UpConvention, check_size};
-use crate::{files, labels, ply};
+use crate::files::{self, Checked, ImportReport, refuse_if, scene_name};
+use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
+use crate::ply::{self, Ply};
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_geom::Aabb;
 use avln_scene::limits::MAX_ENTRIES;
 use avln_scene::{InstanceId, Scene, SceneError};
@@ -15,9 +12,7 @@ use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Table name.
 pub(crate) const TABLE: &str = "info_semantic.json";
-/// Labelled mesh name.
 pub(crate) const SEMANTIC_MESH: &str = "mesh_semantic.ply";
 const RENDER_MESH: &str = "mesh.ply";
 /// Inner folder with table and labelled mesh.
@@ -27,19 +22,8 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 const SAME_FRAME: f32 = 0.5;
 
 /// Imports the scene with this table (`…/habitat/info_semantic.json`), named after the scene folder. Instance numbers are the
-/// table's numbers plus one, because 0 is no instance; walls, floors, doors and other structure are no objects.
-///
-/// # Errors
-/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged.
-pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(table, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+/// table's numbers plus one, because 0 is no instance. Errors name line or byte.
+pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,
@@ -55,22 +39,21 @@ pub fn import_as(
         )
     })?;
     let labels: Vec<u32> = objects.iter().map(|&object| label_number(object)).collect();
-    let mut render = render(table, &semantic, report)?;
+    let render = render(table, &semantic, report)?;
     let frame = FileFrame::of(&semantic.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
     frame.apply(&mut semantic.mesh);
-    let (mesh, label_of) = match &mut render {
-        Some(render) => {
+    let (mesh, label_of) = match render {
+        Some(mut render) => {
             frame.apply(&mut render.mesh);
             let label_of = labels::carried(&semantic.mesh, &labels, &render.mesh, report);
-            (std::mem::take(&mut render.mesh), label_of)
+            (render.mesh, label_of)
         }
         None => (semantic.mesh, labels),
     };
     check_size(&mesh, report).map_err(|reason| files::malformed(&semantic_path, reason))?;
-    let surface = UnlabelledSurfaces { mesh, materials: vec![ply::material(None)], textures: Vec::new() };
     let labels: Vec<ObjectLabel> =
         listed.iter().map(|object| ObjectLabel::of_words(object.id + 1, &object.class)).collect();
-    Ok(labels::scene(name(table), surface, &label_of, &labels, Vec::new(), report))
+    Ok(labels::scene(name(table), UnlabelledSurfaces::of_scan(mesh), &label_of, &labels, Vec::new(), report))
 }
 
 /// Reads the coloured mesh, if it exists, has colours, and has the labelled mesh's extent.
@@ -146,7 +129,6 @@ struct InfoExtent {
     sizes: [f64; 3],
 }
 
-/// An object with its class name; empty if unknown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct ReplicaObject {
     id: u32,
@@ -157,14 +139,15 @@ struct ReplicaObject {
 fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
     let file: InfoFile = serde_json::from_slice(bytes)
         .map_err(|error| format!("it is no Replica table ({error}); copy info_semantic.json again"))?;
-    if file.objects.len() > MAX_ENTRIES || file.classes.len() > MAX_ENTRIES {
-        return Err(format!("it lists more than {MAX_ENTRIES} objects or classes"));
-    }
+    refuse_if(file.objects.len() > MAX_ENTRIES || file.classes.len() > MAX_ENTRIES, || {
+        format!("it lists more than {MAX_ENTRIES} objects or classes")
+    })?;
     let mut name_of = BTreeMap::new();
     for class in &file.classes {
-        if name_of.insert(class.id, class.name.as_str()).is_some_and(|before| before != class.name) {
-            return Err(format!("class {} has two names", class.id));
-        }
+        refuse_if(
+            name_of.insert(class.id, class.name.as_str()).is_some_and(|before| before != class.name),
+            || format!("class {} has two names", class.id),
+        )?;
     }
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
@@ -172,9 +155,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
         let id = u32::try_from(entry.id).ok().filter(|&id| id <= max_id).ok_or_else(|| {
             format!("an object has number {}, numbers are 0 to {max_id}; renumber the objects", entry.id)
         })?;
-        if !seen.insert(id) {
-            return Err(format!("object number {id} is not unique; renumber the objects"));
-        }
+        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
         check_box(id, entry)?;
         let listed = || file.id_to_label.get(id as usize).copied();
         let class = entry.class_id.or_else(listed);
@@ -200,7 +181,7 @@ fn check_box(id: u32, entry: &InfoObject) -> Checked<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{self, damaged};
+    use crate::tests::{self, damaged};
     use avln_geom::Point3;
 
     const TABLE_TEXT: &str = r#"{
@@ -216,14 +197,16 @@ mod tests {
 
     fn folder_with(files: &[(&str, &[u8])]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        testing::write(folder.path(), "room_7/habitat/info_semantic.json", TABLE_TEXT);
-        files.iter().for_each(|(name, content)| testing::write(folder.path(), name, content));
+        tests::write(folder.path(), "room_7/habitat/info_semantic.json", TABLE_TEXT);
+        files.iter().for_each(|(name, content)| tests::write(folder.path(), name, content));
         folder
     }
 
     fn check(folder: &Path) -> ImportReport {
         let mut report = ImportReport::default();
-        let scene = import(&folder.join("room_7/habitat/info_semantic.json"), &mut report).unwrap();
+        let scene =
+            import(&folder.join("room_7/habitat/info_semantic.json"), &ImportOptions::default(), &mut report)
+                .unwrap();
         assert_eq!(scene.name, "room_7");
         let [table, sofa] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
         assert_eq!(
@@ -238,25 +221,25 @@ mod tests {
     #[test]
     fn the_labelled_mesh_alone_is_a_scene() {
         let folder =
-            folder_with(&[("room_7/habitat/mesh_semantic.ply", &testing::ply("binary_little_endian"))]);
+            folder_with(&[("room_7/habitat/mesh_semantic.ply", &tests::ply("binary_little_endian"))]);
         assert!(check(folder.path()).warnings.is_empty());
     }
 
     #[test]
     fn coloured_mesh_needs_the_same_extent() {
         let plain =
-            String::from_utf8(testing::ply("ascii")).unwrap().replace(" red", " a").replace(" green", " b");
+            String::from_utf8(tests::ply("ascii")).unwrap().replace(" red", " a").replace(" green", " b");
         let files: [(&str, &[u8]); 2] = [
             ("room_7/habitat/mesh_semantic.ply", plain.as_bytes()),
-            ("room_7/mesh.ply", &testing::ply("binary_big_endian")),
+            ("room_7/mesh.ply", &tests::ply("binary_big_endian")),
         ];
         assert!(check(folder_with(&files).path()).warnings.is_empty());
-        let turned = String::from_utf8(testing::ply("ascii"))
+        let turned = String::from_utf8(tests::ply("ascii"))
             .unwrap()
             .replace("float z", "float y")
             .replace("double y", "double z");
         let files: [(&str, &[u8]); 2] = [
-            ("room_7/habitat/mesh_semantic.ply", &testing::ply("ascii")),
+            ("room_7/habitat/mesh_semantic.ply", &tests::ply("ascii")),
             ("room_7/mesh.ply", turned.as_bytes()),
         ];
         let report = check(folder_with(&files).path());
@@ -265,13 +248,15 @@ mod tests {
 
     #[test]
     fn mesh_without_labels_is_refused() {
-        let plain = String::from_utf8(testing::ply("ascii")).unwrap().replace("object_id", "group");
+        let plain = String::from_utf8(tests::ply("ascii")).unwrap().replace("object_id", "group");
         let folder = folder_with(&[("room_7/habitat/mesh_semantic.ply", plain.as_bytes())]);
         let table = folder.path().join("room_7/habitat/info_semantic.json");
-        let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
+        let error =
+            import(&table, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
         assert!(error.contains("mesh_semantic.ply") && error.contains("object_id"), "{error}");
         std::fs::remove_file(table.with_file_name(SEMANTIC_MESH)).unwrap();
-        let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
+        let error =
+            import(&table, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
         assert!(error.starts_with("cannot read") && error.contains("mesh_semantic.ply"), "{error}");
     }
 

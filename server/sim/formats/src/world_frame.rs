@@ -1,11 +1,79 @@
-//! The transform from a file's axes and units to the world frame: Y up, metres.
+//! Axes and units of files, and their transform to the world frame: Y up, metres.
 
-use crate::files::Checked;
-use crate::options::ImportReport;
-use crate::options::{ImportOptions, LengthUnit, UpAxis};
+use crate::files::{Checked, ImportReport, refuse_if};
 use avln_geom::{Aabb, Point3, Vector3};
 use avln_scene::Mesh;
 use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
+
+/// A file's vertical axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpAxis {
+    /// Y, as in glTF.
+    Y = 1,
+    /// Z, as in Matterport, Replica and Gibson scans.
+    Z = 2,
+}
+
+/// A file's unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LengthUnit {
+    /// 1 m.
+    Metre,
+    /// 0.01 m.
+    Centimetre,
+    /// 0.001 m.
+    Millimetre,
+}
+
+/// Axis and unit set by the caller; `None` leaves the choice to the importer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImportOptions {
+    /// The vertical axis.
+    pub up: Option<UpAxis>,
+    /// The unit.
+    pub unit: Option<LengthUnit>,
+}
+
+impl LengthUnit {
+    /// Returns the length in metres.
+    pub fn metres(self) -> f32 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Centimetre => 0.01,
+            Self::Millimetre => 0.001,
+        }
+    }
+
+    /// Returns the command-line option that selects the unit.
+    pub(crate) fn option(self) -> &'static str {
+        match self {
+            Self::Metre => "--units m",
+            Self::Centimetre => "--units cm",
+            Self::Millimetre => "--units mm",
+        }
+    }
+}
+
+impl UpAxis {
+    /// Returns the coordinate's index.
+    pub(crate) fn index(self) -> usize {
+        self as usize
+    }
+
+    pub(crate) fn other(self) -> Self {
+        match self {
+            Self::Y => Self::Z,
+            Self::Z => Self::Y,
+        }
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Y => "y",
+            Self::Z => "z",
+        }
+    }
+}
 
 /// An extent is clearly smaller than another below this ratio.
 const CLEARLY_SMALLER: f32 = 0.6;
@@ -24,8 +92,8 @@ pub(crate) enum UpConvention {
 /// The transform from a file's coordinates to the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FileFrame {
-    up: UpAxis,
-    metres: f32,
+    pub(crate) up: UpAxis,
+    pub(crate) metres: f32,
 }
 
 impl FileFrame {
@@ -77,7 +145,6 @@ impl FileFrame {
         Aabb::new(a.inf(&b), a.sup(&b))
     }
 
-    /// Rotates and scales all positions.
     pub(crate) fn apply(&self, mesh: &mut Mesh) {
         mesh.positions.iter_mut().for_each(|position| *position = self.point((*position).into()));
     }
@@ -111,15 +178,15 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     let bounds = Aabb::around(&mesh.positions).ok_or("it has no triangles; export the meshes with it")?;
     let size = bounds.size();
     let longest = size.max();
-    if !(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {
-        return Err(format!(
+    refuse_if(!(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest), || {
+        format!(
             "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {}",
             size.x,
             size.y,
             size.z,
             advice(longest)
-        ));
-    }
+        )
+    })?;
     if size.y > TALLEST_M {
         report.warn(format!(
             "it is {} m high; if its unit is not the metre, use --units cm or --units mm, if another axis points up, use --up",

@@ -11,7 +11,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box between two corners, given in any order.
+    /// Returns the box between two corners in any order.
     pub fn new(a: Point3<f32>, b: Point3<f32>) -> Self {
         Self { min: a.inf(&b), max: a.sup(&b) }
     }
@@ -23,28 +23,28 @@ impl Aabb {
         Some(points.fold(Self { min: first, max: first }, |found, point| found.including(point)))
     }
 
-    /// Returns the box extended to `point`.
+    /// Extends the box to `point`.
     pub fn including(&self, point: &Point3<f32>) -> Self {
         Self { min: self.min.inf(point), max: self.max.sup(point) }
     }
 
-    /// The smallest box around both.
+    /// Returns the smallest box around both.
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
 
-    /// This box with every face moved outwards by `margin_m`.
+    /// Moves every face outwards by `margin_m`.
     pub fn grown(&self, margin_m: f32) -> Self {
         let margin = Vector3::repeat(margin_m);
         Self { min: self.min - margin, max: self.max + margin }
     }
 
-    /// The middle of the box.
+    /// Returns the centre.
     pub fn center(&self) -> Point3<f32> {
         nalgebra::center(&self.min, &self.max)
     }
 
-    /// Edge lengths in x, y, z.
+    /// Returns the edge lengths in x, y, z.
     pub fn size(&self) -> Vector3<f32> {
         self.max - self.min
     }
@@ -59,12 +59,12 @@ impl Aabb {
         (0..3).all(|axis| self.min[axis] <= other.max[axis] && other.min[axis] <= self.max[axis])
     }
 
-    /// The box point nearest to `point`; `point` itself if inside.
+    /// Returns the box point nearest to `point`; `point` itself if inside.
     pub fn closest_point(&self, point: &Point3<f32>) -> Point3<f32> {
         point.sup(&self.min).inf(&self.max)
     }
 
-    /// Euclidean distance from `point` to the box, metres; 0 inside.
+    /// Returns the Euclidean distance from `point` to the box, metres; 0 inside.
     pub fn distance_m(&self, point: &Point3<f32>) -> f32 {
         (self.closest_point(point) - point).norm()
     }
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distance_is_to_the_surface_and_zero_inside() {
+    fn box_distance_is_zero_inside() {
         let unit = Aabb::new(Point3::new(1.0, 1.0, 1.0), Point3::origin());
         assert_eq!(unit.distance_m(&Point3::new(0.5, 0.5, 0.5)), 0.0);
         assert_eq!(unit.distance_m(&Point3::new(4.0, 5.0, 0.5)), 5.0);
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn around_nothing_is_none() {
+    fn box_around_no_points_is_none() {
         assert_eq!(Aabb::around([]), None);
     }
 }

@@ -1,6 +1,6 @@
 //! Frames, poses, angles, boxes, rays and the seeded random generator.
 //!
-//! World frame (Habitat's): right-handed, Y up, metres, radians. A body with heading 0 looks along -Z;
+//! World frame (Habitat's): right-handed, Y up, metres, radians. A body with heading 0 faces -Z;
 //! a positive rotation about +Y is a left turn. Quaternions are written `x, y, z, w`.
 //!
 //! Start reading at [`Pose`], [`Aabb`] and [`RayMesh`].
@@ -9,7 +9,6 @@
 
 mod aabb;
 pub mod angle;
-pub mod convert;
 mod pose;
 mod ray_mesh;
 mod rng;
@@ -19,3 +18,24 @@ pub use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
 pub use pose::Pose;
 pub use ray_mesh::{Hit, RayMesh, Visitor};
 pub use rng::{Rng, SplitMix64};
+
+/// Conversions between nalgebra points and the vectors of parry and rerecast (glam).
+pub mod convert {
+    use nalgebra::{Point3, Vector3};
+    pub use parry3d::math::Vec3 as GlamVec3;
+
+    /// Converts a point for parry.
+    pub fn glam_from_point(point: &Point3<f32>) -> GlamVec3 {
+        GlamVec3::new(point.x, point.y, point.z)
+    }
+
+    /// Converts a direction for parry.
+    pub fn glam_from_vector(vector: &Vector3<f32>) -> GlamVec3 {
+        GlamVec3::new(vector.x, vector.y, vector.z)
+    }
+
+    /// Converts a point from parry.
+    pub fn point_from_glam(point: GlamVec3) -> Point3<f32> {
+        Point3::new(point.x, point.y, point.z)
+    }
+}

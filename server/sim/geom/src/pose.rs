@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Position and heading of a body, in the world frame unless named otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// Base of the body (feet), metres.
+    /// Base (feet), metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians in (-pi, pi]; 0 looks along -Z, left is positive.
+    /// Rotation about +Y, radians in (-pi, pi]; 0 faces -Z, left is positive.
     pub heading_rad: f32,
 }
 
@@ -17,41 +17,34 @@ impl Pose {
         Self { position, heading_rad: angle::wrap(heading_rad) }
     }
 
-    /// The unit vector that the body faces, horizontal.
+    /// Returns the horizontal unit vector ahead.
     pub fn forward(&self) -> Vector3<f32> {
         let (sin, cos) = angle::sin_cos(self.heading_rad);
         Vector3::new(-sin, 0.0, -cos)
     }
 
-    /// The unit vector to the right of the body, horizontal.
+    /// Returns the horizontal unit vector to the right.
     pub fn right(&self) -> Vector3<f32> {
         let (sin, cos) = angle::sin_cos(self.heading_rad);
         Vector3::new(cos, 0.0, -sin)
     }
 
-    /// The rotation as a quaternion.
+    /// Returns the rotation as a quaternion.
     pub fn rotation(&self) -> UnitQuaternion<f32> {
         angle::about_up(self.heading_rad)
     }
 
-    /// The transform that takes points of the agent's frame into the world.
+    /// Returns the transform from the agent's frame to the world.
     pub fn world_from_agent(&self) -> Isometry3<f32> {
         Isometry3::from_parts(Translation3::from(self.position), self.rotation())
     }
 
-    /// This pose as seen from `start`: the position in the frame of `start`, the heading relative to it.
+    /// Returns this pose in the frame of `start`.
     pub fn relative_to(&self, start: &Pose) -> Pose {
         let offset = self.position - start.position;
         let along = |axis: Vector3<f32>| offset.dot(&axis);
         let position = Point3::new(along(start.right()), offset.y, -along(start.forward()));
         Pose::new(position, self.heading_rad - start.heading_rad)
-    }
-
-    /// The inverse of [`Pose::relative_to`]: a pose given in the frame of `start`, in the world.
-    pub fn from_relative(start: &Pose, relative: &Pose) -> Pose {
-        let offset = start.right() * relative.position.x - start.forward() * relative.position.z;
-        let position = start.position + offset + Vector3::y() * relative.position.y;
-        Pose::new(position, start.heading_rad + relative.heading_rad)
     }
 }
 
@@ -61,7 +54,7 @@ mod tests {
     use std::f32::consts::FRAC_PI_2;
 
     #[test]
-    fn a_left_turn_from_minus_z_faces_minus_x() {
+    fn left_turn_from_minus_z_faces_minus_x() {
         let pose = Pose::new(Point3::origin(), FRAC_PI_2);
         assert!((pose.forward() - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
         let rotated = pose.rotation() * Vector3::new(0.0, 0.0, -1.0);
@@ -69,19 +62,18 @@ mod tests {
     }
 
     #[test]
-    fn relative_poses_go_there_and_back() {
+    fn relative_poses_lead_back_to_the_world() {
         let start = Pose::new(Point3::new(3.0, 1.0, -2.0), 0.7);
         let pose = Pose::new(Point3::new(-1.0, 1.5, 4.0), -2.0);
         let relative = pose.relative_to(&start);
-        let back = Pose::from_relative(&start, &relative);
-        assert!((back.position - pose.position).norm() < 1e-5);
-        assert!((back.heading_rad - pose.heading_rad).abs() < 1e-5);
+        let heading_rad = angle::wrap(start.heading_rad + relative.heading_rad);
+        assert!((heading_rad - pose.heading_rad).abs() < 1e-5);
         let isometry = start.world_from_agent() * relative.position;
         assert!((isometry - pose.position).norm() < 1e-5);
     }
 
     #[test]
-    fn one_metre_ahead_is_minus_z_in_the_frame_of_the_start() {
+    fn ahead_is_minus_z_relative_to_the_start() {
         let start = Pose::new(Point3::new(5.0, 0.0, 5.0), 1.2);
         let ahead = Pose::new(start.position + start.forward(), start.heading_rad);
         assert!((ahead.relative_to(&start).position - Point3::new(0.0, 0.0, -1.0)).norm() < 1e-6);

@@ -1,24 +1,21 @@
-mod packet;
 mod tree;
-mod walk;
 
 use crate::{Aabb, Point3, Vector3};
-use packet::Packet;
-use tree::{Node, Tree};
-pub use walk::Visitor;
+pub use tree::Visitor;
+use tree::{Node, Tree, WIDTH};
 
 /// A hit of a ray on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index of the triangle.
+    /// Triangle index.
     pub triangle: u32,
-    /// Distance from the origin, in lengths of the ray's direction (metres for a unit direction).
+    /// Distance from the origin, in direction lengths (metres for a unit direction).
     pub distance: f32,
     /// Barycentric weights of the triangle's second and third corner.
     pub barycentric: [f32; 2],
 }
 
-/// A triangle soup that answers rays. Triangles have two sides; degenerate ones are never hit.
+/// Two-sided triangles, indexed for ray queries. Degenerate triangles are never hit.
 pub struct RayMesh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
@@ -32,18 +29,18 @@ impl RayMesh {
     /// If an index is outside `positions`.
     pub fn new(positions: &[Point3<f32>], triangles: &[[u32; 3]]) -> Self {
         let corners = |index: u32| triangles[index as usize].map(|i| positions[i as usize]);
-        let boxes: Vec<_> = (0..triangles.len() as u32).map(|i| box_around(&corners(i))).collect();
+        let boxes: Vec<_> = (0..triangles.len() as u32).filter_map(|i| Aabb::around(&corners(i))).collect();
         let Tree { nodes, leaves } = Tree::new(&boxes);
         let packets = leaves.iter().map(|members| Packet::new(members, corners)).collect();
         Self { nodes, packets, triangle_count: triangles.len() }
     }
 
-    /// Triangle count.
+    /// Returns the triangle count.
     pub fn len(&self) -> usize {
         self.triangle_count
     }
 
-    /// Bytes that it takes.
+    /// Returns the memory use in bytes.
     pub fn byte_count(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
     }
@@ -53,12 +50,7 @@ impl RayMesh {
         self.triangle_count == 0
     }
 
-    /// Returns the first triangle in `direction` from `origin`, within `max_distance` lengths of `direction`.
-    pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, max_distance: f32) -> Option<Hit> {
-        walk::nearest(self, origin, direction, max_distance)
-    }
-
-    /// Returns true if the segment from `from` to `to` is free, except for a millimetre at both ends.
+    /// Returns true if the segment is free, except for a millimetre at both ends.
     pub fn is_clear(&self, from: &Point3<f32>, to: &Point3<f32>) -> bool {
         const END_GAP_M: f32 = 1e-3;
         let offset = to - from;
@@ -68,17 +60,92 @@ impl RayMesh {
         }
         let direction = offset / length_m;
         let start = from + direction * END_GAP_M;
-        !walk::any(self, &start, &direction, length_m - 2.0 * END_GAP_M)
-    }
-
-    /// Walks the tree of boxes, near ones first, and shows `visitor` every triangle of the boxes that it enters.
-    pub fn visit(&self, visitor: &mut impl Visitor) {
-        walk::visit(self, visitor);
+        !self.is_hit(&start, &direction, length_m - 2.0 * END_GAP_M)
     }
 }
 
-fn box_around([a, b, c]: &[Point3<f32>; 3]) -> Aabb {
-    Aabb { min: a.inf(b).inf(c), max: a.sup(b).sup(c) }
+type Lanes = [f32; WIDTH];
+
+/// Up to four triangles: a corner and two edges each. Unused lanes are degenerate.
+#[derive(Clone, Debug)]
+struct Packet {
+    origin: [Lanes; 3],
+    edge_u: [Lanes; 3],
+    edge_v: [Lanes; 3],
+    triangles: [u32; WIDTH],
+    /// Used lanes.
+    len: u8,
+}
+
+/// Ray hits on four triangles; infinite distance for a miss.
+struct PacketHits {
+    distance: Lanes,
+    u: Lanes,
+    v: Lanes,
+}
+
+impl Packet {
+    fn new(members: &[u32], corners: impl Fn(u32) -> [Point3<f32>; 3]) -> Self {
+        let zero = [[0.0; WIDTH]; 3];
+        let mut packet = Self {
+            origin: zero,
+            edge_u: zero,
+            edge_v: zero,
+            triangles: [u32::MAX; WIDTH],
+            len: members.len() as u8,
+        };
+        for (lane, &triangle) in members.iter().enumerate() {
+            let [a, b, c] = corners(triangle);
+            for axis in 0..3 {
+                packet.origin[axis][lane] = a[axis];
+                packet.edge_u[axis][lane] = (b - a)[axis];
+                packet.edge_v[axis][lane] = (c - a)[axis];
+            }
+            packet.triangles[lane] = triangle;
+        }
+        packet
+    }
+
+    /// Returns distances and barycentric weights (Möller and Trumbore 1997, both sides).
+    #[inline]
+    fn intersect(&self, origin: &[Lanes; 3], direction: &[Lanes; 3]) -> PacketHits {
+        let p = cross(direction, &self.edge_v);
+        let inverse = each(|i| 1.0 / dot(&self.edge_u, &p)[i]);
+        let to_origin = difference(origin, &self.origin);
+        let q = cross(&to_origin, &self.edge_u);
+        let scaled = |lanes: Lanes| each(|i| lanes[i] * inverse[i]);
+        let (u, v, t) =
+            (scaled(dot(&to_origin, &p)), scaled(dot(direction, &q)), scaled(dot(&self.edge_v, &q)));
+        // A degenerate triangle has infinite or undefined weights, which fail these comparisons.
+        let meets = |i: usize| (u[i] >= 0.0) & (v[i] >= 0.0) & (u[i] + v[i] <= 1.0) & (t[i] > 0.0);
+        PacketHits { distance: each(|i| if meets(i) { t[i] } else { f32::INFINITY }), u, v }
+    }
+}
+
+/// Copies the vector into every lane.
+fn splat(vector: &Vector3<f32>) -> [Lanes; 3] {
+    [[vector.x; WIDTH], [vector.y; WIDTH], [vector.z; WIDTH]]
+}
+
+#[inline(always)]
+fn each(value: impl Fn(usize) -> f32) -> Lanes {
+    std::array::from_fn(value)
+}
+
+#[inline(always)]
+fn dot(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
+    each(|i| a[0][i] * b[0][i] + a[1][i] * b[1][i] + a[2][i] * b[2][i])
+}
+
+#[inline(always)]
+fn cross(a: &[Lanes; 3], b: &[Lanes; 3]) -> [Lanes; 3] {
+    let component = |j: usize, k: usize| each(|i| a[j][i] * b[k][i] - a[k][i] * b[j][i]);
+    [component(1, 2), component(2, 0), component(0, 1)]
+}
+
+#[inline(always)]
+fn difference(a: &[Lanes; 3], b: &[Lanes; 3]) -> [Lanes; 3] {
+    [0, 1, 2].map(|axis| each(|i| a[axis][i] - b[axis][i]))
 }
 
 #[cfg(test)]
@@ -86,7 +153,7 @@ mod tests {
     use super::*;
     use crate::Rng;
 
-    /// Distance of the hit on a triangle, by the formula of Möller and Trumbore.
+    /// Reference: the formula by Möller and Trumbore for a single triangle.
     fn distance_to(
         [a, b, c]: [Point3<f32>; 3],
         origin: &Point3<f32>,
@@ -109,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tree_agrees_with_brute_force() {
+    fn tree_agrees_with_brute_force() {
         let mut rng = Rng::new(5);
         for count in [1, 2, 3, 4, 5, 9, 60, 300] {
             let (positions, triangles) = random_soup(&mut rng, count);
@@ -132,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn barycentric_weights_lead_to_the_point_that_was_hit() {
+    fn barycentric_weights_lead_to_the_hit_point() {
         let mut rng = Rng::new(8);
         let (positions, triangles) = random_soup(&mut rng, 40);
         let mesh = RayMesh::new(&positions, &triangles);
@@ -149,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_blocks_and_its_surface_does_not_block_itself() {
+    fn wall_blocks_except_at_its_own_surface() {
         let positions = [(-1.0, -1.0), (1.0, -1.0), (0.0, 2.0)].map(|(x, y)| Point3::new(x, y, 0.0));
         let mesh = RayMesh::new(&positions, &[[0, 1, 2]]);
         let (front, back) = (Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, -1.0));
@@ -160,19 +227,19 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_never_hit() {
+    fn empty_mesh_is_never_hit() {
         assert!(RayMesh::new(&[], &[]).cast(&Point3::origin(), &Vector3::x(), 1.0).is_none());
     }
 
     #[test]
-    fn many_copies_of_one_triangle_are_a_tree_too() {
+    fn copies_of_a_triangle_form_a_tree() {
         let positions = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| Point3::new(x, y, 0.0));
         let mesh = RayMesh::new(&positions, &[[0, 1, 2]; 500]);
         let hit = mesh.cast(&Point3::new(0.2, 0.2, 1.0), &Vector3::new(0.0, 0.0, -1.0), 5.0);
         assert_eq!(hit.expect("in the middle").distance, 1.0);
     }
 
-    /// A visitor of all boxes beyond x = 0 that records their triangles.
+    /// A visitor that records the triangles in all boxes beyond x = 0.
     struct RightHalf(Vec<u32>);
 
     impl Visitor for RightHalf {
@@ -190,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_visitor_sees_every_triangle_of_the_boxes_it_enters_once() {
+    fn visitor_receives_triangles_in_entered_boxes_once() {
         let (positions, triangles) = random_soup(&mut Rng::new(2), 200);
         let mut visitor = RightHalf(Vec::new());
         RayMesh::new(&positions, &triangles).visit(&mut visitor);

@@ -1,4 +1,4 @@
-//! Collects shapes into a scene and bakes simple light into them.
+//! Collection of shapes into a scene, with simple baked light.
 
 use super::model::{Corner, Model};
 use super::paint::Paint;
@@ -9,22 +9,22 @@ use avln_scene::describe::Surfaces;
 use avln_scene::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// A scene that is being put together.
+/// A scene under construction.
 #[derive(Default)]
 pub(super) struct Assembly {
     mesh: Mesh,
     materials: Vec<Material>,
     textures: Vec<Texture>,
     objects: Vec<Object>,
-    /// Each with the object that it belongs to.
+    /// Lamps with their objects.
     lamps: Vec<(InstanceId, Lamp)>,
-    /// Height of the floor that heights count from.
+    /// Floor height added to all heights.
     floor_m: f32,
     material_of: BTreeMap<Paint, u16>,
     texture_of: BTreeMap<Pattern, u16>,
 }
 
-/// A piece of furniture in its own frame, with its attributes.
+/// A piece of furniture in its own frame.
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
     pub(super) category: &'static str,
@@ -33,10 +33,6 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    pub(super) fn new(category: &'static str, model: Model, attributes: Attributes) -> Self {
-        Self { category, model, attributes }
-    }
-
     /// Edge lengths in x, y, z.
     pub(super) fn size(&self) -> Vector3<f32> {
         self.model.bounds().size()
@@ -44,7 +40,7 @@ impl Piece {
 }
 
 impl Assembly {
-    /// Counts heights of all that is added from now on from a floor at `floor_m`.
+    /// Sets the floor height for all shapes added later.
     pub(super) fn on_floor_at(&mut self, floor_m: f32) {
         self.floor_m = floor_m;
     }
@@ -54,7 +50,7 @@ impl Assembly {
         self.add(model, InstanceId::NONE, light);
     }
 
-    /// Adds a placed object with heights above the floor; returns its box in the same frame.
+    /// Adds a placed object with heights above the floor; returns the box in the same frame.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
         let id = InstanceId(self.objects.len() as u32 + 1);
         let first = self.mesh.triangles.len();
@@ -71,14 +67,14 @@ impl Assembly {
         bounds
     }
 
-    /// Objects added so far, in id order.
     pub(super) fn objects(&self) -> &[Object] {
         &self.objects
     }
 
-    /// Removes objects; later objects move to smaller ids.
+    /// Removes objects; later objects get smaller ids.
     pub(super) fn remove(&mut self, unwanted: impl Fn(&Object) -> bool) {
         let kept: Vec<bool> = self.objects.iter().map(|object| !unwanted(object)).collect();
+        // Ids are positions in the object list plus one, so they stay contiguous. Unused corners may remain.
         let new_id = |id: InstanceId| match id {
             InstanceId::NONE => Some(id),
             InstanceId(number) if kept[number as usize - 1] => {
@@ -100,9 +96,10 @@ impl Assembly {
         }
     }
 
-    /// Attributes of the piece, without a colour if the mean triangle colour from `first` has a different
-    /// word.
+    /// Returns the piece's attributes, without the colour word if the triangles from `first` on average show
+    /// another colour.
     fn truthful(&self, piece: &Piece, first: usize) -> Attributes {
+        // Goal cues use these words: no colour word is better than one that a picture contradicts.
         let triangles: Vec<u32> = (first as u32..self.mesh.triangles.len() as u32).collect();
         let surfaces = Surfaces { mesh: &self.mesh, materials: &self.materials, textures: &self.textures };
         let said = piece.attributes.clone();
@@ -112,7 +109,6 @@ impl Assembly {
         }
     }
 
-    /// The finished scene.
     pub(super) fn into_scene(self, name: &str, regions: Vec<Region>) -> Scene {
         Scene {
             name: name.to_owned(),
@@ -174,25 +170,26 @@ impl Assembly {
     }
 }
 
-/// Shadow strength of a surface: bright surfaces light their surroundings and themselves.
+/// Returns a surface's shadow strength.
 fn soften(paint: &Paint) -> f32 {
+    // Bright surfaces light their surroundings and themselves.
     1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)
 }
 
-/// Brightness by surface direction, 0.76 to 1: daylight from above and one side, so that adjacent box faces
-/// differ, plus floor reflection.
+/// Returns brightness by direction, 0.76 to 1.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
+    // Daylight from above and one side distinguishes adjacent box faces; the floor reflects some of it.
     let above = if normal.y > 0.0 { 0.80 } else { 0.40 };
     0.85 + 0.15 * normal.dot(&Vector3::new(0.27, above, 0.53))
 }
 
-/// Light on furniture: by direction, and a little darker towards the floor.
+/// Returns the light on furniture: by direction, slightly darker towards the floor.
 fn furniture_light(corner: &Corner) -> f32 {
     let lift = (corner.position.y / 0.5).clamp(0.0, 1.0);
     facing_light(&corner.normal) * (0.93 + 0.07 * lift)
 }
 
-/// Light in room corners: 1 in the open, darker at a small `distance_m` to the nearest surface.
+/// Returns the light in room corners: 1 in the open, darker at a small `distance_m` to the nearest surface.
 pub(super) fn corner_light(distance_m: f32, reach_m: f32, darkest: f32) -> f32 {
     let t = (distance_m / reach_m).clamp(0.0, 1.0);
     darkest + (1.0 - darkest) * t * (2.0 - t)

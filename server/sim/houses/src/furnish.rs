@@ -1,27 +1,22 @@
-//! Furnishing of rooms: groups first, then single pieces, then wall, ceiling and small objects.
+//! Furnishing: groups first, then single pieces, then wall, ceiling and small objects.
 
-mod bathroom;
 mod bedroom;
-mod corners;
 mod dining;
 mod extras;
-mod kitchen;
 mod living;
-mod service;
 mod tops;
 mod walls;
-mod work;
 
 use super::assembly::{Assembly, Piece};
-use super::furniture::Make;
+use super::furniture::*;
 use super::model::{Facet, Model, about};
-use super::plan::{CEILING_M, Plan, RoomKind, remainder};
+use super::plan::{CEILING_M, Plan, RoomKind, Window, remainder};
 use super::rect::{Rect, Side, common, turned};
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
-/// A room in progress.
+/// A room part in progress.
 pub(super) struct Decorator<'a> {
     assembly: &'a mut Assembly,
     taste: &'a mut Taste,
@@ -29,17 +24,16 @@ pub(super) struct Decorator<'a> {
     plan: &'a Plan,
     index: usize,
     space: Space,
-    /// Number of free zones that belong to doors.
+    /// Count of free zones in front of doors.
     doors: usize,
     /// Footprints on the floor.
     covered: Vec<Rect>,
-    /// Rugs.
     rugs: Vec<Rect>,
-    /// Objects on top of others.
+    /// Objects on top of furniture.
     laid: Vec<Aabb>,
 }
 
-/// Final position of a piece.
+/// A placed piece.
 #[derive(Clone, Copy, Debug)]
 struct Spot {
     /// Origin of the piece frame.
@@ -51,7 +45,7 @@ struct Spot {
     round: bool,
 }
 
-/// Preferred wall position of a piece.
+/// Preferred wall position.
 #[derive(Clone, Copy, Debug)]
 enum Wish {
     Anywhere,
@@ -61,19 +55,27 @@ enum Wish {
     Facing(Side, f32),
 }
 
+/// A possible wall position.
+#[derive(Clone, Copy)]
+struct WallPlace {
+    side: Side,
+    start_m: f32,
+    cost: f32,
+}
+
 /// Gap between furniture and walls or lateral neighbours, metres.
 const GAP_M: f32 = 0.015;
 
-/// No camera is lower, metres.
+/// Lowest camera, metres.
 const LOWEST_EYE_M: f32 = 0.5;
 
-/// Free depth before another part of the room, metres: in the main part, and elsewhere.
+/// Free depth towards another room part, metres: in the main part, elsewhere.
 const PASSAGE_M: [f32; 2] = [0.8, 0.5];
 
-/// Free width there, metres.
+/// Free width towards another room part, metres.
 const PASSAGE_WIDTH_M: f32 = 1.0;
 
-/// Furnishes a room and returns the footprints on its floor.
+/// Furnishes a room and returns the footprints on the floor.
 pub(super) fn furnish(
     assembly: &mut Assembly,
     taste: &mut Taste,
@@ -99,7 +101,7 @@ pub(super) fn furnish(
     covered
 }
 
-/// Empty part `number` of a room with free doors, and the number of their free zones.
+/// Returns the empty part `number` with free doors, and the count of door zones.
 fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, usize) {
     let part = parts[number];
     let passage_m = PASSAGE_M[number.min(1)];
@@ -120,11 +122,12 @@ fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, us
             space.keep_free(side, about((seam[0] + seam[1]) / 2.0, width_m), passage_m);
         }
     }
+    // Chairs may later use the zones in front of furniture, but never these.
     let doors = space.zones();
     (space, doors)
 }
 
-/// Openings to other parts of the room on a side of part `number`.
+/// Returns the openings from part `number` to other parts on a side.
 fn seams(parts: &[Rect], number: usize, side: Side) -> Vec<[f32; 2]> {
     let part = &parts[number];
     let seam = |other: &Rect| {
@@ -160,7 +163,7 @@ impl Decorator<'_> {
         self.ceiling_lamps();
     }
 
-    /// Furnishes the smaller parts of a non-rectangular room.
+    /// Furnishes a smaller part of a non-rectangular room.
     fn fit_out_rest(&mut self, kind: RoomKind) {
         self.entrance();
         self.windows(kind);
@@ -178,34 +181,31 @@ impl Decorator<'_> {
         }
     }
 
-    /// Returns true if the house has a room of this kind.
     fn house_has(&self, kind: RoomKind) -> bool {
         self.plan.rooms.iter().any(|room| room.kind == kind)
     }
 
-    /// Returns true if the room contains the category.
+    /// Returns true if the room contains `category`.
     fn has(&self, category: &str) -> bool {
         let here = Some(self.index as u16);
         self.assembly.objects().iter().any(|object| object.region == here && object.category == category)
     }
 
-    /// True with the given probability.
     fn maybe(&mut self, probability: f64) -> bool {
         self.rng.chance(probability)
     }
 
-    /// A number between two, both included.
+    /// Draws a number; both ends are included.
     fn count(&mut self, low: usize, high: usize) -> usize {
         low + self.rng.below(high - low + 1)
     }
 
-    /// Area of the floor, square metres.
     fn area_m2(&self) -> f32 {
         let [x, z] = self.space.room.size();
         x * z
     }
 
-    /// Places a piece with its back to a wall and `front_m` of free floor in front.
+    /// Places a piece at a wall with `front_m` free floor in front.
     fn put(&mut self, make: &Make, wish: Wish, front_m: f32) -> Option<Spot> {
         let piece = make.any(self.taste);
         self.stand(&piece, wish, front_m)
@@ -217,28 +217,40 @@ impl Decorator<'_> {
         self.stand(&piece, wish, front_m)
     }
 
-    /// Places a piece with its back to a wall and `front_m` of free floor in front.
+    /// Places a piece at a wall with `front_m` free floor in front.
     fn stand(&mut self, piece: &Piece, wish: Wish, front_m: f32) -> Option<Spot> {
         let size = piece.size();
-        let mut places = self.wall_places(size.x, wish);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let claims: Vec<(Side, Claim)> = places
-            .into_iter()
-            .map(|(side, start, _)| (side, self.claim_at_wall(side, [start, start + size.x], size, front_m)))
-            .collect();
-        let claim = self.space.first_fit(claims.iter().map(|(_, claim)| *claim))?;
-        let (side, _) = claims.into_iter().find(|(_, other)| other.rect == claim.rect)?;
+        let places = self.wall_places(size.x, wish);
+        let (place, claim) = self.first_fit(&places, size, front_m)?;
         self.space.take(&claim);
-        Some(self.set(piece, side, &claim.rect, 0.0))
+        Some(self.set(piece, place.side, &claim.rect, 0.0))
     }
 
-    /// Wall positions every 5 cm: side, start, and a cost that is lowest at the preferred position.
-    fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<(Side, f32, f32)> {
+    /// Returns the first position with room for `size`.
+    fn first_fit(
+        &self,
+        places: &[WallPlace],
+        size: Vector3<f32>,
+        front_m: f32,
+    ) -> Option<(WallPlace, Claim)> {
+        let claim = |place: &WallPlace| {
+            let along = [place.start_m, place.start_m + size.x];
+            self.claim_at_wall(place.side, along, size, front_m)
+        };
+        let claims: Vec<Claim> = places.iter().map(claim).collect();
+        let fitting = self.space.first_fit(claims.iter().copied())?;
+        let index = claims.iter().position(|claim| claim.rect == fitting.rect)?;
+        Some((places[index], fitting))
+    }
+
+    /// Returns wall positions every 5 cm, preferred positions first.
+    fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<WallPlace> {
         const STEP_M: f32 = 0.05;
         let mut places = Vec::new();
         for side in Side::ALL {
             let span = side.span(&self.space.room);
             let play = span[1] - span[0] - length_m - 2.0 * GAP_M;
+            // Random costs vary the choice between equally good walls.
             let whim = self.rng.range(0.0, 0.4);
             for step in 0..=(play / STEP_M).max(-1.0) as i32 {
                 let start = span[0] + GAP_M + (play - step as f32 * STEP_M);
@@ -251,9 +263,10 @@ impl Decorator<'_> {
                     Wish::Facing(wanted, _) if wanted != side => continue,
                     Wish::Facing(_, place) => (start + length_m / 2.0 - place).abs(),
                 };
-                places.push((side, start, cost));
+                places.push(WallPlace { side, start_m: start, cost });
             }
         }
+        places.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         places
     }
 
@@ -283,7 +296,7 @@ impl Decorator<'_> {
         Some(self.set(piece, other.side, &claim.rect, 0.0))
     }
 
-    /// Places a piece at `center`, off the walls, if only free fronts are there.
+    /// Places a piece at `center`, off the walls, over free fronts only.
     fn stand_at(&mut self, piece: &Piece, side: Side, center: [f32; 2]) -> Option<Spot> {
         let size = piece.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
@@ -295,8 +308,7 @@ impl Decorator<'_> {
         Some(self.set(piece, side, &claim.rect, 0.0))
     }
 
-    /// Centre of a free rectangle of the given size, closest to the room centre; if necessary in front of
-    /// accessible furniture.
+    /// Returns the centre of a free rectangle nearest to the room centre; if necessary in front of furniture.
     fn open_floor(&self, size: [f32; 2]) -> Option<[f32; 2]> {
         const STEP_M: f32 = 0.1;
         let room = self.space.room;
@@ -315,12 +327,13 @@ impl Decorator<'_> {
         };
         let claims: Vec<Claim> = places.into_iter().map(claim).collect();
         let clear = self.space.first_fit(claims.iter().copied());
+        // Every test is a flood fill, so only a sample of the positions is tried.
         let close =
             || claims.iter().step_by(3).take(120).find(|claim| self.space.fits_closely(claim, self.doors));
         clear.or_else(|| close().copied()).map(|claim| claim.rect.center())
     }
 
-    /// Places a piece on top of another; `offset` is in the frame of the other.
+    /// Places a piece on top of another; `offset` is in the other's frame.
     fn lay(&mut self, piece: &Piece, other: &Spot, offset: [f32; 3]) {
         let [x, z] = turned(other.side.quarter(), [offset[0], offset[2]]);
         let origin = other.origin + Vector3::new(x, offset[1], z);
@@ -329,7 +342,7 @@ impl Decorator<'_> {
 
     /// Places a rug around `center`, wide in the direction of `side`, if it fits.
     fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
-        let rug = super::furniture::floor::RUG.sized(self.taste, [width, 0.0, depth]);
+        let rug = textiles::RUG.sized(self.taste, [width, 0.0, depth]);
         let size = rug.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
         let rect = Rect::around(center, size_xz);
@@ -340,7 +353,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds a piece with the smallest footprint corner at `rect` and its base at `base_m`.
+    /// Adds a piece with the smallest footprint corner at `rect`, base at `base_m`.
     fn set(&mut self, piece: &Piece, side: Side, rect: &Rect, base_m: f32) -> Spot {
         let bounds = piece.model.moved(side.quarter(), Vector3::zeros()).bounds();
         let lift = base_m - bounds.min.y;
@@ -360,25 +373,26 @@ impl Decorator<'_> {
         Spot { origin, side, bounds, round }
     }
 
-    /// Removes faces hidden by walls, floor and ceiling, interior faces, and undersides below eye level.
+    /// Removes hidden faces and undersides below eye level.
     fn shown(&self, model: Model) -> Model {
         let floor = self.plan.rooms[self.index].floor();
         let inside = |point: &Point3<f32>| {
             let place = [point.x, point.z];
             (0.0..=CEILING_M).contains(&point.y) && floor.iter().any(|rect| rect.distance_m(place) == 0.0)
         };
+        // Pieces have this gap to walls, so a face towards a wall looks at a point outside the floor.
         let before = |face: &Facet| face.moved(GAP_M + 0.003);
         model.seen().without(|face| face.is_underside(LOWEST_EYE_M) || !before(face).iter().any(inside))
     }
 }
 
 impl Spot {
-    /// The middle on the floor.
+    /// Floor position of the centre.
     fn center(&self) -> [f32; 2] {
         Rect::of(&self.bounds).center()
     }
 
-    /// The point `distance_m` before the middle of the front.
+    /// Position `distance_m` in front of the piece.
     fn before(&self, distance_m: f32) -> [f32; 2] {
         let rect = Rect::of(&self.bounds);
         let front = self.side.opposite().line_m(&rect) + self.side.inward() * distance_m;
@@ -386,7 +400,7 @@ impl Spot {
         if self.side.runs_along_x() { [x, front] } else { [front, z] }
     }
 
-    /// Centre on the wall behind.
+    /// Centre on the wall axis.
     fn along(&self) -> f32 {
         let span = self.side.span(&Rect::of(&self.bounds));
         (span[0] + span[1]) / 2.0

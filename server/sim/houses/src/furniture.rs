@@ -1,66 +1,54 @@
 //! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
-//! and returns matching words.
+//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.p`.
 
-pub(super) mod appliances;
-pub(super) mod baths;
 pub(super) mod beds;
-pub(super) mod boards;
 pub(super) mod cabinets;
-pub(super) mod chairs;
-pub(super) mod chests;
-pub(super) mod clothes;
-pub(super) mod counters;
-pub(super) mod curtains;
 pub(super) mod decor;
-pub(super) mod floor;
 pub(super) mod hearths;
+pub(super) mod kitchen;
 pub(super) mod lights;
 pub(super) mod openings;
 pub(super) mod parts;
 pub(super) mod pictures;
 pub(super) mod plants;
+pub(super) mod sanitary;
 pub(super) mod screens;
+pub(super) mod seats;
 pub(super) mod shelves;
-pub(super) mod sinks;
-pub(super) mod sofas;
 pub(super) mod sports;
 pub(super) mod stools;
 pub(super) mod tables;
-pub(super) mod towels;
-pub(super) mod washing;
-
-#[cfg(test)]
-mod tests;
+pub(super) mod textiles;
 
 use super::assembly::Piece;
 use super::model::{Model, Span, about};
-use super::paint::{Paint, Tint};
-use super::substance::Substance;
+use super::paint::{Paint, Substance, Substance::*, Tint};
 use super::taste::{self, Taste, size_word};
 use super::texture::Pattern;
 use avln_geom::{Point3, Rng, Vector3, angle};
-use avln_scene::Attributes;
+use avln_scene::{Attributes, Lamp};
+use parts::*;
 
-/// A furniture kind: names, variants, and drawing function.
+/// A furniture kind.
 pub(super) struct Make {
-    /// Category name, from mpcat40 if possible.
+    /// Category, from mpcat40 if possible.
     pub(super) category: &'static str,
     /// Common name if the category is more general; otherwise empty.
     pub(super) noun: &'static str,
-    /// Number of shapes in `draw`.
+    /// Style count.
     pub(super) styles: usize,
-    /// The likelier ones first.
+    /// Materials, likelier first.
     pub(super) substances: &'static [Substance],
-    /// Colour words, the likelier ones first.
-    pub(super) colors: &'static [&'static str],
-    /// Draws the style of the draft; returns size and shape words.
+    /// Colour words, likelier first.
+    pub(super) colors: &'static str,
+    /// Draws the draft's style; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
 }
 
 /// Size word and shape word; may be empty.
 pub(super) type Words = [&'static str; 2];
 
-/// A piece of furniture that is being drawn.
+/// A piece in progress.
 pub(super) struct Draft {
     pub(super) m: Model,
     pub(super) rng: Rng,
@@ -69,41 +57,47 @@ pub(super) struct Draft {
     pub(super) substance: Substance,
     /// Main paint.
     pub(super) p: Paint,
-    /// The paint of legs, frames and handles.
+    /// Paint for legs, frames and handles.
     pub(super) trim: Paint,
     /// Requested width, height and depth, metres; 0 for any.
     pub(super) wish: [f32; 3],
-    /// Instead of the make's noun.
+    /// Common name, initially the kind's.
     pub(super) noun: &'static str,
-    /// Instead of the substance's word.
+    /// Material word, initially the substance's.
     pub(super) material: &'static str,
 }
 
 impl Draft {
-    /// A length in [`low`, `high`), in whole centimetres.
+    /// Draws a length in [`low`, `high`), in whole centimetres.
     pub(super) fn len(&mut self, low: f32, high: f32) -> f32 {
         (self.rng.range(low, high) * 100.0).round() / 100.0
     }
 
-    /// The requested width, or a random width in the range.
+    /// Returns the requested width, or draws one.
     pub(super) fn width(&mut self, low: f32, high: f32) -> f32 {
+        // Always draws, so that a request does not shift later draws.
         let drawn = self.len(low, high);
         if self.wish[0] > 0.0 { self.wish[0] } else { drawn }
     }
 
-    /// The requested height, or a random height in the range.
+    /// Returns the requested height, or draws one.
     pub(super) fn height(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[1] > 0.0 { self.wish[1] } else { drawn }
     }
 
-    /// The requested depth, or a random depth in the range.
+    /// Returns the requested depth, or draws one.
     pub(super) fn depth(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[2] > 0.0 { self.wish[2] } else { drawn }
     }
 
-    /// Returns true if the main part is upholstered or draped.
+    /// Returns the style's entry in `words`, which are separated by `|`.
+    pub(super) fn by_style(&self, words: &'static str) -> &'static str {
+        words.split('|').nth(self.style).unwrap_or("")
+    }
+
+    /// Returns true for upholstered or draped pieces.
     pub(super) fn soft(&self) -> bool {
         self.substance.is_soft()
     }
@@ -113,18 +107,25 @@ impl Draft {
         self.p.brightness() < 0.3
     }
 
-    /// Bare metal for taps, pipes and handles.
+    /// Metal paint for taps, pipes and handles.
     pub(super) fn metal(&self) -> Paint {
+        // Bright metal on a dark piece would change the mean colour, and so the colour word.
         if self.dark() { Paint::CHROME.times(0.4) } else { Paint::CHROME }
     }
 
-    /// A box in the main paint: upholstered for soft substances, otherwise with fine bevels.
+    /// Adds a box in the main paint: upholstered for soft substances, otherwise with fine bevels.
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
         self.m.soft(x, y, z, bevel, self.p);
     }
 
-    /// A plain box of the main paint.
+    /// Adds a turned shape in the main paint; `profile` is in shares of `radius` and `height`.
+    pub(super) fn turned(&mut self, profile: &[[f32; 2]], radius: f32, height: f32, sides: usize) {
+        let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();
+        self.m.lathe([0.0, 0.0], &profile, sides, self.p);
+    }
+
+    /// Adds a plain box in the main paint.
     pub(super) fn board(&mut self, x: Span, y: Span, z: Span) {
         self.m.block(x, y, z, self.p);
     }
@@ -140,18 +141,31 @@ pub(super) struct Look {
     pub(super) trim: Paint,
 }
 
-/// A paint for legs and frames that matches the brightness of the main paint.
+/// Chooses a paint for legs and frames that matches the main paint's brightness.
 fn trim(rng: &mut Rng, main: Paint) -> Paint {
     let paints: &[Paint] = match main.brightness() {
         dark if dark < 0.3 => &[Paint::WALNUT, Paint::DARK_METAL],
         bright if bright > 0.75 => &[Paint::OAK, Paint::STEEL, Paint::BRASS],
         _ => &[Paint::OAK, Paint::WALNUT, Paint::STEEL, Paint::DARK_METAL, Paint::BRASS],
     };
-    *rng.choose(paints).expect("there are some")
+    *rng.choose(paints).expect("the list is not empty")
 }
 
 impl Make {
-    /// A look that it comes in.
+    const fn new(
+        category: &'static str,
+        noun: &'static str,
+        styles: usize,
+        draw: fn(&mut Draft) -> Words,
+    ) -> Self {
+        Self { category, noun, styles, substances: &[], colors: "", draw }
+    }
+
+    const fn made_of(self, substances: &'static [Substance], colors: &'static str) -> Self {
+        Self { substances, colors, ..self }
+    }
+
+    /// Draws a look.
     pub(super) fn look(&self, taste: &mut Taste) -> Look {
         let style = taste.style(self.styles);
         let (substance, tint) = taste.look(self.category, style, self.substances, self.colors);
@@ -159,18 +173,18 @@ impl Make {
         Look { rng: taste.rng.fork(self.category), style, substance, tint, trim }
     }
 
-    /// A piece of any size that suits.
+    /// Draws a piece with any size.
     pub(super) fn any(&self, taste: &mut Taste) -> Piece {
         self.sized(taste, [0.0; 3])
     }
 
-    /// A piece with an approximate width, height and depth; zeros are free.
+    /// Draws a piece with an approximate width, height and depth; zeros are free.
     pub(super) fn sized(&self, taste: &mut Taste, wish: [f32; 3]) -> Piece {
         let look = self.look(taste);
         self.drawn(&look, wish)
     }
 
-    /// The piece with all choices made.
+    /// Draws a piece with a given look.
     pub(super) fn drawn(&self, look: &Look, wish: [f32; 3]) -> Piece {
         let Look { rng, style, substance, tint, trim } = look.clone();
         let p = substance.paint(tint);
@@ -185,6 +199,236 @@ impl Make {
             size: said(size),
             shape: said(shape),
         };
-        Piece::new(self.category, draft.m, attributes)
+        Piece { category: self.category, model: draft.m, attributes }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Pool;
+    use crate::assembly::Assembly;
+    use crate::taste::combination_owner;
+    use avln_scene::colors::PALETTE;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// All furniture except doors and windows.
+    const MAKES: &[&Make] = &[
+        &seats::CHAIR,
+        &seats::OFFICE_CHAIR,
+        &seats::ARMCHAIR,
+        &seats::SOFA,
+        &stools::STOOL,
+        &stools::BAR_STOOL,
+        &stools::FOOTSTOOL,
+        &stools::SEATING,
+        &tables::DINING_TABLE,
+        &tables::COFFEE_TABLE,
+        &tables::SIDE_TABLE,
+        &tables::CONSOLE,
+        &tables::DESK,
+        &cabinets::WARDROBE,
+        &cabinets::SIDEBOARD,
+        &cabinets::TV_STAND,
+        &cabinets::WALL_CABINET,
+        &cabinets::VANITY,
+        &cabinets::TALL_CABINET,
+        &cabinets::CHEST,
+        &cabinets::NIGHTSTAND,
+        &shelves::BOOKCASE,
+        &shelves::WALL_SHELF,
+        &kitchen::COUNTER,
+        &kitchen::ISLAND,
+        &kitchen::FRIDGE,
+        &kitchen::COOKER,
+        &kitchen::SMALL,
+        &kitchen::HOOD,
+        &kitchen::WASHER,
+        &sanitary::PEDESTAL_SINK,
+        &sanitary::VESSEL_SINK,
+        &sanitary::KITCHEN_SINK,
+        &sanitary::TOILET,
+        &sanitary::BATHTUB,
+        &sanitary::SHOWER,
+        &textiles::TOWEL,
+        &textiles::TOWEL_PILE,
+        &beds::BED,
+        &beds::CUSHION,
+        &textiles::HANGING,
+        &textiles::FOLDED,
+        &plants::FLOOR_PLANT,
+        &plants::SMALL_PLANT,
+        &pictures::PICTURE,
+        &pictures::MIRROR,
+        &pictures::BOARD,
+        &pictures::CLOCK,
+        &decor::VASE,
+        &decor::STATUE,
+        &decor::BOOKS,
+        &decor::BASKET,
+        &decor::BIN,
+        &textiles::RUG,
+        &lights::PENDANT,
+        &lights::FLOOR_LAMP,
+        &lights::TABLE_LAMP,
+        &lights::SCONCE,
+        &screens::TV,
+        &screens::WALL_TV,
+        &screens::MONITOR,
+        &hearths::FIREPLACE,
+        &hearths::RADIATOR,
+        &sports::MACHINE,
+        &sports::KIT_PIECE,
+        &openings::CURTAIN,
+        &openings::BLIND,
+    ];
+
+    /// Draws a piece with a given style; `seed` determines the rest.
+    fn piece(make: &Make, style: usize, seed: u64) -> Piece {
+        let mut taste = Taste::new(Rng::new(seed).fork(make.category), Pool::Train);
+        let (substance, tint) = taste.look(make.category, style, make.substances, make.colors);
+        let trim = trim(&mut taste.rng, substance.paint(tint));
+        let look = Look { rng: taste.rng.fork("piece"), style, substance, tint, trim };
+        make.drawn(&look, [0.0; 3])
+    }
+
+    #[test]
+    fn categories_have_many_shapes_colours_and_materials() {
+        let mut kinds: BTreeMap<&str, (usize, BTreeSet<&str>, BTreeSet<&str>)> = BTreeMap::new();
+        for make in MAKES {
+            let (shapes, colors, materials) = kinds.entry(make.category).or_default();
+            *shapes += make.styles;
+            colors.extend(make.colors.split(' '));
+            match make.category {
+                "picture" => (0..80).for_each(|seed| {
+                    let said = piece(make, 0, seed).attributes.material;
+                    materials.extend(
+                        ["painted", "printed", "woven", "wooden", "metal", "ceramic"]
+                            .iter()
+                            .filter(|w| **w == said),
+                    );
+                }),
+                _ => materials.extend(make.substances.iter().map(|substance| substance.word())),
+            }
+        }
+        assert_eq!(kinds.len(), 36, "{:?}", kinds.keys());
+        for (category, (shapes, colors, materials)) in kinds {
+            assert!(shapes >= 8, "{category}: {shapes} shapes");
+            assert_eq!(colors.len(), PALETTE.len(), "{category}: {colors:?}");
+            assert!(materials.len() >= 6, "{category}: {materials:?}");
+        }
+    }
+
+    #[test]
+    fn pieces_have_20_to_400_triangles_and_stand_on_their_base() {
+        let mut strange = Vec::new();
+        for make in MAKES {
+            for style in 0..make.styles {
+                for seed in 0..6 {
+                    let piece = piece(make, style, seed);
+                    let named = format!("{} {} {style} {seed}", make.category, piece.attributes.noun);
+                    let count = piece.model.triangles.len();
+                    if !(20..=400).contains(&count) {
+                        strange.push(format!("{named}: {count} triangles"));
+                    }
+                    let bounds = piece.model.bounds();
+                    let finite = piece.model.corners.iter().all(|c| c.normal.iter().all(|n| n.is_finite()));
+                    assert!(finite, "{named}");
+                    let hangs = make.noun == "ceiling lamp" || make.noun == "kitchen sink";
+                    if !hangs && bounds.min.y.abs() > 0.16 || bounds.size().max() > 2.6 {
+                        strange.push(format!("{named}: {bounds:?}"));
+                    }
+                }
+            }
+        }
+        assert!(strange.is_empty(), "{strange:#?}");
+    }
+
+    #[test]
+    fn styles_of_a_furniture_kind_differ() {
+        let mut alike = Vec::new();
+        for make in MAKES {
+            let shapes: BTreeSet<String> = (0..make.styles)
+                .map(|style| {
+                    let piece = piece(make, style, 5);
+                    let [x, y, z]: [f32; 3] = piece.size().into();
+                    let sum: f32 = piece.model.corners.iter().map(|c| c.position.coords.abs().sum()).sum();
+                    format!("{} {sum:.3} {x:.3} {y:.3} {z:.3}", piece.model.triangles.len())
+                })
+                .collect();
+            if shapes.len() < make.styles {
+                alike.push((make.category, make.noun, shapes.len()));
+            }
+        }
+        assert!(alike.is_empty(), "{alike:?}");
+    }
+
+    #[test]
+    fn mean_colours_nearly_always_match_their_word() {
+        let mut missed: BTreeMap<&str, u32> = BTreeMap::new();
+        let (mut all, mut wrong) = (0, 0);
+        for make in MAKES.iter().filter(|make| make.category != "mirror") {
+            for style in 0..make.styles {
+                for seed in 0..5 {
+                    let mut assembly = Assembly::default();
+                    let wanted = piece(make, style, seed);
+                    assembly.add_object(&wanted, 0);
+                    let scene = assembly.into_scene("one", vec![]);
+                    all += 1;
+                    if scene.objects[0].attributes.color.is_empty() {
+                        wrong += 1;
+                        *missed
+                            .entry(if make.noun.is_empty() { make.category } else { make.noun })
+                            .or_default() += 1;
+                    }
+                }
+            }
+        }
+        assert!(wrong * 10 < all, "{wrong} of {all}: {missed:?}");
+    }
+
+    #[test]
+    fn reserved_combinations_stay_in_their_pool() {
+        for pool in Pool::ALL {
+            let mut taste = Taste::new(Rng::new(3), pool);
+            for _ in 0..40 {
+                for make in [&seats::CHAIR, &seats::SOFA, &beds::CUSHION, &decor::VASE] {
+                    let style = taste.style(make.styles);
+                    let (substance, tint) = taste.look(make.category, style, make.substances, make.colors);
+                    let owner = combination_owner(style, substance, tint.word);
+                    assert!(owner.is_none_or(|owner| owner == pool), "{owner:?} in {pool:?}");
+                    let owner = taste::owner(style, make.styles);
+                    assert!(owner.is_none_or(|owner| owner == pool), "{owner:?} in {pool:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn size_words_fit_the_sizes() {
+        for (make, small, large, axis) in [
+            (&seats::SOFA, "small", "large", 0),
+            (&tables::DESK, "small", "large", 0),
+            (&cabinets::SIDEBOARD, "low", "tall", 1),
+            (&decor::VASE, "small", "tall", 1),
+            (&shelves::BOOKCASE, "low", "tall", 1),
+            (&shelves::WALL_SHELF, "short", "long", 0),
+            (&hearths::RADIATOR, "short", "long", 0),
+        ] {
+            let sized: Vec<(String, f32)> = (0..120)
+                .map(|seed| piece(make, seed as usize % make.styles, seed))
+                .map(|piece| (piece.attributes.size.clone(), piece.size()[axis]))
+                .collect();
+            let of = |word: &str| {
+                sized.iter().filter(|(w, _)| w == word).map(|(_, size)| *size).collect::<Vec<_>>()
+            };
+            let longest = of(small).into_iter().fold(0.0, f32::max);
+            let shortest = of(large).into_iter().fold(9.0, f32::min);
+            assert!(
+                longest > 0.0 && shortest < 9.0 && longest < shortest,
+                "{}: {longest} {shortest}",
+                make.noun
+            );
+        }
     }
 }

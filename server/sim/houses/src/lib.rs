@@ -1,8 +1,8 @@
 //! Furnished procedural houses: hallways with rooms on both sides, small rooms in corners of large ones, one
 //! or two storeys.
 //!
-//! Equal name, seed and options give equal bits on every platform. Every room is reachable by a body of 0.25
-//! m radius with a 0.2 m climb; furniture leaves the doors free.
+//! Equal name, seed and options give equal bits on every platform. A body with 0.25 m radius and 0.2 m climb
+//! reaches every room; furniture leaves the doors free.
 
 mod assembly;
 mod furnish;
@@ -14,10 +14,8 @@ mod reach;
 mod rect;
 mod shell;
 mod space;
-mod substance;
 mod taste;
 mod texture;
-mod tints;
 
 use assembly::Assembly;
 use avln_geom::Rng;
@@ -30,23 +28,23 @@ use shell::Finish;
 use std::ops::RangeInclusive;
 use taste::Taste;
 
-/// Properties of a house.
+/// House properties.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HouseOptions {
-    /// Range of the room count, including hallways, entryway and stairs (one per storey); wide ranges are
-    /// divided into small, medium and large houses. Houses have 1 to 24 rooms.
+    /// Room count range, including hallways, entryway and stairs (one per storey). Wide ranges are divided
+    /// into small, medium and large houses. Houses have 1 to 24 rooms.
     pub rooms: RangeInclusive<u8>,
-    /// Range of the storey count, 1 or 2. Houses below 11 rooms have a single storey.
+    /// Storey count range, 1 or 2. Houses below 11 rooms have a single storey.
     pub storeys: RangeInclusive<u8>,
-    /// Pool of palettes, shapes and combinations for the furniture.
+    /// Pool for furniture palettes, shapes and combinations.
     pub pool: Pool,
 }
 
-/// The most rooms of a house.
+/// Largest room count.
 const MOST_ROOMS: u8 = 24;
 
 impl HouseOptions {
-    /// Small houses on a single storey, quick to build: six to nine rooms.
+    /// Small single-storey houses, quick to build: six to nine rooms.
     pub fn small() -> Self {
         Self { rooms: 6..=9, storeys: 1..=1, ..Self::default() }
     }
@@ -59,22 +57,22 @@ impl Default for HouseOptions {
     }
 }
 
-/// A share of the palettes, shapes and combinations of furniture. The shares are disjoint, so a split can
-/// have objects unseen in other splits.
+/// A share of furniture palettes, shapes and combinations. Shares are disjoint: a split can contain objects
+/// unseen in other splits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pool {
-    /// For training splits.
+    /// Training splits.
     #[default]
     Train,
-    /// For validation splits.
+    /// Validation splits.
     Validation,
-    /// For test splits.
+    /// Test splits.
     Test,
 }
 
 impl Pool {
-    /// All of them.
+    /// All pools.
     pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
 
     /// Name: `train`, `validation` or `test`.
@@ -86,14 +84,14 @@ impl Pool {
         }
     }
 
-    /// The pool `name`; `None` if unknown.
+    /// Finds the pool `name`; `None` if unknown.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|pool| pool.name() == name)
     }
 }
 
-/// Builds the house of `seed`, centred near the origin. Floors are at y = 0 and 3.12 m, ceilings 2.6 m above.
-/// Houses with five or more rooms have a hallway, living room, kitchen, bedroom and bathroom.
+/// Builds the house for `seed`, centred near the origin. Floors are at y = 0 and 3.12 m, ceilings 2.6 m
+/// above. Houses with five or more rooms have a hallway, living room, kitchen, bedroom and bathroom.
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     let rng = Rng::new(seed).fork("house");
     let (rooms, storeys) = size(&mut rng.fork("size"), options);
@@ -101,13 +99,14 @@ pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     assembly.into_scene(name, regions(&plan))
 }
 
-/// Largest number of draws until every room is reachable.
+/// Largest number of draws per house.
 const DRAWS: u32 = 8;
 
-/// Returns the first fully reachable draw of a house, otherwise the last.
+/// Returns the first draw with reachable rooms, otherwise the last.
 fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let mut draw = 0;
     loop {
+        // Draw 0 uses the generator itself: a house that needs no second draw does not depend on retries.
         let rng = if draw == 0 { rng.clone() } else { rng.fork(&format!("draw {draw}")) };
         let (plan, mut assembly) = build(&rng, rooms, storeys, pool);
         let sound = repair(&plan, &mut assembly);
@@ -118,7 +117,7 @@ fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     }
 }
 
-/// A single draw of a house.
+/// Draws a house once.
 fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");
@@ -127,6 +126,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     let wells: Vec<usize> =
         (0..plan.rooms.len()).filter(|&index| plan.rooms[index].kind == RoomKind::Stairs).collect();
     if let [lower, upper, ..] = wells[..] {
+        // Both storeys show the same stairwell walls.
         finishes[upper] = finishes[lower].above();
     }
     let mut assembly = Assembly::default();
@@ -136,6 +136,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
         assembly.on_floor_at(floor_m(plan.rooms[index].storey));
         shell::add_room(&mut assembly, &plan, index, finish);
         let room_rng = rng.fork(&format!("room {index}"));
+        // Furniture comes before the floor, which is darker below it.
         let covered = furnish::furnish(&mut assembly, &mut taste, &room_rng, &plan, index);
         shell::add_floor(&mut assembly, &plan, index, finish, &covered);
         shell::add_far_windows(&mut assembly, &plan, index);
@@ -143,7 +144,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     (plan, assembly)
 }
 
-/// Adds the facade, the door and window contents, and the stairs.
+/// Adds the facade, door frames and stairs.
 fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
     for storey in 0..plan.storeys() {
         assembly.on_floor_at(floor_m(storey));
@@ -159,16 +160,16 @@ fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
     }
 }
 
-/// Radius of the body that must pass every door, and of the body with a connected floor, metres.
+/// Body radii, metres: for passing every door, and for a connected floor.
 const BODIES_M: [f32; 2] = [0.25 + RASTER_M, 0.1 + RASTER_M];
 
-/// Loss per side of a gap on the 5 cm navmesh lattice, metres.
+/// Loss per gap side on the 5 cm navmesh lattice, metres.
 const RASTER_M: f32 = 0.075;
 
-/// Required connected share of the floor.
+/// Required connected floor share.
 const ONE_PIECE: f32 = 0.95;
 
-/// Removes furniture in front of blocked doors; returns `false` if doors stay blocked.
+/// Removes furniture in front of blocked doors; returns false if doors stay blocked.
 fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
     let reach = Reach::of(plan, assembly.objects(), BODIES_M[0]);
     let blocked = reach.blocked(plan, BODIES_M[0]);
@@ -180,6 +181,7 @@ fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
         assembly.remove(|object| {
             let room = &plan.rooms[usize::from(object.region.unwrap_or(0))];
             let place = Rect::of(&object.bounds);
+            // Windows and the front door are part of the walls, not in the way.
             let fixed = matches!(object.category.as_str(), "window" | "door");
             !fixed && steps.iter().any(|(storey, step)| *storey == room.storey && step.overlaps(&place))
         });
@@ -188,23 +190,21 @@ fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
     wide.sealed().is_empty() && wide.blocked(plan, BODIES_M[0]).is_empty() && slim.share() >= ONE_PIECE
 }
 
-/// Room count ranges of small, medium and large houses, with probabilities.
+/// Room count ranges for small, medium and large houses, with probabilities.
 const SIZES: [(RangeInclusive<u8>, f32); 3] = [(6..=9, 0.3), (10..=15, 0.4), (16..=24, 0.3)];
 
-/// Probability of a second storey in houses with enough rooms; about a third of the houses are too small.
+/// Probability of a second storey in houses with enough rooms.
+// Leads to about 30 % of all houses, because about a third are too small.
 const TWO_STOREYS: f64 = 0.43;
 
-/// Numbers of rooms and of storeys within the options.
+/// Draws room and storey counts within the options.
 fn size(rng: &mut Rng, options: &HouseOptions) -> (usize, usize) {
     let (low, high) = (*options.rooms.start(), (*options.rooms.end()).max(*options.rooms.start()));
     let classes = SIZES.map(|(class, weight)| ((*class.start()).max(low)..=(*class.end()).min(high), weight));
     let classes: Vec<_> = classes.into_iter().filter(|(class, _)| !class.is_empty()).collect();
-    let mut left = rng.range(0.0, classes.iter().map(|(_, weight)| weight).sum());
-    let drawn = classes.into_iter().find(|(_, weight)| {
-        left -= weight;
-        left < 0.0
-    });
-    let (low, high) = drawn.map_or((low, high), |(class, _)| class.into_inner());
+    let weights: Vec<f32> = classes.iter().map(|(_, weight)| *weight).collect();
+    let drawn = taste::weighted(rng, &weights).map(|index| classes[index].0.clone());
+    let (low, high) = drawn.map_or((low, high), RangeInclusive::into_inner);
     let rooms = usize::from(low) + rng.below(usize::from(high - low) + 1);
     let (fewest, most) = (*options.storeys.start(), (*options.storeys.end()).min(2));
     let upper = if fewest < most { rng.chance(TWO_STOREYS) } else { fewest.min(most) == 2 };
@@ -223,7 +223,7 @@ fn regions(plan: &Plan) -> Vec<Region> {
     plan.rooms.iter().map(region).collect()
 }
 
-/// Floor height of a storey above the lowest, metres.
+/// Floor height above the lowest storey, metres.
 fn floor_m(storey: usize) -> f32 {
     storey as f32 * STOREY_M
 }
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn furnished_houses_let_a_wide_body_through_every_door_into_every_room() {
+    fn wide_body_passes_every_door_and_room() {
         for seed in 0..120 {
             let options = HouseOptions { pool: Pool::ALL[seed as usize % 3], ..HouseOptions::default() };
             let rng = Rng::new(seed).fork("house");
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn pools_are_found_by_their_names() {
+    fn pools_are_found_by_name() {
         for pool in Pool::ALL {
             assert_eq!(Pool::from_name(pool.name()), Some(pool));
             assert_eq!(serde_json::to_value(pool).unwrap(), pool.name());

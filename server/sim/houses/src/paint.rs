@@ -1,6 +1,9 @@
-//! Named colours and surface paints.
+//! Colours, surface paints and object materials.
 
 use super::texture::Pattern;
+use avln_scene::colors::name_of;
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// A shade of a named colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,14 +16,13 @@ fn byte(value: f32) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// Paint of a surface.
+/// A surface paint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Paint {
-    /// The substance, in words that acoustics understands.
+    /// Material, a word known to the acoustics.
     pub(super) material: &'static str,
-    /// Base colour.
     pub(super) rgb: [u8; 3],
-    /// Picture that the base colour multiplies.
+    /// Picture multiplied by the base colour.
     pub(super) pattern: Option<Pattern>,
 }
 
@@ -43,18 +45,129 @@ impl Paint {
         Self { material, rgb, pattern: None }
     }
 
-    /// Perceived brightness of the base colour, 0 to 1 (ITU-R BT.601 weights).
+    /// Perceived brightness, 0 to 1 (ITU-R BT.601 weights), without the pattern.
     pub(super) fn brightness(&self) -> f32 {
         let [r, g, b] = self.rgb.map(f32::from);
         (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
     }
 
-    /// The paint scaled in brightness.
+    /// Scales the brightness.
     pub(super) fn times(self, factor: f32) -> Self {
         Self { rgb: self.rgb.map(|value| byte(f32::from(value) * factor)), ..self }
     }
 
     pub(super) const fn with(self, pattern: Pattern) -> Self {
         Self { pattern: Some(pattern), ..self }
+    }
+}
+
+/// Mean brightness of every substance's pattern, 0 to 1.
+// Computed once: every drawn colour needs a mean.
+static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
+    let patterns = SUBSTANCES.iter().filter_map(|(.., pattern)| *pattern);
+    patterns.map(|pattern| (pattern, pattern.mean())).collect()
+});
+
+/// A visually recognisable material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Substance {
+    Wood,
+    Bamboo,
+    Wicker,
+    Metal,
+    Plastic,
+    Glass,
+    Ceramic,
+    Marble,
+    Concrete,
+    Terrazzo,
+    Brick,
+    Tile,
+    Paper,
+    Fabric,
+    Velvet,
+    Leather,
+    Corduroy,
+    Knit,
+    Denim,
+    Quilt,
+    Striped,
+    Checked,
+    Dotted,
+    Wool,
+    Rubber,
+}
+
+/// Description, acoustic material and pattern per substance, in enum order.
+const SUBSTANCES: [(Substance, &str, &str, Option<Pattern>); 25] = [
+    (Substance::Wood, "wooden", "wood", Some(Pattern::Grain)),
+    (Substance::Bamboo, "bamboo", "wood", Some(Pattern::Bamboo)),
+    (Substance::Wicker, "wicker", "wood", Some(Pattern::Wicker)),
+    (Substance::Metal, "metal", "metal", Some(Pattern::Brushed)),
+    (Substance::Plastic, "plastic", "plastic", None),
+    (Substance::Glass, "glass", "glass", Some(Pattern::Sheen)),
+    (Substance::Ceramic, "ceramic", "ceramic", None),
+    (Substance::Marble, "marble", "stone", Some(Pattern::Marble)),
+    (Substance::Concrete, "concrete", "stone", Some(Pattern::Concrete)),
+    (Substance::Terrazzo, "terrazzo", "stone", Some(Pattern::Terrazzo)),
+    (Substance::Brick, "brick", "brick", Some(Pattern::Brick)),
+    (Substance::Tile, "tiled", "tile", Some(Pattern::WallTiles)),
+    (Substance::Paper, "paper", "paper", None),
+    (Substance::Fabric, "fabric", "fabric", Some(Pattern::Weave)),
+    (Substance::Velvet, "velvet", "fabric", Some(Pattern::Velvet)),
+    (Substance::Leather, "leather", "leather", Some(Pattern::Leather)),
+    (Substance::Corduroy, "corduroy", "fabric", Some(Pattern::Ribs)),
+    (Substance::Knit, "knitted", "fabric", Some(Pattern::Knit)),
+    (Substance::Denim, "denim", "fabric", Some(Pattern::Twill)),
+    (Substance::Quilt, "quilted", "fabric", Some(Pattern::Quilt)),
+    (Substance::Striped, "striped", "fabric", Some(Pattern::ClothStripes)),
+    (Substance::Checked, "checked", "fabric", Some(Pattern::Gingham)),
+    (Substance::Dotted, "dotted", "fabric", Some(Pattern::Dots)),
+    (Substance::Wool, "woollen", "carpet", Some(Pattern::Carpet)),
+    (Substance::Rubber, "rubber", "rubber", None),
+];
+
+impl Substance {
+    /// Describing word.
+    pub(super) fn word(self) -> &'static str {
+        SUBSTANCES[self as usize].1
+    }
+
+    /// Acoustic material.
+    pub(super) fn surface(self) -> &'static str {
+        SUBSTANCES[self as usize].2
+    }
+
+    fn pattern(self) -> Option<Pattern> {
+        SUBSTANCES[self as usize].3
+    }
+
+    /// Returns true if the pattern preserves the colour word in mean room light.
+    pub(super) fn keeps(self, tint: Tint) -> bool {
+        let paint = self.paint(tint);
+        // Two light levels, because the baked light differs over a piece.
+        let light = 0.85 + 0.07 * paint.brightness();
+        let seen = light * self.pattern().map_or(1.0, |pattern| MEANS[&pattern]);
+        let lit = |light: f32| name_of(tint.rgb.map(|value| (f32::from(value) * light) as u8));
+        lit(seen) == tint.word && lit(seen * 0.94) == tint.word
+    }
+
+    /// Returns true for cloth and leather.
+    pub(super) fn is_soft(self) -> bool {
+        matches!(self.surface(), "fabric" | "leather" | "carpet")
+    }
+
+    pub(super) fn paint(self, tint: Tint) -> Paint {
+        Paint { material: self.surface(), rgb: tint.rgb, pattern: self.pattern() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn substance_rows_follow_the_enum() {
+        assert!(SUBSTANCES.iter().enumerate().all(|(index, row)| row.0 as usize == index));
     }
 }

@@ -1,7 +1,5 @@
-//! Floor plan: rooms, their positions, and their connections.
+//! Floor plan: rooms, their positions and connections.
 
-mod deal;
-mod detours;
 mod layout;
 mod openings;
 mod outline;
@@ -14,23 +12,23 @@ use avln_geom::Rng;
 pub(super) use layout::STAIRS_FROM;
 pub(super) use outline::{Face, Outline};
 
-/// Thickness of every wall, metres.
+/// Wall thickness, metres.
 pub(super) const WALL_M: f32 = 0.12;
 
 /// Ceiling height, metres.
 pub(super) const CEILING_M: f32 = 2.6;
 
-/// Height of a floor above the floor of the storey below, metres.
+/// Height from floor to floor, metres.
 pub(super) const STOREY_M: f32 = 3.12;
 
-/// Number of drawn plans; the plan with the shortest detours is used.
+/// Largest number of drawn plans; the plan with the shortest detours is used.
 const DRAWS: usize = 10;
 
-/// Largest ratio of geodesic to straight distance without furniture. Furniture adds up to an eighth; the
-/// requirement is 10.
+/// Largest ratio of geodesic to straight distance without furniture.
+// The requirement is 10; furniture adds up to an eighth.
 const LONGEST_DETOUR: f32 = 8.5;
 
-/// Use of a room.
+/// Room use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum RoomKind {
     Hallway,
@@ -83,21 +81,21 @@ impl RoomKind {
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) kind: RoomKind,
-    /// Storey, 0 is the lowest. Heights inside a room are relative to its floor.
+    /// Storey, 0 is the lowest. Heights inside a room start at the floor.
     pub(super) storey: usize,
     /// Disjoint rectangles up to the wall centres.
     pub(super) cells: Vec<Rect>,
-    /// Host room of a small corner room, which contains its door.
+    /// Host room of a small corner room.
     pub(super) host: Option<usize>,
 }
 
 impl Room {
-    /// The largest floor rectangle between the walls; parts of its edge may be open ([`Plan::gaps`]).
+    /// Largest floor rectangle; parts of the edge may be open ([`Plan::gaps`]).
     pub(super) fn interior(&self) -> Rect {
-        self.outline().largest().expect("a room is wider than its walls are thick")
+        self.outline().largest().expect("rooms are wider than their walls")
     }
 
-    /// Rectangles of floor without overlap that are large enough for furniture, [`Room::interior`] first.
+    /// Disjoint floor rectangles large enough for furniture, [`Room::interior`] first.
     pub(super) fn parts(&self) -> Vec<Rect> {
         const LEAST_M: f32 = 1.0;
         let mut rest = self.outline();
@@ -111,28 +109,28 @@ impl Room {
         }
     }
 
-    /// All of the floor between the walls.
+    /// Floor between the walls.
     pub(super) fn outline(&self) -> Outline {
         Outline::inset(&self.cells, WALL_M / 2.0)
     }
 
-    /// Rectangles without overlap that cover the floor between the walls, the largest first.
+    /// Disjoint rectangles that cover the floor, the largest first.
     pub(super) fn floor(&self) -> Vec<Rect> {
         self.outline().rects()
     }
 
-    /// The inner surfaces of the walls.
+    /// Inner wall surfaces.
     pub(super) fn faces(&self) -> Vec<Face> {
         self.outline().faces()
     }
 
-    /// The rectangle around the floor.
+    /// Rectangle around the floor.
     pub(super) fn extent(&self) -> Rect {
         around(&self.floor())
     }
 }
 
-/// The smallest rectangle around `rects`; empty at the origin for none.
+/// Returns the smallest rectangle around `rects`; empty at the origin for none.
 pub(super) fn around(rects: &[Rect]) -> Rect {
     let union = |a: Rect, b: &Rect| {
         let hull = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
@@ -149,26 +147,33 @@ pub(super) struct Opening {
     pub(super) rooms: [usize; 2],
     /// True if the wall is parallel to x.
     pub(super) along_x: bool,
-    /// The middle of the wall on the axis across it.
+    /// Wall centre on the axis across it.
     pub(super) line_m: f32,
-    /// Range of the hole on the wall axis.
+    /// Hole range on the wall axis.
     pub(super) along: [f32; 2],
     /// Height of the lintel's lower edge above the floor.
     pub(super) height_m: f32,
 }
 
-/// A place in an outer wall, for a window or the front door.
+impl Opening {
+    /// Floor rectangle over a range on the wall axis and a range across.
+    pub(super) fn rect(&self, along: [f32; 2], across: [f32; 2]) -> Rect {
+        if self.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+    }
+}
+
+/// A window or front door in an outer wall.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     /// Index into [`Plan::rooms`].
     pub(super) room: usize,
-    /// Side of the room with the wall.
+    /// Room side with the wall.
     pub(super) side: Side,
-    /// The inner surface of the wall, on the axis across it.
+    /// Inner wall surface on the axis across it.
     pub(super) line_m: f32,
-    /// Range of the hole on the wall axis.
+    /// Hole range on the wall axis.
     pub(super) along: [f32; 2],
-    /// The hole's lower and upper edge above the floor.
+    /// Lower and upper edge above the floor.
     pub(super) y: [f32; 2],
 }
 
@@ -186,13 +191,13 @@ impl Plan {
     /// Draws a plan with `count` rooms (at least 1) on one or two storeys, centred near the origin.
     pub(super) fn draw(rng: &Rng, count: usize, storeys: usize) -> Self {
         let mut best = Self::draw_once(rng, count, storeys);
-        let mut longest = detours::longest(&best);
+        let mut longest = openings::longest_detour(&best);
         for again in 1..DRAWS {
             if longest <= LONGEST_DETOUR {
                 break;
             }
             let other = Self::draw_once(&rng.fork(&format!("again {again}")), count, storeys);
-            let detour = detours::longest(&other);
+            let detour = openings::longest_detour(&other);
             (best, longest) = if detour < longest { (other, detour) } else { (best, longest) };
         }
         best
@@ -212,7 +217,6 @@ impl Plan {
         room.kind == RoomKind::Stairs && room.storey + 1 < self.storeys()
     }
 
-    /// Storey count.
     pub(super) fn storeys(&self) -> usize {
         self.rooms.iter().map(|room| room.storey + 1).max().unwrap_or(0)
     }
@@ -224,14 +228,18 @@ impl Plan {
         part: &Rect,
         side: Side,
     ) -> impl Iterator<Item = &Opening> {
-        let (line, span) = (side.line_m(part) - side.inward() * WALL_M / 2.0, side.span(part));
-        let on_side = move |opening: &&Opening| {
+        self.openings_in(index, Face { side, line_m: side.line_m(part), along: side.span(part) })
+    }
+
+    /// Openings in a room's wall.
+    pub(super) fn openings_in(&self, index: usize, face: Face) -> impl Iterator<Item = &Opening> {
+        let line = face.line_m - face.side.inward() * WALL_M / 2.0;
+        self.openings.iter().filter(move |opening| {
             opening.rooms.contains(&index)
-                && opening.along_x == side.runs_along_x()
+                && opening.along_x == face.side.runs_along_x()
                 && (opening.line_m - line).abs() < 1e-3
-                && common(opening.along, span) > 0.0
-        };
-        self.openings.iter().filter(on_side)
+                && common(opening.along, face.along) > 0.0
+        })
     }
 
     /// Windows completely in the wall on a side of a room part.
@@ -259,7 +267,7 @@ impl Window {
     }
 }
 
-/// Remainder of `span` without `taken`, in order; pieces below a millimetre are dropped.
+/// Returns `span` without `taken`, in order; stretches below a millimetre are dropped.
 pub(super) fn remainder(span: [f32; 2], taken: impl Iterator<Item = [f32; 2]>) -> Vec<[f32; 2]> {
     let mut taken: Vec<[f32; 2]> = taken.filter(|other| common(*other, span) > 1e-3).collect();
     taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -279,7 +287,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plans_of_these_seeds_stay_what_they_are() {
+    fn plans_of_fixed_seeds_do_not_change() {
         let measured: Vec<_> = (0..12)
             .map(|seed| {
                 let plan = Plan::draw(&Rng::new(seed), 6 + 2 * seed as usize % 19, 1 + seed as usize % 2);

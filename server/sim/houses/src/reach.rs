@@ -1,24 +1,22 @@
-//! Reachability of rooms on a lattice of free floor, without a navmesh.
+//! Room reachability on a lattice, without a navmesh.
 
-use super::plan::{Opening, Plan, RoomKind, WALL_M};
-use super::rect::Rect;
+use super::plan::{Opening, Plan, RoomKind, WALL_M, around};
+use super::rect::{CELL_M, Lattice, Rect};
 use super::{floor_m, shell};
 use avln_scene::Object;
 
 /// Height range of obstacles above the floor, metres.
+// The body climbs 0.2 m and is 1.5 m high.
 const BODY_M: [f32; 2] = [0.2, 1.5];
 
-/// Edge of a lattice cell, metres.
-const CELL_M: f32 = 0.1;
-
-/// Standing area of a body and its connected parts.
+/// Connected parts of a body's standing area.
 pub(super) struct Reach {
     /// Cells by room.
     rooms: Vec<Vec<Cell>>,
     lattice: Lattice,
     /// Part per cell; `None` for blocked cells.
     piece_of: Vec<Option<usize>>,
-    /// Cells of each piece.
+    /// Cell count per part.
     sizes: Vec<usize>,
 }
 
@@ -26,7 +24,8 @@ type Cell = usize;
 
 impl Reach {
     pub(super) fn of(plan: &Plan, objects: &[Object], radius_m: f32) -> Self {
-        let lattice = Lattice::around(plan);
+        let cells: Vec<Rect> = plan.rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
+        let lattice = Lattice::over(&around(&cells), 1, plan.storeys());
         let mut free = vec![false; lattice.count()];
         let mut rooms = Vec::new();
         for index in 0..plan.rooms.len() {
@@ -43,15 +42,16 @@ impl Reach {
             .filter(|&room| plan.rooms[room].kind == RoomKind::Stairs)
             .map(|room| rooms[room].as_slice())
             .collect();
-        let (piece_of, sizes) = lattice.pieces(&free, &stairs);
+        let (piece_of, sizes) = pieces(&lattice, &free, &stairs);
         Self { rooms, lattice, piece_of, sizes }
     }
 
     fn largest(&self) -> Option<usize> {
+        // The first of equally large parts, for a stable result.
         (0..self.sizes.len()).max_by_key(|&piece| (self.sizes[piece], usize::MAX - piece))
     }
 
-    /// Share of the free floor that is the largest piece, 0 to 1.
+    /// Largest part's share of the free floor, 0 to 1.
     pub(super) fn share(&self) -> f32 {
         let most = self.sizes.iter().max().copied().unwrap_or(0);
         most as f32 / self.sizes.iter().sum::<usize>().max(1) as f32
@@ -64,7 +64,7 @@ impl Reach {
         (0..self.rooms.len()).filter(|&room| largest.is_none() || !entered(&self.rooms[room])).collect()
     }
 
-    /// The openings that the largest piece does not go through.
+    /// Openings that the largest part does not pass.
     pub(super) fn blocked<'a>(&self, plan: &'a Plan, radius_m: f32) -> Vec<&'a Opening> {
         let largest = self.largest();
         let passable = |opening: &Opening| {
@@ -81,16 +81,16 @@ fn through(opening: &Opening, radius_m: f32) -> Rect {
     let beyond = WALL_M / 2.0 + radius_m + CELL_M;
     let across = [opening.line_m - beyond, opening.line_m + beyond];
     let along = [opening.along[0] + radius_m, opening.along[1] - radius_m];
-    if opening.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+    opening.rect(along, across)
 }
 
-/// The floor in front of an opening, on both sides of it.
+/// Floor in front of an opening, on both sides.
 pub(super) fn doorstep(opening: &Opening, depth_m: f32) -> Rect {
     let across = [opening.line_m - depth_m, opening.line_m + depth_m];
-    if opening.along_x { Rect::new(opening.along, across) } else { Rect::new(across, opening.along) }
+    opening.rect(opening.along, across)
 }
 
-/// Obstacles in a room, seen from above.
+/// Obstacle footprints in a room.
 fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     let floor_m = floor_m(plan.rooms[index].storey);
     let in_room = objects.iter().filter(|object| object.region == Some(index as u16));
@@ -100,7 +100,7 @@ fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     solid.map(|object| Rect::of(&object.bounds)).collect()
 }
 
-/// Standing cells of a room.
+/// Standing cells in a room.
 fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], radius_m: f32) -> Vec<Cell> {
     let room = &plan.rooms[index];
     let walls = room.faces();
@@ -113,82 +113,33 @@ fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], ra
     floor.into_iter().flat_map(|rect| lattice.cells_in(room.storey, rect)).filter(clear).collect()
 }
 
-/// Square cells over all storeys, storey by storey, row by row.
-struct Lattice {
-    origin: [f32; 2],
-    columns: usize,
-    rows: usize,
-    storeys: usize,
-}
-
-impl Lattice {
-    fn around(plan: &Plan) -> Self {
-        let cells: Vec<Rect> = plan.rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
-        let extent = super::plan::around(&cells);
-        let [columns, rows] = extent.size().map(|length| (length / CELL_M).ceil() as usize + 1);
-        Self { origin: [extent.x[0], extent.z[0]], columns, rows, storeys: plan.storeys() }
-    }
-
-    fn count(&self) -> usize {
-        self.columns * self.rows * self.storeys
-    }
-
-    fn center(&self, cell: Cell) -> [f32; 2] {
-        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
-        let at = |origin: f32, index: usize| origin + (index as f32 + 0.5) * CELL_M;
-        [at(self.origin[0], column), at(self.origin[1], row)]
-    }
-
-    /// Cells of a storey with centres in `rect`.
-    fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = Cell> + use<> {
-        let range = |span: [f32; 2], origin: f32, count: usize| {
-            let index =
-                |value: f32| ((value - origin) / CELL_M - 0.5).ceil().clamp(0.0, count as f32) as usize;
-            index(span[0])..index(span[1])
-        };
-        let columns = range(rect.x, self.origin[0], self.columns);
-        let rows = range(rect.z, self.origin[1], self.rows);
-        let (width, height) = (self.columns, self.rows);
-        rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
-    }
-
-    /// Connected parts of the free cells: part per cell, and part sizes. Cells in a `joined` group (stairs)
-    /// count as neighbours.
-    fn pieces(&self, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
-        let mut is_joined = vec![false; free.len()];
-        joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
-        let mut piece_of = vec![None; free.len()];
-        let mut sizes = Vec::new();
-        for start in 0..free.len() {
-            let mut open = vec![start];
-            let piece = sizes.len();
-            let mut size = 0;
-            while let Some(cell) = open.pop() {
-                if !free[cell] || piece_of[cell].is_some() {
-                    continue;
-                }
-                piece_of[cell] = Some(piece);
-                size += 1;
-                open.extend(self.neighbours(cell));
-                if is_joined[cell] {
-                    open.extend(joined.iter().flat_map(|group| group.iter()));
-                }
+/// Returns the part per cell and the part sizes. Cells in a `joined` group (stairs) count as neighbours.
+fn pieces(lattice: &Lattice, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
+    let mut is_joined = vec![false; free.len()];
+    joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
+    let mut piece_of = vec![None; free.len()];
+    let mut sizes = Vec::new();
+    for start in 0..free.len() {
+        let mut open = vec![start];
+        let piece = sizes.len();
+        let mut size = 0;
+        while let Some(cell) = open.pop() {
+            if !free[cell] || piece_of[cell].is_some() {
+                continue;
             }
-            if size > 0 {
-                sizes.push(size);
+            piece_of[cell] = Some(piece);
+            size += 1;
+            open.extend(lattice.neighbours(cell));
+            // The lattice has no heights: all stairwell cells together connect the storeys.
+            if is_joined[cell] {
+                open.extend(joined.iter().flat_map(|group| group.iter()));
             }
         }
-        (piece_of, sizes)
+        if size > 0 {
+            sizes.push(size);
+        }
     }
-
-    fn neighbours(&self, cell: Cell) -> impl Iterator<Item = Cell> {
-        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
-        let left = (column > 0).then(|| cell - 1);
-        let right = (column + 1 < self.columns).then(|| cell + 1);
-        let above = (row > 0).then(|| cell - self.columns);
-        let below = (row + 1 < self.rows).then(|| cell + self.columns);
-        [left, right, above, below].into_iter().flatten()
-    }
+    (piece_of, sizes)
 }
 
 #[cfg(test)]
@@ -209,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_houses_can_be_walked_everywhere_even_over_stairs() {
+    fn empty_houses_are_walkable_everywhere() {
         for seed in 0..2000 {
             let plan = Plan::draw(&Rng::new(seed), 6 + seed as usize % 19, 1 + seed as usize / 19 % 2);
             let reach = Reach::of(&plan, &[], 0.25);
@@ -220,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crate_in_its_only_door_seals_a_room() {
+    fn crate_in_the_only_door_seals_a_room() {
         let plan = Plan::draw(&Rng::new(5), 9, 1);
         let doors = |room: usize| plan.openings.iter().filter(move |door| door.rooms.contains(&room));
         let room = (0..9).find(|&room| doors(room).count() == 1).expect("a room with one door");

@@ -1,3 +1,5 @@
+//! Floor rectangles, room sides and floor lattices.
+
 use avln_geom::{Aabb, Point3};
 
 /// A rectangle on the floor, metres in world x and z.
@@ -34,13 +36,13 @@ impl Rect {
         [(self.x[0] + self.x[1]) / 2.0, (self.z[0] + self.z[1]) / 2.0]
     }
 
-    /// Every side moved inwards by `margin_m`; outwards when it is negative.
+    /// Moves every side inwards by `margin_m`; outwards if negative.
     pub(super) fn inset(&self, margin_m: f32) -> Self {
         let shrink = |[low, high]: [f32; 2]| [low + margin_m, high - margin_m];
         Self { x: shrink(self.x), z: shrink(self.z) }
     }
 
-    /// Returns true if the two share more than an edge.
+    /// Returns true if the rectangles share more than an edge.
     pub(super) fn overlaps(&self, other: &Self) -> bool {
         common(self.x, other.x) > 1e-4 && common(self.z, other.z) > 1e-4
     }
@@ -58,7 +60,7 @@ impl Rect {
         (dx * dx + dz * dz).sqrt()
     }
 
-    /// The box over this rectangle between two heights.
+    /// Box over the rectangle between two heights.
     pub(super) fn raised(&self, y: [f32; 2]) -> Aabb {
         Aabb::new(Point3::new(self.x[0], y[0], self.z[0]), Point3::new(self.x[1], y[1], self.z[1]))
     }
@@ -73,16 +75,12 @@ fn sorted([a, b]: [f32; 2]) -> [f32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// A side of a room, named by the inward direction of its wall.
+/// A room side, named by compass: north is at the smallest z and faces +z, west is at the smallest x.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
-    /// The wall at the smallest z; it faces +z.
     North,
-    /// The wall at the smallest x; it faces +x.
     West,
-    /// The wall at the largest z; it faces -z.
     South,
-    /// The wall at the largest x; it faces -x.
     East,
 }
 
@@ -103,7 +101,7 @@ impl Side {
         matches!(self, Self::North | Self::South)
     }
 
-    /// Position of the wall on the perpendicular axis.
+    /// Wall position on the perpendicular axis.
     pub(super) fn line_m(self, room: &Rect) -> f32 {
         match self {
             Self::North => room.z[0],
@@ -113,7 +111,7 @@ impl Side {
         }
     }
 
-    /// Range of the wall on its axis.
+    /// Wall range on the wall axis.
     pub(super) fn span(self, room: &Rect) -> [f32; 2] {
         if self.runs_along_x() { room.x } else { room.z }
     }
@@ -123,24 +121,77 @@ impl Side {
         if matches!(self, Self::North | Self::West) { 1.0 } else { -1.0 }
     }
 
-    /// The rectangle at this wall of `room` over the range `along`, `depth_m` deep.
+    /// Rectangle at this wall of `room` over the range `along`, `depth_m` deep.
     pub(super) fn strip(self, room: &Rect, along: [f32; 2], depth_m: f32) -> Rect {
         self.band(room, along, [0.0, depth_m])
     }
 
-    /// The rectangle over the range `along` between two distances from this wall of `room`.
+    /// Rectangle over the range `along` between two distances from this wall of `room`.
     pub(super) fn band(self, room: &Rect, along: [f32; 2], depths_m: [f32; 2]) -> Rect {
         let across = depths_m.map(|depth| self.line_m(room) + self.inward() * depth);
         if self.runs_along_x() { Rect::new(along, across) } else { Rect::new(across, along) }
     }
 }
 
-/// `[x, z]` after `quarter` turns about +Y.
+/// Turns `[x, z]` by `quarter` quarter turns about +Y.
 pub(super) fn turned(quarter: u8, [x, z]: [f32; 2]) -> [f32; 2] {
     match quarter % 4 {
         0 => [x, z],
         1 => [z, -x],
         2 => [-x, -z],
         _ => [-z, x],
+    }
+}
+
+/// Lattice cell edge, metres.
+pub(super) const CELL_M: f32 = 0.1;
+
+/// Square cells over one or two storeys, storey by storey, row by row.
+pub(super) struct Lattice {
+    origin: [f32; 2],
+    columns: usize,
+    rows: usize,
+    storeys: usize,
+}
+
+impl Lattice {
+    /// Covers `extent` with cells, and `margin` more in either direction.
+    pub(super) fn over(extent: &Rect, margin: usize, storeys: usize) -> Self {
+        let [columns, rows] = extent.size().map(|length| (length / CELL_M).ceil() as usize + margin);
+        Self { origin: [extent.x[0], extent.z[0]], columns, rows, storeys }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.columns * self.rows * self.storeys
+    }
+
+    /// Cell centre, x and z.
+    pub(super) fn center(&self, cell: usize) -> [f32; 2] {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let at = |origin: f32, index: usize| origin + (index as f32 + 0.5) * CELL_M;
+        [at(self.origin[0], column), at(self.origin[1], row)]
+    }
+
+    /// Cells with centres in `rect` on a storey.
+    pub(super) fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = usize> + use<> {
+        let range = |span: [f32; 2], origin: f32, count: usize| {
+            let index =
+                |value: f32| ((value - origin) / CELL_M - 0.5).ceil().clamp(0.0, count as f32) as usize;
+            index(span[0])..index(span[1])
+        };
+        let columns = range(rect.x, self.origin[0], self.columns);
+        let rows = range(rect.z, self.origin[1], self.rows);
+        let (width, height) = (self.columns, self.rows);
+        rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
+    }
+
+    /// Up to four adjacent cells on the storey.
+    pub(super) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let left = (column > 0).then(|| cell - 1);
+        let right = (column + 1 < self.columns).then(|| cell + 1);
+        let above = (row > 0).then(|| cell - self.columns);
+        let below = (row + 1 < self.rows).then(|| cell + self.columns);
+        [left, right, above, below].into_iter().flatten()
     }
 }

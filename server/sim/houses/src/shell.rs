@@ -1,4 +1,4 @@
-//! Floors, walls, ceilings, thresholds: all that belongs to no object.
+//! Floors, walls, ceilings and thresholds: all geometry without an object.
 
 pub(super) mod stairs;
 
@@ -7,11 +7,11 @@ use super::furniture::openings;
 use super::model::{Corner, Model, about};
 use super::paint::Paint;
 use super::plan::{CEILING_M, Face, Opening, Outline, Plan, RoomKind, STOREY_M, WALL_M, Window};
-use super::rect::{Rect, Side, common};
+use super::rect::{Rect, Side};
 use super::texture::Pattern;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
-/// Paints of a room.
+/// Room paints.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Finish {
     floor: Paint,
@@ -23,11 +23,11 @@ pub(super) struct Finish {
     ceiling: Paint,
 }
 
-/// Height of the skirting board, metres.
+/// Skirting board height, metres.
 const SKIRTING_M: f32 = 0.08;
 
 impl Finish {
-    /// Paints that suit the room.
+    /// Draws paints for a room kind.
     pub(super) fn choose(rng: &mut Rng, kind: RoomKind) -> Self {
         let wall = wall_paint(rng, kind);
         let accent = if rng.chance(0.35) { accent_paint(rng, kind) } else { wall };
@@ -46,7 +46,7 @@ impl Finish {
         }
     }
 
-    /// Paints for the upper part of a room, without skirting board.
+    /// Paints for the upper storey of a stairwell, without skirting board.
     pub(super) fn above(&self) -> Self {
         Self { skirting_m: 0.0, ..*self }
     }
@@ -71,7 +71,7 @@ fn wall_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
         [210, 208, 204],
         [236, 234, 228],
     ];
-    let rgb = *rng.choose(&PASTELS).expect("there are pastels");
+    let rgb = *rng.choose(&PASTELS).expect("the list is not empty");
     match kind {
         RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
         _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
@@ -87,14 +87,14 @@ fn accent_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
         [200, 176, 120],
         [122, 134, 140],
     ];
-    let rgb = *rng.choose(&DEEP).expect("there are colours");
+    let rgb = *rng.choose(&DEEP).expect("the list is not empty");
     match kind {
         RoomKind::LivingRoom | RoomKind::Gym if rng.chance(0.4) => {
             Paint::plain("brick", [176, 116, 96]).with(Pattern::Brick)
         }
         RoomKind::Bedroom | RoomKind::LivingRoom | RoomKind::DiningRoom if rng.chance(0.6) => {
             let papers = [Pattern::Stripes, Pattern::Damask, Pattern::Floral, Pattern::Trellis];
-            Paint::plain("plaster", rgb).with(*rng.choose(&papers).expect("there are papers"))
+            Paint::plain("plaster", rgb).with(*rng.choose(&papers).expect("the list is not empty"))
         }
         RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
         _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
@@ -124,12 +124,12 @@ fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
     }
 }
 
-/// Adds walls and ceiling of a room, with holes for openings.
+/// Adds a room's walls and ceiling, with holes for openings.
 pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finish: &Finish) {
     let faces = plan.rooms[index].faces();
     let mut model = Model::new();
     for face in &faces {
-        let holes: Vec<Hole> = doors_in(plan, index, face).map(Hole::of).collect();
+        let holes: Vec<Hole> = plan.openings_in(index, *face).map(Hole::of).collect();
         wall(&mut model, face, [0.0, wall_top_m(plan, index)], &holes, |y| finish.wall_at(face.side, y));
     }
     for rect in ceiling_of(plan, index) {
@@ -143,12 +143,12 @@ pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finis
     assembly.add_shell(&model, |corner| room_light(corner, &faces));
 }
 
-/// Height of a room's walls: those of lower stairs reach up to the floor above.
+/// Wall height; walls of lower stairs reach up to the floor above.
 fn wall_top_m(plan: &Plan, index: usize) -> f32 {
     if plan.begins_stairs(index) { STOREY_M } else { CEILING_M }
 }
 
-/// The rectangles that a room's ceiling covers.
+/// Rectangles with a ceiling.
 fn ceiling_of(plan: &Plan, index: usize) -> Vec<Rect> {
     match plan.begins_stairs(index) {
         true => stairs::landing(plan, index).into_iter().collect(),
@@ -156,7 +156,7 @@ fn ceiling_of(plan: &Plan, index: usize) -> Vec<Rect> {
     }
 }
 
-/// The rectangles that a room's floor covers.
+/// Rectangles with a floor.
 pub(super) fn floor_of(plan: &Plan, index: usize) -> Vec<Rect> {
     match plan.rooms[index].kind {
         RoomKind::Stairs => stairs::landing(plan, index).into_iter().collect(),
@@ -164,7 +164,7 @@ pub(super) fn floor_of(plan: &Plan, index: usize) -> Vec<Rect> {
     }
 }
 
-/// Light on walls and ceiling: darker at adjacent surfaces.
+/// Light on walls and ceiling: darker near adjacent surfaces.
 fn room_light(corner: &Corner, faces: &[Face]) -> f32 {
     let base = if corner.normal.y < -0.5 { 0.95 } else { 0.08 + facing_light(&corner.normal) };
     base * corner_light(gap_m(corner, faces), 0.5, 0.82)
@@ -182,7 +182,7 @@ fn gap_m(corner: &Corner, faces: &[Face]) -> f32 {
     if level { walls } else { walls.min(corner.position.y).min(CEILING_M - corner.position.y) }.max(0.0)
 }
 
-/// Adds the floor of a room, darker at walls and under the furniture `covered`.
+/// Adds a room's floor, darker at walls and under the furniture `covered`.
 pub(super) fn add_floor(
     assembly: &mut Assembly,
     plan: &Plan,
@@ -207,12 +207,12 @@ pub(super) fn add_floor(
     });
 }
 
-/// An upward rectangle at height `y`; downward when z runs backwards.
+/// An upward rectangle at height `y`; downward if z runs backwards.
 fn flat(x: [f32; 2], z: [f32; 2], y: f32) -> [Point3<f32>; 4] {
     [(0, 1), (1, 1), (1, 0), (0, 0)].map(|(i, k)| Point3::new(x[i], y, z[k]))
 }
 
-/// Increasing values from start to end of `span`, including `extra` inside it, at most `step` apart.
+/// Increasing values over `span`, including `extra` inside it, at most `step` apart.
 fn grid_lines(span: [f32; 2], extra: &[f32], step: f32) -> Vec<f32> {
     let inside = extra.iter().copied().filter(|value| span[0] + 1e-3 < *value && *value < span[1] - 1e-3);
     let mut fixed: Vec<f32> = inside.chain(span).collect();
@@ -227,12 +227,11 @@ fn grid_lines(span: [f32; 2], extra: &[f32], step: f32) -> Vec<f32> {
     lines
 }
 
-/// The point of a vertical surface at `along` the wall, `y` up, on the line `line_m`.
 fn wall_point(along_x: bool, line_m: f32, along: f32, y: f32) -> Point3<f32> {
     if along_x { Point3::new(along, y, line_m) } else { Point3::new(line_m, y, along) }
 }
 
-/// A vertical rectangle on a wall line that faces the larger (`inward` = 1) or smaller side of it.
+/// A vertical rectangle on a wall line, visible from inside.
 fn upright(side: Side, line_m: f32, along: [f32; 2], y: [f32; 2]) -> [Point3<f32>; 4] {
     // Seen from inside, +x runs to the right on the north wall and +z to the right on the east wall.
     let forwards = matches!(side, Side::North | Side::East);
@@ -258,8 +257,9 @@ impl Hole {
     }
 }
 
-/// A wall between two heights with holes; `paint` returns the paint by height.
+/// Adds a wall with holes; `paint` returns the paint by height.
 fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl Fn(f32) -> Paint) {
+    // Light is stored in vertices: extra lines near corners limit the dark margin to them.
     let edges = holes.iter().flat_map(|hole| hole.along).chain([face.along[0] + 0.3, face.along[1] - 0.3]);
     let columns = grid_lines(face.along, &edges.collect::<Vec<_>>(), 1.2);
     let levels = holes.iter().flat_map(|hole| hole.y).chain([SKIRTING_M, 0.4, CEILING_M - 0.3]);
@@ -275,18 +275,7 @@ fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl
     }
 }
 
-/// Openings in a wall of a room.
-fn doors_in<'a>(plan: &'a Plan, index: usize, face: &'a Face) -> impl Iterator<Item = &'a Opening> {
-    let line = face.line_m - face.side.inward() * WALL_M / 2.0;
-    plan.openings.iter().filter(move |opening| {
-        opening.rooms.contains(&index)
-            && opening.along_x == face.side.runs_along_x()
-            && (opening.line_m - line).abs() < 1e-3
-            && common(opening.along, face.along) > 0.0
-    })
-}
-
-/// Adds the outer faces of a storey.
+/// Adds a storey's outer faces.
 pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     let paint = Paint::plain("plaster", [216, 208, 194]).with(Pattern::Plaster);
     let rooms = plan.rooms.iter().filter(|room| room.storey == storey);
@@ -298,12 +287,13 @@ pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     assembly.add_shell(&model, |corner| facing_light(&corner.normal));
 }
 
-/// Adds room windows outside the walls of all furnished [`super::plan::Room::parts`].
+/// Adds windows outside the walls of furnished [`super::plan::Room::parts`].
 pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize) {
     let parts = plan.rooms[index].parts();
     let near = |window: &Window| parts.iter().any(|part| window.is_on(part));
     for window in plan.windows.iter().filter(|window| window.room == index && !near(window)) {
         let [width, height] = [window.along, window.y].map(|span| span[1] - span[0]);
+        // Windows on furnished parts are added by the furnishing, which reserves their wall.
         let piece = openings::window(width, height);
         let quarter = window.side.quarter();
         let bounds = piece.model.moved(quarter, Vector3::zeros()).bounds();
@@ -319,7 +309,7 @@ pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize
     }
 }
 
-/// Origin of a model with its back at the wall.
+/// Model origin with the back at the wall.
 fn wall_origin(side: Side, [x, y, z]: [f32; 3], bounds: &Aabb, line_m: f32) -> Vector3<f32> {
     const GAP_M: f32 = 0.002;
     match side {
@@ -330,7 +320,7 @@ fn wall_origin(side: Side, [x, y, z]: [f32; 3], bounds: &Aabb, line_m: f32) -> V
     }
 }
 
-/// Jambs, lintel and threshold of an opening.
+/// Adds an opening's jambs, lintel and threshold.
 pub(super) fn add_opening(assembly: &mut Assembly, opening: &Opening, floor: &Finish) {
     let frame = Paint::plain("wood", [226, 222, 212]);
     let across = [opening.line_m - WALL_M / 2.0, opening.line_m + WALL_M / 2.0];

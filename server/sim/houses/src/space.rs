@@ -1,30 +1,31 @@
-//! Used and free parts of a room.
+//! Used and free space in a room.
 
 use super::plan::CEILING_M;
-use super::rect::{Rect, Side, common};
+use super::rect::{Lattice, Rect, Side, common};
 
-/// Depth that stays free on both sides of a door, metres.
+/// Free depth on both sides of a door, metres.
 pub(super) const DOOR_CLEAR_M: f32 = 0.9;
 
-/// Half the width of the aisles that furniture leaves, metres.
+/// Half the aisle width, metres.
+// A body of 0.25 m, plus 0.075 m lost on the navmesh lattice.
 const AISLE_RADIUS_M: f32 = 0.33;
 
-/// Objects reaching below this height block a walking body, metres.
+/// Lower objects block a walking body, metres.
 const BODY_HEIGHT_M: f32 = 1.5;
 
-/// Furniture this near to a wall hides the wall behind it, metres.
+/// Furniture nearer to a wall hides the wall behind it, metres.
 const NEAR_WALL_M: f32 = 0.3;
 
-/// Floor and walls of a room with their used parts.
+/// A room's floor and walls with their used parts.
 pub(super) struct Space {
     pub(super) room: Rect,
     /// Footprints on the floor or hanging low.
     solids: Vec<Rect>,
-    /// Zones kept free: in front of doors and furniture.
+    /// Free zones in front of doors and furniture.
     free: Vec<Rect>,
     /// Zones that must be reachable.
     goals: Vec<Rect>,
-    /// Taken parts of the four walls, in the order of [`Side::ALL`].
+    /// Used wall patches, in the order of [`Side::ALL`].
     patches: [Vec<Patch>; 4],
 }
 
@@ -41,7 +42,7 @@ impl Patch {
     }
 }
 
-/// A position for a piece, its height range, and the free floor in front.
+/// A position for a piece: footprint, height range, free floor in front.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claim {
     pub(super) rect: Rect,
@@ -54,30 +55,30 @@ impl Space {
         Self { room, solids: vec![], free: vec![], goals: vec![], patches: Default::default() }
     }
 
-    /// Keeps the floor in front of a door free.
+    /// Reserves the floor in front of a door.
     pub(super) fn add_door(&mut self, side: Side, along: [f32; 2], height_m: f32) {
         self.keep_free(side, along, DOOR_CLEAR_M);
         self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
     }
 
-    /// Number of free zones.
+    /// Free zone count.
     pub(super) fn zones(&self) -> usize {
         self.free.len()
     }
 
-    /// Keeps the floor at an entry side free.
+    /// Reserves the floor at an entry side.
     pub(super) fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
         let zone = side.strip(&self.room, along, depth_m.min(self.depth_m(side)));
         self.free.push(zone);
         self.goals.push(zone);
     }
 
-    /// Marks a part of a wall as taken.
+    /// Marks a wall patch as used.
     pub(super) fn take_wall(&mut self, side: Side, patch: Patch) {
         self.patches[side as usize].push(patch);
     }
 
-    /// Returns true if a part of a wall is free.
+    /// Returns true if a wall patch is free.
     pub(super) fn wall_is_free(&self, side: Side, patch: &Patch) -> bool {
         let span = side.span(&self.room);
         let inside = span[0] <= patch.along[0] && patch.along[1] <= span[1] && patch.y[1] <= CEILING_M;
@@ -85,48 +86,52 @@ impl Space {
     }
 
     /// Returns true if a piece fits: inside, off the free zones, at a free wall, with all doors and fronts
-    /// still connected.
+    /// connected.
     pub(super) fn fits(&self, claim: &Claim) -> bool {
         self.stands(claim) && self.still_connected(claim)
     }
 
-    /// Like [`Space::fits`], but the piece may use the free floor in front of furniture (not of doors).
+    /// Like [`Space::fits`], but free floor in front of furniture (not doors) may be used.
     pub(super) fn fits_in_front(&self, claim: &Claim, doors: usize) -> bool {
-        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
         self.room.holds(&claim.rect)
-            && clear(&claim.rect)
+            && self.is_clear(&claim.rect)
             && !self.free[..doors].iter().any(|zone| zone.overlaps(&claim.rect))
             && self.still_connected(claim)
     }
 
-    /// Like [`Space::fits`], but the piece may reach 0.2 m into the free floor in front of furniture.
+    /// Like [`Space::fits`], but the piece may reach 0.2 m into free floor in front of furniture.
     pub(super) fn fits_closely(&self, claim: &Claim, doors: usize) -> bool {
         const REACH_M: f32 = 0.2;
         let blocked = |zone: &Rect| zone.inset(REACH_M).overlaps(&claim.rect);
         !self.free[doors..].iter().any(blocked) && self.fits_in_front(claim, doors)
     }
 
-    /// The first of `claims` that fits; only some candidates are tried, because every test is a flood fill.
+    /// Returns the first claim that fits.
     pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
+        // The connection test is a flood fill, so it comes last and is limited in number.
         const TRIES: usize = 40;
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
     }
 
+    fn is_clear(&self, rect: &Rect) -> bool {
+        !self.solids.iter().any(|solid| solid.overlaps(rect))
+    }
+
     fn stands(&self, claim: &Claim) -> bool {
-        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
-        let front_ok = |front: &Rect| self.room.holds(front) && clear(front);
+        let front_ok = |front: &Rect| self.room.holds(front) && self.is_clear(front);
         self.room.holds(&claim.rect)
-            && clear(&claim.rect)
+            && self.is_clear(&claim.rect)
             && !self.free.iter().any(|zone| zone.overlaps(&claim.rect))
             && claim.front.iter().all(front_ok)
             && self.near_patches(claim).iter().all(|(side, patch)| self.wall_is_free(*side, patch))
     }
 
-    /// Takes the floor and the wall of `claim`.
+    /// Marks the claim's floor and wall as used.
     pub(super) fn take(&mut self, claim: &Claim) {
         for (side, patch) in self.near_patches(claim) {
             self.take_wall(side, patch);
         }
+        // A body walks below higher pieces.
         if claim.y[0] < BODY_HEIGHT_M {
             self.solids.push(claim.rect);
         }
@@ -136,7 +141,7 @@ impl Space {
         }
     }
 
-    /// The wall that a piece hides.
+    /// Returns the wall patches hidden by a piece.
     fn near_patches(&self, claim: &Claim) -> Vec<(Side, Patch)> {
         let near = |side: Side| {
             let along = side.span(&claim.rect);
@@ -146,12 +151,12 @@ impl Space {
         Side::ALL.into_iter().filter_map(near).collect()
     }
 
-    /// Depth of the room from the wall on `side`.
+    /// Room depth from the wall on `side`.
     pub(super) fn depth_m(&self, side: Side) -> f32 {
         self.room.size()[usize::from(side.runs_along_x())]
     }
 
-    /// Returns true if a body of aisle width can still reach all doors and fronts.
+    /// Returns true if a body of aisle width still reaches all doors and fronts.
     fn still_connected(&self, claim: &Claim) -> bool {
         if claim.y[0] >= BODY_HEIGHT_M {
             return true;
@@ -166,71 +171,30 @@ impl Space {
 /// Required connected share of the free floor.
 const WHOLE_FLOOR: f32 = 0.92;
 
-/// Returns true if a disc of radius `radius_m` can move in `room` around `solids` between all `goals` and
-/// almost everywhere else.
+/// Returns true if a disc with `radius_m` can move in `room` around `solids` between all `goals` and almost
+/// everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
-    let grid = Grid::new(room, solids, radius_m);
+    let lattice = Lattice::over(room, 0, 1);
+    // A room narrower than the body still has a centre line, so that it can be furnished at all.
+    let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
+    let is_free = |cell: usize| {
+        let place = lattice.center(cell);
+        walkable.distance_m(place) == 0.0 && solids.iter().all(|solid| solid.distance_m(place) >= radius_m)
+    };
+    let free: Vec<bool> = (0..lattice.count()).map(is_free).collect();
+    let inside = |cell: usize, zone: &Rect| free[cell] && zone.distance_m(lattice.center(cell)) == 0.0;
     let Some(first) = goals.first() else { return true };
-    let reached = grid.flood(first);
-    let count = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count() as f32;
-    let whole = count(&reached) >= WHOLE_FLOOR * count(&grid.free);
-    whole && goals.iter().all(|goal| grid.cells_in(goal).any(|cell| reached[cell]))
-}
-
-/// Square cells over a room, each free or blocked.
-struct Grid {
-    origin: [f32; 2],
-    counts: [usize; 2],
-    free: Vec<bool>,
-}
-
-const CELL_M: f32 = 0.1;
-
-impl Grid {
-    fn new(room: &Rect, solids: &[Rect], radius_m: f32) -> Self {
-        let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
-        let counts = room.size().map(|length| (length / CELL_M).ceil() as usize);
-        let mut grid = Self { origin: [room.x[0], room.z[0]], counts, free: vec![] };
-        let is_free = |cell: usize| {
-            let place = grid.center(cell);
-            walkable.distance_m(place) == 0.0
-                && solids.iter().all(|solid| solid.distance_m(place) >= radius_m)
-        };
-        grid.free = (0..counts[0] * counts[1]).map(is_free).collect();
-        grid
-    }
-
-    fn center(&self, cell: usize) -> [f32; 2] {
-        let (i, k) = (cell % self.counts[0], cell / self.counts[0]);
-        [self.origin[0] + (i as f32 + 0.5) * CELL_M, self.origin[1] + (k as f32 + 0.5) * CELL_M]
-    }
-
-    fn cells_in(&self, zone: &Rect) -> impl Iterator<Item = usize> {
-        (0..self.free.len()).filter(move |&cell| self.free[cell] && zone.distance_m(self.center(cell)) == 0.0)
-    }
-
-    /// Cells reachable from the first free cell in `zone`.
-    fn flood(&self, zone: &Rect) -> Vec<bool> {
-        let mut reached = vec![false; self.free.len()];
-        let mut open: Vec<usize> = self.cells_in(zone).take(1).collect();
-        while let Some(cell) = open.pop() {
-            if self.free[cell] && !reached[cell] {
-                reached[cell] = true;
-                open.extend(self.neighbours(cell));
-            }
+    let mut reached = vec![false; free.len()];
+    let mut open: Vec<usize> = (0..free.len()).find(|&cell| inside(cell, first)).into_iter().collect();
+    while let Some(cell) = open.pop() {
+        if free[cell] && !reached[cell] {
+            reached[cell] = true;
+            open.extend(lattice.neighbours(cell));
         }
-        reached
     }
-
-    fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
-        let (width, count) = (self.counts[0], self.free.len());
-        let column = cell % width;
-        let left = (column > 0).then(|| cell - 1);
-        let right = (column + 1 < width).then_some(cell + 1);
-        let below = cell.checked_sub(width);
-        let above = (cell + width < count).then_some(cell + width);
-        [left, right, below, above].into_iter().flatten()
-    }
+    let count = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count() as f32;
+    let whole = count(&reached) >= WHOLE_FLOOR * count(&free);
+    whole && goals.iter().all(|goal| (0..free.len()).any(|cell| reached[cell] && inside(cell, goal)))
 }
 
 #[cfg(test)]
@@ -258,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_before_a_window_must_be_low() {
+    fn only_low_furniture_fits_below_windows() {
         let mut space = room();
         space.take_wall(Side::West, Patch { along: [1.0, 2.0], y: [0.9, 2.1] });
         let low = Claim { y: [0.0, 0.8], ..claim([0.0, 0.4], [1.2, 1.8]) };

@@ -1,75 +1,62 @@
-//! The path that Detour finds: the best chain of polygons by the middles of their portals (`dtNavMeshQuery::findPath`),
-//! and the string pulled tight through it (`findStraightPath`).
+//! Detour's path: the best polygon chain by portal middles (`dtNavMeshQuery::findPath`), and the string
+//! pulled tight through it (`findStraightPath`).
 
-use crate::plane::{Lattice, share_of_segment, turn};
-use crate::polygons::{Corner, NONE, Polygons};
-use crate::waiting::Waiting;
+use crate::plane::{Lattice, LatticePoint, share_of_segment, turn};
+use crate::polygons::{NONE, Polygons};
+use crate::route::{QueueEntry, steps_to};
+use crate::sight::Eye;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Detour's factor on the remaining straight distance, so that the estimate is a lower bound.
+// Detour scales the straight distance so that the estimate stays a lower bound.
 const HEURISTIC: f64 = 0.999;
-/// A first portal this close to the start is passed, metres.
+// Detour skips a first portal this close to the start, metres.
 const AT_PORTAL_M: f64 = 0.001;
-/// Positions within this distance are equal, metres.
+// Detour merges positions within this distance, metres.
 const SAME_M: f64 = 1.0 / 16384.0;
 
-/// An end of a path and its polygon.
-#[derive(Clone, Copy)]
-pub(crate) struct End {
-    pub(crate) place: Corner,
-    pub(crate) polygon: u32,
-}
-
-/// Length of Detour's path, metres: from `from` to `to` on the mesh, drawn between `start` and `end`, which
-/// may be above or below. `None` without a path.
+/// Returns the length in metres of Detour's path between mesh points, drawn between `start` and `end` above
+/// or below them. `None` without a path.
 pub(crate) fn corridor_m(
     polygons: &Polygons,
     lattice: &Lattice,
-    [from, to]: [End; 2],
-    [start, end]: [Corner; 2],
+    [from, to]: [Eye; 2],
+    [start, end]: [LatticePoint; 2],
 ) -> Option<f64> {
-    let chain = Search::new(polygons, lattice, to).run(from)?;
+    let chain = CorridorSearch::new(polygons, lattice, to).run(from)?;
     let points = Pull { polygons, lattice, portals: &chain, end }.points(start);
-    let length = |leg: &[Corner]| apart_m(lattice, &leg[0], &leg[1]);
-    Some(points.windows(2).map(length).sum())
+    Some(points.windows(2).map(|leg| lattice.apart_m(&leg[0], &leg[1])).sum())
 }
 
-fn apart_m(lattice: &Lattice, a: &Corner, b: &Corner) -> f64 {
-    lattice.apart_m((&a.spot, a.height_m), (&b.spot, b.height_m))
-}
-
-/// Search state of a polygon: entry point and best path.
 #[derive(Clone, Copy)]
 struct Node {
-    place: Corner,
+    place: LatticePoint,
     cost_m: f64,
     total_m: f64,
-    /// The portal that it is entered by, as the polygon before it names it.
+    /// Entry portal, as an edge of the previous polygon.
     portal: u32,
 }
 
-struct Search<'a> {
+struct CorridorSearch<'a> {
     polygons: &'a Polygons,
     lattice: &'a Lattice,
-    goal: End,
+    goal: Eye,
     nodes: Vec<Option<Node>>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
-impl<'a> Search<'a> {
-    fn new(polygons: &'a Polygons, lattice: &'a Lattice, goal: End) -> Self {
+impl<'a> CorridorSearch<'a> {
+    fn new(polygons: &'a Polygons, lattice: &'a Lattice, goal: Eye) -> Self {
         let nodes = vec![None; polygons.len() as usize];
         Self { polygons, lattice, goal, nodes, waiting: BinaryHeap::new() }
     }
 
-    /// The portals from the polygon of `from` to the goal's.
-    fn run(mut self, from: End) -> Option<Vec<u32>> {
-        let total_m = HEURISTIC * apart_m(self.lattice, &from.place, &self.goal.place);
+    fn run(mut self, from: Eye) -> Option<Vec<u32>> {
+        let total_m = HEURISTIC * self.lattice.apart_m(&from.place, &self.goal.place);
         self.nodes[from.polygon as usize] =
             Some(Node { place: from.place, cost_m: 0.0, total_m, portal: NONE });
-        self.waiting.push(Reverse(Waiting { metres: total_m, number: from.polygon }));
-        while let Some(Reverse(Waiting { metres: total_m, number: polygon })) = self.waiting.pop() {
+        self.waiting.push(Reverse(QueueEntry { metres: total_m, number: from.polygon }));
+        while let Some(Reverse(QueueEntry { metres: total_m, number: polygon })) = self.waiting.pop() {
             let node = self.nodes[polygon as usize]?;
             if total_m > node.total_m {
                 continue;
@@ -85,15 +72,16 @@ impl<'a> Search<'a> {
     fn expand(&mut self, polygon: u32, node: &Node) {
         let edges = self.polygons.edges(polygon);
         let before = (node.portal != NONE).then(|| self.polygons.owner(node.portal));
-        // The last edge comes last: outlines have the opposite direction in Detour.
+        // Outlines have the opposite direction in Detour, which starts with the last edge. Among equal costs
+        // the first edge wins, so the order decides the path.
         for edge in (edges.start..edges.end - 1).rev().chain([edges.end - 1]) {
             let Some(neighbour) = self.polygons.neighbour(edge).filter(|&next| Some(next) != before) else {
                 continue;
             };
             let known = self.nodes[neighbour as usize];
             let place = known.map_or_else(|| self.middle(edge), |known| known.place);
-            let mut cost_m = node.cost_m + apart_m(self.lattice, &node.place, &place);
-            let left_m = apart_m(self.lattice, &place, &self.goal.place);
+            let mut cost_m = node.cost_m + self.lattice.apart_m(&node.place, &place);
+            let left_m = self.lattice.apart_m(&place, &self.goal.place);
             let total_m = if neighbour == self.goal.polygon {
                 cost_m += left_m;
                 cost_m
@@ -102,47 +90,37 @@ impl<'a> Search<'a> {
             };
             if known.is_none_or(|known| total_m < known.total_m) {
                 self.nodes[neighbour as usize] = Some(Node { place, cost_m, total_m, portal: edge });
-                self.waiting.push(Reverse(Waiting { metres: total_m, number: neighbour }));
+                self.waiting.push(Reverse(QueueEntry { metres: total_m, number: neighbour }));
             }
         }
     }
 
-    fn middle(&self, edge: u32) -> Corner {
-        let (a, b) = (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge)));
-        Corner { spot: a.spot + (b.spot - a.spot) * 0.5, height_m: 0.5 * (a.height_m + b.height_m) }
+    fn middle(&self, edge: u32) -> LatticePoint {
+        let (a, b) = (self.polygons.corner(edge), self.polygons.corner(self.polygons.next(edge)));
+        LatticePoint { spot: a.spot + (b.spot - a.spot) * 0.5, height_m: 0.5 * (a.height_m + b.height_m) }
     }
 
     fn portals(&self, last: u32) -> Vec<u32> {
         let entered = |polygon: u32| self.nodes[polygon as usize].map_or(NONE, |node| node.portal);
-        let before = |&portal: &u32| Some(entered(self.polygons.owner(portal))).filter(|&next| next != NONE);
-        let first = Some(entered(last)).filter(|&portal| portal != NONE);
-        let mut portals: Vec<_> = std::iter::successors(first, before).collect();
-        portals.reverse();
-        portals
+        steps_to(entered(last), |portal| entered(self.polygons.owner(portal)))
     }
 }
-
-fn begin(polygons: &Polygons, edge: u32) -> Corner {
-    Corner { spot: *polygons.from(edge), height_m: polygons.height_m(edge) }
-}
-
-/// A side of the funnel: tip and portal.
 #[derive(Clone, Copy)]
 struct Side {
-    tip: Corner,
+    tip: LatticePoint,
     portal: usize,
 }
 
-/// The string through a chain of portals (Mononen 2010, simple stupid funnel).
+/// The string through a portal chain (Mononen 2010, simple stupid funnel).
 struct Pull<'a> {
     polygons: &'a Polygons,
     lattice: &'a Lattice,
     portals: &'a [u32],
-    end: Corner,
+    end: LatticePoint,
 }
 
 impl Pull<'_> {
-    fn points(&self, start: Corner) -> Vec<Corner> {
+    fn points(&self, start: LatticePoint) -> Vec<LatticePoint> {
         let mut points = vec![start];
         let (mut apex, mut right, mut left) =
             (start, Side { tip: start, portal: 0 }, Side { tip: start, portal: 0 });
@@ -168,28 +146,28 @@ impl Pull<'_> {
         points
     }
 
-    /// Right and left end of a portal; the end of the path follows the last portal.
-    fn portal(&self, at: usize) -> (Corner, Corner) {
+    /// Right and left end; the path's end follows the last portal.
+    fn portal(&self, at: usize) -> (LatticePoint, LatticePoint) {
         match self.portals.get(at) {
-            Some(&edge) => (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge))),
+            Some(&edge) => (self.polygons.corner(edge), self.polygons.corner(self.polygons.next(edge))),
             None => (self.end, self.end),
         }
     }
 
-    fn stands_at(&self, start: &Corner, right: &Corner, left: &Corner) -> bool {
+    fn stands_at(&self, start: &LatticePoint, right: &LatticePoint, left: &LatticePoint) -> bool {
         let share = share_of_segment(&start.spot, &left.spot, &right.spot);
         let nearest = left.spot + (right.spot - left.spot) * share;
         (nearest - start.spot).norm() * f64::from(self.lattice.cell_m) < AT_PORTAL_M
     }
 
-    /// Moves `side` to `next` if that narrows the funnel; returns the tip of `other` if `next` is beyond it.
-    /// `sign` is 1 for the right side and -1 for the left.
+    /// Moves `side` to `next` if that narrows the funnel; returns `other` if `next` is beyond it. `sign` is 1
+    /// for the right side, -1 for the left.
     fn narrow(
         &self,
-        apex: &Corner,
+        apex: &LatticePoint,
         side: &mut Side,
         other: &Side,
-        next: Corner,
+        next: LatticePoint,
         at: usize,
         sign: f64,
     ) -> Option<Side> {
@@ -204,11 +182,11 @@ impl Pull<'_> {
         None
     }
 
-    fn same(&self, a: &Corner, b: &Corner) -> bool {
-        apart_m(self.lattice, a, b) < SAME_M
+    fn same(&self, a: &LatticePoint, b: &LatticePoint) -> bool {
+        self.lattice.apart_m(a, b) < SAME_M
     }
 
-    fn append(&self, points: &mut Vec<Corner>, point: Corner) {
+    fn append(&self, points: &mut Vec<LatticePoint>, point: LatticePoint) {
         if points.last().is_none_or(|last| !self.same(last, &point)) {
             points.push(point);
         }

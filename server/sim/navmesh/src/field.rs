@@ -1,21 +1,67 @@
 use crate::corners::{Corners, Link};
 use crate::mesh::{NavMesh, NavPoint};
-use crate::outlook::Outlook;
-use crate::plane::Spot;
-use crate::sight::{Eye, View, look};
-use crate::waiting::Waiting;
+use crate::plane::LatticePoint;
+use crate::route::QueueEntry;
+use crate::sight::{Eye, VisiblePart, look};
 use avln_geom::Point3;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Distances over a [`NavMesh`] to the nearest of weighted seeds.
+impl NavMesh {
+    /// Returns distances to the nearest of weighted `seeds`; the weight, metres, is added. Non-finite weights
+    /// are ignored.
+    pub fn field(&self, seeds: &[(NavPoint, f64)]) -> DistanceField {
+        let mut seeds: Vec<_> = seeds
+            .iter()
+            .filter(|(_, weight_m)| weight_m.is_finite())
+            .map(|&(point, weight_m)| Seed { eye: self.eye(&point), position: point.position(), weight_m })
+            .collect();
+        seeds.sort_by_key(|seed| seed.eye.polygon);
+        let mut corners = vec![Way::NONE; self.corners.len()];
+        for (seed, index) in seeds.iter().zip(0..) {
+            look(&self.polygons, &seed.eye, |polygon, view| {
+                self.corners.in_view(self.polygons.edges(polygon), view, &seed.eye.place, |link| {
+                    corners[link.to as usize].improve(seed.weight_m + link.metres, Next::Seed(index));
+                });
+            });
+        }
+        spread(&self.corners, &mut corners);
+        DistanceField { seeds, corners }
+    }
+
+    /// Returns the visibility of `point`, reusable with many fields.
+    pub fn outlook(&self, point: &NavPoint) -> Outlook {
+        let eye = self.eye(point);
+        let (mut views, mut links) = (Vec::new(), Vec::new());
+        look(&self.polygons, &eye, |polygon, view| {
+            views.push((polygon, *view));
+            self.corners.in_view(self.polygons.edges(polygon), view, &eye.place, |link| links.push(link));
+        });
+        Outlook { eye, views, links }
+    }
+
+    /// Returns distances from `from` (outer) to `to` (inner), metres; `None` across islands. Cheaper than
+    /// single queries.
+    pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
+        let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
+        let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
+        for target in to {
+            let field = self.field(&[(*target, 0.0)]);
+            for (row, outlook) in distances.iter_mut().zip(&outlooks) {
+                row.push(field.distance_from_m(self, outlook));
+            }
+        }
+        distances
+    }
+}
+
+/// Distances over a [`NavMesh`]: the minimum over seeds of weight plus geodesic distance.
 ///
-/// The distance of a point is the minimum over the seeds of weight plus geodesic distance.
+/// With a different mesh, methods panic or return wrong results.
 pub struct DistanceField {
-    /// Seeds, ordered by polygon.
     seeds: Vec<Seed>,
-    /// Per mesh corner: lowest cost in metres and next stop.
-    corners: Vec<(f64, Next)>,
+    /// By mesh corner.
+    corners: Vec<Way>,
 }
 
 struct Seed {
@@ -24,21 +70,14 @@ struct Seed {
     weight_m: f64,
 }
 
-impl Seed {
-    fn place(&self) -> (&Spot, f64) {
-        (&self.eye.spot, f64::from(self.position.y))
-    }
-}
-
-/// The next stop on the way to the best seed.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Next {
+enum Next {
     Nowhere,
     Corner(u32),
     Seed(u32),
 }
 
-/// The best path from a point: cost in metres and first stop.
+#[derive(Clone, Copy)]
 struct Way {
     metres: f64,
     next: Next,
@@ -59,60 +98,24 @@ impl Way {
 }
 
 impl DistanceField {
-    pub(crate) fn new(mesh: &NavMesh, seeds: &[(NavPoint, f64)]) -> Self {
-        let mut seeds: Vec<_> = seeds
-            .iter()
-            .filter(|(_, weight_m)| weight_m.is_finite())
-            .map(|&(point, weight_m)| Seed { eye: mesh.eye(&point), position: point.position(), weight_m })
-            .collect();
-        seeds.sort_by_key(|seed| seed.eye.polygon);
-        let mut corners = vec![(f64::INFINITY, Next::Nowhere); mesh.corners.len()];
-        for (seed, index) in seeds.iter().zip(0..) {
-            look(&mesh.polygons, &seed.eye, |polygon, view| {
-                mesh.corners.in_view(mesh.polygons.edges(polygon), view, seed.place(), |link| {
-                    let corner = &mut corners[link.to as usize];
-                    let metres = seed.weight_m + link.metres;
-                    if metres < corner.0 {
-                        *corner = (metres, Next::Seed(index));
-                    }
-                });
-            });
-        }
-        spread(&mesh.corners, &mut corners);
-        Self { seeds, corners }
-    }
-
-    /// Distance from `point` to the best seed, metres, including its weight; `None` without a seed on the
-    /// island.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns distance plus weight for the best seed, metres; `None` without a seed on the island.
     pub fn distance_m(&self, mesh: &NavMesh, point: &NavPoint) -> Option<f64> {
         self.way(mesh, point).metres()
     }
 
-    /// Like [`DistanceField::distance_m`] for the point of `outlook`: several times faster for a point in
-    /// many fields.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns [`DistanceField::distance_m`] for the point of `outlook`, several times faster.
     pub fn distance_from_m(&self, mesh: &NavMesh, outlook: &Outlook) -> Option<f64> {
         let mut way = Way::NONE;
-        for (polygon, view) in outlook.views() {
-            self.to_seeds(mesh, *polygon, view, outlook.place(), &mut way);
+        for (polygon, view) in &outlook.views {
+            self.to_seeds(mesh, *polygon, view, &outlook.eye.place, &mut way);
         }
-        for link in outlook.links() {
-            way.improve(self.corners[link.to as usize].0 + link.metres, Next::Corner(link.to));
+        for link in &outlook.links {
+            way.improve(self.corners[link.to as usize].metres + link.metres, Next::Corner(link.to));
         }
         way.metres()
     }
 
-    /// The shortest path from `point` to the best seed: `point`, the bends, the seed.
-    ///
-    /// `None` without a seed on the island of `point`.
-    ///
-    /// # Panics
-    /// If `mesh` is a different, smaller mesh.
+    /// Returns the shortest path: `point`, bends, best seed; `None` without a seed on the island.
     pub fn path(&self, mesh: &NavMesh, point: &NavPoint) -> Option<Vec<Point3<f32>>> {
         let mut next = self.way(mesh, point).next;
         let mut path = vec![point.position()];
@@ -125,53 +128,178 @@ impl DistanceField {
                 }
                 Next::Corner(corner) => {
                     path.push(mesh.corner_position(corner));
-                    next = self.corners[corner as usize].1;
+                    next = self.corners[corner as usize].next;
                 }
             }
         }
     }
 
     fn way(&self, mesh: &NavMesh, point: &NavPoint) -> Way {
-        let (eye, height_m) = (mesh.eye(point), f64::from(point.position().y));
-        let place = (&eye.spot, height_m);
+        let eye = mesh.eye(point);
         let mut way = Way::NONE;
         look(&mesh.polygons, &eye, |polygon, view| {
-            self.to_seeds(mesh, polygon, view, place, &mut way);
-            mesh.corners.in_view(mesh.polygons.edges(polygon), view, place, |Link { to, metres }| {
-                way.improve(self.corners[to as usize].0 + metres, Next::Corner(to));
+            self.to_seeds(mesh, polygon, view, &eye.place, &mut way);
+            mesh.corners.in_view(mesh.polygons.edges(polygon), view, &eye.place, |Link { to, metres }| {
+                way.improve(self.corners[to as usize].metres + metres, Next::Corner(to));
             });
         });
         way
     }
 
-    /// Improves `way` by the seeds on `polygon` that are in `view`.
-    fn to_seeds(&self, mesh: &NavMesh, polygon: u32, view: &View, place: (&Spot, f64), way: &mut Way) {
+    /// Improves `way` by visible seeds on `polygon`.
+    fn to_seeds(
+        &self,
+        mesh: &NavMesh,
+        polygon: u32,
+        view: &VisiblePart,
+        place: &LatticePoint,
+        way: &mut Way,
+    ) {
         let first = self.seeds.partition_point(|seed| seed.eye.polygon < polygon);
         let here = self.seeds[first..].iter().zip(first as u32..);
         for (seed, index) in here.take_while(|(seed, _)| seed.eye.polygon == polygon) {
-            if view.holds(&seed.eye.spot) {
-                let metres = seed.weight_m + mesh.lattice().apart_m(seed.place(), place);
+            if view.holds(&seed.eye.place.spot) {
+                let metres = seed.weight_m + mesh.lattice.apart_m(&seed.eye.place, place);
                 way.improve(metres, Next::Seed(index));
             }
         }
     }
 }
 
-/// Relaxes the costs of all corners over their links (Dijkstra 1959).
-pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
-    let seeded = costs.iter().zip(0..).filter(|(cost, _)| cost.0.is_finite());
+/// Spreads the seeded ways over all links (Dijkstra 1959).
+fn spread(corners: &Corners, ways: &mut [Way]) {
+    let seeded = ways.iter().zip(0..).filter(|(way, _)| way.metres.is_finite());
     let mut waiting: BinaryHeap<_> =
-        seeded.map(|(cost, corner)| Reverse(Waiting { metres: cost.0, number: corner })).collect();
-    while let Some(Reverse(Waiting { metres, number: corner })) = waiting.pop() {
-        if metres > costs[corner as usize].0 {
+        seeded.map(|(way, corner)| Reverse(QueueEntry { metres: way.metres, number: corner })).collect();
+    while let Some(Reverse(QueueEntry { metres, number: corner })) = waiting.pop() {
+        if metres > ways[corner as usize].metres {
             continue;
         }
         for link in corners.links(corner) {
             let through = metres + link.metres;
-            if through < costs[link.to as usize].0 {
-                costs[link.to as usize] = (through, Next::Corner(corner));
-                waiting.push(Reverse(Waiting { metres: through, number: link.to }));
+            if through < ways[link.to as usize].metres {
+                ways[link.to as usize] = Way { metres: through, next: Next::Corner(corner) };
+                waiting.push(Reverse(QueueEntry { metres: through, number: link.to }));
             }
         }
+    }
+}
+
+/// A point's visibility, for [`DistanceField::distance_from_m`].
+pub struct Outlook {
+    eye: Eye,
+    views: Vec<(u32, VisiblePart)>,
+    links: Vec<Link>,
+}
+
+/// Indexed mesh points for repeated distance queries.
+pub struct Places {
+    places: Vec<IndexedPlace>,
+}
+
+struct IndexedPlace {
+    eye: Eye,
+    index: u32,
+}
+
+/// First corners on shortest paths from a point, and the points in straight reach.
+///
+/// With [`CornerWays`], a distance between points with known exits is a sum: the straight distance, or the
+/// minimum over exit, corner path and exit.
+#[derive(Clone, Debug, Default)]
+pub struct Exits {
+    /// Useful visible corners, ascending, without duplicates.
+    pub corners: Vec<Exit>,
+    /// Index and distance in metres of visible points, ascending.
+    pub places: Vec<(u32, f64)>,
+}
+
+/// A corner in straight reach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exit {
+    /// Corner index, below [`NavMesh::corner_count`].
+    pub corner: u32,
+    /// Distance, metres.
+    pub distance_m: f64,
+}
+
+/// Shortest paths from all corners to one. Methods panic for an unknown corner.
+pub struct CornerWays {
+    home: u32,
+    corners: Vec<Way>,
+}
+
+impl Places {
+    /// Indexes `points` of `mesh`.
+    pub fn new(mesh: &NavMesh, points: &[NavPoint]) -> Self {
+        let indexed = points.iter().zip(0..);
+        let mut places: Vec<_> =
+            indexed.map(|(point, index)| IndexedPlace { eye: mesh.eye(point), index }).collect();
+        places.sort_unstable_by_key(|place| (place.eye.polygon, place.index));
+        Self { places }
+    }
+
+    fn on(&self, polygon: u32) -> impl Iterator<Item = &IndexedPlace> {
+        let first = self.places.partition_point(|place| place.eye.polygon < polygon);
+        self.places[first..].iter().take_while(move |place| place.eye.polygon == polygon)
+    }
+}
+
+impl NavMesh {
+    /// Returns the corner count.
+    pub fn corner_count(&self) -> usize {
+        self.corners.len()
+    }
+
+    /// Returns the exits of `point`, and the visible `places`.
+    pub fn exits(&self, point: &NavPoint, places: &Places) -> Exits {
+        let outlook = self.outlook(point);
+        let mut exits = Exits::default();
+        for link in &outlook.links {
+            exits.corners.push(Exit { corner: link.to, distance_m: link.metres });
+        }
+        for (polygon, view) in &outlook.views {
+            for IndexedPlace { eye, index } in
+                places.on(*polygon).filter(|place| view.holds(&place.eye.place.spot))
+            {
+                exits.places.push((*index, self.lattice.apart_m(&eye.place, &outlook.eye.place)));
+            }
+        }
+        exits.places.sort_unstable_by_key(|place| place.0);
+        exits.places.dedup_by_key(|place| place.0);
+        exits.corners.sort_unstable_by_key(|exit| exit.corner);
+        exits.corners.dedup_by_key(|exit| exit.corner);
+        exits
+    }
+
+    /// Returns the shortest paths from all corners to `corner`.
+    pub fn corner_ways(&self, corner: u32) -> CornerWays {
+        let mut corners = vec![Way::NONE; self.corners.len()];
+        corners[corner as usize].metres = 0.0;
+        spread(&self.corners, &mut corners);
+        CornerWays { home: corner, corners }
+    }
+}
+
+impl CornerWays {
+    /// Returns the path length from `corner`, metres; infinite without a path.
+    pub fn distance_m(&self, corner: u32) -> f64 {
+        self.corners[corner as usize].metres
+    }
+
+    /// Returns the bends from `corner` to the target corner, both included; empty without a path.
+    pub fn path(&self, mesh: &NavMesh, corner: u32) -> Vec<Point3<f32>> {
+        if self.corners[corner as usize].metres.is_infinite() {
+            return Vec::new();
+        }
+        let mut path = vec![mesh.corner_position(corner)];
+        let mut at = corner;
+        while at != self.home
+            && let Next::Corner(next) = self.corners[at as usize].next
+        {
+            path.push(mesh.corner_position(next));
+            at = next;
+        }
+        path
     }
 }

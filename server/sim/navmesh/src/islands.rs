@@ -1,34 +1,33 @@
-use crate::plane::Spot;
+use crate::plane::{Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;
 
-/// Connected parts of the mesh, the main island first.
+/// Connected mesh parts, the main island first.
 pub(crate) struct Islands {
-    of_polygon: Vec<u32>,
-    parts: Vec<Island>,
+    pub(crate) of_polygon: Vec<u32>,
+    pub(crate) parts: Vec<Island>,
 }
 
-struct Island {
-    area_m2: f64,
-    /// Triangles of the island with the area, in cells squared, of all up to and including them.
+pub(crate) struct Island {
+    pub(crate) area_m2: f64,
+    /// Triangles, with the cumulative area up to and including each, cells squared.
     triangles: Vec<(f64, Triangle)>,
 }
 
 #[derive(Clone, Copy)]
 struct Triangle {
     polygon: u32,
-    /// Second corner of the triangle in the polygon; the first is corner 0, the third the next.
+    /// Second corner in the polygon; the first is corner 0, the third the next.
     corner: u32,
 }
 
 impl Islands {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         let triangles = self.parts.iter().map(|part| size_of_val(part.triangles.as_slice()));
         size_of_val(self.of_polygon.as_slice()) + triangles.sum::<usize>()
     }
 
-    /// Numbers the parts by decreasing area; parts with a majority of `is_roof` area (by polygon) come last.
+    /// Numbers the parts by decreasing area. Parts with mainly `is_roof` polygons come last.
     pub(crate) fn new(polygons: &Polygons, cell_m: f32, is_roof: impl Fn(u32) -> bool) -> Self {
         let square_cell_m2 = f64::from(cell_m) * f64::from(cell_m);
         let (mut of_polygon, members) = components(polygons);
@@ -42,24 +41,6 @@ impl Islands {
         }
         Self { of_polygon, parts }
     }
-
-    pub(crate) fn of(&self, polygon: u32) -> u32 {
-        self.of_polygon[polygon as usize]
-    }
-
-    pub(crate) fn area_m2(&self, island: u32) -> f64 {
-        self.parts[island as usize].area_m2
-    }
-
-    pub(crate) fn total_area_m2(&self) -> f64 {
-        self.parts.iter().map(|part| part.area_m2).sum()
-    }
-
-    pub(crate) fn count(&self) -> u32 {
-        self.parts.len() as u32
-    }
-
-    /// Samples a spot of `island` and its polygon, uniform by area in the plane.
     pub(crate) fn sample(&self, polygons: &Polygons, rng: &mut Rng, island: u32) -> (Spot, u32) {
         let triangles = &self.parts[island as usize].triangles;
         let total = triangles.last().map_or(0.0, |entry| entry.0);
@@ -67,7 +48,7 @@ impl Islands {
         let index = triangles.partition_point(|entry| entry.0 <= draw).min(triangles.len() - 1);
         let Triangle { polygon, corner } = triangles[index].1;
         let corners = polygons.corners(polygon);
-        let [a, b, c] = [0, corner, corner + 1].map(|i| corners[i as usize]);
+        let [a, b, c] = [0, corner, corner + 1].map(|i| corners[i as usize].spot);
         let (mut u, mut v) = (rng.unit(), rng.unit());
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
@@ -76,7 +57,7 @@ impl Islands {
     }
 }
 
-/// Part index per polygon, and the sorted members of every part.
+/// Part index by polygon, and sorted members by part.
 fn components(polygons: &Polygons) -> (Vec<u32>, Vec<Vec<u32>>) {
     let mut of_polygon = vec![NONE; polygons.len() as usize];
     let mut parts = Vec::new();
@@ -117,7 +98,7 @@ fn triangles(polygons: &Polygons, members: &[u32]) -> Vec<(f64, Triangle)> {
     for &polygon in members {
         let corners = polygons.corners(polygon);
         for corner in 1..corners.len().saturating_sub(1) {
-            total += 0.5 * crate::plane::turn(&corners[0], &corners[corner], &corners[corner + 1]);
+            total += 0.5 * turn(&corners[0].spot, &corners[corner].spot, &corners[corner + 1].spot);
             triangles.push((total, Triangle { polygon, corner: corner as u32 }));
         }
     }

@@ -1,30 +1,23 @@
 use crate::corners::Corners;
-use crate::detail::Detail;
-use crate::detour::{self, DetourError};
-use crate::field::DistanceField;
 use crate::islands::Islands;
-use crate::locate::Bins;
-use crate::outlook::Outlook;
-use crate::plane::{Lattice, Spot};
-use crate::polygons::{Polygons, RawPolygon};
-use crate::route::route;
-use crate::settings::Cells;
+use crate::plane::{Lattice, LatticePoint, Spot};
+use crate::polygons::{Bins, Polygons, RawPolygon};
+use crate::settings::{Body, Cells, NavMeshError, NavMeshSettings};
 use crate::sight::Eye;
-use crate::surface::{Ground, Surface};
+use crate::surface::{Detail, Ground, Surface};
 use crate::voxels::{Voxels, voxelise};
 use crate::walk::{Step, walk};
-use crate::{Body, NavMeshError, NavMeshSettings};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_scene::Scene;
 
-/// Rounding error of an f32 position, cells (5 micrometres).
+// Rounding to f32 moves positions by less than this, cells (5 micrometres).
 const ROUNDING_CELLS: f64 = 1e-4;
-/// Margin of the wall search around the centre of a step, besides half of its length, metres (Detour's).
+// Detour's wall search radius exceeds half the step length by this, metres.
 const STEP_RIM_M: f64 = 0.001;
-/// Corners that Recast shares between polygons are the same to the bit.
-const SHARED_M: f64 = 1e-6;
+// Recast polygons share corners bit by bit; this is only slack, metres.
+pub(crate) const SHARED_M: f64 = 1e-6;
 
-/// A point on a [`NavMesh`].
+/// A position on a [`NavMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavPoint {
     pub(crate) position: Point3<f32>,
@@ -32,31 +25,31 @@ pub struct NavPoint {
 }
 
 impl NavPoint {
-    /// Position in the world frame, at ground height.
+    /// Returns the position on the ground, world frame.
     pub fn position(&self) -> Point3<f32> {
         self.position
     }
 }
 
-/// Result of a step on the mesh.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slide {
-    /// End of the step.
+    /// End position.
     pub end: NavPoint,
     /// True if a wall shortened the step.
     pub blocked: bool,
 }
 
-/// The walkable floor of a scene; immutable.
+/// A scene's walkable floor; immutable.
 ///
-/// Islands are connected parts: number 0 is the main island, the others follow by decreasing area; flat roofs
-/// (surfaces less than a body height below the top of the scene) come last.
+/// Islands are connected parts: number 0 is the main island, the others follow by decreasing area. Flat
+/// roofs, less than a body height below the scene's top, come last.
 ///
-/// Points must belong to the mesh: with points of a different mesh, methods panic or return wrong results.
+/// With points from a different mesh, methods panic or return wrong results; they panic for an unknown island.
 pub struct NavMesh {
-    lattice: Lattice,
+    pub(crate) lattice: Lattice,
     headroom_m: f32,
-    climb_m: f32,
+    pub(crate) climb_m: f32,
     pub(crate) polygons: Polygons,
     pub(crate) corners: Corners,
     islands: Islands,
@@ -64,7 +57,6 @@ pub struct NavMesh {
     pub(crate) surface: Surface,
 }
 
-/// A mesh before its polygons are joined.
 pub(crate) struct Parts {
     pub(crate) lattice: Lattice,
     pub(crate) headroom_m: f32,
@@ -73,7 +65,7 @@ pub(crate) struct Parts {
 }
 
 impl NavMesh {
-    /// Size of the lists in bytes.
+    /// Returns the list sizes, bytes.
     pub fn byte_count(&self) -> usize {
         self.polygons.byte_count()
             + self.corners.byte_count()
@@ -82,13 +74,11 @@ impl NavMesh {
             + self.surface.byte_count()
     }
 
-    /// Builds the mesh of `scene` for `body` with the arena's settings: a 5 cm lattice, heights of the scene,
-    /// otherwise Habitat's settings. Upward triangles are floor; parts below about 1 square metre are
-    /// omitted.
+    /// Builds the mesh of `scene` with the arena's settings: a 5 cm lattice and scene heights, otherwise
+    /// Habitat's. Upward triangles are floor; parts below about 1 square metre are omitted.
     ///
     /// # Errors
-    /// If the body is out of range, if the scene mesh is empty, invalid or too large, or if no floor is
-    /// walkable.
+    /// If the body or the scene mesh is invalid, the scene too large, or no floor walkable.
     pub fn build(scene: &Scene, body: &Body) -> Result<NavMesh, NavMeshError> {
         Self::build_with(scene, &NavMeshSettings::from(body))
     }
@@ -96,8 +86,7 @@ impl NavMesh {
     /// Builds the mesh of `scene` with `settings`; the default is Habitat's.
     ///
     /// # Errors
-    /// If a setting is out of range, if the scene mesh is empty, invalid or too large, or if no floor is
-    /// walkable.
+    /// If a setting or the scene mesh is invalid, the scene too large, or no floor walkable.
     pub fn build_with(scene: &Scene, settings: &NavMeshSettings) -> Result<NavMesh, NavMeshError> {
         settings.check()?;
         let body = &settings.body;
@@ -116,20 +105,8 @@ impl NavMesh {
         Ok(Self::assemble(parts, surface, max_gap_m, top_m))
     }
 
-    /// Reads a Detour navmesh saved by Habitat (`.navmesh`, set versions 1 and 2): walkable polygons,
-    /// heights, and body size.
-    ///
-    /// # Errors
-    /// If the bytes are invalid: the item, its offset and the expected value.
-    pub fn from_detour(bytes: &[u8]) -> Result<NavMesh, DetourError> {
-        let parts = detour::read(bytes)?;
-        let surface = Surface::Detail(Detail::new(&parts.raw));
-        Ok(Self::assemble(parts, surface, SHARED_M, f32::INFINITY))
-    }
-
-    /// Joins polygons with a height difference of at most `max_gap_m` at the edge; those above `top_m` are
-    /// roofs.
-    fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
+    /// Joins polygons with a height difference up to `max_gap_m`; polygons above `top_m` are roofs.
+    pub(crate) fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
         let Parts { lattice, headroom_m, climb_m, raw } = parts;
         let polygons = Polygons::new(&raw, max_gap_m);
         let middles_m: Vec<_> = raw.iter().map(middle_m).collect();
@@ -137,15 +114,15 @@ impl NavMesh {
         let islands = Islands::new(&polygons, lattice.cell_m, is_roof);
         let corners = Corners::new(&polygons, lattice, |edge| match &surface {
             Surface::Scene(_) => f64::from(surface.height_m(polygons.owner(edge), polygons.from(edge))),
-            Surface::Detail(_) => polygons.height_m(edge),
+            Surface::Detail(_) => polygons.corner(edge).height_m,
         });
         let bins = Bins::new(&polygons);
         Self { lattice, headroom_m, climb_m, polygons, corners, islands, bins, surface }
     }
 
-    /// Returns the mesh point nearest to `point` within `max_distance_m` (in space).
+    /// Returns the nearest mesh point within `max_distance_m` in space.
     ///
-    /// Polygons are compared by their nearest point in the plane, at its height.
+    /// Polygons are compared by their nearest point in the plane, with height.
     pub fn snap(&self, point: &Point3<f32>, max_distance_m: f32) -> Option<NavPoint> {
         let spot = self.lattice.spot(point);
         let cell_m = f64::from(self.lattice.cell_m);
@@ -154,7 +131,7 @@ impl NavMesh {
         self.bins.around(&spot, f64::from(max_distance_m) / cell_m, |polygon| {
             let nearest = self.polygons.nearest(polygon, &spot);
             let flat = (nearest - spot).norm_squared() * cell_m * cell_m;
-            // The exact height is expensive: it is computed only if the rough height is inconclusive.
+            // The exact height casts a ray; the rough height rules most polygons out.
             let rough_m = self.surface.rough_height_m(polygon, &nearest);
             let least_m = (rise_m(rough_m) - 2.0 * f64::from(self.lattice.level_m)).max(0.0);
             if flat + least_m * least_m <= best.0 {
@@ -170,45 +147,39 @@ impl NavMesh {
         Some(self.point(&nearest, polygon))
     }
 
-    /// Island index of `point`.
+    /// Returns the island index.
     pub fn island_of(&self, point: &NavPoint) -> u32 {
-        self.islands.of(point.polygon)
+        self.islands.of_polygon[point.polygon as usize]
     }
 
-    /// Island count, at least 1.
+    /// Returns the island count, at least 1.
     pub fn island_count(&self) -> u32 {
-        self.islands.count()
+        self.islands.parts.len() as u32
     }
 
-    /// Area of an island in the ground plane, square metres.
-    ///
-    /// # Panics
-    /// If `island` is out of range.
+    /// Returns an island's area in the plane, square metres.
     pub fn island_area_m2(&self, island: u32) -> f64 {
-        self.islands.area_m2(island)
+        self.islands.parts[island as usize].area_m2
     }
 
-    /// The main island: the largest island except roofs.
+    /// Returns the main island: the largest except roofs.
     pub fn largest_island(&self) -> u32 {
         0
     }
 
-    /// Area of all islands in the ground plane, square metres.
+    /// Returns the total area in the plane, square metres.
     pub fn area_m2(&self) -> f64 {
-        self.islands.total_area_m2()
+        self.islands.parts.iter().map(|part| part.area_m2).sum()
     }
 
-    /// Samples a point of `island`, uniform by area in the ground plane.
-    ///
-    /// # Panics
-    /// If `island` is out of range.
+    /// Samples a point, uniform by area in the plane.
     pub fn sample(&self, rng: &mut Rng, island: u32) -> NavPoint {
         let (spot, polygon) = self.islands.sample(&self.polygons, rng, island);
         self.point(&spot, polygon)
     }
 
-    /// Mesh points inside `bounds` with x and z at multiples of `spacing_m`, on every storey; sorted by x, z,
-    /// height. Empty if the spacing is below a lattice cell.
+    /// Returns mesh points inside `bounds` on every storey, with x and z at multiples of `spacing_m`, sorted
+    /// by x, z, height. Empty if the spacing is below a lattice cell.
     pub fn grid(&self, bounds: &Aabb, spacing_m: f32) -> Vec<NavPoint> {
         if spacing_m.is_nan() || spacing_m < self.lattice.cell_m {
             return Vec::new();
@@ -229,101 +200,58 @@ impl NavMesh {
         points
     }
 
-    /// Moves by `displacement` from `from` with sliding, like Habitat: at a wall the step ends at the nearest
-    /// reachable point to its target. Only the horizontal part of `displacement` counts.
+    /// Moves horizontally with sliding, like Habitat: at a wall the step ends at the nearest reachable point
+    /// to the target.
     pub fn slide(&self, from: &NavPoint, displacement: &Vector3<f32>) -> Slide {
-        let start = self.eye(from);
+        let start = self.eye(from).place.spot;
         let cells = |metres: f32| self.lattice.cells(f64::from(metres));
-        let target = Spot::new(start.spot.x + cells(displacement.x), start.spot.y + cells(displacement.z));
+        let target = Spot::new(start.x + cells(displacement.x), start.y + cells(displacement.z));
         let length_m = f64::from(displacement.xz().norm());
-        self.step(start, target, length_m, true).unwrap_or(Slide { end: *from, blocked: true })
+        let step = Step {
+            start,
+            polygon: from.polygon,
+            target,
+            reach_cells: self.step_reach(length_m),
+            slides: true,
+        };
+        self.step(&step).unwrap_or(Slide { end: *from, blocked: true })
     }
 
-    /// A step to `target` that measures `length_m`; `None` when it ends nowhere.
-    pub(crate) fn step(&self, start: Eye, target: Spot, length_m: f64, slides: bool) -> Option<Slide> {
-        if !(target.x.is_finite() && target.y.is_finite()) {
+    /// Takes a step; `None` without an end on the mesh.
+    pub(crate) fn step(&self, step: &Step) -> Option<Slide> {
+        if !(step.target.x.is_finite() && step.target.y.is_finite()) {
             return None;
         }
-        let reach_cells = self.lattice.cells(0.5 * length_m + STEP_RIM_M);
-        let walked = walk(&self.polygons, &Step { start, target, reach_cells, slides })?;
-        Some(Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked })
+        let walked = walk(&self.polygons, step)?;
+        Some(Slide { end: self.point(&walked.end, walked.polygon), blocked: walked.blocked })
     }
 
-    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
-    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
-    /// directions.
-    pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
-        if self.island_of(a) != self.island_of(b) {
-            return None;
-        }
-        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
-        route(self, a, b).map(|route| route.metres)
+    pub(crate) fn step_reach(&self, length_m: f64) -> f64 {
+        self.lattice.cells(0.5 * length_m + STEP_RIM_M)
     }
 
-    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
-    pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
-        if self.island_of(a) != self.island_of(b) {
-            return None;
-        }
-        let bends = route(self, a, b)?.bends;
-        let between = bends.into_iter().map(|corner| self.corner_position(corner));
-        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
-    }
-
-    /// Distances from `from` (outer) to `to` (inner), metres; `None` across islands. Much cheaper than single
-    /// queries: visibility is computed once per point.
-    pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
-        let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
-        let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
-        for target in to {
-            let field = self.field(&[(*target, 0.0)]);
-            for (row, outlook) in distances.iter_mut().zip(&outlooks) {
-                row.push(field.distance_from_m(self, outlook));
-            }
-        }
-        distances
-    }
-
-    /// Visibility of `point`, for many fields.
-    pub fn outlook(&self, point: &NavPoint) -> Outlook {
-        Outlook::new(self, point)
-    }
-
-    /// Distances to the nearest of `seeds`, with a weight in metres added per seed.
-    ///
-    /// Seeds with a non-finite weight are ignored.
-    pub fn field(&self, seeds: &[(NavPoint, f64)]) -> DistanceField {
-        DistanceField::new(self, seeds)
-    }
-
-    /// The polygons of the mesh for maps: corners in order, in the world frame.
+    /// Returns the polygons for maps: corners in order, world frame.
     pub fn polygons(&self) -> Vec<Vec<Point3<f32>>> {
-        let corner = |polygon: u32, spot: &Spot| self.point(spot, polygon).position;
-        let outline =
-            |polygon: u32| self.polygons.corners(polygon).iter().map(|s| corner(polygon, s)).collect();
+        let outline = |polygon: u32| {
+            let corners = self.polygons.corners(polygon).iter();
+            corners.map(|corner| self.point(&corner.spot, polygon).position).collect()
+        };
         (0..self.polygons.len()).map(outline).collect()
     }
 
     pub(crate) fn eye(&self, point: &NavPoint) -> Eye {
-        // Rounding to f32 may have moved the point across the rim of its polygon or off a corner.
+        // Rounding to f32 may have moved the point across the polygon's rim, or off a corner.
         let spot = self.polygons.nearest(point.polygon, &self.lattice.spot(&point.position));
-        let is_here = |corner: &&Spot| (*corner - spot).norm_squared() < ROUNDING_CELLS * ROUNDING_CELLS;
+        let is_here =
+            |corner: &&LatticePoint| (corner.spot - spot).norm_squared() < ROUNDING_CELLS * ROUNDING_CELLS;
         let corner = self.polygons.corners(point.polygon).iter().find(is_here);
-        Eye { spot: corner.copied().unwrap_or(spot), polygon: point.polygon }
+        let spot = corner.map_or(spot, |corner| corner.spot);
+        Eye { place: LatticePoint { spot, height_m: f64::from(point.position.y) }, polygon: point.polygon }
     }
 
     pub(crate) fn corner_position(&self, corner: u32) -> Point3<f32> {
-        let corner = self.corners.get(corner);
-        self.lattice.point(&corner.eye.spot, corner.height_m as f32)
-    }
-
-    pub(crate) fn lattice(&self) -> &Lattice {
-        &self.lattice
-    }
-
-    /// The highest step that the body walks, metres.
-    pub(crate) fn climb_m(&self) -> f32 {
-        self.climb_m
+        let place = &self.corners.get(corner).eye.place;
+        self.lattice.point(&place.spot, place.height_m as f32)
     }
 
     pub(crate) fn point(&self, spot: &Spot, polygon: u32) -> NavPoint {
@@ -331,14 +259,14 @@ impl NavMesh {
         NavPoint { position: self.lattice.point(spot, height_m), polygon }
     }
 
-    /// Bounds of the mesh in the plane; heights are undefined.
+    /// Bounds in the plane; heights are undefined.
     fn reach(&self) -> Option<Aabb> {
-        let spots = (0..self.polygons.len()).flat_map(|polygon| self.polygons.corners(polygon));
-        let points: Vec<_> = spots.map(|spot| self.lattice.point(spot, 0.0)).collect();
+        let corners = (0..self.polygons.len()).flat_map(|polygon| self.polygons.corners(polygon));
+        let points: Vec<_> = corners.map(|corner| self.lattice.point(&corner.spot, 0.0)).collect();
         Aabb::around(&points)
     }
 
-    /// The points of all storeys at `at`, lowest first. On a shared edge a single polygon counts.
+    /// Points on all storeys at `at`, lowest first. On a shared edge a single polygon counts.
     fn column(&self, at: &Point3<f32>) -> Vec<NavPoint> {
         let spot = self.lattice.spot(at);
         let above =
@@ -350,12 +278,8 @@ impl NavMesh {
     }
 }
 
-/// Mean height of the corners, metres.
+/// Mean corner height, metres.
 fn middle_m(polygon: &RawPolygon) -> f64 {
     let sum: f64 = polygon.corners.iter().map(|corner| corner.height_m).sum();
     sum / polygon.corners.len() as f64
-}
-
-fn order(point: &NavPoint) -> (u32, [u32; 3]) {
-    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

@@ -1,18 +1,22 @@
-//! The ground plane in lattice units: mesh corners have integer coordinates, so visibility between corners is
-//! exact.
+//! The ground plane in lattice units: integer mesh corners make visibility between corners exact.
 
 use avln_geom::{Point2, Point3};
 
-/// A place in the ground plane, in cells: world x and z from the lattice's origin.
+/// A position in the ground plane, cells: world x and z from the lattice origin.
 pub(crate) type Spot = Point2<f64>;
 
-/// Ties lattice coordinates to the world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LatticePoint {
+    pub(crate) spot: Spot,
+    pub(crate) height_m: f64,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) origin: Point3<f32>,
-    /// Width of a cell, metres.
+    /// Cell width, metres.
     pub(crate) cell_m: f32,
-    /// Height of a cell, metres.
+    /// Cell height, metres.
     pub(crate) level_m: f32,
 }
 
@@ -27,42 +31,51 @@ impl Lattice {
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
-    /// [`Lattice::point`] of a lattice corner, rounded as Recast rounds it.
+    // Recast rounds corners to f32 after each operation; [`Lattice::point`] rounds once.
     pub(crate) fn corner(&self, spot: &Spot, height_m: f32) -> Point3<f32> {
         let back = |cells: f64, origin: f32| origin + cells as f32 * self.cell_m;
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
-    /// World height of a level of the lattice.
     pub(crate) fn height_m(&self, level: u16) -> f32 {
         self.origin.y + f32::from(level) * self.level_m
     }
 
-    /// Metres in the plane as cells.
     pub(crate) fn cells(&self, metres: f64) -> f64 {
         metres / f64::from(self.cell_m)
     }
 
-    /// Distance in space between two positions (spot and height in metres), metres.
-    pub(crate) fn apart_m(&self, a: (&Spot, f64), b: (&Spot, f64)) -> f64 {
-        let flat_m = (a.0 - b.0).norm() * f64::from(self.cell_m);
-        let rise_m = a.1 - b.1;
+    pub(crate) fn apart_m(&self, a: &LatticePoint, b: &LatticePoint) -> f64 {
+        let flat_m = (a.spot - b.spot).norm() * f64::from(self.cell_m);
+        let rise_m = a.height_m - b.height_m;
         if rise_m == 0.0 { flat_m } else { (flat_m * flat_m + rise_m * rise_m).sqrt() }
     }
 }
 
-/// Twice the area of the triangle `a`, `b`, `c`, cells squared; positive if `c` is left of the line from `a`
-/// to `b`.
+/// Doubled triangle area, cells squared; positive if `c` is left of the line from `a` to `b`.
 pub(crate) fn turn(a: &Spot, b: &Spot, c: &Spot) -> f64 {
     (b - a).perp(&(c - a))
 }
 
-/// The point of the segment from `a` to `b` nearest to `p`.
+/// Returns the segment point nearest to `p`.
 pub(crate) fn nearest_on_segment(p: &Spot, a: &Spot, b: &Spot) -> Spot {
     a + (b - a) * share_of_segment(p, a, b)
 }
 
-/// Parameter (0 at `a`, 1 at `b`) of the segment point nearest to `p`.
+/// Returns the height at the point nearest to `p` on sloped segments, metres.
+pub(crate) fn nearest_height_m(p: &Spot, sides: impl Iterator<Item = [LatticePoint; 2]>) -> f64 {
+    let mut best = (f64::INFINITY, 0.0);
+    for [a, b] in sides {
+        let share = share_of_segment(p, &a.spot, &b.spot);
+        let gap = (a.spot + (b.spot - a.spot) * share - p).norm_squared();
+        if gap < best.0 {
+            best = (gap, a.height_m + (b.height_m - a.height_m) * share);
+        }
+    }
+    best.1
+}
+
+/// Returns the parameter (0 at `a`, 1 at `b`) for the segment point nearest to `p`.
 pub(crate) fn share_of_segment(p: &Spot, a: &Spot, b: &Spot) -> f64 {
     let along = b - a;
     let length_squared = along.norm_squared();
@@ -74,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lattice_goes_there_and_back() {
+    fn lattice_conversion_is_invertible() {
         let lattice = Lattice { origin: Point3::new(-3.0, 1.0, 2.0), cell_m: 0.05, level_m: 0.2 };
         let point = Point3::new(-2.5, 1.25, 2.1);
         let spot = lattice.spot(&point);
@@ -84,11 +97,11 @@ mod tests {
     }
 
     #[test]
-    fn places_are_apart_in_space() {
+    fn distances_include_height() {
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
-        let (a, b) = (Spot::new(0.0, 0.0), Spot::new(6.0, 0.0));
-        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 1.0)), 3.0);
-        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 5.0)), 5.0);
+        let point = |x: f64, height_m: f64| LatticePoint { spot: Spot::new(x, 0.0), height_m };
+        assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 1.0)), 3.0);
+        assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 5.0)), 5.0);
     }
 
     #[test]

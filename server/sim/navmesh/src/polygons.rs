@@ -1,32 +1,26 @@
-use crate::plane::{Lattice, Spot, nearest_on_segment, turn};
+use crate::plane::{Lattice, LatticePoint, Spot, nearest_on_segment, turn};
 use std::ops::Range;
 
-/// No edge, no polygon, no corner.
+/// No edge, polygon or corner.
 pub(crate) const NONE: u32 = u32::MAX;
+/// Habitat drops polygons below this area, square metres.
+pub(crate) const MIN_POLYGON_M2: f64 = 1e-5;
 
-/// A convex polygon before joining: corners in order, in either direction.
+/// A convex polygon before joining, in either direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
-    pub(crate) corners: Vec<Corner>,
-    /// The patch of floor that it covers.
+    pub(crate) corners: Vec<LatticePoint>,
     pub(crate) region: u16,
-    /// Triangles that cover it in the plane and define its heights; empty if the scene defines them.
-    pub(crate) detail: Vec<[Corner; 3]>,
-}
-
-/// A corner of a polygon or detail triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Corner {
-    pub(crate) spot: Spot,
-    pub(crate) height_m: f64,
+    /// Covering triangles with heights; empty with scene heights.
+    pub(crate) detail: Vec<[LatticePoint; 3]>,
 }
 
 impl RawPolygon {
-    /// Area of the triangles in space, square metres.
+    /// Returns the triangles' area in space, square metres.
     pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
         let cell_m = f64::from(lattice.cell_m);
-        let area = |[a, b, c]: &[Corner; 3]| {
-            let side = |to: &Corner| {
+        let area = |[a, b, c]: &[LatticePoint; 3]| {
+            let side = |to: &LatticePoint| {
                 let flat = (to.spot - a.spot) * cell_m;
                 avln_geom::Vector3::new(flat.x, to.height_m - a.height_m, flat.y)
             };
@@ -35,7 +29,6 @@ impl RawPolygon {
         self.detail.iter().map(area).sum()
     }
 
-    /// Returns true if at least three corners differ in the plane.
     pub(crate) fn has_three_sides(&self) -> bool {
         let mut plan: Vec<_> = self.corners.iter().map(|corner| key(&corner.spot)).collect();
         plan.sort_unstable();
@@ -43,8 +36,8 @@ impl RawPolygon {
         plan.len() >= 3
     }
 
-    /// Counter-clockwise corners without duplicates in the plane.
-    fn tidy(&self) -> Vec<Corner> {
+    /// Returns counter-clockwise corners without duplicates.
+    fn tidy(&self) -> Vec<LatticePoint> {
         let mut corners = self.corners.clone();
         corners.dedup_by_key(|corner| key(&corner.spot));
         while corners.len() > 1 && key(&corners[0].spot) == key(&corners[corners.len() - 1].spot) {
@@ -59,38 +52,35 @@ impl RawPolygon {
     }
 }
 
-/// Sort and equality key of a spot.
 fn key(spot: &Spot) -> (i64, i64) {
     let ordered = |value: f64| {
+        // Adding 0 makes -0 and 0 equal; flipping the other bits of negative numbers sorts them.
         let bits = (value + 0.0).to_bits() as i64;
         bits ^ ((bits >> 63) & i64::MAX)
     };
     (ordered(spot.x), ordered(spot.y))
 }
 
-/// Convex polygons in the ground plane, joined at shared edges.
+/// Convex polygons, joined at shared edges.
 ///
 /// Edges have consecutive indices per polygon, counter-clockwise (inside on the left); edge `e` leaves the
 /// corner `from[e]`. An edge with a twin is a portal, an edge without is a wall.
 pub(crate) struct Polygons {
     first_edge: Vec<u32>,
-    from: Vec<Spot>,
-    height_m: Vec<f64>,
+    from: Vec<LatticePoint>,
     twin: Vec<u32>,
     owner: Vec<u32>,
 }
 
 impl Polygons {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.first_edge.as_slice())
             + size_of_val(self.from.as_slice())
-            + size_of_val(self.height_m.as_slice())
             + size_of_val(self.twin.as_slice())
             + size_of_val(self.owner.as_slice())
     }
 
-    /// Joins polygons with edges that coincide in the plane and differ by at most `max_gap_m` in height.
+    /// Joins polygons with coinciding edges and a height difference up to `max_gap_m`.
     pub(crate) fn new(raw: &[RawPolygon], max_gap_m: f64) -> Self {
         let outlines: Vec<_> = raw.iter().map(RawPolygon::tidy).collect();
         let mut first_edge = vec![0];
@@ -99,12 +89,10 @@ impl Polygons {
             Some(*count)
         }));
         let owner = outlines.iter().zip(0..).flat_map(|(outline, id)| vec![id; outline.len()]).collect();
-        let from = outlines.iter().flatten().map(|corner| corner.spot).collect();
-        let height_m = outlines.iter().flatten().map(|corner| corner.height_m).collect();
-        Self { first_edge, from, height_m, twin: twins(&outlines, max_gap_m), owner }
+        let twin = twins(&outlines, max_gap_m);
+        Self { first_edge, from: outlines.into_iter().flatten().collect(), twin, owner }
     }
 
-    /// Polygon count.
     pub(crate) fn len(&self) -> u32 {
         self.first_edge.len() as u32 - 1
     }
@@ -113,39 +101,29 @@ impl Polygons {
         self.first_edge[polygon as usize]..self.first_edge[polygon as usize + 1]
     }
 
-    pub(crate) fn corners(&self, polygon: u32) -> &[Spot] {
+    pub(crate) fn corners(&self, polygon: u32) -> &[LatticePoint] {
         let edges = self.edges(polygon);
         &self.from[edges.start as usize..edges.end as usize]
     }
 
-    /// Heights of the corners of `polygon`, metres.
-    pub(crate) fn heights_m(&self, polygon: u32) -> &[f64] {
-        let edges = self.edges(polygon);
-        &self.height_m[edges.start as usize..edges.end as usize]
-    }
-
-    /// Start of `edge`.
     pub(crate) fn from(&self, edge: u32) -> &Spot {
-        &self.from[edge as usize]
+        &self.from[edge as usize].spot
     }
 
-    /// Height at the start of `edge`, metres.
-    pub(crate) fn height_m(&self, edge: u32) -> f64 {
-        self.height_m[edge as usize]
+    pub(crate) fn corner(&self, edge: u32) -> LatticePoint {
+        self.from[edge as usize]
     }
 
-    /// End of `edge`.
     pub(crate) fn to(&self, edge: u32) -> &Spot {
-        &self.from[self.next(edge) as usize]
+        &self.from[self.next(edge) as usize].spot
     }
 
-    /// Next edge around the polygon.
     pub(crate) fn next(&self, edge: u32) -> u32 {
         let edges = self.edges(self.owner[edge as usize]);
         if edge + 1 == edges.end { edges.start } else { edge + 1 }
     }
 
-    /// The opposite edge of the neighbour; `None` for a wall.
+    /// Returns the neighbour's edge; `None` for a wall.
     pub(crate) fn twin(&self, edge: u32) -> Option<u32> {
         let twin = self.twin[edge as usize];
         (twin != NONE).then_some(twin)
@@ -155,7 +133,6 @@ impl Polygons {
         self.owner[edge as usize]
     }
 
-    /// The polygon behind `edge`.
     pub(crate) fn neighbour(&self, edge: u32) -> Option<u32> {
         self.twin(edge).map(|twin| self.owner(twin))
     }
@@ -163,10 +140,10 @@ impl Polygons {
     /// Area in the plane, cells squared.
     pub(crate) fn area(&self, polygon: u32) -> f64 {
         let corners = self.corners(polygon);
-        (2..corners.len()).map(|i| 0.5 * turn(&corners[0], &corners[i - 1], &corners[i])).sum()
+        (2..corners.len()).map(|i| 0.5 * turn(&corners[0].spot, &corners[i - 1].spot, &corners[i].spot)).sum()
     }
 
-    /// The point of `polygon` nearest to `spot`; `spot` itself if inside.
+    /// Returns the nearest point on `polygon`: `spot` itself if inside.
     pub(crate) fn nearest(&self, polygon: u32, spot: &Spot) -> Spot {
         let mut best = (f64::INFINITY, *spot);
         for edge in self.edges(polygon) {
@@ -183,13 +160,13 @@ impl Polygons {
     }
 }
 
-/// Pairs opposite edges on the same line: lowest edge first, with the twin nearest in height.
-fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
+/// Pairs opposite edges on the same line: lowest edge first, with the nearest twin in height.
+fn twins(outlines: &[Vec<LatticePoint>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
         .flat_map(|outline| (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()])))
         .collect();
-    let plan = |corner: &Corner| key(&corner.spot);
+    let plan = |corner: &LatticePoint| key(&corner.spot);
     let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|((a, b), e)| (plan(a), plan(b), e)).collect();
     by_plan.sort_unstable();
     let mut twins = vec![NONE; ends.len()];
@@ -214,25 +191,92 @@ fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
     twins
 }
 
+/// Bin side, cells (0.5 m).
+const BIN_CELLS: f64 = 10.0;
+pub(crate) struct Bins {
+    columns: i64,
+    rows: i64,
+    first: Vec<u32>,
+    polygons: Vec<u32>,
+}
+
+impl Bins {
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first.as_slice()) + size_of_val(self.polygons.as_slice())
+    }
+
+    /// Registers a polygon in every bin inside its bounding rectangle.
+    pub(crate) fn new(polygons: &Polygons) -> Self {
+        let boxes: Vec<_> = (0..polygons.len()).map(|polygon| bounds(polygons.corners(polygon))).collect();
+        let reach = boxes.iter().fold((0, 0), |(x, y), b| (b.2.max(x), b.3.max(y)));
+        let (columns, rows) = (reach.0 + 1, reach.1 + 1);
+        let mut entries: Vec<(i64, u32)> = Vec::new();
+        for (&(x0, y0, x1, y1), polygon) in boxes.iter().zip(0..) {
+            entries.extend((y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (y * columns + x, polygon))));
+        }
+        entries.sort_unstable();
+        let first = (0..=rows * columns).map(|bin| entries.partition_point(|entry| entry.0 < bin) as u32);
+        Self {
+            columns,
+            rows,
+            first: first.collect(),
+            polygons: entries.iter().map(|entry| entry.1).collect(),
+        }
+    }
+
+    /// Returns the polygons registered at `spot`, ascending.
+    pub(crate) fn at(&self, spot: &Spot) -> &[u32] {
+        self.bin((spot.x / BIN_CELLS).floor() as i64, (spot.y / BIN_CELLS).floor() as i64)
+    }
+
+    /// Visits the polygons within `reach` cells, roughly nearest first, with duplicates and some beyond the
+    /// reach. `visit` returns the new reach.
+    pub(crate) fn around(&self, spot: &Spot, mut reach: f64, mut visit: impl FnMut(u32) -> f64) {
+        let clamp = |value: f64, count: i64| ((value / BIN_CELLS).floor() as i64).clamp(0, count - 1);
+        let (x, y) = (clamp(spot.x, self.columns), clamp(spot.y, self.rows));
+        for ring in 0..self.columns.max(self.rows) {
+            if (ring - 1) as f64 * BIN_CELLS > reach {
+                return;
+            }
+            for (dx, dy) in ring_around(ring) {
+                for &polygon in self.bin(x + dx, y + dy) {
+                    reach = visit(polygon);
+                }
+            }
+        }
+    }
+
+    fn bin(&self, x: i64, y: i64) -> &[u32] {
+        if !(0..self.columns).contains(&x) || !(0..self.rows).contains(&y) {
+            return &[];
+        }
+        let bin = (y * self.columns + x) as usize;
+        &self.polygons[self.first[bin] as usize..self.first[bin + 1] as usize]
+    }
+}
+fn bounds(corners: &[LatticePoint]) -> (i64, i64, i64, i64) {
+    let bin = |value: f64| (value / BIN_CELLS).floor() as i64;
+    let (min, max) = extent(corners);
+    (bin(min.x), bin(min.y), bin(max.x), bin(max.y))
+}
+
+pub(crate) fn extent(corners: &[LatticePoint]) -> (Spot, Spot) {
+    let first = corners[0].spot;
+    corners.iter().fold((first, first), |(min, max), c| (min.inf(&c.spot), max.sup(&c.spot)))
+}
+
+/// Returns the offsets at Chebyshev distance `ring`.
+fn ring_around(ring: i64) -> impl Iterator<Item = (i64, i64)> {
+    (-ring..=ring).flat_map(move |dy| {
+        let step = if dy.abs() == ring { 1 } else { (2 * ring).max(1) as usize };
+        (-ring..=ring).step_by(step).map(move |dx| (dx, dy))
+    })
+}
+
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-
-    /// A square with sides of 10 cells at a height, as outline and two triangles.
-    pub(crate) fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
-        let corner = |dx, dz| Corner { spot: Spot::new(x + dx, z + dz), height_m };
-        let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
-        let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
-        RawPolygon { corners, region: 1, detail }
-    }
-
-    /// An L of three squares (right of the origin, above the first, right of the first) and a separate square
-    /// 3 m above the first; the second is clockwise.
-    pub(crate) fn letter_l() -> Polygons {
-        let mut second = square(0.0, 10.0, 0.1);
-        second.corners.reverse();
-        Polygons::new(&[square(0.0, 0.0, 0.0), second, square(10.0, 0.0, 0.0), square(0.0, 0.0, 3.0)], 0.2)
-    }
+    use crate::fixtures::letter_l;
 
     #[test]
     fn neighbours_share_edges_and_storeys_do_not() {
@@ -253,11 +297,30 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn nearest_is_the_spot_inside_and_the_rim_outside() {
+    fn nearest_is_itself_inside_and_the_rim_outside() {
         let polygons = letter_l();
         let inside = Spot::new(3.0, 4.0);
         assert_eq!(polygons.nearest(0, &inside), inside);
         assert_eq!(polygons.nearest(0, &Spot::new(-2.0, 4.0)), Spot::new(0.0, 4.0));
         assert_eq!(polygons.nearest(0, &Spot::new(-2.0, -3.0)), Spot::new(0.0, 0.0));
+    }
+
+    #[test]
+    fn rings_have_eight_bins_a_step() {
+        assert_eq!(ring_around(0).collect::<Vec<_>>(), [(0, 0)]);
+        assert_eq!((ring_around(1).count(), ring_around(3).count()), (8, 24));
+    }
+
+    #[test]
+    fn bins_list_their_polygons() {
+        let bins = Bins::new(&letter_l());
+        assert_eq!(bins.at(&Spot::new(15.0, 5.0)), [0, 2, 3].as_slice());
+        assert!(bins.at(&Spot::new(-5.0, 5.0)).is_empty());
+        let mut seen = Vec::new();
+        bins.around(&Spot::new(1e6, -1e6), f64::INFINITY, |polygon| {
+            seen.push(polygon);
+            f64::INFINITY
+        });
+        assert!((0..4).all(|polygon| seen.contains(&polygon)));
     }
 }

@@ -1,16 +1,17 @@
-//! Rasterisation of triangles into heightfield columns, operation by operation like Recast's `rasterizeTri`
-//! and `addSpan`: walls at round numbers are on cell borders, where the last bit selects the filled cells.
+//! Triangle rasterisation into heightfield columns.
+
+// Follows Recast's `rasterizeTri` and `addSpan` operation by operation: walls at round numbers are on cell
+// borders, where the last bit selects the filled cells.
 
 use avln_geom::Point3;
 use rerecast::{AreaType, Heightfield, Span};
 
-/// A triangle cut by the four sides of a cell has no more corners.
+/// Most corners after four cuts.
 const MAX_CORNERS: usize = 7;
 const X: usize = 0;
 const Y: usize = 1;
 const Z: usize = 2;
 
-/// A convex outline with few corners.
 #[derive(Clone, Copy)]
 struct Outline {
     corners: [Point3<f32>; MAX_CORNERS],
@@ -31,13 +32,12 @@ impl Outline {
         }
     }
 
-    /// Smallest and largest value on `axis`.
     fn reach(&self, axis: usize) -> (f32, f32) {
         let values = self.corners().iter().map(|corner| corner[axis]);
         values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
     }
 
-    /// The parts below and above `at` on `axis`; corners on the line belong to both.
+    /// Returns the parts below and above `at`; corners on the line belong to both.
     fn split(&self, axis: usize, at: f32) -> (Self, Self) {
         let (mut below, mut above) = (Self::NONE, Self::NONE);
         let Some(mut last) = self.corners().last() else { return (below, above) };
@@ -114,7 +114,7 @@ fn fill_row(field: &mut Heightfield, row: Outline, z: u16, area: AreaType, merge
     }
 }
 
-/// The levels that an outline fills; `None` outside of the field.
+/// Returns the filled levels; `None` outside the field.
 fn levels(field: &Heightfield, cell: &Outline) -> Option<(u16, u16)> {
     let (bottom, levels_per_m) = (field.aabb.min[Y], 1.0 / field.cell_height);
     let top = field.aabb.max[Y] - bottom;
@@ -128,7 +128,7 @@ fn levels(field: &Heightfield, cell: &Outline) -> Option<(u16, u16)> {
     Some((low, high.max(low.saturating_add(1))))
 }
 
-/// Puts a span into a column, joined with those that it meets.
+/// Adds a span to a column, merged with touching spans.
 fn add(field: &mut Heightfield, column: usize, mut span: Span, merge_levels: u16) {
     let mut before = None;
     let mut next = field.spans[column];
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_fills_the_cells_that_it_covers_and_no_row_behind_its_edge() {
+    fn triangle_fills_covered_cells_only() {
         let mut field = field();
         // Half of a square that ends at z = 0.6, the border between the rows 5 and 6.
         fill(&mut field, [[0.0, 0.5, 0.0], [0.0, 0.5, 0.6], [0.6, 0.5, 0.0]], 63);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_that_meet_are_one_and_those_apart_are_sorted() {
+    fn touching_spans_merge_and_separate_spans_are_sorted() {
         let mut field = field();
         let level = |y: f32| [[0.0, y, 0.0], [0.0, y, 0.3], [0.3, y, 0.0]];
         fill(&mut field, level(1.7), 0);
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_fills_nothing() {
+    fn triangles_outside_fill_nothing() {
         let mut field = field();
         fill(&mut field, [[0.0, 5.0, 0.0], [0.0, 5.0, 0.3], [0.3, 5.0, 0.0]], 63);
         fill(&mut field, [[-3.0, 0.5, 0.0], [-3.0, 0.5, 0.3], [-2.0, 0.5, 0.0]], 63);

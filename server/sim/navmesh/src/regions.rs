@@ -1,19 +1,17 @@
-//! Division of floors into regions without holes, as required for outlines in `rerecast`.
+//! Floor regions without holes, as required for outlines in `rerecast`.
 //!
-//! Sweep over rows of cells: a run of connected cells continues the region of the previous row if both touch
-//! only each other; otherwise it opens a new region. A region therefore has a single run per row, and borders
-//! between regions are straight.
+//! Sweep over cell rows: a run of connected cells continues the previous row's region if both touch only each
+//! other; otherwise it opens a new region. A region therefore has a single run per row and straight borders.
 
 use rerecast::{CompactHeightfield, RegionId};
 
-/// Regions are numbered from 1 to this; the upper half of the numbers has another meaning to `rerecast`.
+// Region numbers start at 1; the upper half has another meaning in `rerecast`.
 const MAX_REGIONS: usize = 0x7fff;
-/// `rerecast` direction numbers of cell neighbours: towards lower x, and towards lower z.
 const LOWER_X: u8 = 0;
 const LOWER_Z: u8 = 3;
 const NONE: u32 = u32::MAX;
 
-/// Assigns regions to walkable floor cells, except in connected parts below `min_cells`.
+/// Assigns regions to floor cells, except in connected parts below `min_cells`.
 ///
 /// # Errors
 /// The region count, if above 32,767.
@@ -31,7 +29,7 @@ pub(crate) fn divide(field: &mut CompactHeightfield, min_cells: u32) -> Result<(
     Ok(())
 }
 
-/// Per floor cell: the connected floor cells towards lower x and z, or `NONE`.
+/// Connected floor cells towards lower x and z, or `NONE`.
 struct Links {
     walkable: Vec<bool>,
     lower_x: Vec<u32>,
@@ -57,8 +55,6 @@ impl Links {
         Self { walkable, lower_x, lower_z }
     }
 }
-
-/// Per cell: true if walkable and in a connected part of at least `min_cells`.
 fn in_large_parts(links: &Links, min_cells: u32) -> Vec<bool> {
     let count = links.walkable.len() as u32;
     let mut parent: Vec<u32> = (0..count).collect();
@@ -84,8 +80,7 @@ fn root(parent: &mut [u32], mut span: u32) -> u32 {
     span
 }
 
-/// Contact of a run with the previous row: cell count of the first region met, and a flag for further
-/// regions.
+/// A run's contact with the previous row: first region with cell count, and a flag for further regions.
 struct Below {
     region: u32,
     cells: u32,
@@ -101,14 +96,12 @@ impl Below {
         self.cells += 1;
     }
 
-    /// The continued region: the only touched region, if it touches no other run.
-    fn goes_on(&self, touched: &[u32]) -> Option<u32> {
+    /// Returns the continued region: the only one touched, if it touches no other run.
+    fn continued(&self, touched: &[u32]) -> Option<u32> {
         let alone = self.region != NONE && !self.others && touched[self.region as usize] == self.cells;
         alone.then_some(self.region)
     }
 }
-
-/// Region per chosen cell, and the region count.
 fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32>, usize) {
     let (mut region_of, mut run_of) = (vec![NONE; chosen.len()], vec![0; chosen.len()]);
     let mut count = 0;
@@ -135,7 +128,7 @@ fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32
             count as u32 - 1
         };
         let regions: Vec<_> =
-            runs.iter().map(|run| run.goes_on(&touched).unwrap_or_else(&mut open)).collect();
+            runs.iter().map(|run| run.continued(&touched).unwrap_or_else(&mut open)).collect();
         spans.iter().for_each(|&span| region_of[span] = regions[run_of[span]]);
     }
     (region_of, count)

@@ -1,67 +1,69 @@
-//! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
+//! Shortest paths between two points: best-first search over corners (Hart, Nilsson and Raphael 1968).
 
 use crate::mesh::{NavMesh, NavPoint};
-use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
-use crate::waiting::Waiting;
-use std::cmp::Reverse;
+use avln_geom::Point3;
+use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// A way between two points.
-pub(crate) struct Route {
-    pub(crate) metres: f64,
-    /// Bends in order, as corner indices.
-    pub(crate) bends: Vec<u32>,
-}
-
-/// An end of a path.
-struct End {
-    eye: Eye,
-    height_m: f64,
-}
-
-impl End {
-    fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
-        Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
+impl NavMesh {
+    /// Returns the shortest path length, metres; `None` across islands. The path is exact in the ground
+    /// plane; legs are measured in space. Bit-identical in both directions.
+    pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        // Sums depend on the order of their terms, so both directions are searched from the same end.
+        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
+        route(self, a, b).map(|route| route.metres)
     }
 
-    fn place(&self) -> (&Spot, f64) {
-        (&self.eye.spot, self.height_m)
+    /// Returns the shortest path: `a`, bends, `b`; `None` across islands.
+    pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let bends = route(self, a, b)?.bends;
+        let between = bends.into_iter().map(|corner| self.corner_position(corner));
+        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
     }
 }
 
-/// The best known way to a corner.
+struct Route {
+    metres: f64,
+    bends: Vec<u32>,
+}
+
 #[derive(Clone, Copy)]
 struct Reached {
     metres: f64,
     from: u32,
 }
 
-/// The shortest route from `a` to `b`; `None` if unreachable.
-pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
-    let (a, b) = (End::new(mesh, a), End::new(mesh, b));
-    let mut search = Search::new(mesh, &b);
+fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
+    let (a, b) = (mesh.eye(a), mesh.eye(b));
+    let mut search = RouteSearch::new(mesh, &b);
     if let Some(metres) = search.start(&a) {
         return Some(Route { metres, bends: Vec::new() });
     }
     search.run()
 }
 
-struct Search<'a> {
+struct RouteSearch<'a> {
     mesh: &'a NavMesh,
-    goal: &'a End,
-    /// Per corner: straight distance to the goal, infinite if not in view.
+    goal: &'a Eye,
+    /// Straight distance to the goal by corner; infinite if hidden.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting: BinaryHeap<Reverse<QueueEntry>>,
 }
 
-impl<'a> Search<'a> {
-    fn new(mesh: &'a NavMesh, goal: &'a End) -> Self {
+impl<'a> RouteSearch<'a> {
+    fn new(mesh: &'a NavMesh, goal: &'a Eye) -> Self {
         let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
-        look(&mesh.polygons, &goal.eye, |polygon, view| {
-            mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
+        look(&mesh.polygons, goal, |polygon, view| {
+            mesh.corners.in_view(mesh.polygons.edges(polygon), view, &goal.place, |link| {
                 last_m[link.to as usize] = link.metres;
             });
         });
@@ -69,16 +71,16 @@ impl<'a> Search<'a> {
         Self { mesh, goal, last_m, reached, waiting: BinaryHeap::new() }
     }
 
-    /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
-    fn start(&mut self, start: &End) -> Option<f64> {
+    /// Opens the corners visible from `start`; returns the distance if the goal is visible.
+    fn start(&mut self, start: &Eye) -> Option<f64> {
         let (mesh, goal) = (self.mesh, self.goal);
         let mut straight = None;
-        look(&mesh.polygons, &start.eye, |polygon, view| {
-            if polygon == goal.eye.polygon && view.holds(&goal.eye.spot) {
-                straight = Some(mesh.lattice().apart_m(start.place(), goal.place()));
+        look(&mesh.polygons, start, |polygon, view| {
+            if polygon == goal.polygon && view.holds(&goal.place.spot) {
+                straight = Some(mesh.lattice.apart_m(&start.place, &goal.place));
             }
             let edges = mesh.polygons.edges(polygon);
-            mesh.corners.in_view(edges, view, start.place(), |link| self.open(link.to, link.metres, NONE));
+            mesh.corners.in_view(edges, view, &start.place, |link| self.open(link.to, link.metres, NONE));
         });
         straight
     }
@@ -87,19 +89,19 @@ impl<'a> Search<'a> {
         let known = &mut self.reached[corner as usize];
         if metres < known.metres {
             *known = Reached { metres, from };
-            let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
-            self.waiting.push(Reverse(Waiting { metres: at_least, number: corner }));
+            let at_least = metres + self.mesh.corners.metres_to(corner, &self.goal.place);
+            self.waiting.push(Reverse(QueueEntry { metres: at_least, number: corner }));
         }
     }
 
     fn run(mut self) -> Option<Route> {
         let mut best = (f64::INFINITY, NONE);
-        while let Some(Reverse(Waiting { metres: at_least, number: corner })) = self.waiting.pop() {
+        while let Some(Reverse(QueueEntry { metres: at_least, number: corner })) = self.waiting.pop() {
             if at_least >= best.0 {
                 break;
             }
             let metres = self.reached[corner as usize].metres;
-            if at_least > metres + self.mesh.corners.metres_to(corner, self.goal.place()) {
+            if at_least > metres + self.mesh.corners.metres_to(corner, &self.goal.place) {
                 continue;
             }
             let whole = metres + self.last_m[corner as usize];
@@ -110,13 +112,42 @@ impl<'a> Search<'a> {
                 self.open(link.to, metres + link.metres, corner);
             }
         }
-        (best.1 != NONE).then(|| Route { metres: best.0, bends: self.bends(best.1) })
+        (best.1 != NONE).then(|| {
+            let bends = steps_to(best.1, |corner| self.reached[corner as usize].from);
+            Route { metres: best.0, bends }
+        })
     }
+}
 
-    fn bends(&self, last: u32) -> Vec<u32> {
-        let before = |&corner: &u32| Some(self.reached[corner as usize].from).filter(|&from| from != NONE);
-        let mut bends: Vec<_> = std::iter::successors(Some(last), before).collect();
-        bends.reverse();
-        bends
+/// Returns the steps to `last`, first step first; `before` returns the previous step or [`NONE`].
+pub(crate) fn steps_to(last: u32, before: impl Fn(u32) -> u32) -> Vec<u32> {
+    let known = |step: u32| Some(step).filter(|&step| step != NONE);
+    let mut steps: Vec<_> = std::iter::successors(known(last), |&step| known(before(step))).collect();
+    steps.reverse();
+    steps
+}
+
+/// A search queue entry, ordered by cost, then by index.
+#[derive(PartialEq)]
+pub(crate) struct QueueEntry {
+    pub(crate) metres: f64,
+    pub(crate) number: u32,
+}
+
+impl Eq for QueueEntry {}
+
+impl PartialOrd for QueueEntry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
     }
+}
+
+impl Ord for QueueEntry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.metres.total_cmp(&other.metres).then(self.number.cmp(&other.number))
+    }
+}
+
+fn order(point: &NavPoint) -> (u32, [u32; 3]) {
+    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

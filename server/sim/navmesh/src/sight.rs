@@ -1,33 +1,32 @@
-//! Straight visibility from a spot: the view is clipped at every portal (triangular expansion, Bungiu and
-//! others 2014), so it follows the floor and never mixes storeys.
+//! Straight visibility: the view is clipped at every portal (triangular expansion, Bungiu and others 2014),
+//! so it follows the floor and never mixes storeys.
 
-use crate::plane::{Spot, nearest_on_segment, turn};
+use crate::plane::{LatticePoint, Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
 
-/// A spot this close to a portal is on both sides, cells (5 nm).
+// A spot this close to a portal is on both sides, cells (5 nm).
 const ON_EDGE_CELLS: f64 = 1e-7;
-/// Tolerance of the view test, cells squared: the end of a wall seen lengthwise stays visible despite
-/// rounding. Between lattice corners all values are integers and the test is exact.
+// Tolerance in cells squared: the end of a wall seen lengthwise stays visible despite rounding. Between
+// lattice corners all values are integers and the test is exact.
 const SLACK: f64 = 1e-7;
-/// Views narrower than this end, cells squared.
+// Narrower views are rounding remainders, cells squared.
 const NARROWEST: f64 = 1e-9;
 
-/// A place to look from.
+/// A position on the mesh to look from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Eye {
-    pub(crate) spot: Spot,
+    pub(crate) place: LatticePoint,
     pub(crate) polygon: u32,
 }
 
-/// The visible part of a polygon: all of it, or the part between two rays.
+/// The visible part: the whole polygon, or the part between two rays.
 #[derive(Clone, Copy)]
-pub(crate) enum View {
+pub(crate) enum VisiblePart {
     Whole,
     Between { eye: Spot, right: Spot, left: Spot },
 }
 
-impl View {
-    /// Returns true if a spot of the viewed polygon is visible.
+impl VisiblePart {
     pub(crate) fn holds(&self, spot: &Spot) -> bool {
         match self {
             Self::Whole => true,
@@ -37,22 +36,20 @@ impl View {
         }
     }
 }
-
-/// A view about to enter a polygon through a portal.
 struct Beam {
-    /// The portal as the polygon that is entered names it.
+    /// Portal, as an edge of the entered polygon.
     entry: u32,
     right: Spot,
     left: Spot,
 }
 
-/// Calls `see` for every polygon visible from `eye`, once per path of portals.
-pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &View)) {
+/// Calls `see` for every visible polygon, once per portal path.
+pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &VisiblePart)) {
     let around = polygons_around(polygons, eye);
-    let spot = &eye.spot;
+    let spot = &eye.place.spot;
     let mut beams = Vec::new();
     for &polygon in &around {
-        see(polygon, &View::Whole);
+        see(polygon, &VisiblePart::Whole);
         for edge in polygons.edges(polygon) {
             let (right, left) = (*polygons.from(edge), *polygons.to(edge));
             if let Some(entry) = polygons.twin(edge)
@@ -64,12 +61,11 @@ pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &Vie
         }
     }
     while let Some(Beam { entry, right, left }) = beams.pop() {
-        see(polygons.owner(entry), &View::Between { eye: *spot, right, left });
+        see(polygons.owner(entry), &VisiblePart::Between { eye: *spot, right, left });
         spread(polygons, spot, &Beam { entry, right, left }, &mut beams);
     }
 }
 
-/// Pushes the remaining `beam` behind the other portals of the entered polygon.
 fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     let mut edge = polygons.next(beam.entry);
     while edge != beam.entry {
@@ -86,15 +82,16 @@ fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     }
 }
 
-/// The polygon of `eye`, first, and those that it touches as well, standing on a portal or a corner.
-pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
+/// Returns the polygon of `eye`, then the others that touch it at a portal or corner.
+fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
     let mut around = vec![eye.polygon];
     let mut next = 0;
     while let Some(&polygon) = around.get(next) {
         next += 1;
         for edge in polygons.edges(polygon) {
             let Some(neighbour) = polygons.neighbour(edge) else { continue };
-            let gap = nearest_on_segment(&eye.spot, polygons.from(edge), polygons.to(edge)) - eye.spot;
+            let spot = &eye.place.spot;
+            let gap = nearest_on_segment(spot, polygons.from(edge), polygons.to(edge)) - spot;
             if gap.norm_squared() <= ON_EDGE_CELLS * ON_EDGE_CELLS && !around.contains(&neighbour) {
                 around.push(neighbour);
             }
@@ -106,10 +103,11 @@ pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
 
     fn sees(eye: (f64, f64, u32), target: (f64, f64, u32)) -> bool {
-        let eye = Eye { spot: Spot::new(eye.0, eye.1), polygon: eye.2 };
+        let place = LatticePoint { spot: Spot::new(eye.0, eye.1), height_m: 0.0 };
+        let eye = Eye { place, polygon: eye.2 };
         let mut seen = false;
         look(&letter_l(), &eye, |polygon, view| {
             seen |= polygon == target.2 && view.holds(&Spot::new(target.0, target.1));
@@ -118,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inner_corner_of_an_l_hides_what_lies_behind() {
+    fn inner_corner_of_an_l_hides_the_area_behind() {
         // The corner is at (10, 10): visible from (5, 15), and nothing beyond it on the diagonal.
         assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
         assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));
@@ -128,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_are_seen_along_and_storeys_are_not_seen() {
+    fn walls_are_visible_lengthwise_and_storeys_hidden() {
         assert!(sees((0.0, 0.0, 0), (20.0, 0.0, 2)));
         assert!(sees((10.0, 5.0, 0), (20.0, 10.0, 2)));
         assert!(sees((10.0, 10.0, 1), (20.0, 10.0, 2)));

@@ -1,22 +1,18 @@
-use crate::detail::Detail;
-use crate::plane::{Lattice, Spot};
+use crate::plane::{Lattice, LatticePoint, Spot, nearest_height_m, turn};
+use crate::polygons::RawPolygon;
 use crate::voxels::Floors;
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
 
-/// Search radius for the floor patch of a spot, cells: polygon edges deviate less from the raster.
+// Polygon edges deviate less from the raster than this, cells.
 const SEARCH_CELLS: i64 = 4;
 
-/// The height of the ground under the polygons.
 pub(crate) enum Surface {
-    /// That of the scene.
     Scene(Box<Ground>),
-    /// Height of the triangles supplied with the polygons.
     Detail(Detail),
 }
 
 impl Surface {
-    /// Bytes that it takes.
     pub(crate) fn byte_count(&self) -> usize {
         match self {
             Self::Scene(ground) => {
@@ -27,7 +23,6 @@ impl Surface {
         }
     }
 
-    /// Height of `spot` on `polygon`, metres.
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         match self {
             Self::Scene(ground) => ground.height_m(polygon, spot),
@@ -35,7 +30,7 @@ impl Surface {
         }
     }
 
-    /// [`Surface::height_m`] to within a level of the lattice; cheap.
+    /// Returns [`Surface::height_m`] to within a lattice level, without a ray.
     pub(crate) fn rough_height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         match self {
             Self::Scene(ground) => ground.top_m(polygon, spot) - 0.5 * ground.lattice.level_m,
@@ -43,12 +38,10 @@ impl Surface {
         }
     }
 }
-
-/// The supporting surfaces of a scene, found through the lattice floors.
 pub(crate) struct Ground {
     lattice: Lattice,
     floors: Floors,
-    /// Region per polygon, and its height outside the lattice floors, metres.
+    /// Region by polygon, and a height for spots outside the lattice floors, metres.
     patches: Vec<(u16, f32)>,
     faces: RayMesh,
 }
@@ -58,7 +51,7 @@ impl Ground {
         Self { lattice, floors, patches, faces: upward_faces(scene) }
     }
 
-    /// Height of the scene surface, or half a level below the top of the lattice cell at gaps.
+    /// Returns the surface height; half a level below the lattice cell top at gaps.
     fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         let level_m = self.lattice.level_m;
         let top = self.top_m(polygon, spot) + level_m;
@@ -66,8 +59,6 @@ impl Ground {
         let hit = self.faces.cast(&above, &-Vector3::y(), 3.0 * level_m);
         hit.map_or(top - 1.5 * level_m, |hit| top - hit.distance)
     }
-
-    /// The top of the lattice cell under `spot`.
     fn top_m(&self, polygon: u32, spot: &Spot) -> f32 {
         let (region, fallback_m) = self.patches[polygon as usize];
         let level = self.level_near(spot.x.floor() as i64, spot.y.floor() as i64, region);
@@ -84,20 +75,75 @@ impl Ground {
     }
 }
 
-/// The offsets at Chebyshev distance `ring`, those nearest to an axis first.
+/// Returns the offsets at Chebyshev distance `ring`, nearest to an axis first.
 fn square_ring(ring: i64) -> impl Iterator<Item = (i64, i64)> {
     (0..=ring).flat_map(move |i| {
         [(ring, i), (i, ring), (-ring, i), (i, -ring), (ring, -i), (-i, ring), (-ring, -i), (-i, -ring)]
     })
 }
 
-/// Supporting triangles: all that face up, at any slope.
+/// Returns the upward triangles at any slope.
 fn upward_faces(scene: &Scene) -> RayMesh {
     let mesh = &scene.mesh;
     let corner = |index: u32| -> &Point3<f32> { &mesh.positions[index as usize] };
     let faces_up = |&&[a, b, c]: &&[u32; 3]| (corner(b) - corner(a)).cross(&(corner(c) - corner(a))).y > 0.0;
     let triangles: Vec<_> = mesh.triangles.iter().filter(faces_up).copied().collect();
     RayMesh::new(&mesh.positions, &triangles)
+}
+
+// Rounding can leave a spot on a shared side outside both triangles; share of the triangle area.
+const RIM: f64 = 1e-6;
+
+/// Recast's detail mesh: height triangles by polygon.
+pub(crate) struct Detail {
+    first: Vec<u32>,
+    triangles: Vec<[LatticePoint; 3]>,
+}
+
+impl Detail {
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first.as_slice()) + size_of_val(self.triangles.as_slice())
+    }
+
+    pub(crate) fn new(polygons: &[RawPolygon]) -> Self {
+        let mut detail = Self { first: vec![0], triangles: Vec::new() };
+        for polygon in polygons {
+            detail.triangles.extend(&polygon.detail);
+            detail.first.push(detail.triangles.len() as u32);
+        }
+        detail
+    }
+
+    /// Returns the height in the covering triangle, otherwise on the nearest side.
+    pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f64 {
+        let triangles = self.of(polygon);
+        triangles.iter().find_map(|triangle| height_inside(triangle, spot)).unwrap_or_else(|| {
+            nearest_height_m(spot, triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
+        })
+    }
+
+    pub(crate) fn reach_m(&self, polygon: u32) -> (f64, f64) {
+        let heights = self.of(polygon).iter().flatten().map(|corner| corner.height_m);
+        heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)))
+    }
+
+    fn of(&self, polygon: u32) -> &[[LatticePoint; 3]] {
+        let range = |index: usize| self.first[index] as usize;
+        &self.triangles[range(polygon as usize)..range(polygon as usize + 1)]
+    }
+}
+
+/// Returns the height in a covering triangle's plane.
+fn height_inside([a, b, c]: &[LatticePoint; 3], spot: &Spot) -> Option<f64> {
+    let area = turn(&a.spot, &b.spot, &c.spot);
+    if area == 0.0 {
+        return None;
+    }
+    let beta = turn(&a.spot, spot, &c.spot) / area;
+    let gamma = turn(&a.spot, &b.spot, spot) / area;
+    let inside = beta >= -RIM && gamma >= -RIM && beta + gamma <= 1.0 + RIM;
+    let height_m = a.height_m + (b.height_m - a.height_m) * beta + (c.height_m - a.height_m) * gamma;
+    inside.then_some(height_m)
 }
 
 #[cfg(test)]
@@ -111,5 +157,16 @@ mod tests {
         offsets.dedup();
         assert_eq!(offsets.len(), 25);
         assert_eq!(square_ring(1).next(), Some((1, 0)));
+    }
+
+    #[test]
+    fn heights_follow_triangles_and_extend_outside() {
+        let corner = |x, z, height_m| LatticePoint { spot: Spot::new(x, z), height_m };
+        let ramp = [corner(0.0, 0.0, 1.0), corner(10.0, 0.0, 2.0), corner(0.0, 10.0, 1.0)];
+        let detail = Detail::new(&[RawPolygon { detail: vec![ramp], ..Default::default() }]);
+        assert_eq!(detail.height_m(0, &Spot::new(5.0, 2.0)), 1.5);
+        assert_eq!(detail.height_m(0, &Spot::new(5.0, -3.0)), 1.5);
+        assert_eq!(detail.height_m(0, &Spot::new(12.0, 0.0)), 2.0);
+        assert_eq!(detail.reach_m(0), (1.0, 2.0));
     }
 }

@@ -1,11 +1,10 @@
-//! Conversion of triangles to walkable polygons with `rerecast`.
+//! Conversion from triangles to walkable polygons with `rerecast`.
 
-use crate::plane::Lattice;
-use crate::polygons::{Corner, RawPolygon};
+use crate::plane::{Lattice, LatticePoint};
+use crate::polygons::{MIN_POLYGON_M2, RawPolygon};
 use crate::raster::rasterise;
 use crate::regions::divide;
-use crate::settings::Cells;
-use crate::{Finish, NavMeshError, NavMeshSettings};
+use crate::settings::{Cells, Finish, NavMeshError, NavMeshSettings};
 use avln_geom::angle::sin_cos;
 use avln_geom::{Aabb, Point2, Point3};
 use avln_scene::Scene;
@@ -16,43 +15,38 @@ use rerecast::{
 use std::fmt::Display;
 
 const MAX_CORNERS: u16 = 6;
-/// Invalid outlines are retried closer to the raster.
+// Self-intersecting outlines are retried closer to the raster.
 const CLOSER_EDGE_ERRORS_CELLS: [f32; 2] = [0.5, 0.0];
-/// Polygons below this area are none to Habitat, square metres.
-const MIN_POLYGON_M2: f64 = 1e-5;
 
-/// Free cells around the scene. Fractional cells move walls at round numbers off the cell borders, where
-/// rounding would select the cell; a scene that fails on one lattice is retried on the next.
+// Free cells around the scene. Fractions move walls at round numbers off the cell borders, where rounding
+// would select the cell; a scene that fails on one lattice is retried on the next.
 const MARGINS_CELLS: [f32; 3] = [3.4373, 3.5721, 3.2917];
 const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
 
-/// The walkable part of a scene before joining.
 pub(crate) struct Voxels {
     pub(crate) lattice: Lattice,
     pub(crate) polygons: Vec<RawPolygon>,
-    /// Present if heights come from the scene.
     pub(crate) floors: Option<Floors>,
 }
 
-/// Floors per lattice column. A region never has two floors in a column.
+/// Floors by lattice column. A region has at most one floor per column.
 pub(crate) struct Floors {
     pub(crate) width: usize,
     pub(crate) depth: usize,
-    /// Start index of every column in `floors`, with a sentinel. Columns are ordered x within z.
+    /// Start index by column (x within z), with a sentinel.
     starts: Vec<u32>,
-    /// Region and level, lowest first within a column.
+    /// Region and level, lowest first.
     floors: Vec<(u16, u16)>,
 }
 
 impl Floors {
-    /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.starts.as_slice()) + size_of_val(self.floors.as_slice())
     }
 
-    /// Level of the floor that `region` has in the column (`x`, `z`).
+    /// Returns the level of `region` in a column.
     pub(crate) fn level(&self, x: usize, z: usize, region: u16) -> Option<u16> {
         let column = z * self.width + x;
         let range = self.starts[column] as usize..self.starts[column + 1] as usize;
@@ -60,7 +54,7 @@ impl Floors {
     }
 }
 
-/// Rasterises the scene, erodes the walkable part by the body and cuts it into convex polygons.
+/// Rasterises the scene, erodes the floor by the body and cuts it into convex polygons.
 pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxels, NavMeshError> {
     let bounds = check(scene, settings)?;
     let mut tries: Vec<_> =
@@ -69,43 +63,27 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
         tries.insert(0, (Finish::Habitat, 0.0));
         tries[1].1 = 0.0;
     }
-    let attempt =
-        |&(regions, margin_m): &(Finish, f32)| on_lattice(scene, settings, &bounds, regions, margin_m);
+    let attempt = |&(regions, margin_m): &(Finish, f32)| {
+        guarded(scene, || on_lattice(scene, settings, &bounds.grown(margin_m), regions))
+    };
     let first = attempt(&tries[0]);
-    let built = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)));
-    let voxels = built.map_err(|failure| failure.of(scene))?;
+    let voxels = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)))?;
     if voxels.polygons.is_empty() {
-        let (radius_m, height_m) = (settings.body.radius_m, settings.body.height_m);
-        return Err(NavMeshError::NoFloor { scene: scene.name.clone(), radius_m, height_m });
+        return Err(NavMeshError::NoFloor { scene: scene.name.clone(), body: settings.body });
     }
     Ok(voxels)
 }
 
-/// A pipeline run: floors divided by `regions`, with a margin around the scene.
-fn on_lattice(
-    scene: &Scene,
-    settings: &NavMeshSettings,
-    bounds: &Aabb,
-    regions: Finish,
-    margin_m: f32,
-) -> Result<Voxels, Failure> {
-    let around = bounds.grown(margin_m);
-    let Built { field, mesh, detail } = guarded(|| pipeline(scene, settings, &around, regions))?;
-    let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
-    let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
-    let floors = detail.is_none().then(|| floors(&field));
-    Ok(Voxels { lattice, polygons, floors })
-}
-
-/// Catches panics: the pipeline indexes by file geometry, and a fault must not stop the server.
-fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
-        .unwrap_or_else(|_| Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() }))
+// The pipeline indexes by file geometry, and a fault must not stop the server.
+fn guarded<T>(scene: &Scene, run: impl FnOnce() -> Result<T, NavMeshError>) -> Result<T, NavMeshError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_or_else(|_| {
+        Err(failed(scene, "rasterising", "the polygon library cannot handle the geometry"))
+    })
 }
 
 fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError> {
     let mesh = &scene.mesh;
-    let malformed = |what: String| NavMeshError::Malformed { scene: scene.name.clone(), what };
+    let malformed = |defect: String| NavMeshError::Malformed { scene: scene.name.clone(), defect };
     if let Some(index) = mesh.positions.iter().position(|p| !p.coords.iter().all(|value| value.is_finite())) {
         return Err(malformed(format!("corner {index} is not finite")));
     }
@@ -122,88 +100,67 @@ fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError
     let fits = width.max(depth) < MAX_SIDE_CELLS
         && width * depth < MAX_COLUMNS
         && size.y / settings.level_m < MAX_LEVELS;
-    let (width_m, height_m, depth_m) = (size.x, size.y, size.z);
-    fits.then_some(bounds).ok_or_else(|| NavMeshError::TooLarge {
-        scene: scene.name.clone(),
-        width_m,
-        height_m,
-        depth_m,
-        limit: size_limit(settings),
-    })
-}
-
-fn size_limit(settings: &NavMeshSettings) -> String {
-    let (side_m, area_m2) =
-        (MAX_SIDE_CELLS * settings.cell_m, MAX_COLUMNS * settings.cell_m * settings.cell_m);
-    let high_m = MAX_LEVELS * settings.level_m;
-    format!("{area_m2:.0} square metres, {side_m:.0} m a side and {high_m:.0} m high")
-}
-
-struct Failure {
-    stage: &'static str,
-    reason: String,
-}
-
-impl Failure {
-    fn at<E: Display>(stage: &'static str) -> impl FnOnce(E) -> Self {
-        move |error| Self { stage, reason: error.to_string() }
+    if fits {
+        return Ok(bounds);
     }
-
-    fn of(self, scene: &Scene) -> NavMeshError {
-        NavMeshError::Voxels { scene: scene.name.clone(), stage: self.stage, reason: self.reason }
-    }
+    let limit = format!(
+        "{:.0} square metres, {:.0} m a side and {:.0} m high",
+        MAX_COLUMNS * settings.cell_m * settings.cell_m,
+        MAX_SIDE_CELLS * settings.cell_m,
+        MAX_LEVELS * settings.level_m
+    );
+    Err(NavMeshError::TooLarge { scene: scene.name.clone(), size_m: size.into(), limit })
 }
 
-struct Built {
-    field: CompactHeightfield,
-    mesh: PolygonNavmesh,
-    /// Present if heights come from the lattice.
-    detail: Option<DetailNavmesh>,
+fn failed(scene: &Scene, stage: &'static str, reason: impl Display) -> NavMeshError {
+    NavMeshError::Voxels { scene: scene.name.clone(), stage, reason: reason.to_string() }
 }
 
-fn pipeline(
+/// Runs the pipeline inside `around`, with floors divided by `regions`.
+fn on_lattice(
     scene: &Scene,
     settings: &NavMeshSettings,
     around: &Aabb,
     regions: Finish,
-) -> Result<Built, Failure> {
+) -> Result<Voxels, NavMeshError> {
     let cells = Cells::new(settings);
     let mut field = open_floor(scene, settings, &cells, around)?;
     match regions {
         Finish::Habitat => {
             field.build_distance_field();
             let built = field.build_regions(0, cells.min_area, cells.merge_area);
-            built.map_err(Failure::at("dividing into regions"))?;
+            built.map_err(|error| failed(scene, "dividing into regions", error))?;
         }
         Finish::Scene => {
             let too_many = |count| format!("{count} regions are more than 32767");
             let divided = divide(&mut field, u32::from(cells.min_area)).map_err(too_many);
-            divided.map_err(Failure::at("dividing into regions"))?;
+            divided.map_err(|error| failed(scene, "dividing into regions", error))?;
         }
     }
-    let mesh = cut(&field, settings, &cells)?;
-    let (spacing_m, error_m) =
-        (settings.detail_cells * settings.cell_m, settings.detail_error_levels * settings.level_m);
-    let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { spacing_m };
+    let mesh = cut(scene, &field, settings, &cells)?;
+    let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { settings.detail_cells * settings.cell_m };
+    let error_m = settings.detail_error_levels * settings.level_m;
     let detail = match settings.finish {
         Finish::Habitat => Some(DetailNavmesh::new(&mesh, &field, spacing_m, error_m)),
         Finish::Scene => None,
     };
-    let detail = detail.transpose().map_err(Failure::at("sampling heights"))?;
-    Ok(Built { field, mesh, detail })
+    let detail = detail.transpose().map_err(|error| failed(scene, "sampling heights", error))?;
+    let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
+    let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
+    let floors = detail.is_none().then(|| floors(&field));
+    Ok(Voxels { lattice, polygons, floors })
 }
 
-/// Floor cells permitted for the body centre.
 fn open_floor(
     scene: &Scene,
     settings: &NavMeshSettings,
     cells: &Cells,
     around: &Aabb,
-) -> Result<CompactHeightfield, Failure> {
+) -> Result<CompactHeightfield, NavMeshError> {
     let [min, max] = [around.min, around.max].map(|corner| [corner.x, corner.y, corner.z].into());
     let aabb = Aabb3d { min, max };
     let builder = HeightfieldBuilder { aabb, cell_size: settings.cell_m, cell_height: settings.level_m };
-    let mut field = builder.build().map_err(Failure::at("laying out the lattice"))?;
+    let mut field = builder.build().map_err(|error| failed(scene, "laying out the lattice", error))?;
     let (_, least) = sin_cos(settings.body.slope_deg.to_radians());
     for index in 0..scene.mesh.triangles.len() {
         let corners = scene.corners(index);
@@ -214,28 +171,30 @@ fn open_floor(
     field.filter_low_hanging_walkable_obstacles(cells.climb);
     field.filter_ledge_spans(cells.clearance, cells.climb);
     field.filter_walkable_low_height_spans(cells.clearance);
-    let mut field = field.into_compact(cells.height, cells.climb).map_err(Failure::at("finding floors"))?;
+    let mut field = field
+        .into_compact(cells.height, cells.climb)
+        .map_err(|error| failed(scene, "finding floors", error))?;
     field.erode_walkable_area(cells.radius);
     Ok(field)
 }
 
-/// Cuts outlines into polygons; self-intersecting outlines are retried closer to the raster.
 fn cut(
+    scene: &Scene,
     field: &CompactHeightfield,
     settings: &NavMeshSettings,
     cells: &Cells,
-) -> Result<PolygonNavmesh, Failure> {
+) -> Result<PolygonNavmesh, NavMeshError> {
     let attempt = |max_error| {
         let contours = field.build_contours(max_error, cells.edge_max, BuildContoursFlags::DEFAULT);
-        contours.into_polygon_mesh(MAX_CORNERS).map_err(Failure::at("cutting polygons"))
+        contours.into_polygon_mesh(MAX_CORNERS).map_err(|error| failed(scene, "cutting polygons", error))
     };
-    let loosest = guarded(|| attempt(settings.edge_error_cells));
+    let loosest = guarded(scene, || attempt(settings.edge_error_cells));
     CLOSER_EDGE_ERRORS_CELLS.into_iter().fold(loosest, |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 
-/// Upward component of the unit normal; NaN for degenerate triangles. Bevels of exactly 45 degrees are common
-/// and the last bit decides, so the operations follow Recast one by one.
+/// Returns the unit normal's upward component; NaN for degenerate triangles.
 fn upward([a, b, c]: &[Point3<f32>; 3]) -> f32 {
+    // Bevels of exactly 45 degrees are common and the last bit decides, so the operations follow Recast.
     let normal = (b - a).cross(&(c - a));
     let length = (normal.x * normal.x + normal.y * normal.y + normal.z * normal.z).sqrt();
     normal.y * (1.0 / length)
@@ -247,7 +206,10 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     }
     let corner = |index: u16| {
         let [x, level, z] = mesh.vertices[usize::from(index)].to_array();
-        Corner { spot: Point2::new(f64::from(x), f64::from(z)), height_m: f64::from(lattice.height_m(level)) }
+        LatticePoint {
+            spot: Point2::new(f64::from(x), f64::from(z)),
+            height_m: f64::from(lattice.height_m(level)),
+        }
     };
     let raw = mesh.polygons().enumerate().map(|(index, outline)| {
         let corners: Vec<_> = outline.map(corner).collect();
@@ -261,20 +223,20 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     raw.filter(is_polygon).collect()
 }
 
-/// Detail triangles as in Detour: polygon corners at their heights, samples one level above the lattice.
+/// Detour's detail triangles: polygon corners at their heights, samples one level above the lattice.
 fn detail_triangles(
     detail: &DetailNavmesh,
     polygon: usize,
-    corners: &[Corner],
+    corners: &[LatticePoint],
     lattice: &Lattice,
-) -> Vec<[Corner; 3]> {
+) -> Vec<[LatticePoint; 3]> {
     let part = &detail.meshes[polygon];
     let place = |local: u8| match corners.get(usize::from(local)) {
         Some(corner) => *corner,
         None => {
             let sample = detail.vertices[part.base_vertex_index as usize + usize::from(local)];
             let point = Point3::new(sample.x, sample.y, sample.z);
-            Corner { spot: lattice.spot(&point), height_m: f64::from(point.y) }
+            LatticePoint { spot: lattice.spot(&point), height_m: f64::from(point.y) }
         }
     };
     let first = part.base_triangle_index as usize;

@@ -1,41 +1,40 @@
-//! Steps with sliding at walls, as in `dtNavMeshQuery::moveAlongSurface`: the reachable point around the step
-//! nearest to its target.
+//! Steps with sliding, as in `dtNavMeshQuery::moveAlongSurface`: the nearest reachable point to the target.
 
 use crate::plane::{Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
-use crate::sight::Eye;
 use std::collections::VecDeque;
 
-/// Ends this close to the target are equal to it, cells (5 micrometres).
+// Rounding moves ends by less than this, cells (5 micrometres).
 const SAME_CELLS: f64 = 1e-4;
-/// Directions with a smaller cross product are parallel, cells squared.
+// Directions with a smaller cross product are parallel, cells squared.
 const PARALLEL: f64 = 1e-9;
 
-/// A step that is asked for.
 pub(crate) struct Step {
-    pub(crate) start: Eye,
+    pub(crate) start: Spot,
+    pub(crate) polygon: u32,
     pub(crate) target: Spot,
     /// Portal search radius around the step centre, cells.
     pub(crate) reach_cells: f64,
-    /// True to slide at walls; otherwise the step ends at the first wall.
+    /// False ends the step at the first wall.
     pub(crate) slides: bool,
 }
 
-/// End of a step, and a flag for walls.
 pub(crate) struct Walked {
-    pub(crate) end: Eye,
+    pub(crate) end: Spot,
+    pub(crate) polygon: u32,
     pub(crate) blocked: bool,
 }
 
-/// Takes a step; `None` when no place was found to end at.
+/// Takes a step; `None` without a reachable end.
 pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
-    let middle = step.start.spot + (step.target - step.start.spot) * 0.5;
-    let mut seen = vec![step.start.polygon];
-    let mut queue = VecDeque::from([step.start.polygon]);
-    let mut best: Option<(f64, Eye)> = None;
+    let middle = step.start + (step.target - step.start) * 0.5;
+    let mut seen = vec![step.polygon];
+    let mut queue = VecDeque::from([step.polygon]);
+    let mut best = None;
+    let mut least = f64::INFINITY;
     while let Some(polygon) = queue.pop_front() {
         if holds(polygons, polygon, &step.target) {
-            return Some(Walked { end: Eye { spot: step.target, polygon }, blocked: false });
+            return Some(Walked { end: step.target, polygon, blocked: false });
         }
         // Outlines have the opposite direction in Detour; among equal points the first counts.
         for edge in polygons.edges(polygon).rev() {
@@ -47,30 +46,33 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
                     seen.push(neighbour);
                     queue.push_back(neighbour);
                 }
-            } else if let Some(spot) = stop(step, from, to) {
-                let gap = (spot - step.target).norm_squared();
-                if best.is_none_or(|(least, _)| gap < least) {
-                    best = Some((gap, Eye { spot, polygon }));
+                continue;
+            }
+            let end = if step.slides {
+                Some(nearest_on_segment(&step.target, from, to))
+            } else {
+                crossing(step, from, to)
+            };
+            if let Some(end) = end {
+                let gap = (end - step.target).norm_squared();
+                if best.is_none() || gap < least {
+                    least = gap;
+                    best = Some(Walked { end, polygon, blocked: gap > SAME_CELLS * SAME_CELLS });
                 }
             }
         }
     }
-    best.map(|(gap, end)| Walked { end, blocked: gap > SAME_CELLS * SAME_CELLS })
+    best
 }
 
-/// Possible end of the step at a wall.
-fn stop(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
-    if step.slides { Some(nearest_on_segment(&step.target, from, to)) } else { crossing(step, from, to) }
-}
-
-/// Intersection of the straight step with a segment.
+/// Returns the step's intersection with a segment.
 fn crossing(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
-    let (along, way) = (to - from, step.target - step.start.spot);
+    let (along, way) = (to - from, step.target - step.start);
     let cross = along.perp(&way);
     if cross.abs() < PARALLEL {
         return None;
     }
-    let offset = step.start.spot - from;
+    let offset = step.start - from;
     let (share, passed) = (offset.perp(&way) / cross, offset.perp(&along) / cross);
     let meets = (0.0..=1.0).contains(&share) && (0.0..=1.0).contains(&passed);
     meets.then(|| from + along * share)
@@ -83,21 +85,21 @@ fn holds(polygons: &Polygons, polygon: u32, spot: &Spot) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polygons::tests::letter_l;
+    use crate::fixtures::letter_l;
     use avln_geom::Vector2;
 
     fn step(from: (f64, f64, u32), by: (f64, f64), slides: bool) -> Option<Walked> {
-        let start = Eye { spot: Spot::new(from.0, from.1), polygon: from.2 };
+        let (start, polygon) = (Spot::new(from.0, from.1), from.2);
         let offset = Vector2::new(by.0, by.1);
         let reach_cells = 0.5 * offset.norm() + 0.02;
-        walk(&letter_l(), &Step { start, target: start.spot + offset, reach_cells, slides })
+        walk(&letter_l(), &Step { start, polygon, target: start + offset, reach_cells, slides })
     }
 
     fn assert_step(from: (f64, f64, u32), by: (f64, f64), to: (f64, f64, u32), blocked: bool) {
         let walked = step(from, by, true).expect("an end");
-        let spot = walked.end.spot;
+        let spot = walked.end;
         assert!((spot - Spot::new(to.0, to.1)).norm() < 1e-12, "{from:?} by {by:?} ends at {spot}");
-        assert_eq!((walked.end.polygon, walked.blocked), (to.2, blocked), "{from:?} by {by:?}");
+        assert_eq!((walked.polygon, walked.blocked), (to.2, blocked), "{from:?} by {by:?}");
     }
 
     #[test]
@@ -107,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_leave_the_part_along_them() {
+    fn walls_deflect_steps_sideways() {
         assert_step((5.0, 5.0, 0), (3.0, -9.0), (8.0, 0.0, 0), true);
         // Two walls in a row: the step ends in the room corner.
         assert_step((15.0, 5.0, 2), (9.0, -9.0), (20.0, 0.0, 2), true);
@@ -116,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_on_a_wall_one_walks_along_it_and_away() {
+    fn steps_from_a_wall_follow_or_leave_it() {
         assert_step((3.0, 0.0, 0), (15.0, 0.0), (18.0, 0.0, 2), false);
         assert_step((3.0, 0.0, 0), (0.0, 4.0), (3.0, 4.0, 0), false);
         assert_step((0.0, 0.0, 0), (-1.0, -1.0), (0.0, 0.0, 0), true);
@@ -124,20 +126,20 @@ mod tests {
     }
 
     #[test]
-    fn without_sliding_a_step_ends_where_it_meets_the_wall() {
+    fn steps_without_sliding_end_at_the_wall() {
         let at_wall = step((5.0, 5.0, 0), (4.0, -8.0), false).expect("an end");
-        assert!((at_wall.end.spot - Spot::new(7.5, 0.0)).norm() < 1e-12 && at_wall.blocked);
+        assert!((at_wall.end - Spot::new(7.5, 0.0)).norm() < 1e-12 && at_wall.blocked);
         let free = step((5.0, 5.0, 0), (10.0, 2.0), false).expect("an end");
-        assert!(free.end.spot == Spot::new(15.0, 7.0) && !free.blocked);
+        assert!(free.end == Spot::new(15.0, 7.0) && !free.blocked);
         // Out through a wall and in through another is not a path.
         let out = step((18.0, 9.0, 2), (-12.0, 5.0), false).expect("an end");
-        assert!((out.end.spot - Spot::new(15.6, 10.0)).norm() < 1e-12 && out.blocked);
+        assert!((out.end - Spot::new(15.6, 10.0)).norm() < 1e-12 && out.blocked);
     }
 
     #[test]
-    fn a_step_off_the_mesh_that_crosses_nothing_has_no_end() {
-        let start = Eye { spot: Spot::new(5.0, -5.0), polygon: 0 };
-        let step = Step { start, target: Spot::new(5.0, -6.0), reach_cells: 1.0, slides: false };
+    fn steps_off_the_mesh_have_no_end() {
+        let (start, target) = (Spot::new(5.0, -5.0), Spot::new(5.0, -6.0));
+        let step = Step { start, polygon: 0, target, reach_cells: 1.0, slides: false };
         assert!(walk(&letter_l(), &step).is_none());
     }
 }

@@ -6,23 +6,20 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-#[path = "peers/dump.rs"]
-mod dump;
-#[path = "peers/places.rs"]
-mod places;
-#[path = "peers/tessellate.rs"]
-mod tessellate;
-
 use avln_formats::open;
 use avln_geom::convert::{GlamVec3, glam_from_point, glam_from_vector};
-use avln_geom::{Point3, RayMesh, Vector3};
+use avln_geom::{Aabb, Point3, RayMesh, Rng, Vector3, angle};
 use avln_houses::{HouseOptions, house};
-use avln_render::{Camera, Frame, Renderer};
-use avln_scene::{Lighting, Scene};
+use avln_render::{Camera, CameraImage, Renderer};
+use avln_scene::{Lighting, Mesh, Scene};
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::TriMesh;
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::fs;
 use std::hint::black_box;
-use std::path::PathBuf;
+use std::io::Result;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -44,7 +41,7 @@ fn main() {
         start.elapsed().as_secs_f64() * 1e3,
         renderer.resident_bytes() as f64 / 1e6
     );
-    let cameras = places::cameras(&scene, &rays, VIEWS, SIDE);
+    let cameras = cameras(&scene, &rays, VIEWS, SIDE);
     let (ours_s, ours) = timed(&cameras, |camera| renderer.render(camera));
     report("ours, RGB, depth and ids", ours_s, ours_s);
     let (rays_s, seen) =
@@ -57,7 +54,7 @@ fn main() {
     agreement(&ours, &seen);
     print_bandwidth(ours_s);
     if let Some(folder) = argument("--dump") {
-        dump::write(&PathBuf::from(&folder), &scene, &cameras, &ours, 1.0 / ours_s)
+        write_dump(&PathBuf::from(&folder), &scene, &cameras, &ours, 1.0 / ours_s)
             .expect("the folder can be written");
         println!("written to {folder}");
     }
@@ -68,16 +65,16 @@ fn argument(name: &str) -> Option<String> {
     std::env::args().skip_while(|word| word != name).nth(1)
 }
 
-/// The scene with its own colours as light, so that all renderers draw the same mesh.
+/// A scene lit by surface colours: all renderers draw the same mesh.
 fn scene() -> Scene {
     let scene = match argument("--scene") {
         Some(path) => open::open(path.as_ref()).expect("a scene"),
-        None => tessellate::refined(house("house-7", 7, &HouseOptions::default()), TRIANGLES),
+        None => refined(house("house-7", 7, &HouseOptions::default()), TRIANGLES),
     };
     Scene { lighting: Lighting::Painted, ..scene }
 }
 
-/// Mean seconds per image over the fastest of several rounds per camera, and the results.
+/// Mean seconds per image, with the fastest round per camera, and the results.
 fn timed<T>(cameras: &[Camera], mut take: impl FnMut(&Camera) -> T) -> (f64, Vec<T>) {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     let mut seen = Vec::new();
@@ -102,16 +99,16 @@ fn report(what: &str, seconds: f64, ours_s: f64) {
 }
 
 /// Prints the pixel count with a difference above a thousandth.
-fn agreement(ours: &[Frame], theirs: &[Vec<f32>]) {
+fn agreement(ours: &[CameraImage], theirs: &[Vec<f32>]) {
     let pairs = ours.iter().zip(theirs).flat_map(|(ours, theirs)| ours.depth.iter().zip(theirs));
     let differ = pairs.filter(|(a, b)| (**a - **b).abs() > 1e-3 * b.max(0.1)).count();
     let all = ours.len() * (SIDE * SIDE) as usize;
     println!("    {differ} of {all} pixels differ by more than 0.1 %");
 }
 
-/// Depth of every pixel by rays, row-major; 0 for a miss.
+/// Depth by pixel, from rays, row-major; 0 for a miss.
 fn depths(camera: &Camera, cast: impl Fn(&Point3<f32>, &Vector3<f32>) -> Option<f32>) -> Vec<f32> {
-    let [right, up, ahead] = places::axes(camera);
+    let [right, up, ahead] = axes(camera);
     let half = 0.5 * camera.width as f32;
     let slope = (0.5 * camera.hfov_rad).tan() / half;
     let pixels = (0..camera.width * camera.height).map(|pixel| {
@@ -130,7 +127,7 @@ fn cast(mesh: &TriMesh, from: &Point3<f32>, to: &Vector3<f32>) -> Option<f32> {
     mesh.cast_local_ray(&Ray::new(glam_from_point(from), glam_from_vector(to)), REACH_M, false)
 }
 
-/// Prints the limit set by memory bandwidth.
+/// Prints the memory bandwidth limit.
 fn print_bandwidth(ours_s: f64) {
     const BYTES: usize = 256 << 20;
     let (mut from, mut to) = (vec![1_u8; BYTES], vec![2_u8; BYTES]);
@@ -151,4 +148,157 @@ fn print_bandwidth(ours_s: f64) {
         set * 1e9 / frame as f64,
         100.0 * frame as f64 / ours_s / (set * 1e9)
     );
+}
+
+/// The scene with edges halved until it has at least `least` triangles. Shared edges are halved in both
+/// triangles, so the surface stays closed.
+fn refined(scene: Scene, least: usize) -> Scene {
+    let mut longest_m = 1.0;
+    loop {
+        let mesh = halved(&scene.mesh, longest_m);
+        if mesh.triangles.len() >= least {
+            return Scene { mesh, ..scene };
+        }
+        longest_m *= 0.95;
+    }
+}
+
+/// The mesh without edges longer than `longest_m`, by repeated halving.
+fn halved(mesh: &Mesh, longest_m: f32) -> Mesh {
+    let mut fine = Mesh { triangles: vec![], material_of: vec![], instance_of: vec![], ..mesh.clone() };
+    let mut middles: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+    for (index, triangle) in mesh.triangles.iter().enumerate() {
+        let mut waiting = vec![*triangle];
+        while let Some(triangle) = waiting.pop() {
+            let length = |i: usize| {
+                let at = |corner: u32| fine.positions[corner as usize];
+                (at(triangle[i]) - at(triangle[(i + 1) % 3])).norm()
+            };
+            let edge = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+            if length(edge) <= longest_m {
+                fine.triangles.push(triangle);
+                fine.material_of.push(mesh.material_of[index]);
+                fine.instance_of.push(mesh.instance_of[index]);
+                continue;
+            }
+            let [a, b, c] = [0, 1, 2].map(|i| triangle[(edge + i) % 3]);
+            let key = [a.min(b), a.max(b)];
+            let middle = *middles.entry(key).or_insert_with(|| add_middle(&mut fine, key));
+            waiting.extend([[a, middle, c], [middle, b, c]]);
+        }
+    }
+    fine
+}
+
+fn add_middle(mesh: &mut Mesh, [a, b]: [u32; 2]) -> u32 {
+    let (a, b) = (a as usize, b as usize);
+    let half = |p: u8, q: u8| ((u16::from(p) + u16::from(q)) / 2) as u8;
+    let position = Point3::from((mesh.positions[a].coords + mesh.positions[b].coords) * 0.5);
+    let uv = mesh.uvs[a] + (mesh.uvs[b] - mesh.uvs[a]) * 0.5;
+    let color = std::array::from_fn(|i| half(mesh.colors[a][i], mesh.colors[b][i]));
+    mesh.positions.push(position);
+    mesh.uvs.push(uv);
+    mesh.colors.push(color);
+    mesh.positions.len() as u32 - 1
+}
+
+const EYE_M: f32 = 1.0;
+const ELBOW_ROOM_M: f32 = 0.3;
+const TRIES: usize = 100_000;
+
+/// Level cameras 1 m above floors with free surroundings, over the rooms or, without rooms, over the whole
+/// scene.
+fn cameras(scene: &Scene, rays: &RayMesh, count: usize, side: u32) -> Vec<Camera> {
+    let mut rng = Rng::new(1);
+    let rooms: Vec<Aabb> = match scene.bounds() {
+        Some(bounds) if scene.regions.is_empty() => vec![bounds],
+        _ => scene.regions.iter().map(|region| region.bounds).collect(),
+    };
+    let draw = |attempt: usize| {
+        let room = rooms[attempt % rooms.len()];
+        let (x, z) = (rng.range(room.min.x, room.max.x), rng.range(room.min.z, room.max.z));
+        let above = Point3::new(x, room.min.y + 0.5 * room.size().y, z);
+        let floor_m = rays.cast(&above, &-Vector3::y(), 3.0)?.distance;
+        let eye = above + Vector3::y() * (EYE_M - floor_m);
+        let camera = Camera {
+            eye,
+            world_from_camera: angle::about_up(rng.range(-PI, PI)),
+            width: side,
+            height: side,
+            hfov_rad: FRAC_PI_2,
+            depth_max_m: f32::MAX,
+        };
+        let near = |i: usize| {
+            let (sin, cos) = angle::sin_cos(TAU * i as f32 / 8.0);
+            rays.cast(&eye, &Vector3::new(sin, 0.0, cos), ELBOW_ROOM_M).is_some()
+        };
+        (!(0..8).any(near)).then_some(camera)
+    };
+    let cameras: Vec<Camera> = (0..TRIES).filter_map(draw).take(count).collect();
+    assert!(!cameras.is_empty(), "this scene has no free floor");
+    cameras
+}
+
+/// Camera directions right, up and ahead, world frame.
+fn axes(camera: &Camera) -> [Vector3<f32>; 3] {
+    [Vector3::x(), Vector3::y(), -Vector3::z()].map(|axis| camera.world_from_camera * axis)
+}
+
+/// Writes raw little-endian arrays and `scene.json`, which lists them with our own frame rate.
+fn write_dump(
+    folder: &Path,
+    scene: &Scene,
+    cameras: &[Camera],
+    ours: &[CameraImage],
+    fps: f64,
+) -> Result<()> {
+    fs::create_dir_all(folder)?;
+    let mesh = &scene.mesh;
+    let put = |name: &str, bytes: Vec<u8>| fs::write(folder.join(name), bytes);
+    put("positions.f32", floats(mesh.positions.iter().flat_map(|p| [p.x, p.y, p.z])))?;
+    put("uvs.f32", floats(mesh.uvs.iter().flat_map(|uv| [uv.x, uv.y])))?;
+    put("colors.u8", mesh.colors.concat())?;
+    put("triangles.u32", words(mesh.triangles.iter().flatten().copied()))?;
+    put("materials.u32", words(mesh.material_of.iter().map(|&material| u32::from(material))))?;
+    put("instances.u32", words(mesh.instance_of.iter().map(|id| id.0)))?;
+    put("cameras.f32", floats(cameras.iter().flat_map(numbers)))?;
+    put("depth.f32", floats(ours.iter().flat_map(|frame| frame.depth.iter().copied())))?;
+    put("rgb.u8", ours.iter().flat_map(|frame| frame.rgb.iter().copied()).collect())?;
+    put("ids.u32", words(ours.iter().flat_map(|frame| frame.instances.iter().map(|id| id.0))))?;
+    for (index, texture) in scene.textures.iter().enumerate() {
+        put(&format!("texture-{index}.rgba"), texture.pixels.clone())?;
+    }
+    put("scene.json", listing(scene, cameras, fps).into_bytes())
+}
+
+/// Eye, right, up, ahead, and the tangent of half the angle of view.
+fn numbers(camera: &Camera) -> Vec<f32> {
+    let [right, up, ahead] = axes(camera);
+    let eye = camera.eye.coords;
+    let axes = [eye, right, up, ahead].into_iter().flat_map(<[f32; 3]>::from);
+    axes.chain([(0.5 * camera.hfov_rad).tan()]).collect()
+}
+
+fn listing(scene: &Scene, cameras: &[Camera], fps: f64) -> String {
+    let textures = scene.textures.iter().map(|texture| format!("[{}, {}]", texture.width, texture.height));
+    let materials = scene.materials.iter().map(|material| {
+        let texture = material.texture.map_or("null".to_owned(), |index| index.to_string());
+        let cutoff = material.alpha_cutoff.map_or("null".to_owned(), |cutoff| cutoff.to_string());
+        format!(r#"{{"color": {:?}, "texture": {texture}, "cutoff": {cutoff}}}"#, material.base_color)
+    });
+    format!(
+        r#"{{"side": {}, "cameras": {}, "ours_fps": {fps}, "textures": [{}], "materials": [{}]}}"#,
+        cameras[0].width,
+        cameras.len(),
+        textures.collect::<Vec<_>>().join(", "),
+        materials.collect::<Vec<_>>().join(", ")
+    )
+}
+
+fn floats(values: impl Iterator<Item = f32>) -> Vec<u8> {
+    values.flat_map(f32::to_le_bytes).collect()
+}
+
+fn words(values: impl Iterator<Item = u32>) -> Vec<u8> {
+    values.flat_map(u32::to_le_bytes).collect()
 }

@@ -1,28 +1,27 @@
 use avln_geom::{Point3, UnitQuaternion, Vector3, angle};
 use avln_scene::InstanceId;
 
-/// A pinhole; pixels are square and looked at through their centres.
+/// A pinhole camera with square pixels, sampled at their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// The pinhole, world frame.
+    /// Pinhole, world frame.
     pub eye: Point3<f32>,
-    /// Orientation of the camera in the world: -Z is forward, +Y up, +X right. [`angle::about_up`] returns it
-    /// for a level camera.
+    /// Orientation: -Z is forward, +Y up, +X right. [`angle::about_up`] returns it for a level camera.
     pub world_from_camera: UnitQuaternion<f32>,
-    /// Pixels in a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Angle between the left and the right border, radians, in (0, pi).
+    /// Horizontal angle of view, radians, in (0, pi).
     pub hfov_rad: f32,
-    /// Range of depth, metres; colour is unlimited.
+    /// Depth range, metres; colour is unlimited.
     pub depth_max_m: f32,
 }
 
 /// A camera image, row-major from the top-left.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Frame {
-    /// Pixels in a row.
+pub struct CameraImage {
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
@@ -41,15 +40,15 @@ pub(crate) struct Lens {
     pub(crate) right: Vector3<f32>,
     pub(crate) down: Vector3<f32>,
     pub(crate) forward: Vector3<f32>,
-    /// Half of the picture, pixels.
+    /// Half the image size, pixels.
     pub(crate) half: [f32; 2],
-    /// Column and row of the image centre, relative to the centre of the first pixel.
+    /// Image centre, relative to the first pixel's centre.
     pub(crate) middle: [f32; 2],
 }
 
 impl Camera {
     pub(crate) fn lens(&self) -> Lens {
-        /// Smallest angle; the tangent of half the angle stays finite and positive.
+        // The tangent of half the angle stays finite and positive.
         const NARROWEST_RAD: f32 = 1e-3;
         let half_angle =
             (0.5 * self.hfov_rad).clamp(NARROWEST_RAD, 0.5 * std::f32::consts::PI - NARROWEST_RAD);
@@ -70,7 +69,7 @@ impl Camera {
 }
 
 impl Lens {
-    /// A world point in the camera frame.
+    /// Converts a world point to the camera frame.
     #[inline]
     pub(crate) fn camera_from_world(&self, point: &Point3<f32>) -> Vector3<f32> {
         let offset = point - self.eye;

@@ -1,28 +1,25 @@
-//! Eight numbers at a time, in plain arrays that compilers turn into vector instructions.
+//! Vectors of eight numbers, as plain arrays that compilers turn into vector instructions.
 
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
 
-/// Lane count.
 pub(crate) const LANES: usize = 8;
 
-/// Eight floats.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
 pub(crate) struct Floats(pub(crate) [f32; LANES]);
 
-/// Eight whole numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
 pub(crate) struct Numbers(pub(crate) [u32; LANES]);
 
-/// Eight truths: all bits of each are set or clear.
+/// Eight truths: all bits are set or clear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
 pub(crate) struct Truths(pub(crate) [u32; LANES]);
 
 impl Floats {
-    /// Eight times `value`.
+    /// Returns `value` in all lanes.
     #[inline(always)]
     pub(crate) fn of(value: f32) -> Self {
         Self([value; LANES])
@@ -33,25 +30,23 @@ impl Floats {
         Self(from_fn(|i| self.0[i].abs()))
     }
 
-    /// Lane-wise minimum; `other` for NaN lanes.
+    // For a NaN lane the result is `other`, as with the vector instruction.
     #[inline(always)]
     pub(crate) fn least(self, other: Self) -> Self {
         self.zipped(other, |a, b| if a < b { a } else { b })
     }
 
-    /// Lane-wise maximum; `other` for NaN lanes.
     #[inline(always)]
     pub(crate) fn most(self, other: Self) -> Self {
         self.zipped(other, |a, b| if a > b { a } else { b })
     }
 
-    /// The smallest of the eight and the largest.
+    /// Returns the smallest and the largest lane.
     #[inline(always)]
     pub(crate) fn range(self) -> (f32, f32) {
         (self.halved(Self::least), self.halved(Self::most))
     }
 
-    /// Reduces the lanes by combining halves.
     #[inline(always)]
     fn halved(self, combined: impl Fn(Self, Self) -> Self) -> f32 {
         let four = combined(self, Self(from_fn(|i| self.0[i ^ 4])));
@@ -85,7 +80,7 @@ impl Floats {
 
     #[inline(always)]
     fn rounded(self) -> Numbers {
-        /// From 2^23 on floats are whole, with the number's bits at the end.
+        // From 2^23 on floats are whole and end with the number's bits. A checked cast would not vectorise.
         const WHOLE: f32 = 8_388_608.0;
         Numbers(from_fn(|i| (self.0[i] + WHOLE).to_bits() & 0x007f_ffff))
     }
@@ -111,13 +106,11 @@ impl Truths {
         Floats(from_fn(|i| f32::from_bits(self.0[i] & value.0[i].to_bits())))
     }
 
-    /// `value` in true lanes, 0 in false lanes.
     #[inline(always)]
     pub(crate) fn keep_numbers(self, value: Numbers) -> Numbers {
         Numbers(from_fn(|i| self.0[i] & value.0[i]))
     }
 
-    /// `yes` in true lanes, `no` in false lanes.
     #[inline(always)]
     pub(crate) fn choose_number(self, yes: u32, no: &[u32; LANES]) -> [u32; LANES] {
         from_fn(|i| (self.0[i] & yes) | (!self.0[i] & no[i]))
@@ -197,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lanes_do_what_single_numbers_do() {
+    fn lanes_behave_like_scalars() {
         let a = Floats([1.0, -2.0, 0.5, f32::NAN, 4.0, -0.0, 7.0, 8.0]);
         let b = Floats([2.0, -3.0, 0.5, 1.0, f32::INFINITY, 0.0, -7.0, 3.0]);
         assert_eq!((a + b).0[0], 3.0);

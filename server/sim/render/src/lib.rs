@@ -1,9 +1,9 @@
 //! Rendering: RGB, planar depth and hidden instance ids.
 //!
-//! A [`Model`] contains the triangles of a scene in clusters under a box tree, and its textures in all sizes.
-//! An image takes two passes: the tree is traversed front to back and visible triangles are drawn, eight
-//! pixels at a time (`raster`); then every pixel is shaded once (`shade`). Surfaces are emissive; for scenes
-//! with lamps, light is baked before the first image.
+//! A [`Model`] contains a scene's triangles in clusters under a box tree, and textures with mipmaps. An image
+//! takes two passes: the tree is traversed front to back and visible triangles are drawn, eight pixels at a
+//! time (`raster`); then every pixel is shaded once (`shade`). Surfaces are emissive; for scenes with lamps,
+//! light is baked before the first image.
 //!
 //! Start reading at [`Renderer`].
 //!
@@ -19,7 +19,7 @@ mod renderer;
 mod shade;
 
 pub use avln_simd::Width;
-pub use camera::{Camera, Frame};
+pub use camera::{Camera, CameraImage};
 pub use model::{Model, ModelError};
 pub use noise::{DepthNoise, Noise, RgbNoise};
-pub use renderer::{Place, Renderer, Shelf};
+pub use renderer::{ModelCache, ModelCacheEntry, Renderer};

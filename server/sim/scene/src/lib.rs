@@ -4,12 +4,10 @@
 //!
 //! *Never*: reads or writes files; depends on missions.
 
-pub mod canonical;
 pub mod categories;
 pub mod colors;
 pub mod describe;
 pub mod digest;
-pub mod limits;
 pub mod polygon;
 mod room_plan;
 mod scene;
@@ -20,3 +18,27 @@ pub use scene::{
     Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, SceneError, Texture,
 };
 pub use stats::Summary;
+
+/// Size limits of scene files and scenes; importers check them before they reserve memory.
+pub mod limits {
+    /// Bytes in a scene file, or in all external files together.
+    pub const MAX_FILE_BYTES: u64 = 2 << 30;
+    /// Bytes in the JSON part.
+    pub const MAX_JSON_BYTES: usize = 64 << 20;
+    /// Entries in a JSON list (nodes, accessors, materials …).
+    pub const MAX_ENTRIES: usize = 1 << 18;
+    /// Triangles in a scene.
+    pub const MAX_TRIANGLES: usize = 8_000_000;
+    /// Vertices in a scene; a shared vertex counts once per primitive.
+    pub const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
+    /// Texels on a texture's side.
+    pub const MAX_TEXTURE_SIDE: u32 = 16_384;
+    /// Texels in all textures together.
+    pub const MAX_TEXELS: u64 = 1 << 29;
+    /// Least building length in the longest direction, metres.
+    pub const MIN_SCENE_SIDE_M: f32 = 1.0;
+    /// Greatest building length in the longest direction, metres.
+    pub const MAX_SCENE_SIDE_M: f32 = 300.0;
+    /// Characters in a category or attribute.
+    pub const MAX_WORD_CHARS: usize = 100;
+}

@@ -35,7 +35,7 @@ pub enum RoomPlanError {
     #[error("corner {0} is at {1}, {2}: write metres within {REACH_M} of the origin")]
     Coordinates(usize, f32, f32),
     /// Too short or too long in an axis direction.
-    #[error("the room measures {1} m along {0}: write {least} to {most} m", least = SIDES_M.start(), most = SIDES_M.end())]
+    #[error("the room measures {1} m in {0}: write {least} to {most} m", least = SIDES_M.start(), most = SIDES_M.end())]
     Size(char, f32),
     /// Two walls that cross, or touch without a common corner.
     #[error(
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn contains_tells_inside_from_outside() {
+    fn contains_separates_inside_from_outside() {
         let room = RoomPlan::new(&L, 2.5).expect("a room");
         for (point, inside) in [
             ([1.0, 1.0, 4.5], true),

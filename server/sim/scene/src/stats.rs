@@ -142,7 +142,7 @@ pub fn census(scene: &Scene) -> Census {
 /// ([`MATTERPORT_PER_BUILDING`]) and those of `counts`: the sum of p ln(p / q) with Matterport3D's share p and the share q
 /// of `counts`. 0 for equal shares.
 pub fn divergence_from_matterport(counts: &BTreeMap<String, usize>) -> f64 {
-    // One half more per category keeps the logarithm finite for missing ones.
+    // Half a count more per category: the logarithm stays finite for missing ones.
     let ours = |category: &str| 0.5 + counts.get(category).copied().unwrap_or(0) as f64;
     let total: f64 = MATTERPORT_PER_BUILDING.iter().map(|(_, count)| count).sum();
     let our_total: f64 = MATTERPORT_PER_BUILDING.iter().map(|(category, _)| ours(category)).sum();

@@ -12,16 +12,16 @@ pub enum Width {
 pub trait Work {
     /// Result type.
     type Output;
-    /// Computes it.
+    /// Computes the result.
     fn run(self) -> Self::Output;
 }
 
-/// Does `work` with vector instructions of at most this width. The result is the same for all.
+/// Runs `work` with vector instructions of at most `width`. All widths return equal bits.
 #[inline]
 pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     if width == Width::Eight && has_eight() {
-        // SAFETY: the processor has the instructions that the function is compiled for.
+        // SAFETY: the processor supports all instructions that the function is compiled for.
         return unsafe { run_eight(work) };
     }
     let _ = width;
@@ -30,7 +30,7 @@ pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
 
 #[cfg(target_arch = "x86_64")]
 fn has_eight() -> bool {
-    // The standard library detects once and remembers.
+    // No cache here: the standard library detects the processor's features once.
     is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("bmi1")
         && is_x86_feature_detected!("bmi2")
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn results_do_not_depend_on_the_width() {
+    fn results_are_equal_at_every_width() {
         let values = std::array::from_fn(|i| (i as f32).sqrt());
         let portable = run_at(Width::Portable, Sum(values));
         assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());

@@ -1,14 +1,19 @@
-use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, SoundPlace, SoundShelf, Source};
-use avln_geom::{Point3, RayMesh, Vector3};
+use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
+use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, Frame, Place, Renderer, Shelf};
+use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
+use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-/// Immutable data shared by all episodes in a building.
+/// Sampled points per instance.
+const POINTS: usize = 64;
+// A hit this close to the sampled point counts as the point, metres.
+const TOLERANCE_M: f32 = 0.01;
+
+/// A building's immutable data, shared by all episodes.
 pub struct SceneAssets {
-    /// The building, without textures: the renderer has them.
+    /// Building without textures; the renderer has them.
     pub scene: Arc<Scene>,
     /// Walkable floor.
     pub navmesh: NavMesh,
@@ -17,62 +22,56 @@ pub struct SceneAssets {
     /// Built on first use.
     acoustics: OnceLock<Acoustics>,
     cached: Option<Cached>,
-    surfaces: Surfaces,
+    /// Sampled evenly over the area.
+    surface_points: BTreeMap<InstanceId, Vec<Point3<f32>>>,
 }
 
-/// A persistent cache of render models and sound sources.
-pub trait Cache: Shelf + SoundShelf {}
+/// A persistent cache for render models and sound sources.
+pub trait Cache: ModelCache + SoundCache {}
 
-impl<T: Shelf + SoundShelf> Cache for T {}
+impl<T: ModelCache + SoundCache> Cache for T {}
 
-/// A scene's name in a cache.
+/// An entry in a cache.
 #[derive(Clone)]
 pub struct Cached {
-    /// The cache.
+    /// Cache.
     pub cache: Arc<dyn Cache>,
-    /// A name that only scenes with the same content have.
+    /// Entry name, unique by scene content.
     pub name: String,
 }
 
-/// The first hit of a ray.
+/// A ray's first hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Struck {
     /// Distance, metres.
     pub distance_m: f32,
-    /// Of which instance the surface is; [`InstanceId::NONE`] for the building itself.
+    /// Instance; [`InstanceId::NONE`] for the building itself.
     pub instance: InstanceId,
 }
 
-/// Why a building cannot be lived in.
+/// An unusable building.
 #[derive(Debug, thiserror::Error)]
 pub enum PrepareError {
     /// No walkable floor.
     #[error("cannot prepare scene `{scene}`: {source}")]
     NavMesh {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
-        /// Error of the navmesh.
+        /// Reason.
         source: NavMeshError,
     },
-    /// A mesh list has the wrong length.
-    #[error(
-        "cannot prepare scene `{scene}`: its mesh has {found} entries in `{list}` where {expected} belong; \
-         import the file again"
-    )]
+    /// A mesh list with a wrong length.
+    #[error("cannot prepare scene `{scene}`: its mesh has {defect}; re-import the file")]
     Malformed {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
-        /// The list.
-        list: &'static str,
-        /// Actual length.
-        found: usize,
-        /// The length it should have.
-        expected: usize,
+        /// List with actual and required length.
+        defect: String,
     },
 }
 
 impl SceneAssets {
-    /// Prepares `scene` for a body: navmesh, rendering, acoustics.
+    /// Prepares navmesh, rendering and acoustics.
     ///
     /// # Errors
     /// If the mesh is invalid or not walkable.
@@ -80,7 +79,7 @@ impl SceneAssets {
         Self::prepare_cached(scene, body, None)
     }
 
-    /// Like [`SceneAssets::prepare`], with a cache for expensive results.
+    /// Prepares a scene, with a cache for expensive results.
     ///
     /// # Errors
     /// If the mesh is invalid or not walkable.
@@ -90,48 +89,60 @@ impl SceneAssets {
         cached: Option<Cached>,
     ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
-        // The navmesh validates corners and indices, which all other parts rely on.
+        // The navmesh validates corners and indices; all other parts rely on this.
         let navmesh = NavMesh::build(&scene, body)
             .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let place =
-            cached.clone().map(|Cached { cache, name }| Place { shelf: cache as Arc<dyn Shelf>, name });
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
-        let surfaces = Surfaces::new(&scene);
-        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
+        let place = cached.clone().map(|Cached { cache, name }| ModelCacheEntry { cache, name });
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), place);
+        let surface_points = surface_points(&scene);
+        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surface_points })
     }
 
-    /// Memory in bytes as far as it can be counted: mesh, rays, navmesh, surface points, acoustics, and
-    /// render data including mapped files. It grows with the first image and with every new sound source.
-    /// Names, regions and images in progress are not counted.
+    /// Returns the countable memory, bytes: mesh, rays, navmesh, surface points, acoustics, and render data
+    /// including mapped files. It grows with the first image and with new sound sources. Names, regions and
+    /// images in progress are not counted.
     pub fn resident_bytes(&self) -> usize {
         mesh_bytes(&self.scene.mesh)
             + self.rays.byte_count()
             + self.navmesh.byte_count()
-            + self.surfaces.byte_count()
+            + self.surface_points.values().map(|points| size_of_val(points.as_slice())).sum::<usize>()
             + self.acoustics.get().map_or(0, Acoustics::resident_bytes)
             + self.renderer.resident_bytes()
     }
 
-    /// Renders a camera image.
-    pub fn render(&self, camera: &Camera) -> Frame {
+    /// Renders an image.
+    pub fn render(&self, camera: &Camera) -> CameraImage {
         self.renderer.render(camera)
     }
 
-    /// Returns the first surface in the unit direction `direction` from `origin` within `reach_m`.
+    /// Returns the first surface within `reach_m` in a unit direction.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Struck> {
         let hit = self.rays.cast(origin, direction, reach_m)?;
         let instance = self.scene.mesh.instance_of[hit.triangle as usize];
         Some(Struck { distance_m: hit.distance, instance })
     }
 
-    /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, at most
+    /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, within
     /// `half_vfov_rad` above or below the horizon. False for instances without surface.
     pub fn sees(&self, eye: &Point3<f32>, instance: InstanceId, half_vfov_rad: f32) -> bool {
-        let is_of_instance = |triangle: u32| self.scene.mesh.instance_of[triangle as usize] == instance;
-        self.surfaces.any_visible(&self.rays, eye, instance, half_vfov_rad, is_of_instance)
+        let (sin, cos) = angle::sin_cos(half_vfov_rad.clamp(0.0, std::f32::consts::FRAC_PI_2));
+        let points = self.surface_points.get(&instance).map_or(&[][..], Vec::as_slice);
+        points.iter().map(|point| point - eye).any(|offset| {
+            let across_m = (offset.x * offset.x + offset.z * offset.z).sqrt();
+            if offset.y.abs() * cos > across_m * sin {
+                return false;
+            }
+            let distance_m = offset.norm();
+            let reach = 1.0 + TOLERANCE_M / distance_m.max(TOLERANCE_M);
+            distance_m == 0.0
+                || self
+                    .rays
+                    .cast(eye, &offset, reach)
+                    .is_some_and(|hit| self.scene.mesh.instance_of[hit.triangle as usize] == instance)
+        })
     }
 
     /// Computes or loads the data for the first image.
@@ -139,19 +150,19 @@ impl SceneAssets {
         self.renderer.model();
     }
 
-    /// Computes or loads the acoustics of a source at `position` (world frame, metres).
+    /// Computes or loads a source's acoustics (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
         self.source(position);
     }
 
-    /// The shared sound source at `position`.
+    /// Returns the shared sound source.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
-            let place = self.cached.clone();
-            let place =
-                place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).kept_at(place)
+            let cached = self.cached.clone();
+            let place = cached.map(|Cached { cache, name }| BuildingCache { cache, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
+                .with_cache(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }
@@ -175,12 +186,47 @@ fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
         ("material_of", mesh.material_of.len(), triangles),
         ("instance_of", mesh.instance_of.len(), triangles),
     ];
-    match lists.into_iter().find(|(_, found, expected)| found != expected) {
-        Some((list, found, expected)) => {
-            Err(PrepareError::Malformed { scene: scene.name.clone(), list, found, expected })
+    for (list, found, expected) in lists {
+        if found != expected {
+            let defect = format!("{found} entries in `{list}` where {expected} belong");
+            return Err(PrepareError::Malformed { scene: scene.name.clone(), defect });
         }
-        None => Ok(()),
     }
+    Ok(())
+}
+
+fn surface_points(scene: &Scene) -> BTreeMap<InstanceId, Vec<Point3<f32>>> {
+    let mut triangles = BTreeMap::<InstanceId, Vec<_>>::new();
+    for (triangle, &id) in scene.mesh.instance_of.iter().enumerate() {
+        if id != InstanceId::NONE {
+            triangles.entry(id).or_default().push(scene.corners(triangle));
+        }
+    }
+    triangles.iter().map(|(&id, triangles)| (id, spread(triangles, u64::from(id.0)))).collect()
+}
+
+/// Returns [`POINTS`] points, one per equal area share; none without area.
+fn spread(triangles: &[[Point3<f32>; 3]], seed: u64) -> Vec<Point3<f32>> {
+    let mut rng = Rng::new(seed);
+    let area = |[a, b, c]: &[Point3<f32>; 3]| f64::from((b - a).cross(&(c - a)).norm());
+    let total: f64 = triangles.iter().map(area).sum();
+    let mut points = Vec::new();
+    let mut passed = 0.0;
+    for triangle in triangles {
+        passed += area(triangle);
+        while points.len() < POINTS && passed > total * (points.len() as f64 + 0.5) / POINTS as f64 {
+            points.push(inside(triangle, &mut rng));
+        }
+    }
+    points
+}
+
+/// Returns a random point, uniform over the area.
+fn inside([a, b, c]: &[Point3<f32>; 3], rng: &mut Rng) -> Point3<f32> {
+    let (u, v) = (rng.range(0.0, 1.0), rng.range(0.0, 1.0));
+    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    let offset: Vector3<f32> = (b - a) * u + (c - a) * v;
+    a + offset
 }
 
 #[cfg(test)]
@@ -199,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_counted_and_grow_with_the_first_picture() {
+    fn resident_bytes_grow_with_the_first_image() {
         let house = avln_houses::house("counted", 1, &HouseOptions::small());
         let textures: usize = house.textures.iter().map(|texture| texture.pixels.len()).sum();
         let mesh = mesh_bytes(&house.mesh);
@@ -224,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_scenes_are_refused_with_their_name() {
+    fn invalid_scenes_are_refused_by_name() {
         let mut scene = Scene {
             name: "ruin".into(),
             mesh: Mesh::default(),
@@ -235,11 +281,25 @@ mod tests {
             lighting: Lighting::Painted,
         };
         let refusal = |scene: &Scene| match SceneAssets::prepare(scene.clone(), &Body::default()) {
-            Ok(_) => panic!("a ruin was prepared"),
+            Ok(_) => panic!("an invalid scene was prepared"),
             Err(error) => error.to_string(),
         };
         assert!(refusal(&scene).contains("`ruin` has no triangles"));
         scene.mesh.uvs.push(Point2::origin());
         assert!(refusal(&scene).contains("1 entries in `uvs` where 0 belong"));
+    }
+
+    #[test]
+    fn surface_points_are_distributed_by_area() {
+        let triangle = |size: f32, x: f32| {
+            [Point3::new(x, 0.0, 0.0), Point3::new(x + size, 0.0, 0.0), Point3::new(x, size, 0.0)]
+        };
+        // Areas in a ratio of 9 to 1.
+        let points = spread(&[triangle(3.0, 0.0), triangle(1.0, 10.0)], 1);
+        assert_eq!(points.len(), POINTS);
+        let on_small = points.iter().filter(|point| point.x >= 10.0).count();
+        assert!((5..=8).contains(&on_small), "{on_small} of {POINTS} points on a tenth of the area");
+        assert!(points.iter().all(|p| p.y >= 0.0 && (p.x % 10.0) + p.y <= 3.0 + 1e-5));
+        assert!(spread(&[[Point3::origin(); 3]], 1).is_empty(), "a point has no area");
     }
 }

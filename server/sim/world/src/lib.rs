@@ -1,6 +1,6 @@
 //! A body that moves in a building, step by step.
 //!
-//! [`SceneAssets`] is shared by all episodes in a building; a [`World`] is a body in it. Equal assets,
+//! [`SceneAssets`] is shared by all episodes in a building; a [`World`] is a body inside. Equal assets,
 //! options and motions give equal senses and equal [`World::state_hash`]es.
 //!
 //! Start reading at [`World`].
@@ -8,14 +8,13 @@
 //! *Never*: depends on goals, budgets or scores; reads a clock; starts threads.
 
 mod assets;
-mod sight;
 pub mod stats;
 mod world;
 
 pub use assets::{Cache, Cached, PrepareError, SceneAssets, Struck};
-pub use avln_acoustics::{Bank, Clip, ClipPool, Head, SoundShelf};
+pub use avln_acoustics::{Bank, Clip, ClipPool, Head, SoundCache};
 pub use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
-pub use avln_render::{Camera, DepthNoise, Frame, Model, Noise, Place, RgbNoise, Shelf};
+pub use avln_render::{Camera, CameraImage, DepthNoise, Model, ModelCache, ModelCacheEntry, Noise, RgbNoise};
 pub use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene};
-pub use world::{Motion, Moved, Senses, SoundSource, StartError, View, World, WorldOptions};
+pub use world::{CameraView, Motion, Moved, Senses, SoundSource, StartError, World, WorldOptions};

@@ -1,41 +1,37 @@
-//! Walkability statistics of a building, comparable with real buildings.
+//! Walkability statistics, comparable with real buildings.
 //!
-//! Measures of the HM3D paper (Ramakrishnan et al. 2021): a body of radius 0.1 m and height 1.5 m.
+//! Measures from the HM3D paper (Ramakrishnan et al. 2021): body radius 0.1 m, height 1.5 m.
 
 use avln_geom::{Point3, RayMesh, Rng, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError, NavPoint};
 use avln_scene::Scene;
 
-/// Walkability statistics of a building.
+/// A building's walkability.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkStats {
-    /// Area of the largest island, square metres.
+    /// Largest island, square metres.
     pub navigable_m2: f64,
-    /// Share of the largest island among all standing positions on floors, 0 to 1; positions on furniture do
-    /// not count.
+    /// Largest island's share among all floor islands, 0 to 1; islands on furniture do not count.
     pub largest_island: f64,
-    /// Largest ratio of geodesic to straight distance over 20 000 pairs on a floor, at least 2 m apart.
-    /// Closer pairs only measure wall thickness.
+    /// Largest ratio between geodesic and straight distance, over 20 000 pairs on a floor at least 2 m apart.
     pub complexity: f64,
-    /// The ratio over all pairs, as in the HM3D paper.
+    /// Largest ratio over all pairs, as in the HM3D paper.
     pub complexity_of_all: f64,
-    /// Mesh area within 0.5 m of the navigable floor over navigable area.
+    /// Mesh area within 0.5 m of the navigable floor, divided by the navigable area.
     pub clutter: f64,
-    /// Convex hulls of the navigable floor, summed over floors, square metres.
+    /// Total convex hull area over all floors, square metres.
     pub floor_m2: f64,
-    /// Share of rooms reachable by a body of radius 0.25 m from the largest island, 0 to 1; 1 without known
+    /// Share of rooms reachable from the largest island for a body of radius 0.25 m, 0 to 1; 1 without known
     /// rooms.
     pub rooms_reached: f64,
 }
 
-/// A body as wide as a person, for which doors must be passable.
-const WIDE_BODY: Body = Body { radius_m: 0.25, height_m: 1.5, climb_m: 0.2, slope_deg: 45.0 };
-
-/// Start places, and places to go to from each, of the pairs for navigation complexity.
+/// Start positions, and goals per start.
 const PAIRS: [usize; 2] = [200, 100];
-
-/// Places of different height are on different floors beyond this difference, metres.
+/// Height difference between floors, metres.
 const SAME_FLOOR_M: f32 = 0.5;
+// Closer pairs only measure wall thickness, metres.
+const APART_M: f64 = 2.0;
 
 /// Measures `scene`; `seed` draws the sampled positions.
 ///
@@ -43,7 +39,8 @@ const SAME_FLOOR_M: f32 = 0.5;
 /// If the scene is not walkable.
 pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     let navmesh = NavMesh::build(scene, &Body::default())?;
-    let wide = NavMesh::build(scene, &WIDE_BODY)?;
+    // As wide as a person: doors must be passable.
+    let wide = NavMesh::build(scene, &Body { radius_m: 0.25, ..Body::default() })?;
     let rng = Rng::new(seed);
     let navigable_m2 = navmesh.island_area_m2(navmesh.largest_island());
     let [complexity_of_all, complexity] = complexity(&navmesh, &mut rng.fork("pairs"));
@@ -58,9 +55,9 @@ pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     })
 }
 
-/// Share of the largest island among all islands on a floor: at most 0.3 m above the lowest point of some
-/// room, or of the building without known rooms.
+/// Returns the largest island's share among all floor islands.
 fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
+    // A floor island is at most 0.3 m above the lowest point of some room, or of the building without rooms.
     let floors: Vec<f32> = match scene.regions.as_slice() {
         [] => scene.bounds().iter().map(|bounds| bounds.min.y).collect(),
         regions => regions.iter().map(|region| region.bounds.min.y).collect(),
@@ -74,10 +71,7 @@ fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
     navmesh.island_area_m2(largest) / islands.map(|island| navmesh.island_area_m2(island)).sum::<f64>()
 }
 
-/// Pairs that are nearer than this do not count for [`WalkStats::complexity`], metres.
-const APART_M: f64 = 2.0;
-
-/// Largest ratio of geodesic to straight distance: over all pairs, and over distant pairs.
+/// Returns the largest distance ratio over all pairs, and over distant pairs.
 fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
     let island = navmesh.largest_island();
     let mut most = [1.0_f64; 2];
@@ -85,7 +79,7 @@ fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
         let start = navmesh.sample(rng, island);
         let field = navmesh.field(&[(start, 0.0)]);
         let mut left = PAIRS[1];
-        // The limit stops on floors with too few positions.
+        // On floors with too few positions the draws would never end.
         for _ in 0..20 * PAIRS[1] {
             let goal = navmesh.sample(rng, island);
             let offset = goal.position() - start.position();
@@ -102,8 +96,7 @@ fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
     most
 }
 
-/// Surface within 0.5 m of the largest island: triangles are subdivided until small and judged at their
-/// centres.
+/// Returns the surface area within 0.5 m of the largest island.
 fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
     const NEAR_M: f32 = 0.5;
     const SMALL_M: f32 = 0.3;
@@ -112,6 +105,7 @@ fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
         found.is_some_and(|found| navmesh.island_of(&found) == navmesh.largest_island())
     };
     let mut area_m2 = 0.0;
+    // Triangles are subdivided until small and judged at their centres.
     for index in 0..scene.mesh.triangles.len() {
         let mut open = vec![scene.corners(index)];
         while let Some([a, b, c]) = open.pop() {
@@ -126,21 +120,21 @@ fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
     area_m2
 }
 
-/// The four triangles that the middles of the edges make.
+/// Returns four triangles between the edge middles.
 fn quarters([a, b, c]: [Point3<f32>; 3]) -> [[Point3<f32>; 3]; 4] {
     let middle = |p: Point3<f32>, q: Point3<f32>| Point3::from((p.coords + q.coords) / 2.0);
     let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// Convex hulls of the floors: height bands of 0.2 m with at least a twentieth of the positions, adjacent
-/// bands merged.
+/// Returns the total convex hull area over all floors.
 fn floor_m2(navmesh: &NavMesh, rng: &mut Rng) -> f64 {
     const PLACES: usize = 4000;
     const BAND_M: f32 = 0.2;
     let island = navmesh.largest_island();
     let mut places: Vec<Point3<f32>> = (0..PLACES).map(|_| navmesh.sample(rng, island).position()).collect();
     places.sort_by(|a, b| a.y.total_cmp(&b.y));
+    // Floors are height bands of 0.2 m with at least a twentieth of the positions; adjacent bands are merged.
     let band = |place: &Point3<f32>| (place.y / BAND_M + 0.5).floor() as i64;
     let mut floors: Vec<(i64, Vec<[f32; 2]>)> = Vec::new();
     for group in places.chunk_by(|a, b| band(a) == band(b)).filter(|group| group.len() >= PLACES / 20) {
@@ -156,7 +150,7 @@ fn floor_m2(navmesh: &NavMesh, rng: &mut Rng) -> f64 {
     floors.into_iter().map(|(_, floor)| hull_m2(floor)).sum()
 }
 
-/// Area of the convex hull (monotone chain).
+/// Returns the convex hull area (monotone chain).
 fn hull_m2(mut points: Vec<[f32; 2]>) -> f64 {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let turn = |a: [f32; 2], b: [f32; 2], c: [f32; 2]| {
@@ -178,7 +172,7 @@ fn hull_m2(mut points: Vec<[f32; 2]>) -> f64 {
     (1..hull.len()).map(|i| turn(hull[0], hull[i - 1], hull[i])).sum::<f64>() / 2.0
 }
 
-/// Share of the rooms in which the largest island has a place.
+/// Returns the share of rooms with a position on the largest island.
 fn rooms_reached(navmesh: &NavMesh, scene: &Scene) -> f64 {
     if scene.regions.is_empty() {
         return 1.0;
@@ -191,26 +185,25 @@ fn rooms_reached(navmesh: &NavMesh, scene: &Scene) -> f64 {
     scene.regions.iter().filter(entered).count() as f64 / scene.regions.len() as f64
 }
 
-/// Share of rays from the middles of rooms, 1.3 m above the floor, that meet a surface within 100 m, 0 to 1: 1 for closed
-/// buildings. Directions are spread evenly over the sphere.
+/// Returns the share of rays that meet a surface within 100 m, 0 to 1: 1 for closed buildings. Rays start in
+/// room centres, 1.3 m above the floor.
 pub fn closed_share(scene: &Scene) -> f64 {
     const RAYS: usize = 400;
     let mesh = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     let direction = |index: usize| {
-        // A Fibonacci sphere: https://arxiv.org/abs/0912.4540
+        // A Fibonacci sphere spreads directions evenly: https://arxiv.org/abs/0912.4540
         let y = 1.0 - (2 * index + 1) as f32 / RAYS as f32;
         let (sin, cos) = avln_geom::angle::sin_cos(2.399_963_2 * index as f32);
         let radius = (1.0 - y * y).sqrt();
         Vector3::new(radius * cos, y, radius * sin)
     };
-    let (mut met, mut all) = (0_usize, 0_usize);
+    let mut met = 0;
     for region in &scene.regions {
         let mut eye = region.bounds.center();
         eye.y = region.bounds.min.y + 1.3;
         met += (0..RAYS).filter(|&index| mesh.cast(&eye, &direction(index), 100.0).is_some()).count();
-        all += RAYS;
     }
-    met as f64 / all.max(1) as f64
+    met as f64 / (RAYS * scene.regions.len()).max(1) as f64
 }
 
 #[cfg(test)]
@@ -218,7 +211,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hull_of_a_square_with_points_inside_is_the_square() {
+    fn hull_ignores_inner_points() {
         let square = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 2.0], [0.0, 2.0], [0.5, 1.5], [1.0, 0.0]];
         assert!((hull_m2(square) - 4.0).abs() < 1e-9);
         assert_eq!(hull_m2(vec![[1.0, 1.0]; 3]), 0.0);

@@ -1,68 +1,68 @@
-use crate::SceneAssets;
+use crate::assets::SceneAssets;
 use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
-use avln_render::{Camera, Frame, Noise};
+use avln_render::{Camera, CameraImage, Noise};
 use std::sync::Arc;
 
-/// Largest distance of a start from the navmesh, metres.
+/// Largest distance between start and navmesh, metres.
 const MAX_SNAP_M: f32 = 0.3;
-/// Collision threshold: share of the requested forward distance.
+// Rounding can shorten a free step; below this share of the requested distance it is a collision.
 const FULL_STEP: f32 = 0.99;
 
-/// The body's measures and senses.
+/// Body measures and senses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldOptions {
-    /// Length of a step forward, metres.
+    /// Forward step, metres.
     pub forward_m: f32,
-    /// Angle of a turn, degrees.
+    /// Turn, degrees.
     pub turn_deg: u32,
     /// Camera above the base, metres.
     pub camera_height_m: f32,
     /// Ears above the base, metres.
     pub ear_height_m: f32,
-    /// Reach of depth, metres.
+    /// Depth range, metres.
     pub depth_max_m: f32,
-    /// Samples that each ear hears in a step, at 16 kHz.
+    /// Samples per ear and step, at 16 kHz.
     pub samples_per_step: usize,
-    /// The picture taken each step; `None` for none.
-    pub view: Option<View>,
+    /// Camera view per step, if any.
+    pub view: Option<CameraView>,
     /// True to render audio.
     pub audio: bool,
     /// Head model.
     pub head: Head,
-    /// Noise of the pictures that the body perceives; none in those taken by [`SceneAssets::render`].
+    /// Image noise for the body; [`SceneAssets::render`] adds none.
     pub noise: Noise,
 }
 
-/// Size and angle of a picture.
+/// Image size and angle of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    /// Pixels in a row.
+pub struct CameraView {
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Angle between left and right border, radians, in (0, pi).
+    /// Horizontal angle of view, radians, in (0, pi).
     pub hfov_rad: f32,
 }
 
-/// Something that can sound.
+/// A sound source.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoundSource {
     /// Position, world frame.
     pub position: Point3<f32>,
     /// Repeated clip.
     pub clip: Clip,
-    /// Clip position at the start of the episode, samples.
+    /// Clip position at the episode start, samples.
     pub offset_samples: usize,
 }
 
-/// A motion of the body in a step.
+/// A body motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Stand still.
     Stay,
-    /// A step forward, sliding along obstacles.
+    /// A step forward, sliding at obstacles.
     Forward,
     /// Turn to the left on the spot.
     Left,
@@ -70,42 +70,39 @@ pub enum Motion {
     Right,
 }
 
-/// Result of a motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The result of a motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moved {
     /// True if an obstacle stopped or deflected a forward step.
     pub collided: bool,
-    /// Horizontal distance moved, metres.
+    /// Horizontal distance, metres.
     pub displacement_m: f32,
 }
 
-/// Sensor readings of a step.
+/// Sensor readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Senses {
     /// Camera image, if requested.
-    pub frame: Option<Frame>,
-    /// `2 × samples_per_step` samples, the left ear first, if audio was asked for.
+    pub frame: Option<CameraImage>,
+    /// `2 × samples_per_step` samples, left ear first, if requested.
     pub audio: Option<Vec<f32>>,
 }
 
-/// Why a body cannot start.
+/// An impossible start.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StartError {
-    /// The start is too far from the floor.
+    /// The start is off the floor.
     #[error(
-        "cannot start in scene `{scene}` at ({x}, {y}, {z}): the floor is more than {limit_m} m away; \
-         choose a start on the navmesh"
+        "cannot start in scene `{scene}` at ({}, {}, {}): the floor is more than {limit_m} m away; \
+         choose a start on the navmesh",
+        .position.x, .position.y, .position.z
     )]
     OffNavMesh {
-        /// Name of the scene.
+        /// Scene name.
         scene: String,
         /// World position, metres.
-        x: f32,
-        /// World position, metres.
-        y: f32,
-        /// World position, metres.
-        z: f32,
-        /// The farthest that it may be.
+        position: Point3<f32>,
+        /// Largest permitted distance, metres.
         limit_m: f32,
     },
 }
@@ -115,7 +112,7 @@ pub struct World {
     assets: Arc<SceneAssets>,
     options: WorldOptions,
     start_heading_rad: f32,
-    /// Degrees turned to the left since the start, 0 to 359.
+    /// Degrees turned left since the start, 0 to 359.
     turned_deg: u32,
     standing: NavPoint,
     /// Motion count.
@@ -124,7 +121,7 @@ pub struct World {
 }
 
 impl World {
-    /// Places a body on the floor at `start`, with the possible sound sources.
+    /// Places a body on the floor at `start`, with possible sound sources.
     ///
     /// # Errors
     /// If the start is off the navmesh.
@@ -134,7 +131,10 @@ impl World {
         options: WorldOptions,
         sources: Vec<SoundSource>,
     ) -> Result<World, StartError> {
-        let standing = stand(&assets, &start.position)?;
+        let standing = assets.navmesh.snap(&start.position, MAX_SNAP_M).ok_or_else(|| {
+            let scene = assets.scene.name.clone();
+            StartError::OffNavMesh { scene, position: start.position, limit_m: MAX_SNAP_M }
+        })?;
         let ears = options.audio.then(|| ears(&assets, &options, sources));
         let start_heading_rad = start.heading_rad;
         Ok(Self { assets, options, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
@@ -145,16 +145,12 @@ impl World {
         self.steps += 1;
         let turn_deg = self.options.turn_deg % 360;
         match motion {
-            Motion::Stay => Moved::NOT,
-            Motion::Forward => self.step_forward(),
-            Motion::Left => self.turn(turn_deg),
-            Motion::Right => self.turn(360 - turn_deg),
+            Motion::Stay => {}
+            Motion::Forward => return self.step_forward(),
+            Motion::Left => self.turned_deg = (self.turned_deg + turn_deg) % 360,
+            Motion::Right => self.turned_deg = (self.turned_deg + 360 - turn_deg) % 360,
         }
-    }
-
-    fn turn(&mut self, left_deg: u32) -> Moved {
-        self.turned_deg = (self.turned_deg + left_deg) % 360;
-        Moved::NOT
+        Moved::default()
     }
 
     fn step_forward(&mut self) -> Moved {
@@ -167,25 +163,25 @@ impl World {
         Moved { collided, displacement_m }
     }
 
-    /// Pose of the body, world frame.
+    /// Returns the body's pose, world frame.
     pub fn pose(&self) -> Pose {
         let turned_rad = (self.turned_deg as f32).to_radians();
         Pose::new(self.standing.position(), self.start_heading_rad + turned_rad)
     }
 
-    /// The camera's pinhole, world frame.
+    /// Returns the camera's pinhole, world frame.
     pub fn eye(&self) -> Point3<f32> {
         self.standing.position() + Vector3::y() * self.options.camera_height_m
     }
 
-    /// Returns the present sensor readings. Call once per step: every call advances the sound by a step. Only
-    /// the source `sounding` emits; earlier sources ring out.
+    /// Returns the sensor readings; call it once per step, because it advances the sound. Only the source
+    /// `sounding` emits; earlier sources ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
-        let frame = self.options.view.map(|view| self.look(&view));
+        let frame = self.options.view.map(|view| self.look(view));
         Senses { frame, audio: self.hear(sounding) }
     }
 
-    /// Audio part of [`World::sense`], instead of it: for steps without a used image.
+    /// Returns the audio part instead of [`World::sense`], for steps without a used image.
     pub fn hear(&mut self, sounding: Option<usize>) -> Option<Vec<f32>> {
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
@@ -193,25 +189,18 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
-    fn look(&self, view: &View) -> Frame {
-        let mut frame = self.assets.render(&self.camera(view));
-        self.options.noise.apply(&mut frame, self.steps, self.options.depth_max_m);
-        frame
+    fn look(&self, view: CameraView) -> CameraImage {
+        let CameraView { width, height, hfov_rad } = view;
+        let world_from_camera = self.pose().rotation();
+        let depth_max_m = self.options.depth_max_m;
+        let camera = Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m };
+        let mut image = self.assets.render(&camera);
+        self.options.noise.apply(&mut image, self.steps, depth_max_m);
+        image
     }
 
-    fn camera(&self, view: &View) -> Camera {
-        Camera {
-            eye: self.eye(),
-            world_from_camera: self.pose().rotation(),
-            width: view.width,
-            height: view.height,
-            hfov_rad: view.hfov_rad,
-            depth_max_m: self.options.depth_max_m,
-        }
-    }
-
-    /// Hash of the state: equal hashes after every motion mean equal trajectories. FNV-1a over the bits of
-    /// pose, turns and motion count.
+    /// Returns a state hash: equal hashes after every motion mean equal trajectories. FNV-1a over pose, turns
+    /// and motion count.
     pub fn state_hash(&self) -> u64 {
         let pose = self.pose();
         let bits = [pose.position.x, pose.position.y, pose.position.z, pose.heading_rad].map(f32::to_bits);
@@ -221,39 +210,25 @@ impl World {
         })
     }
 
-    /// Largest memory of the body in bytes, without the building: the ringing sound.
+    /// Returns the body's largest memory, bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
-        self.ears.as_ref().map_or(0, Ears::most_bytes)
+        self.ears.as_ref().map_or(0, Ears::max_bytes)
     }
 
-    /// Shared data of the building.
+    /// Returns the building's shared data.
     pub fn assets(&self) -> &Arc<SceneAssets> {
         &self.assets
     }
 
-    /// The point of the navmesh under the body.
+    /// Returns the navmesh point under the body.
     pub fn standing(&self) -> NavPoint {
         self.standing
     }
 }
 
-impl Moved {
-    const NOT: Self = Self { collided: false, displacement_m: 0.0 };
-}
-
-fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, StartError> {
-    assets.navmesh.snap(position, MAX_SNAP_M).ok_or_else(|| StartError::OffNavMesh {
-        scene: assets.scene.name.clone(),
-        x: position.x,
-        y: position.y,
-        z: position.z,
-        limit_m: MAX_SNAP_M,
-    })
-}
-
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
     let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
-        source: assets.source(&position).heard_by(&options.head),
+        source: assets.source(&position).with_head(&options.head),
         clip,
         offset_samples,
     };

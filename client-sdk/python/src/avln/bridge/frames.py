@@ -1,4 +1,4 @@
-"""Messages as the authors pack them: MessagePack in the first frame, the bytes of arrays in the frames after it."""
+"""The authors' message format: MessagePack in the first frame, array bytes in the following frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MARK = "__ndarray__"
 
 
 def pack(message: dict[str, Any]) -> list[bytes]:
-    """Returns the frames of a message with arrays at any depth."""
+    """Packs a message into frames, with arrays at any depth."""
     arrays: list[bytes] = []
     tree = _without_arrays(message, arrays)
     return [msgpack.packb(tree, use_bin_type=True), *arrays]

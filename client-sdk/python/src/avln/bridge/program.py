@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import zmq
 
-from avln.arena import begin
-from avln.bridge.desk import Desk
 from avln.bridge.frames import pack, unpack
+from avln.bridge.request_handler import RequestHandler
+from avln.client import begin
 from avln.errors import Error
-from avln.options import add_camera, add_connection, add_run, link, parser, sensors
+from avln.options import add_camera, add_connection, add_run, connect_options, parser, sensors
 
 if TYPE_CHECKING:
     from avln.play import Play
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
             options.method,
             options.order,
             sensors=sensors(options),
-            link=link(options),
+            connect_options=connect_options(options),
         )
         return _serve(run, options.bind)
     except Error as error:
@@ -40,12 +40,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> Any:
     program = parser("avln-bridge", "Lets clients of the LH-AVLN authors' release play on an LH-AVLN Arena server")
-    doors = program.add_subparsers(dest="door", required=True)
-    door = doors.add_parser("zmq", help="their protocol: MessagePack over ZeroMQ")
-    door.add_argument("--bind", default="tcp://127.0.0.1:5555", help="where their client connects")
-    add_connection(door)
-    add_run(door, method="bridge")
-    add_camera(door, size=512)
+    protocols = program.add_subparsers(dest="protocol", required=True)
+    protocol = protocols.add_parser("zmq", help="their protocol: MessagePack over ZeroMQ")
+    protocol.add_argument("--bind", default="tcp://127.0.0.1:5555", help="where their client connects")
+    add_connection(protocol)
+    add_run(protocol, method="bridge")
+    add_camera(protocol, size=512)
     return program
 
 
@@ -60,21 +60,21 @@ def _serve(run: Play, address: str) -> int:
             return 1
         print(f"run {run.run}: waiting at {socket.getsockopt_string(zmq.LAST_ENDPOINT)}", flush=True)
         try:
-            answer_all(Desk(run), socket)
+            answer_all(RequestHandler(run), socket)
         except KeyboardInterrupt:
             run.finish()
     return 0
 
 
-def answer_all(desk: Desk, socket: zmq.Socket[bytes]) -> None:
+def answer_all(request_handler: RequestHandler, socket: zmq.Socket[bytes]) -> None:
     """Answers requests until the client closes the session."""
-    while not desk.is_closed:
+    while not request_handler.is_closed:
         if socket.poll(_LOOK_UP_MS):
-            socket.send_multipart(pack(_answer(desk, socket.recv_multipart())))
+            socket.send_multipart(pack(_answer(request_handler, socket.recv_multipart())))
 
 
-def _answer(desk: Desk, frames: list[bytes]) -> dict[str, Any]:
+def _answer(request_handler: RequestHandler, frames: list[bytes]) -> dict[str, Any]:
     try:
-        return desk.answer(unpack(frames))
+        return request_handler.answer(unpack(frames))
     except (ValueError, KeyError, IndexError, TypeError) as error:
         return {"op": "error", "message": f"read a request: {error}; send MessagePack, arrays in frames after it"}

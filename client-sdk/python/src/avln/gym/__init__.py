@@ -15,7 +15,7 @@ from avln.gym.spaces import GOAL_TEXT_BYTES, MAX_GOALS, ObservationSpace
 from avln.gym.vector import LHAVLNVectorEnv
 
 ENV_ID = "avln/LHAVLN-v1"
-"""Registered name of the environment."""
+"""Registered environment name."""
 
 if ENV_ID not in gymnasium.registry:
     gymnasium.register(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from avln.link import Link
+    from avln.connect_options import ConnectOptions
     from avln.mission import Mission
     from avln.play import Episode
 
@@ -34,7 +34,7 @@ def no_reward(_before: Observation, _action: Action, _after: Observation) -> flo
 
 
 class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
-    """A slot of a run.
+    """A run slot.
 
     Actions are the values of `avln.Action`, 0 to 4; observations follow `ObservationSpace`.
     `terminated` means that the task ended the episode (Stop, final Submit), `truncated` any
@@ -60,7 +60,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         keys: Sequence[str] | None = None,
         goal_side: int = 128,
         reward: Reward = no_reward,
-        link: Link | None = None,
+        connect_options: ConnectOptions | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Connects and starts a run.
@@ -68,14 +68,14 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         Args:
             server: address like `http://127.0.0.1:50051`.
             token: account token or run token.
-            phase: id of the phase; empty for `Arena.practice_phase`.
+            phase: id of the phase; empty for `Client.practice_phase`.
             method: name on the leaderboard.
             order: `avln.Order`, or its word.
             sensors: sensors and their settings; by default all at 256 x 256 pixels.
-            keys: entries of observations; by default all.
+            keys: observation entries; by default all.
             goal_side: side of goal images, pixels.
             reward: reward function; by default 0.
-            link: connection options.
+            connect_options: connection options.
             render_mode: `rgb_array`, or None.
 
         Raises:
@@ -83,7 +83,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
             ValueError: if a key is unknown.
         """
         sensors = sensors or Sensors()
-        self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, link=link)
+        self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, connect_options=connect_options)
         self._layout = self._runs.lay_out(keys, goal_side)
         self._reward = reward
         self._episode: Episode | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avln.arena import RUN_TOKEN, begin_run, undone_on_error
+from avln.client import RUN_TOKEN, begin_run, undone_on_error
 from avln.errors import Error, RunOverError
 from avln.gym.spaces import ObservationSpace
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from avln.action import Order
-    from avln.link import Link
+    from avln.connect_options import ConnectOptions
     from avln.play import Play
     from avln.task import Sensors
 
@@ -30,16 +30,18 @@ class Runs:
         *,
         sensors: Sensors,
         slots: int = 1,
-        link: Link | None = None,
+        connect_options: ConnectOptions | None = None,
     ) -> None:
         self._method, self._order = method, order
         self._sensors, self._slots = sensors, slots
-        self._arena, self._run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
+        self._client, self._run = begin_run(
+            server, token, phase, method, order, sensors=sensors, connect_options=connect_options
+        )
         is_given = token.startswith(RUN_TOKEN)
-        with undone_on_error(self._arena, self._run, is_own=not is_given):
+        with undone_on_error(self._client, self._run, is_own=not is_given):
             self.phase = self._run.phase or phase
             """The phase; empty with a run token and no phase."""
-            self.is_counted = is_given or any(quota.is_counted for quota in self._arena.quota(self.phase))
+            self.is_counted = is_given or any(quota.is_counted for quota in self._client.quota(self.phase))
             """True if the phase limits the number of runs."""
             self.plays = self._open()
             """The slots of the open run."""
@@ -74,8 +76,8 @@ class Runs:
         if self.is_counted:
             raise RunOverError(self.plays[0].run, self.phase, f"{because}, and runs that count are not begun anew")
         self.plays[0].finish()
-        self._run = self._arena.start_run(self.phase, self._method, self._order)
-        with undone_on_error(self._arena, self._run, is_own=True):
+        self._run = self._client.start_run(self.phase, self._method, self._order)
+        with undone_on_error(self._client, self._run, is_own=True):
             self.plays = self._open()
         self.is_fresh = True
 
@@ -84,10 +86,10 @@ class Runs:
         try:
             self.plays[0].finish()
         finally:
-            self._arena.close()
+            self._client.close()
 
     def _open(self) -> list[Play]:
-        plays = self._arena.play_slots(self._run, self._slots, self._sensors)
+        plays = self._client.play_slots(self._run, self._slots, self._sensors)
         if len(plays) < self._slots:
             plays[0].finish()
             raise Error(

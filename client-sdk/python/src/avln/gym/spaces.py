@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from avln.task import Sensors, TaskSpec
 
 MAX_GOALS = 4
-"""Most goals of a mission; goals that a mission does not have are zeros."""
+"""Most goals per mission; goals that a mission does not have are zeros."""
 GOAL_TEXT_BYTES = 256
 """Bytes of UTF-8 that are kept of a goal's words, filled up with zeros."""
 _FARTHEST_M = 10_000.0

@@ -1,4 +1,4 @@
-"""Several slots of a run as a Gymnasium vector environment."""
+"""Several run slots as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from avln.connect_options import ConnectOptions
     from avln.gym.spaces import ObservationSpace
-    from avln.link import Link
     from avln.play import Episode, Play
 
 Arrays = dict[str, Any]
 Stepped = tuple[Arrays, "NDArray[np.float64]", "NDArray[np.bool_]", "NDArray[np.bool_]", Arrays]
 
 
-class _Seat:
+class _Slot:
     """A slot between two steps."""
 
     def __init__(self, play: Play, layout: ObservationSpace) -> None:
@@ -45,7 +45,7 @@ class _Seat:
         return self.episode is not None and not self.episode.is_over
 
     def begin(self) -> Arrays:
-        """Receives the requested episode; returns its info."""
+        """Receives the requested episode; returns the info."""
         self.asked = False
         episode = self.play.receive_episode()
         if episode is None:
@@ -56,7 +56,7 @@ class _Seat:
 
 
 class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
-    """The slots of a run: all take a step, and the server works in parallel.
+    """A run's slots: all take a step, and the server works in parallel.
 
     Episodes follow each other by `AutoresetMode.NEXT_STEP`: the step after an end ignores its
     action and returns the first observation of the next episode. A slot without a remaining
@@ -80,7 +80,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         keys: Sequence[str] | None = None,
         goal_side: int = 128,
         reward: Reward = no_reward,
-        link: Link | None = None,
+        connect_options: ConnectOptions | None = None,
     ) -> None:
         """Connects and begins a run with `num_envs` slots.
 
@@ -91,7 +91,9 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         super().__init__()
         self.closed = True  # until there is something to close
         sensors = sensors or Sensors()
-        self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, link=link)
+        self._runs = Runs(
+            server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, connect_options=connect_options
+        )
         self._layout = self._runs.lay_out(keys, goal_side)
         self.closed = False
         self._reward = reward
@@ -100,15 +102,15 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         self.single_action_space = spaces.Discrete(len(Action))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._seats = self._seat()
+        self._slots = self._open_slots()
 
     @property
     def episodes(self) -> list[Episode | None]:
         """The episode per slot, with mission, time and end."""
-        return [seat.episode for seat in self._seats]
+        return [slot.episode for slot in self._slots]
 
-    def _seat(self) -> list[_Seat]:
-        return [_Seat(play, self._layout) for play in self._runs.plays]
+    def _open_slots(self) -> list[_Slot]:
+        return [_Slot(play, self._layout) for play in self._runs.plays]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -123,23 +125,23 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         if seed is not None:
             super().reset(seed=seed if isinstance(seed, int) else None)
             self._begin_anew(f"reset was called with seed {seed}")
-        for seat in self._seats:
-            if seat.is_playing and seat.episode is not None:
-                seat.episode.abandon()
+        for slot in self._slots:
+            if slot.is_playing and slot.episode is not None:
+                slot.episode.abandon()
         if self._runs.plays[0].progress.waiting == 0:
             self._begin_anew("its episodes are played")
         return self._begin_all()
 
     def _begin_anew(self, because: str) -> None:
         self._runs.begin_anew(because)
-        self._seats = self._seat()
+        self._slots = self._open_slots()
 
     def _begin_all(self) -> tuple[Arrays, Arrays]:
         self._ask_for_episodes()
         infos: Arrays = {}
-        for number, seat in enumerate(self._seats):
-            info = seat.begin() if seat.asked else {}
-            infos = self._add_info(infos, {**info, "idle": not seat.is_playing}, number)
+        for number, slot in enumerate(self._slots):
+            info = slot.begin() if slot.asked else {}
+            infos = self._add_info(infos, {**info, "idle": not slot.is_playing}, number)
         return self._stacked(), infos
 
     def step(self, actions: Any) -> Stepped:
@@ -150,40 +152,40 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
             Error: if the server refuses or the connection is lost.
         """
         waiting = self._runs.plays[0].progress.waiting
-        if waiting == 0 and not any(seat.is_playing for seat in self._seats):
+        if waiting == 0 and not any(slot.is_playing for slot in self._slots):
             return self._step_into_another_run()
-        acting = [seat.is_playing for seat in self._seats]
+        acting = [slot.is_playing for slot in self._slots]
         taken = [Action(int(action)) for action in actions]
-        for seat, action, acts in zip(self._seats, taken, acting):
-            if acts and seat.episode is not None:
-                seat.episode.send(action)
+        for slot, action, acts in zip(self._slots, taken, acting):
+            if acts and slot.episode is not None:
+                slot.episode.send(action)
         self._ask_for_episodes()
         return self._received(taken, acting)
 
     def _ask_for_episodes(self) -> None:
         """Requests the remaining episodes in idle slots; an excess request would stay unanswered for a long time."""
         waiting = self._runs.plays[0].progress.waiting
-        idle = [seat for seat in self._seats if not seat.is_playing]
-        for seat in idle[:waiting]:
-            self._runs.begin_episode_of(seat.play)
-            seat.asked = True
+        idle = [slot for slot in self._slots if not slot.is_playing]
+        for slot in idle[:waiting]:
+            self._runs.begin_episode_of(slot.play)
+            slot.asked = True
 
     def _received(self, taken: Sequence[Action], acting: Sequence[bool]) -> Stepped:
         rewards = np.zeros(self.num_envs, np.float64)
         flags = np.zeros((2, self.num_envs), np.bool_)
         infos: Arrays = {}
-        for number, seat in enumerate(self._seats):
+        for number, slot in enumerate(self._slots):
             info: Arrays = {}
-            if acting[number] and seat.episode is not None:
-                before = seat.episode.observation
-                after = seat.episode.receive()
+            if acting[number] and slot.episode is not None:
+                before = slot.episode.observation
+                after = slot.episode.receive()
                 rewards[number] = self._reward(before, taken[number], after)
-                seat.observation = self._layout.observation(after, seat.mission)
-                flags[:, number] = ended(seat.episode)
-                info = end_info(seat.episode)
-            elif seat.asked:
-                info = seat.begin()
-            is_idle = not (acting[number] or seat.is_playing)
+                slot.observation = self._layout.observation(after, slot.mission)
+                flags[:, number] = ended(slot.episode)
+                info = end_info(slot.episode)
+            elif slot.asked:
+                info = slot.begin()
+            is_idle = not (acting[number] or slot.is_playing)
             infos = self._add_info(infos, {**info, "idle": is_idle}, number)
         return self._stacked(), rewards, flags[0], flags[1], infos
 
@@ -196,7 +198,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         return observations, np.zeros(self.num_envs), nothing, nothing.copy(), infos
 
     def _stacked(self) -> Arrays:
-        return {key: np.stack([seat.observation[key] for seat in self._seats]) for key in self._layout.space.spaces}
+        return {key: np.stack([slot.observation[key] for slot in self._slots]) for key in self._layout.space.spaces}
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Ends the run and closes the connection."""

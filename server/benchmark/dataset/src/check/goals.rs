@@ -1,12 +1,16 @@
 //! Checks of goals: targets, cues, success regions.
 
 use crate::{
-    build::MissionRules,
-    check::fault::Constraint,
+    check::Constraint,
     cue::{CueSpec, CueView, Description},
     describe::{Facts, fits_only, unsaid},
     mission::GoalSpec,
-    survey::{Palette, Sighting, SurveyOptions, ThresholdsOnly, choose_pictures, look_around},
+    recipe::MissionRules,
+    survey::{
+        Sighting, ThresholdsOnly, choose_pictures,
+        look::{Palette, SurveyOptions},
+        look_around,
+    },
 };
 use avln_episode::Rules;
 use avln_scene::InstanceId;

@@ -3,9 +3,12 @@
 //! Every claim has two readings. The plain one must be true for the target. The generous one, with wide thresholds and
 //! every benefit of the doubt, must fail for all rivals.
 
-use crate::describe::{
-    facts::{Claim, Claims, Facts, Landmark, Relation, SIDES},
-    lexicon::{self, may_be_called, room_noun},
+use crate::{
+    cue::{Claim, Claims, Landmark, Relation},
+    describe::{
+        facts::{Facts, SIDES},
+        lexicon::{self, may_be_called, room_noun},
+    },
 };
 use avln_geom::{Aabb, Point3};
 use avln_scene::Object;

@@ -1,13 +1,12 @@
-//! Facts of a scene, and the claims of sentences about it.
+//! Facts of a scene, as observed in the survey.
 
 use crate::{
-    describe::lexicon::{Measure, Name, SIZES, room_noun},
-    survey::Palette,
+    describe::lexicon::{Measure, SIZES, room_noun},
+    survey::look::Palette,
 };
 use avln_geom::{Point3, Vector3};
 use avln_scene::{InstanceId, Object, Scene};
 use avln_world::SceneAssets;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Minimum pixel share for a colour word.
@@ -97,70 +96,4 @@ impl<'a> Facts<'a> {
         }
         None
     }
-}
-
-/// Machine-readable content of a sentence.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Claims {
-    /// Target noun.
-    pub(crate) head: Name,
-    /// Claims about the target.
-    pub(crate) list: Vec<Claim>,
-}
-
-/// Single claim about a target.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Claim {
-    Size(String),
-    Shape(String),
-    Color(String),
-    Material(String),
-    /// Room noun.
-    Room(String),
-    /// Location relative to landmarks.
-    Place(Relation, Vec<Landmark>),
-}
-
-/// Spatial relation, from a viewer on the floor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Relation {
-    /// Carries another object.
-    Holds,
-    /// Rests on another object.
-    On,
-    /// Between table legs.
-    Under,
-    /// Hangs above another object.
-    Above,
-    /// Below a hanging object.
-    Below,
-    /// Left of a landmark on the same wall, for a viewer facing the wall.
-    LeftOf,
-    /// Right of a landmark on the same wall, for a viewer facing the wall.
-    RightOf,
-    /// Between two landmarks.
-    Between,
-    /// Closer than an arm's length.
-    NextTo,
-    /// Within a step.
-    Near,
-    /// Across the room, wall to wall.
-    Opposite,
-    /// In a room corner.
-    Corner,
-    /// Back against a wall.
-    AgainstWall,
-}
-
-/// Landmark in a relation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Landmark {
-    pub(crate) name: Name,
-    pub(crate) color: Option<String>,
-    /// True if the noun is unique in the room.
-    pub(crate) only: bool,
 }

@@ -1,55 +1,67 @@
 //! Spatial relations between objects, restricted to undisputed ones.
 
-use crate::describe::{
-    facts::{Claim, Facts, Landmark, Relation, SIDES},
-    lexicon::{is_landmark, may_be_called, names},
+use crate::{
+    cue::{Claim, Landmark, Relation},
+    describe::{
+        facts::{Facts, SIDES},
+        lexicon::{is_landmark, may_be_called, names},
+    },
 };
 use avln_geom::{Aabb, Vector3};
 use avln_scene::Object;
 
-/// Objects with a top surface; soft seats lower than their back.
-const HARD_TOPS: &[&str] = &[
-    "table",
-    "desk",
-    "cabinet",
-    "chest_of_drawers",
-    "counter",
-    "shelving",
-    "fireplace",
-    "stool",
-    "appliances",
-    "rug",
-];
+/// Objects with a seat lower than their back.
 const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
 /// Objects that touch their support without resting on it.
 const NEVER_RESTS: &[&str] = &["curtain", "blinds", "door", "window", "picture", "mirror", "rug", "radiator"];
 /// Objects with space underneath.
 const ON_LEGS: &[&str] = &["table", "desk"];
-/// Objects with a wall behind them in every house: no information.
-const ALWAYS_AT_WALLS: &[&str] = &[
-    "picture",
-    "mirror",
-    "counter",
-    "sink",
-    "toilet",
-    "bathtub",
-    "shower",
-    "fireplace",
-    "curtain",
-    "towel",
-    "door",
-    "window",
-    "radiator",
-    "tv_monitor",
-    "cushion",
-    "blinds",
-    "clock",
-    "rug",
-];
 /// Objects that show the colour behind or before them.
 const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
 /// Minimum bottom height above the floor for hanging objects, metres.
 const HANGING_M: f32 = 0.4;
+
+/// True for objects with a top surface.
+fn has_hard_top(category: &str) -> bool {
+    matches!(
+        category,
+        "table"
+            | "desk"
+            | "cabinet"
+            | "chest_of_drawers"
+            | "counter"
+            | "shelving"
+            | "fireplace"
+            | "stool"
+            | "appliances"
+            | "rug"
+    )
+}
+
+/// True for objects with a wall behind them in every house: no information.
+fn is_always_at_wall(category: &str) -> bool {
+    matches!(
+        category,
+        "picture"
+            | "mirror"
+            | "counter"
+            | "sink"
+            | "toilet"
+            | "bathtub"
+            | "shower"
+            | "fireplace"
+            | "curtain"
+            | "towel"
+            | "door"
+            | "window"
+            | "radiator"
+            | "tv_monitor"
+            | "cushion"
+            | "blinds"
+            | "clock"
+            | "rug"
+    )
+}
 
 /// Spatial relations in a scene.
 pub(crate) struct Relater<'a> {
@@ -199,7 +211,7 @@ impl<'a> Relater<'a> {
     fn at_walls(&self, index: usize) -> Option<Relation> {
         let object = &self.facts.scene.objects[index];
         let stands = object.bounds.min.y - self.facts.floor_y(object) < HANGING_M;
-        let free = !ALWAYS_AT_WALLS.contains(&object.category.as_str());
+        let free = !is_always_at_wall(&object.category);
         let [east, west, south, north] = self.walls[index];
         if !stands || !free {
             return None;
@@ -277,7 +289,7 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     if !smaller || NEVER_RESTS.contains(&own.category.as_str()) || !is_over(b, a, 0.0) {
         return false;
     }
-    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.contains(&category);
+    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && has_hard_top(category);
     let height_m = b.size().y;
     let on_seat = (b.min.y + 0.25 * height_m..b.max.y - 0.02).contains(&a.min.y) && a.max.y <= b.max.y + 0.8;
     on_top || on_seat && SOFT_TOPS.contains(&category)

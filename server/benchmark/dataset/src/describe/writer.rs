@@ -1,14 +1,16 @@
 use crate::{
-    cue::Description,
+    cue::{Claim, Claims, Description, Name, Relation},
     describe::{
         check::{self, Reading},
-        facts::{Claim, Claims, Facts, Relation},
-        frames::Frame,
-        lexicon::{self, Name},
-        phrase::Words,
+        facts::Facts,
+        lexicon,
+        phrase::{SentenceFrame, Words},
         relate::Relater,
     },
-    survey::{Palette, Sighting, SurveyOptions},
+    survey::{
+        Sighting,
+        look::{Palette, SurveyOptions},
+    },
 };
 use avln_geom::Rng;
 use avln_scene::{InstanceId, Object};
@@ -181,15 +183,15 @@ impl<'a> Writer<'a> {
             room,
             verb: pool.verb,
         };
-        let fits = |frame: &Frame| {
-            frame.places == words.places.len()
-                && frame.room == room.is_some()
+        let fits = |frame: &SentenceFrame| {
+            frame.places() == words.places.len()
+                && frame.has_room() == room.is_some()
                 && (!frame.is_predicative() || !words.looks.is_empty())
         };
-        let mut frames: Vec<Frame> = Frame::all().filter(fits).collect();
+        let mut frames: Vec<SentenceFrame> = SentenceFrame::all().filter(fits).collect();
         rng.shuffle(&mut frames);
         let range = self.options.min_words..=self.options.max_words;
-        let sentences = frames.iter().map(|frame| (words.fill(frame, rng), frame.text));
+        let sentences = frames.into_iter().map(|frame| (words.fill(frame, rng), frame.0));
         sentences.into_iter().find(|(text, _)| range.contains(&text.split_whitespace().count()))
     }
 }

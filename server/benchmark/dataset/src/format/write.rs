@@ -1,6 +1,6 @@
 use crate::{
     cue::CueSpec,
-    format::lines::{
+    format::{
         DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SealedGoal,
         SealedMission, SealedTarget,
     },

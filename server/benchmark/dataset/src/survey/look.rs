@@ -1,9 +1,100 @@
-//! Measurements of a picture of an object: size, outline, colours.
+//! Survey thresholds, and measurements of an object in a picture: size, outline, colours.
 
-use crate::{cue::CueView, survey::options::SurveyOptions};
+use crate::cue::CueView;
 use avln_scene::{InstanceId, colors};
-use avln_world::Frame;
+use avln_world::CameraImage;
+use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, sync::LazyLock};
+
+/// Survey thresholds, recorded with a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurveyOptions {
+    /// Seed for word choice.
+    pub seed: u64,
+    /// Picture side, pixels.
+    pub look_px: u32,
+    /// Most viewpoints tried per object.
+    pub looks: usize,
+    /// Most viewpoints kept.
+    pub viewpoints: usize,
+    /// Least pixel share, 0 to 1.
+    pub min_share: f32,
+    /// Largest pixel share, 0 to 1.
+    pub max_share: f32,
+    /// Largest outline share on the picture border, 0 to 1.
+    pub max_truncation: f32,
+    /// Least visible contrast in the strongest channel, 0 to 255.
+    pub contrast_levels: u8,
+    /// Least outline share with visible contrast, 0 to 1.
+    pub min_contrast: f32,
+    /// Least colour distance to the surrounding ring, 0 to 1 (1 minus the histogram intersection).
+    pub min_distinctness: f32,
+    /// Most sentences per instance.
+    pub sentences: usize,
+    /// Least words per sentence.
+    pub min_words: usize,
+    /// Most words per sentence.
+    pub max_words: usize,
+    /// Most reference pictures per instance.
+    pub images: usize,
+    /// Least picture difference to all other instances in the category, 0 to 1.
+    pub min_image_margin: f32,
+}
+
+impl Default for SurveyOptions {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            look_px: 96,
+            looks: 10,
+            viewpoints: 6,
+            min_share: 0.006,
+            max_share: 0.85,
+            max_truncation: 0.35,
+            contrast_levels: 16,
+            min_contrast: 0.4,
+            min_distinctness: 0.25,
+            sentences: 3,
+            min_words: 8,
+            max_words: 35,
+            images: 3,
+            min_image_margin: 0.35,
+        }
+    }
+}
+
+impl SurveyOptions {
+    /// Checks the ranges; returns the first violation.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let counts = [
+            ("look_px", self.look_px as usize, 16, 1024),
+            ("looks", self.looks, 1, 64),
+            ("viewpoints", self.viewpoints, 1, 64),
+            ("sentences", self.sentences, 0, 16),
+            ("min_words", self.min_words, 1, self.max_words),
+            ("max_words", self.max_words, self.min_words, 60),
+            ("images", self.images, 0, 3),
+        ];
+        let shares = [
+            ("min_share", self.min_share),
+            ("max_share", self.max_share),
+            ("max_truncation", self.max_truncation),
+            ("min_contrast", self.min_contrast),
+            ("min_distinctness", self.min_distinctness),
+            ("min_image_margin", self.min_image_margin),
+        ];
+        for (name, value, least, most) in counts {
+            if !(least..=most).contains(&value) {
+                return Err(format!("`survey.{name}` is {value}; {least} to {most} are possible"));
+            }
+        }
+        match shares.into_iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            Some((name, value)) => Err(format!("`survey.{name}` is {value}; 0 to 1 are possible")),
+            None => Ok(()),
+        }
+    }
+}
 
 /// Histogram bins: 12 hues with 2 saturations and 2 values, and 4 greys.
 const BINS: usize = 52;
@@ -89,7 +180,7 @@ impl Look {
     /// Measures a frame; `None` if `instance` is invisible.
     pub(crate) fn of(
         view: CueView,
-        frame: &Frame,
+        frame: &CameraImage,
         instance: InstanceId,
         options: &SurveyOptions,
     ) -> Option<Self> {
@@ -125,7 +216,7 @@ impl Look {
 }
 
 /// Adds all pixels to the palettes of their instances.
-pub(crate) fn collect_colors(frame: &Frame, palettes: &mut BTreeMap<InstanceId, Palette>) {
+pub(crate) fn collect_colors(frame: &CameraImage, palettes: &mut BTreeMap<InstanceId, Palette>) {
     let runs = frame.instances.chunk_by(|a, b| a == b);
     let mut start = 0;
     for run in runs {
@@ -137,7 +228,7 @@ pub(crate) fn collect_colors(frame: &Frame, palettes: &mut BTreeMap<InstanceId, 
     }
 }
 
-fn others(frame: &Frame, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
+fn others(frame: &CameraImage, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
     let mut pixels = BTreeMap::new();
     for run in frame.instances.chunk_by(|a, b| a == b) {
         if run[0] != InstanceId::NONE && run[0] != instance {
@@ -147,13 +238,13 @@ fn others(frame: &Frame, instance: InstanceId) -> BTreeMap<InstanceId, u32> {
     pixels
 }
 
-fn rgb_at(frame: &Frame, pixel: usize) -> [u8; 3] {
+fn rgb_at(frame: &CameraImage, pixel: usize) -> [u8; 3] {
     [frame.rgb[3 * pixel], frame.rgb[3 * pixel + 1], frame.rgb[3 * pixel + 2]]
 }
 
 /// Pixels of an instance.
 struct Mask<'a> {
-    frame: &'a Frame,
+    frame: &'a CameraImage,
     instance: InstanceId,
     count: u32,
     /// Bounding box: first and last column, first and last row.
@@ -162,7 +253,7 @@ struct Mask<'a> {
 }
 
 impl<'a> Mask<'a> {
-    fn of(frame: &'a Frame, instance: InstanceId) -> Option<Self> {
+    fn of(frame: &'a CameraImage, instance: InstanceId) -> Option<Self> {
         let width = frame.width as usize;
         let mut mask = Self { frame, instance, count: 0, columns: [width, 0], rows: [0, 0] };
         for (pixel, _) in frame.instances.iter().enumerate().filter(|(_, id)| **id == instance) {
@@ -289,7 +380,7 @@ mod tests {
             (corner[0]..corner[0] + 8).contains(&(i % 20)) && (corner[1]..corner[1] + 8).contains(&(i / 20))
         };
         let ids = (0..400).map(|i| if is_in(i) { InstanceId(7) } else { InstanceId(u32::from(i < 20)) });
-        let frame = Frame {
+        let frame = CameraImage {
             width: 20,
             height: 20,
             rgb: (0..400).flat_map(|i| if is_in(i) { inside } else { outside }).collect(),

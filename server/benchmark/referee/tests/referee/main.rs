@@ -1,7 +1,6 @@
 //! The referee from outside, on a hand-made floor: three boxes far apart, with the body in between. Replays.
 
 mod rules;
-mod sounds;
 
 use avln_episode::{
     Action::{self, MoveForward, Stop, Submit, TurnLeft},

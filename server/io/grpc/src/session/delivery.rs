@@ -1,13 +1,13 @@
 //! Episode ends, and delivery of replies, also after a lost connection.
 
 use super::{
+    Hosted,
     playing::{Audience, FinishedEpisode, LastStep, Received, SlotReply},
     slot::{Slot, SlotContent},
 };
 use crate::{
-    episode::{Episode, HostedEpisode},
-    host::Host,
-    refusal::{Failure, FaultSubject, ServerFault, call_host},
+    host::{Episode, Host, StoredEnd},
+    refusal::{Failure, FaultSubject, Result, call_host},
     sim_pool::truncate,
     wire,
 };
@@ -19,58 +19,47 @@ impl<H: Host> Slot<H> {
     /// Ends an episode after a failed start.
     pub(super) async fn failed_to_start(
         &mut self,
-        mut hosted: HostedEpisode<H::Episode>,
-        fault: ServerFault,
-    ) -> Result<SlotReply, Failure> {
+        mut hosted: Hosted<H>,
+        fault: Failure,
+    ) -> Result<SlotReply> {
         truncate(&mut hosted, EndReason::ServerFault);
         self.conclude(hosted).await;
-        Err(fault.into())
+        Err(fault)
     }
 
     /// Ends an episode after a failed step. Other episodes are not affected.
-    pub(super) async fn broken(
-        &mut self,
-        mut hosted: HostedEpisode<H::Episode>,
-        last: LastStep,
-        act: &v1::Act,
-        fault: ServerFault,
-    ) -> SlotReply {
-        self.report_fault(&hosted.handle, act.step, fault).await;
+    pub(super) async fn broken(&mut self, mut hosted: Hosted<H>, last: LastStep) -> SlotReply {
         truncate(&mut hosted, EndReason::ServerFault);
         let episode_end = Some(self.end_with(hosted, last).await);
-        SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end }))
+        SlotReply::step(None, episode_end)
     }
 
     /// Ends an episode after a hanging step. It is lost with the hanging thread.
-    pub(super) async fn timed_out(
-        &mut self,
-        handle: &str,
-        ticket: u64,
-        last: LastStep,
-        act: &v1::Act,
-        fault: ServerFault,
-    ) -> SlotReply {
-        self.report_fault(handle, act.step, fault).await;
+    pub(super) async fn timed_out(&mut self, handle: &str, ticket: u64, last: LastStep) -> SlotReply {
         self.mark_lost(handle, ticket).await;
-        let end = self.end_frame(handle, last.observation.step, EndReason::ServerFault, None);
+        let end = StoredEnd { reason: EndReason::ServerFault, steps: last.observation.step, outcome: None };
+        let end = self.end_frame(handle, end);
         self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
-        SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end: Some(end) }))
+        SlotReply::step(None, Some(end))
     }
 
-    async fn report_fault(&mut self, episode: &str, step: u32, fault: ServerFault) {
+    /// Reports a fault to the stream, if one is attached.
+    pub(super) async fn report_fault(&mut self, episode: &str, step: u32, fault: Failure) {
         if let Audience::Stream(out) = &self.audience {
             let subject = FaultSubject { slot: Some(self.id), episode, step };
-            let _ = out.send(Frame::Fault(Failure::from(fault).frame(subject, false))).await;
+            let _ = out.send(Frame::Fault(fault.frame(subject, false))).await;
         }
     }
 
     /// Reports a lost episode to the host, which restarts it.
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let name = handle.to_owned();
-        if let Err(failure) = call_host("lose", async move { host.lose(&run, &name, ticket).await }).await {
-            tracing::error!(why = failure.message(), "cannot withdraw a hanging episode");
+        if let Err(failure) =
+            call_host("lose", &self.session.host, |host| async move { host.lose(&run, &name, ticket).await })
+                .await
+        {
+            tracing::error!(why = failure.message, "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
     }
@@ -97,35 +86,35 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    pub(super) async fn end_with(
-        &mut self,
-        hosted: HostedEpisode<H::Episode>,
-        last: LastStep,
-    ) -> v1::EpisodeEnd {
+    pub(super) async fn end_with(&mut self, hosted: Hosted<H>, last: LastStep) -> v1::EpisodeEnd {
         let end = self.conclude(hosted).await;
         self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
         end
     }
 
     /// Returns an episode to the host, which stores it.
-    async fn conclude(&mut self, hosted: HostedEpisode<H::Episode>) -> v1::EpisodeEnd {
+    async fn conclude(&mut self, hosted: Hosted<H>) -> v1::EpisodeEnd {
         let episode = hosted.handle.clone();
-        let step = hosted.episode.steps();
+        let steps = hosted.episode.steps();
         let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
-        let stored = call_host("conclude", async move { host.conclude(&run, hosted).await }).await;
+        let stored =
+            call_host(
+                "conclude",
+                &self.session.host,
+                |host| async move { host.conclude(&run, hosted).await },
+            )
+            .await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
             Err(failure) => {
-                tracing::error!(episode, why = failure.message(), "episode not stored");
+                tracing::error!(episode, why = failure.message, "episode not stored");
                 (EndReason::ServerFault, None)
             }
         };
         self.count_end(reason);
-        let metrics = outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0));
-        self.end_frame(&episode, step, reason, metrics)
+        self.end_frame(&episode, StoredEnd { reason, steps, outcome })
     }
 
     fn count_end(&self, reason: EndReason) {
@@ -135,26 +124,13 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    fn end_frame(
-        &self,
-        episode: &str,
-        step: u32,
-        reason: EndReason,
-        metrics: Option<v1::PublicMetrics>,
-    ) -> v1::EpisodeEnd {
-        v1::EpisodeEnd {
-            slot: self.id,
-            episode: episode.to_owned(),
-            step,
-            reason: wire::end_reason(reason).into(),
-            terminated: reason.is_terminated(),
-            metrics,
-            progress: Some(self.session.progress.progress()),
-        }
+    fn end_frame(&self, episode: &str, end: StoredEnd) -> v1::EpisodeEnd {
+        let progress = Some(self.session.progress.progress());
+        v1::EpisodeEnd { progress, ..wire::episode_end(self.id, episode, end) }
     }
 
     /// Sends a reply to the stream, if one is attached.
-    pub(super) async fn deliver(&mut self, subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) {
+    pub(super) async fn deliver(&mut self, subject: FaultSubject<'_>, reply: Result<SlotReply>) {
         let Audience::Stream(out) = &self.audience else { return };
         for frame in frames(subject, reply) {
             let starts_clock = matches!(frame, Frame::EpisodeStart(_) | Frame::Observation(_));
@@ -169,8 +145,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Sends missed frames to a new stream. Returns whether the agent's clock restarted because the last observation had not
-    /// arrived.
+    /// Sends missed frames to a new stream. Returns whether the clock restarted because the last observation was lost.
     pub(super) async fn catch_up(&mut self, known: Option<v1::SlotPosition>, away: Duration) -> bool {
         if !matches!(self.audience, Audience::Stream(_)) {
             return false;
@@ -214,8 +189,7 @@ impl<H: Host> Slot<H> {
         restarted
     }
 
-    /// Returns an earlier episode's end.
-    async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply, Failure> {
+    async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply> {
         let Some(end) = stored_end(&self.session.host, &self.session.run, known).await? else {
             let message = "the episode is not of this run, or will be played again; send Ready";
             return Err(Failure::new(Reason::EpisodeUnknown, message));
@@ -230,24 +204,15 @@ pub(crate) async fn stored_end<H: Host>(
     host: &Arc<H>,
     run: &str,
     known: &v1::SlotPosition,
-) -> Result<Option<v1::EpisodeEnd>, Failure> {
-    let host = host.clone();
+) -> Result<Option<v1::EpisodeEnd>> {
     let run = run.to_owned();
     let handle = known.episode.clone();
-    let stored = call_host("look up an episode", async move { host.ended(&run, &handle).await }).await?;
-    Ok(stored.map(|end| v1::EpisodeEnd {
-        slot: known.slot,
-        episode: known.episode.clone(),
-        step: end.steps,
-        reason: wire::end_reason(end.reason).into(),
-        terminated: end.reason.is_terminated(),
-        metrics: end.outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0)),
-        progress: None,
-    }))
+    let stored =
+        call_host("look up an episode", host, |host| async move { host.ended(&run, &handle).await }).await?;
+    Ok(stored.map(|end| wire::episode_end(known.slot, &known.episode, end)))
 }
 
-/// Returns a reply's frames.
-fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) -> Vec<Frame> {
+fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply>) -> Vec<Frame> {
     match reply {
         Ok(SlotReply::Start(start)) => vec![Frame::EpisodeStart(*start)],
         Ok(SlotReply::NothingLeft) => vec![],

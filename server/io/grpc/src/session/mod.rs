@@ -2,33 +2,23 @@
 //!
 //! A session outlives the connection. Without a client, open episodes wait for a limited time.
 
-mod clock;
-mod delivery;
-mod playing;
-mod progress;
-mod slot;
-
-pub(crate) use delivery::stored_end;
-pub(crate) use playing::{SlotReply, SlotRequest};
-
 use crate::{
     attachment::StopReason,
     control::Control,
-    episode::Restored,
-    host::{Host, Interrupted},
+    host::{Host, HostedEpisode, Interrupted, Restored},
     limits::Limits,
     outbound::Outbound,
-    refusal::{Failure, Refusal, ServerFault},
+    refusal::{Failure, Refusal, Result},
     sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
-use avln_proto::v1::{self, Reason};
+use avln_proto::v1::{self, Reason, RunProgress};
+use parking_lot::Mutex;
 use playing::Audience;
-use progress::ProgressTracker;
 use slot::{Slot, SlotCommand};
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc,
         atomic::{AtomicU32, Ordering},
     },
     time::Duration,
@@ -40,8 +30,17 @@ use tokio::{
 };
 use tracing::Instrument;
 
+mod delivery;
+mod playing;
+mod slot;
+
+pub(crate) use delivery::stored_end;
+pub(crate) use playing::{SlotReply, SlotRequest};
+
 /// Frames that may wait per slot: an action, and another sent too early.
 const WAITING_FRAMES: usize = 2;
+
+type Hosted<H> = HostedEpisode<<H as Host>::Episode>;
 
 /// State shared by all slots.
 pub(crate) struct SessionContext<H> {
@@ -82,19 +81,14 @@ struct Absence {
     used: Duration,
 }
 
-/// Parameters of [`Session::open`].
-pub(crate) struct Opening<'a, H: Host> {
-    pub(crate) host: Arc<H>,
-    pub(crate) pool: SimPool,
-    pub(crate) limits: &'a Limits,
-    /// The run, with the episodes to continue.
-    pub(crate) interrupted: Interrupted<H::Episode>,
-}
-
 impl<H: Host> Session<H> {
     /// Opens the slots of a run, without a client.
-    pub(crate) fn open(opening: Opening<'_, H>) -> Self {
-        let Opening { host, pool, limits, interrupted } = opening;
+    pub(crate) fn open(
+        host: Arc<H>,
+        pool: SimPool,
+        limits: &Limits,
+        interrupted: Interrupted<H::Episode>,
+    ) -> Self {
         let Interrupted { open, sensors, episodes, away } = interrupted;
         let state = Arc::new(SessionContext {
             frame_bytes: Limits::frame_bytes(&sensors, open.rules.audio_samples),
@@ -140,7 +134,6 @@ impl<H: Host> Session<H> {
         }
     }
 
-    /// Returns the run's progress.
     pub(crate) fn progress(&self) -> v1::RunProgress {
         self.state.progress.progress()
     }
@@ -155,7 +148,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot, which replies on the stream.
-    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<(), Failure> {
+    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<()> {
         // Without waiting: the reader of a stream must never block on a busy slot.
         self.sender(slot)?.try_send(SlotCommand::Handle(request, None)).map_err(|_| {
             let message =
@@ -165,7 +158,7 @@ impl<H: Host> Session<H> {
     }
 
     /// Sends a request to a slot and waits for the reply.
-    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply, Failure> {
+    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply> {
         let (reply, answer) = oneshot::channel();
         let sent = self.sender(slot)?.send(SlotCommand::Handle(request, Some(reply))).await;
         match (sent, answer.await) {
@@ -174,7 +167,7 @@ impl<H: Host> Session<H> {
         }
     }
 
-    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>, Failure> {
+    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>> {
         let granted = self.granted.load(Ordering::Relaxed);
         let known = (slot < granted).then(|| self.slots.get(slot as usize)).flatten();
         known.ok_or_else(|| {
@@ -200,13 +193,13 @@ impl<H: Host> Session<H> {
     pub(crate) async fn attach_stream(&self, out: &Outbound, slots: u32, known: &[v1::SlotPosition]) {
         self.report(|control, run| control.opened(run, true));
         self.granted.store(slots, Ordering::Relaxed);
-        let away = self.absence().since.map(|since| since.elapsed()).unwrap_or_default();
+        let away = self.absence.lock().since.map(|since| since.elapsed()).unwrap_or_default();
         let mut restarted = false;
         for (id, slot) in (0..).zip(&self.slots) {
             let known = known.iter().find(|known| known.slot == id).cloned();
             restarted |= switch(slot, Audience::Stream(out.clone()), known, away).await;
         }
-        let mut absence = self.absence();
+        let mut absence = self.absence.lock();
         absence.since = None;
         // Only an absence that restarted a clock gave the agent time to think, so only that is charged.
         absence.used += if restarted { away } else { Duration::ZERO };
@@ -219,7 +212,7 @@ impl<H: Host> Session<H> {
         for slot in &self.slots {
             switch(slot, Audience::Callers, None, Duration::ZERO).await;
         }
-        self.absence().since = None;
+        self.absence.lock().since = None;
     }
 
     /// Detaches the client. Returns the time in which it may come back.
@@ -230,13 +223,9 @@ impl<H: Host> Session<H> {
         }
         let single = Duration::from_secs(u64::from(self.state.time.disconnect_s));
         let total = Duration::from_secs(u64::from(self.state.time.disconnect_total_s));
-        let mut absence = self.absence();
+        let mut absence = self.absence.lock();
         absence.since = Some(Instant::now());
         single.min(total.saturating_sub(absence.used))
-    }
-
-    fn absence(&self) -> MutexGuard<'_, Absence> {
-        self.absence.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Waits until no episode is left, or the agent let too many time out.
@@ -256,19 +245,13 @@ impl<H: Host> Session<H> {
 
     async fn end(&self, ending: SlotEnding) {
         self.ending.send_replace(Some(ending));
-        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
+        let tasks = std::mem::take(&mut *self.tasks.lock());
         for task in tasks {
             if let Err(broken) = task.await {
-                ServerFault::log("end a slot", broken);
+                Failure::server("end a slot", broken);
             }
         }
         self.report(Control::closed);
-    }
-}
-
-impl<H> std::fmt::Debug for Session<H> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("run", &self.state.run).finish_non_exhaustive()
     }
 }
 
@@ -282,4 +265,153 @@ async fn switch(
     let (reply, restarted) = oneshot::channel();
     let sent = slot.send(SlotCommand::Switch { audience, known, away, reply }).await;
     sent.is_ok() && restarted.await.unwrap_or(false)
+}
+
+/// A run's progress, counted over all slots.
+struct ProgressTracker {
+    tally: watch::Sender<Tally>,
+    total: u32,
+    done_before: u32,
+    opened: Instant,
+    timeouts_allowed: u32,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    started: u32,
+    done: u32,
+    /// Slots with an episode or a pending request.
+    busy: u32,
+    /// True if the host has no further episode.
+    is_dry: bool,
+    /// Episodes returned to the host.
+    returned: u32,
+    timeouts_in_a_row: u32,
+}
+
+impl ProgressTracker {
+    fn new(total: u32, done_before: u32, timeouts_allowed: u32) -> Self {
+        Self { tally: watch::Sender::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
+    }
+
+    fn requested(&self) {
+        self.tally.send_modify(|tally| tally.busy += 1);
+    }
+
+    fn returned(&self) -> u32 {
+        self.tally.borrow().returned
+    }
+
+    /// Waits until more than `seen` episodes were returned.
+    async fn refilled(&self, seen: u32) {
+        // The sender lives in self, so waiting cannot fail.
+        let _ = self.tally.subscribe().wait_for(|tally| tally.returned > seen).await;
+    }
+
+    /// Counts a request that got no episode.
+    fn refused(&self, is_dry: bool) {
+        self.tally.send_modify(|tally| {
+            tally.busy -= 1;
+            tally.is_dry |= is_dry;
+        });
+    }
+
+    /// Counts an episode that began. Returns the number in the run, from 1.
+    fn started(&self) -> u32 {
+        self.tally.send_modify(|tally| tally.started += 1);
+        self.done_before + self.tally.borrow().started
+    }
+
+    fn ended(&self, reason: EndReason) {
+        self.tally.send_modify(|tally| {
+            tally.busy -= 1;
+            match reason {
+                EndReason::ServerFault => {
+                    tally.returned += 1;
+                    tally.is_dry = false;
+                }
+                EndReason::TimeBudget => {
+                    tally.done += 1;
+                    tally.timeouts_in_a_row += 1;
+                }
+                _ => {
+                    tally.done += 1;
+                    tally.timeouts_in_a_row = 0;
+                }
+            }
+        });
+    }
+
+    fn progress(&self) -> RunProgress {
+        let tally = *self.tally.borrow();
+        let done = (self.done_before + tally.done).min(self.total);
+        let left = f64::from(self.total - done);
+        let eta_s = (tally.done > 0)
+            .then(|| self.opened.elapsed().as_secs_f64() * left / f64::from(tally.done))
+            .map(|seconds| seconds.round() as u32);
+        RunProgress { total: self.total, done, in_flight: tally.busy, eta_s }
+    }
+
+    async fn over(&self) -> StopReason {
+        let mut tallies = self.tally.subscribe();
+        // The sender lives in self, so waiting cannot fail.
+        let settled = tallies.wait_for(|tally| self.judge(tally).is_some()).await.map(|tally| *tally);
+        settled.ok().and_then(|tally| self.judge(&tally)).unwrap_or(StopReason::NothingLeft)
+    }
+
+    fn judge(&self, tally: &Tally) -> Option<StopReason> {
+        if tally.timeouts_in_a_row >= self.timeouts_allowed {
+            return Some(StopReason::AgentHangs);
+        }
+        // Not before the last busy slot is done: a server fault there would return an episode that must be played.
+        (tally.is_dry && tally.busy == 0).then_some(StopReason::NothingLeft)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[tokio::test(start_paused = true)]
+    async fn runs_end_with_their_last_busy_slot() {
+        let tracker = ProgressTracker::new(5, 2, 20);
+        tracker.requested();
+        assert_eq!(tracker.started(), 3);
+        tracker.requested();
+        tracker.refused(true);
+        let open = tokio::time::timeout(Duration::from_secs(1), tracker.over()).await;
+        assert!(open.is_err(), "one slot still plays");
+        tracker.ended(EndReason::Stopped);
+        assert_eq!(tracker.over().await, StopReason::NothingLeft);
+        let progress = tracker.progress();
+        assert_eq!((progress.total, progress.done, progress.in_flight), (5, 3, 0));
+        assert_eq!(progress.eta_s, Some(2), "one episode took one second; two are left");
+    }
+
+    #[tokio::test]
+    async fn failed_episodes_are_played_again() {
+        let tracker = ProgressTracker::new(2, 0, 20);
+        tracker.requested();
+        let seen = tracker.returned();
+        tracker.requested();
+        tracker.refused(true);
+        tracker.ended(EndReason::ServerFault);
+        tracker.refilled(seen).await;
+        assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "a slot must ask again first");
+        assert_eq!(tracker.progress().done, 0);
+    }
+
+    #[tokio::test]
+    async fn only_consecutive_timeouts_count() {
+        let tracker = ProgressTracker::new(9, 0, 2);
+        for reason in [EndReason::TimeBudget, EndReason::Stopped, EndReason::TimeBudget] {
+            tracker.requested();
+            tracker.ended(reason);
+        }
+        assert_eq!(tracker.judge(&tracker.tally.borrow()), None);
+        tracker.requested();
+        tracker.ended(EndReason::TimeBudget);
+        assert_eq!(tracker.over().await, StopReason::AgentHangs);
+    }
 }

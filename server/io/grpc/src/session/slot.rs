@@ -1,16 +1,15 @@
 //! Slot: a task that owns an episode at a time.
 
 use super::{
-    SessionContext, SlotEnding,
-    clock::ChessClock,
+    Hosted, SessionContext, SlotEnding,
     playing::{
-        Audience, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead, same_episode,
+        Audience, ChessClock, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead,
+        same_episode,
     },
 };
 use crate::{
-    episode::{Acted, Episode, HostedEpisode, Restored},
-    host::Host,
-    refusal::{Failure, ServerFault, call_host},
+    host::{Acted, Episode, Host, Restored},
+    refusal::{Failure, Result, call_host},
     watchdog::CancelToken,
     wire,
 };
@@ -24,13 +23,10 @@ use tokio::{
     time::Instant,
 };
 
-/// Command of a session to a slot.
 pub(super) enum SlotCommand {
     /// Handle a request, and reply to the caller, or to the stream if there is none.
-    Handle(SlotRequest, Option<oneshot::Sender<Result<SlotReply, Failure>>>),
-    /// Report the position of the open episode.
+    Handle(SlotRequest, Option<oneshot::Sender<Result<SlotReply>>>),
     Position(oneshot::Sender<Option<v1::SlotPosition>>),
-    /// Change the audience.
     Switch {
         audience: Audience,
         /// Last frame that the new client received.
@@ -118,9 +114,8 @@ impl<H: Host> Slot<H> {
     }
 
     async fn end(&mut self, ending: SlotEnding) {
-        match ending {
-            SlotEnding::Close(reason) => self.cut(reason).await,
-            SlotEnding::Keep => {}
+        if let SlotEnding::Close(reason) = ending {
+            self.cut(reason).await;
         }
     }
 
@@ -151,18 +146,14 @@ impl<H: Host> Slot<H> {
         }
     }
 
+    /// Returns the last position in the open episode.
     fn position(&self) -> Option<v1::SlotPosition> {
-        match &self.state {
-            SlotContent::Playing(playing) => Some(playing.position(self.id)),
-            _ => None,
-        }
+        let SlotContent::Playing(playing) = &self.state else { return None };
+        let (episode, step) = (playing.hosted.handle.clone(), playing.last.observation.step);
+        Some(v1::SlotPosition { slot: self.id, episode, step })
     }
 
-    async fn handle(
-        &mut self,
-        request: SlotRequest,
-        caller: Option<oneshot::Sender<Result<SlotReply, Failure>>>,
-    ) {
+    async fn handle(&mut self, request: SlotRequest, caller: Option<oneshot::Sender<Result<SlotReply>>>) {
         let reply = match &request {
             SlotRequest::Ready => self.begin().await,
             SlotRequest::Resume => self.resume().await,
@@ -181,7 +172,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn resume(&mut self) -> Result<SlotReply, Failure> {
+    async fn resume(&mut self) -> Result<SlotReply> {
         match &self.state {
             SlotContent::Playing(playing) => {
                 Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
@@ -191,7 +182,7 @@ impl<H: Host> Slot<H> {
     }
 
     /// Requests an episode from the host and starts it.
-    async fn begin(&mut self) -> Result<SlotReply, Failure> {
+    async fn begin(&mut self) -> Result<SlotReply> {
         if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
@@ -199,12 +190,13 @@ impl<H: Host> Slot<H> {
         // Before the request: an episode that another slot returns meanwhile must wake this slot.
         let returned = self.session.progress.returned();
         self.session.progress.requested();
-        let host = self.session.host.clone();
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let hosted =
-            call_host("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        let hosted = call_host("next episode", &self.session.host, |host| async move {
+            host.next_episode(&run, id, &sensors).await
+        })
+        .await;
         match hosted {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
@@ -219,7 +211,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply, Failure> {
+    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply> {
         match (&playing.last.action, &self.audience) {
             // A unary Reset may be repeated until the first step, because the reply can be lost. A stream loses no frames.
             (None, Audience::Callers) => {
@@ -232,7 +224,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    async fn start(&mut self, hosted: HostedEpisode<H::Episode>) -> Result<SlotReply, Failure> {
+    async fn start(&mut self, hosted: Hosted<H>) -> Result<SlotReply> {
         let ordinal = self.session.progress.started();
         let handle = hosted.handle.clone();
         let ticket = hosted.ticket;
@@ -243,7 +235,7 @@ impl<H: Host> Slot<H> {
             Ok(started) => started,
             Err(fault) => {
                 self.mark_lost(&handle, ticket).await;
-                return Err(fault.into());
+                return Err(fault);
             }
         };
         let first = match first {
@@ -262,19 +254,19 @@ impl<H: Host> Slot<H> {
         Ok(SlotReply::Start(Box::new(start)))
     }
 
-    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
+    fn check_size(&self, start: &v1::EpisodeStart) -> Result<()> {
         let bytes = start.encoded_len() as u64;
         let limit = self.session.frame_bytes;
         if bytes <= limit {
             return Ok(());
         }
         // Welcome announced the limit to the client, which may refuse larger frames: this is a fault of the server.
-        Err(ServerFault::log("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
+        Err(Failure::server("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
     }
 
     fn observation(
         &self,
-        hosted: &HostedEpisode<H::Episode>,
+        hosted: &Hosted<H>,
         sensed: avln_episode::Observation,
         end: Option<EndReason>,
         clock: &ChessClock,
@@ -285,7 +277,7 @@ impl<H: Host> Slot<H> {
         v1::Observation { time: Some(clock.account()), ..frame }
     }
 
-    async fn act(&mut self, act: &v1::Act) -> Result<SlotReply, Failure> {
+    async fn act(&mut self, act: &v1::Act) -> Result<SlotReply> {
         let playing = match &self.state {
             SlotContent::Idle => return Err(self.no_episode()),
             SlotContent::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
@@ -293,8 +285,7 @@ impl<H: Host> Slot<H> {
         };
         same_episode(&playing.hosted.handle, &act.episode)?;
         let Some(action) = playing.last.due(act)? else {
-            let observation = Some(playing.last.observation.clone());
-            return Ok(SlotReply::Step(Box::new(v1::StepResponse { observation, episode_end: None })));
+            return Ok(SlotReply::step(Some(playing.last.observation.clone()), None));
         };
         match std::mem::replace(&mut self.state, SlotContent::Idle) {
             SlotContent::Playing(playing) => self.step(*playing, act, action).await,
@@ -316,14 +307,14 @@ impl<H: Host> Slot<H> {
         mut playing: OpenEpisode<H::Episode>,
         act: &v1::Act,
         action: Action,
-    ) -> Result<SlotReply, Failure> {
+    ) -> Result<SlotReply> {
         let thought = playing.stop_clock();
         let OpenEpisode { hosted, ordinal, last, clock } = playing;
         let step = act.step;
         let bank_left = clock.bank();
         let handle = hosted.handle.clone();
         let ticket = hosted.ticket;
-        let work = move |hosted: &mut HostedEpisode<H::Episode>, token: &CancelToken| {
+        let work = move |hosted: &mut Hosted<H>, token: &CancelToken| {
             let unwritten = |error: std::io::Error| format!("write the action down: {error}");
             hosted.log.acting(step).map_err(unwritten)?;
             let outcome = hosted.episode.step(action).map_err(|error| error.to_string())?;
@@ -340,18 +331,24 @@ impl<H: Host> Slot<H> {
         let simulator = &self.session.simulator;
         let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work).await {
             Ok(result) => result,
-            Err(fault) => return Ok(self.timed_out(&handle, ticket, last, act, fault).await),
+            Err(fault) => {
+                self.report_fault(&handle, step, fault).await;
+                return Ok(self.timed_out(&handle, ticket, last).await);
+            }
         };
-        let refused = |error: String| ServerFault::simulator("step", error);
+        let refused = |error: String| Failure::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
             Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
-            Err(fault) => Ok(self.broken(hosted, last, act, fault).await),
+            Err(fault) => {
+                self.report_fault(&handle, step, fault).await;
+                Ok(self.broken(hosted, last).await)
+            }
         }
     }
 
     async fn stepped(
         &mut self,
-        mut hosted: HostedEpisode<H::Episode>,
+        mut hosted: Hosted<H>,
         ordinal: u32,
         clock: ChessClock,
         action: i32,
@@ -363,23 +360,22 @@ impl<H: Host> Slot<H> {
         hosted.time.encoding += begun.elapsed();
         self.report_step(&hosted, observation.step);
         let last = LastStep { action: Some(action), observation: observation.clone() };
-        let mut response = v1::StepResponse { observation: Some(observation), episode_end: None };
+        let mut episode_end = None;
         if end.is_some() {
-            response.episode_end = Some(self.end_with(hosted, last).await);
+            episode_end = Some(self.end_with(hosted, last).await);
         } else {
             self.state = SlotContent::Playing(Box::new(OpenEpisode { hosted, ordinal, last, clock }));
         }
-        SlotReply::Step(Box::new(response))
+        SlotReply::step(Some(observation), episode_end)
     }
 
-    /// Reports the step to the operator's control.
-    fn report_step(&self, hosted: &HostedEpisode<H::Episode>, step: u32) {
+    fn report_step(&self, hosted: &Hosted<H>, step: u32) {
         if let Some(control) = self.session.host.control() {
             control.stepped(&self.session.run, self.id, step, hosted.time);
         }
     }
 
-    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply, Failure> {
+    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply> {
         match &self.state {
             SlotContent::Idle => return Err(self.no_episode()),
             SlotContent::Finished(over) => {
@@ -396,7 +392,6 @@ impl<H: Host> Slot<H> {
     }
 }
 
-/// Waits for the end of the session.
 async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEnding {
     match ending.wait_for(Option::is_some).await {
         Ok(ending) => ending.unwrap_or(SlotEnding::Keep),
@@ -405,7 +400,6 @@ async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEn
     }
 }
 
-/// Waits for an episode returned to the host.
 async fn refilled<H>(session: &SessionContext<H>, waiting: Option<u32>) {
     match waiting {
         Some(seen) => session.progress.refilled(seen).await,

@@ -1,6 +1,6 @@
 //! Observations and their tensors.
 
-use super::sensors::{SensorValues, encoding, encoding_of, pack};
+use super::sensors::{SensorValues, encoding, pack};
 use avln_episode::{Encoding, EndReason, Feedback, Observation, Rules, Sensors};
 use avln_proto::v1::{self, Dtype, SensorKind};
 use bytes::Bytes;
@@ -11,50 +11,32 @@ const AUDIO_ID: u32 = 3;
 
 /// Returns the requested tensor specifications, in the order rgb, depth, audio.
 pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSpec> {
-    let (width, height) = (sensors.width, sensors.height);
+    let (width, height, encodings) = (sensors.width, sensors.height, sensors.encodings);
     let mut specs = Vec::with_capacity(3);
+    let mut push = |id, name: &str, kind: SensorKind, dtype: Dtype, shape, range: [f32; 2], wanted| {
+        specs.push(v1::TensorSpec {
+            id,
+            name: name.to_owned(),
+            kind: kind.into(),
+            dtype: dtype.into(),
+            shape,
+            encoding: encoding(wanted).into(),
+            minimum: range[0],
+            maximum: range[1],
+        });
+    };
     if sensors.rgb {
-        specs.push(spec(RGB_ID, SensorKind::Rgb, Dtype::U8, vec![height, width, 3], 0.0, 255.0));
+        push(RGB_ID, "rgb", SensorKind::Rgb, Dtype::U8, vec![height, width, 3], [0.0, 255.0], encodings.rgb);
     }
     if sensors.depth {
-        let farthest = rules.depth_max_m / rules.depth_divisor;
-        specs.push(spec(DEPTH_ID, SensorKind::Depth, Dtype::F32, vec![height, width], 0.0, farthest));
+        let range = [0.0, rules.depth_max_m / rules.depth_divisor];
+        push(DEPTH_ID, "depth", SensorKind::Depth, Dtype::F32, vec![height, width], range, encodings.depth);
     }
     if sensors.audio {
         let shape = vec![Sensors::AUDIO_CHANNELS, rules.audio_samples];
-        specs.push(spec(AUDIO_ID, SensorKind::Audio, Dtype::F32, shape, -1.0, 1.0));
-    }
-    let mut encodings = sensors.encodings;
-    for spec in &mut specs {
-        spec.encoding = encoding(*encoding_of(&mut encodings, spec.kind())).into();
+        push(AUDIO_ID, "audio", SensorKind::Audio, Dtype::F32, shape, [-1.0, 1.0], encodings.audio);
     }
     specs
-}
-
-fn spec(
-    id: u32,
-    kind: SensorKind,
-    dtype: Dtype,
-    shape: Vec<u32>,
-    minimum: f32,
-    maximum: f32,
-) -> v1::TensorSpec {
-    let name = match kind {
-        SensorKind::Rgb => "rgb",
-        SensorKind::Depth => "depth",
-        SensorKind::Audio => "audio",
-        SensorKind::Unspecified => "",
-    };
-    v1::TensorSpec {
-        id,
-        name: name.to_owned(),
-        kind: kind.into(),
-        dtype: dtype.into(),
-        shape,
-        encoding: v1::Encoding::Raw.into(),
-        minimum,
-        maximum,
-    }
 }
 
 /// Format of observations.

@@ -1,9 +1,11 @@
 //! Server, phases, quotas and runs.
 
-use crate::{control::unix_ms, host::ServerInfo, limits::Limits};
-use avln_challenge::{
-    MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, TokenScope, Visibility,
+use crate::{
+    control::unix_ms,
+    host::{ServerInfo, StoredEnd},
+    limits::Limits,
 };
+use avln_challenge::{MethodInfo, PhaseInfo, Quota, RunState, RunStatus, TokenScope};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
 
@@ -42,12 +44,6 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         (phase.sensors.depth, SensorKind::Depth),
         (phase.sensors.audio, SensorKind::Audio),
     ];
-    let state = match phase.state {
-        PhaseState::Upcoming => v1::PhaseState::Upcoming,
-        PhaseState::Open => v1::PhaseState::Open,
-        PhaseState::Paused => v1::PhaseState::Paused,
-        PhaseState::Closed => v1::PhaseState::Closed,
-    };
     v1::Phase {
         id: phase.id,
         title: phase.title,
@@ -58,11 +54,11 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         feedback: super::feedback_rule(phase.feedback).into(),
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
         encodings: super::sensors::offered_in(&phase.sensors),
-        state: state.into(),
+        state: super::phase_state(phase.state).into(),
         state_reason: phase.state_reason.unwrap_or_default(),
         opens_unix_s: seconds(phase.opens_unix_ms),
         closes_unix_s: seconds(phase.closes_unix_ms),
-        results: visibility(phase.results).into(),
+        results: super::visibility(phase.results).into(),
         commitment: phase.commitment.unwrap_or_default(),
         revealed: phase.revealed.map(|values| v1::Revealed {
             pool: values.pool,
@@ -73,14 +69,6 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         rules: phase.rules,
         sealed: phase.sealed,
         max_side: phase.sensors.width.max(phase.sensors.height),
-    }
-}
-
-fn visibility(visibility: Visibility) -> v1::Visibility {
-    match visibility {
-        Visibility::Organiser => v1::Visibility::Organiser,
-        Visibility::Team => v1::Visibility::Team,
-        Visibility::Public => v1::Visibility::Public,
     }
 }
 
@@ -100,16 +88,9 @@ pub(crate) fn seconds(unix_ms: Option<i64>) -> i64 {
 }
 
 pub(crate) fn quota(quota: Quota) -> v1::Quota {
-    let window = match quota.window {
-        QuotaWindow::Day => v1::QuotaWindow::Day,
-        QuotaWindow::Month => v1::QuotaWindow::Month,
-        QuotaWindow::Total => v1::QuotaWindow::Total,
-        QuotaWindow::Concurrent => v1::QuotaWindow::Concurrent,
-        QuotaWindow::Uncharged => v1::QuotaWindow::Uncharged,
-    };
     v1::Quota {
         phase: quota.phase,
-        window: window.into(),
+        window: super::quota_window(quota.window).into(),
         limit: quota.limit,
         used: quota.used,
         remaining: quota.remaining,
@@ -124,7 +105,6 @@ pub(crate) fn quota(quota: Quota) -> v1::Quota {
 }
 
 pub(crate) fn run(status: RunStatus) -> v1::Run {
-    let state = run_state(status.state);
     let over = !status.state.is_open();
     let progress = progress(&status);
     v1::Run {
@@ -132,7 +112,7 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         phase: status.phase,
         order: super::order(status.order).into(),
         method: Some(method(status.method)),
-        state: state.into(),
+        state: super::run_state(status.state).into(),
         state_since_unix_ms: status.updated_unix_ms,
         state_deadline_unix_ms: status.deadline_unix_ms.unwrap_or_default(),
         created_unix_ms: status.created_unix_ms,
@@ -150,7 +130,19 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
     }
 }
 
-/// Builds the end of a stream.
+/// Builds an episode's end, without the run's progress.
+pub(crate) fn episode_end(slot: u32, episode: &str, end: StoredEnd) -> v1::EpisodeEnd {
+    v1::EpisodeEnd {
+        slot,
+        episode: episode.to_owned(),
+        step: end.steps,
+        reason: super::end_reason(end.reason).into(),
+        terminated: end.reason.is_terminated(),
+        metrics: end.outcome.map(|outcome| public_metrics(outcome.metrics, 0)),
+        progress: None,
+    }
+}
+
 pub(crate) fn run_end(status: RunStatus) -> v1::RunEnd {
     let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
     v1::RunEnd {
@@ -173,24 +165,13 @@ fn method(method: MethodInfo) -> v1::MethodInfo {
     v1::MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data }
 }
 
-fn run_state(state: RunState) -> v1::RunState {
-    match state {
-        RunState::Created => v1::RunState::Created,
-        RunState::Running => v1::RunState::Running,
-        RunState::Completed => v1::RunState::Completed,
-        RunState::Failed => v1::RunState::Failed,
-        RunState::Cancelled => v1::RunState::Cancelled,
-        RunState::Expired => v1::RunState::Expired,
-    }
-}
-
 fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
     let count = |&(reason, episodes)| v1::EndCount { reason: super::end_reason(reason).into(), episodes };
     ends.iter().map(count).collect()
 }
 
 /// Builds public metrics over a number of episodes; 0 for a single episode.
-pub(crate) fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
+fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
     let metric = |(name, value)| v1::Metric { name, value, low: None, high: None, n: episodes };
     v1::PublicMetrics { metrics: metrics.into_iter().map(metric).collect() }
 }

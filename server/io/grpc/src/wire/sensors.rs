@@ -2,12 +2,13 @@
 
 use crate::{
     host::ClientRange,
-    refusal::{Refusal, ServerFault},
+    refusal::{Failure, Refusal},
 };
 use avln_episode::{Encoding, Encodings, Sensors};
 use avln_proto::v1::{self, Reason, SensorKind};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use bytes::Bytes;
+use std::collections::BTreeSet;
 use tokio::runtime::{Handle, RuntimeFlavor};
 
 const KINDS: [SensorKind; 3] = [SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio];
@@ -36,8 +37,7 @@ fn agreed(encoding: v1::Encoding) -> Encoding {
     }
 }
 
-/// Returns a sensor's encoding.
-pub(super) fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut Encoding {
+fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut Encoding {
     match kind {
         SensorKind::Depth => &mut encodings.depth,
         SensorKind::Audio => &mut encodings.audio,
@@ -45,35 +45,26 @@ pub(super) fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut E
     }
 }
 
-/// Returns whether a phase allows an encoding: lossy encodings only if the phase's own encoding is lossy.
-fn allows(most: &Sensors, kind: SensorKind, encoding: v1::Encoding) -> bool {
-    let mut most = most.encodings;
-    avln_proto::wire::is_lossless(encoding) || !encoding_of(&mut most, kind).is_lossless()
+/// Returns the encodings that a phase offers: lossy ones only if the phase's own encoding is lossy.
+fn offered_of(most: &Sensors, kind: SensorKind) -> impl Iterator<Item = v1::Encoding> {
+    let mut encodings = most.encodings;
+    let allows_loss = !encoding_of(&mut encodings, kind).is_lossless();
+    let offered = avln_proto::wire::offered(kind).iter().copied();
+    offered.filter(move |encoding| allows_loss || avln_proto::wire::is_lossless(*encoding))
 }
 
-/// Returns the encodings that a phase offers.
+/// Returns the encodings that a phase offers for any sensor.
 pub(crate) fn offered_in(most: &Sensors) -> Vec<i32> {
-    let of_kind = |kind: SensorKind| {
-        let offered = avln_proto::wire::offered(kind).iter();
-        offered.filter(move |encoding| allows(most, kind, **encoding)).map(|encoding| *encoding as i32)
-    };
-    unique(KINDS.into_iter().flat_map(of_kind))
+    unique(KINDS.into_iter().flat_map(|kind| offered_of(most, kind)))
 }
 
 /// Returns the encodings that the server supports.
 pub(crate) fn offered() -> Vec<i32> {
-    unique(
-        KINDS
-            .into_iter()
-            .flat_map(|kind| avln_proto::wire::offered(kind).iter().map(|encoding| *encoding as i32)),
-    )
+    unique(KINDS.into_iter().flat_map(|kind| avln_proto::wire::offered(kind).iter().copied()))
 }
 
-fn unique(numbers: impl Iterator<Item = i32>) -> Vec<i32> {
-    let mut all: Vec<i32> = numbers.collect();
-    all.sort_unstable();
-    all.dedup();
-    all
+fn unique(encodings: impl Iterator<Item = v1::Encoding>) -> Vec<i32> {
+    encodings.map(|encoding| encoding as i32).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 /// Returns the first wish that server and phase offer.
@@ -82,15 +73,13 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
         return Ok(Encoding::Raw);
     }
     let kind = wish.kind();
-    let offered = |wished: v1::Encoding| {
-        let encoding = agreed(wished);
-        let can = avln_proto::wire::offered(kind).contains(&self::encoding(encoding));
-        (can && allows(most, kind, self::encoding(encoding))).then_some(encoding)
-    };
-    wish.encodings().find_map(offered).ok_or_else(|| {
-        let offered =
-            avln_proto::wire::offered(kind).iter().filter(|encoding| allows(most, kind, **encoding));
-        let names: Vec<_> = offered.map(|encoding| encoding.as_str_name()).collect();
+    // An unspecified encoding means raw.
+    let agreed = wish
+        .encodings()
+        .map(agreed)
+        .find(|wished| offered_of(most, kind).any(|one| one == encoding(*wished)));
+    agreed.ok_or_else(|| {
+        let names: Vec<_> = offered_of(most, kind).map(|encoding| encoding.as_str_name()).collect();
         let message = format!(
             "none of the requested encodings of {} is offered; request one of {}",
             kind.as_str_name(),
@@ -119,7 +108,7 @@ pub(super) fn pack(values: SensorValues, wanted: Encoding, sensors: &Sensors) ->
         Ok(bytes) => (encoding, bytes),
         Err(error) => {
             // Tensors carry their encoding, so a client can read the raw values: a logged fault costs no episode.
-            ServerFault::log("pack an observation", error);
+            Failure::server("pack an observation", error);
             (v1::Encoding::Raw, raw(values))
         }
     }

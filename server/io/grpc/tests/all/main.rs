@@ -7,4 +7,3 @@ mod play;
 mod random_clients;
 mod resume;
 mod services;
-mod unary;

@@ -2,8 +2,8 @@
 
 use crate::{
     catalog::SceneMap,
-    column::value,
-    error::StoreError,
+    database::{Transaction, value},
+    error::Result,
     facts::{Facts, read_facts},
     phases::read_heads,
     runs::Run,
@@ -17,10 +17,10 @@ use avln_episode::{EndReason, Modality, Order, Point3, Pose, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_truth::Target;
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction, types::Json};
+use sqlx::types::Json;
 
 /// A run's episode. Data hidden from the viewer is `None`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct EpisodeView {
     /// The run.
     pub run: RunLine,
@@ -43,7 +43,7 @@ pub struct EpisodeView {
 }
 
 /// A mission in words.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MissionView {
     /// Goal order.
     pub order: Order,
@@ -52,7 +52,7 @@ pub struct MissionView {
 }
 
 /// A mission's goal.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct GoalView {
     /// Cue kind.
     pub modality: Modality,
@@ -65,7 +65,7 @@ pub struct GoalView {
 }
 
 /// An episode's poses, actions and targets: world frame, Y up, metres, radians.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Replay {
     /// Episode id inside the split.
     pub episode: String,
@@ -100,7 +100,7 @@ pub struct Replay {
 }
 
 /// A Submit or a claiming Stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct SubmitMark {
     /// Step, counted from 1; also the path index.
     pub step: u32,
@@ -111,7 +111,7 @@ pub struct SubmitMark {
 }
 
 /// A target.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct TargetView {
     /// Instance category.
     pub category: String,
@@ -131,15 +131,7 @@ pub struct TargetView {
 
 impl Reader {
     /// Returns a run's episode; `None` if there is none visible to the viewer.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
-    pub async fn episode(
-        &self,
-        viewer: &Viewer,
-        run: &str,
-        ordinal: u32,
-    ) -> Result<Option<EpisodeView>, StoreError> {
+    pub async fn episode(&self, viewer: &Viewer, run: &str, ordinal: u32) -> Result<Option<EpisodeView>> {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
@@ -168,11 +160,7 @@ impl Reader {
     }
 }
 
-async fn read_goals(
-    tx: &mut Transaction<'_, Sqlite>,
-    phase: &str,
-    episode: &str,
-) -> Result<Vec<GoalText>, StoreError> {
+async fn read_goals(tx: &mut Transaction<'_>, phase: &str, episode: &str) -> Result<Vec<GoalText>> {
     let select = "SELECT goals FROM phase_episodes WHERE phase = $1 AND episode = $2";
     let goals: Option<Json<Vec<GoalText>>> =
         sqlx::query_scalar(select).bind(phase).bind(episode).fetch_optional(&mut **tx).await?;
@@ -181,11 +169,11 @@ async fn read_goals(
 
 /// Returns the replay with the scene's map and the phase's rules.
 async fn read_replay(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &Run,
     row: &EpisodeRow,
     facts: Facts,
-) -> Result<Option<Replay>, StoreError> {
+) -> Result<Option<Replay>> {
     let Some(head) = read_heads(tx, Some(&run.phase)).await?.pop() else { return Ok(None) };
     let select = "SELECT map FROM scenes WHERE name = $1";
     let Json(map) = sqlx::query_scalar(select).bind(&row.scene).fetch_one(&mut **tx).await?;

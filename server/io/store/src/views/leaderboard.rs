@@ -1,8 +1,8 @@
 //! Leaderboards.
 
 use crate::{
-    column::{Word, value},
-    error::StoreError,
+    database::{Transaction, Word, value},
+    error::Result,
     phases::{Phase, read_heads},
     runs::Run,
     scores::INTERVAL_SEED,
@@ -14,7 +14,7 @@ use avln_scoring::{
     Direction, Entry, EpisodeScore, Key, Metrics, RankedEntry, Standing, Summary, best_first, rank,
 };
 use serde::{Serialize, Serializer};
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -75,7 +75,7 @@ impl RowFilter {
 }
 
 /// A leaderboard: a phase's completed runs in which every episode counts.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LeaderboardView {
     /// The phase.
     pub phase: PhaseView,
@@ -104,10 +104,11 @@ pub struct LeaderboardView {
 }
 
 /// A leaderboard row.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LeaderboardRow {
     /// Rank and tie group; `None` for a reference, which has no rank.
     #[serde(flatten, serialize_with = "flat")]
+    #[schema(value_type = StandingFields)]
     pub standing: Option<Standing>,
     /// Team name.
     pub team: String,
@@ -139,34 +140,32 @@ pub struct LeaderboardRow {
     pub verified: bool,
 }
 
-/// Serialises rank, rank interval and tie group as row fields, null for a reference.
+/// Rank, rank interval and tie group as row fields; null for a reference.
+#[derive(Serialize, utoipa::ToSchema)]
+struct StandingFields {
+    rank: Option<u32>,
+    rank_low: Option<u32>,
+    rank_high: Option<u32>,
+    tie_group: Option<u32>,
+}
+
 fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Flat {
-        rank: Option<u32>,
-        rank_low: Option<u32>,
-        rank_high: Option<u32>,
-        tie_group: Option<u32>,
-    }
-    let flat = Flat {
+    let fields = StandingFields {
         rank: standing.map(|standing| standing.rank),
         rank_low: standing.map(|standing| standing.rank_low),
         rank_high: standing.map(|standing| standing.rank_high),
         tie_group: standing.map(|standing| standing.tie_group),
     };
-    flat.serialize(serializer)
+    fields.serialize(serializer)
 }
 
 impl Reader {
     /// Returns a leaderboard; `None` if the phase is unknown or hidden from the viewer.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
     pub async fn leaderboard(
         &self,
         viewer: &Viewer,
         query: &LeaderboardQuery<'_>,
-    ) -> Result<Option<LeaderboardView>, StoreError> {
+    ) -> Result<Option<LeaderboardView>> {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(query.phase)).await?.pop();
         let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
@@ -194,10 +193,10 @@ impl Reader {
 
     async fn ranking(
         &self,
-        tx: &mut Transaction<'_, Sqlite>,
+        tx: &mut Transaction<'_>,
         query: &LeaderboardQuery<'_>,
         team: Option<&str>,
-    ) -> Result<Arc<Vec<LeaderboardRow>>, StoreError> {
+    ) -> Result<Arc<Vec<LeaderboardRow>>> {
         let key = ranking_key(tx, query, team).await?;
         // Resampled rank intervals of a full leaderboard take longer than a page may.
         if let Some(rows) = self.cache.get(&key) {
@@ -226,10 +225,10 @@ fn visible_teams<'a>(viewer: &'a Viewer, phase: &Phase) -> VisibleTeams<'a> {
 /// Returns a ranking's inputs as text. A completed run never changes, so the count identifies all completed
 /// runs.
 async fn ranking_key(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     query: &LeaderboardQuery<'_>,
     team: Option<&str>,
-) -> Result<String, StoreError> {
+) -> Result<String> {
     let select = "SELECT COUNT(*), (SELECT group_concat(g.run || ':' || g.verified || (g.disqualified IS NULL), ' ' ORDER BY g.run) \
                   FROM rulings g JOIN runs r ON r.id = g.run WHERE r.phase = $1) \
                   FROM runs WHERE phase = $1 AND mission_order = $2 AND state = 'completed'";
@@ -279,10 +278,10 @@ struct ScoredEpisodes {
 }
 
 async fn rank_rows(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     query: &LeaderboardQuery<'_>,
     team: Option<&str>,
-) -> Result<Vec<LeaderboardRow>, StoreError> {
+) -> Result<Vec<LeaderboardRow>> {
     let candidates = read_candidates(tx, query, team).await?;
     let mut chosen = choose(candidates, query);
     read_episodes(tx, query.order, &mut chosen).await?;
@@ -293,10 +292,10 @@ async fn rank_rows(
 
 /// Returns the eligible runs, newest first.
 async fn read_candidates(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     query: &LeaderboardQuery<'_>,
     team: Option<&str>,
-) -> Result<Vec<Candidate>, StoreError> {
+) -> Result<Vec<Candidate>> {
     let select = "SELECT r.id AS run, r.team, r.method, r.version, t.reference, r.digests, r.senses, s.summary, \
                   s.server_faults, r.finished_ms, COALESCE(g.verified, 0) AS verified \
                   FROM runs r JOIN run_summaries s ON s.run = r.id JOIN teams t ON t.name = r.team \
@@ -341,11 +340,7 @@ fn choose(candidates: Vec<Candidate>, query: &LeaderboardQuery<'_>) -> Vec<Repre
 }
 
 /// Reads scores and end reasons for the chosen runs.
-async fn read_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
-    order: Order,
-    chosen: &mut [Representative],
-) -> Result<(), StoreError> {
+async fn read_episodes(tx: &mut Transaction<'_>, order: Order, chosen: &mut [Representative]) -> Result<()> {
     // SQLite could extract the metric from the JSON, but its text-to-float conversion is not exact to the last bit.
     let select = "SELECT run, episode, scene, end_reason, metrics FROM episodes \
                   WHERE run IN (SELECT value FROM json_each($1)) ORDER BY run, ordinal";

@@ -3,12 +3,13 @@
 use crate::{
     accounts::{TokenHash, TokenLine, TokenState, find_token, read_tokens},
     audit::AuditLine,
-    error::StoreError,
+    database::Transaction,
+    error::Result,
     phases::read_heads,
     views::{Reader, Viewer},
 };
 use avln_challenge::TokenScope;
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 
 /// A valid token's owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -71,19 +72,13 @@ const MAX_GRANTS: u32 = 50;
 
 impl Reader {
     /// Returns the viewer with the token `secret` at `now_unix_ms`; `None` without a valid team or organiser token.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>, StoreError> {
+    pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>> {
         let holder = self.holder(&TokenHash::of(secret), now_unix_ms).await?;
         Ok(holder.map(|holder| holder.viewer))
     }
 
     /// Returns a token's owner at `now_unix_ms`; `None` without a valid team or organiser token.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn holder(&self, token: &TokenHash, now_unix_ms: i64) -> Result<Option<Holder>, StoreError> {
+    pub async fn holder(&self, token: &TokenHash, now_unix_ms: i64) -> Result<Option<Holder>> {
         let TokenState::Valid(found) = find_token(&self.pool, token, now_unix_ms).await? else {
             return Ok(None);
         };
@@ -101,10 +96,7 @@ impl Reader {
     }
 
     /// Returns the tokens of the viewer's team, newest first; empty for other viewers.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn own_tokens(&self, viewer: &Viewer) -> Result<Vec<TokenLine>, StoreError> {
+    pub async fn own_tokens(&self, viewer: &Viewer) -> Result<Vec<TokenLine>> {
         match viewer {
             Viewer::Team(team) => read_tokens(&self.pool, Some(team)).await,
             _ => Ok(vec![]),
@@ -112,10 +104,7 @@ impl Reader {
     }
 
     /// Returns all teams at `now_unix_ms`; empty for viewers other than the organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn teams(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<TeamsView, StoreError> {
+    pub async fn teams(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<TeamsView> {
         if *viewer != Viewer::Organiser {
             return Ok(TeamsView::default());
         }
@@ -131,15 +120,7 @@ impl Reader {
     }
 
     /// Returns the newest `limit` audit lines before the line `before`; empty for viewers other than the organiser.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn audit(
-        &self,
-        viewer: &Viewer,
-        before: Option<i64>,
-        limit: u32,
-    ) -> Result<Vec<AuditLine>, StoreError> {
+    pub async fn audit(&self, viewer: &Viewer, before: Option<i64>, limit: u32) -> Result<Vec<AuditLine>> {
         if *viewer != Viewer::Organiser {
             return Ok(vec![]);
         }
@@ -149,7 +130,7 @@ impl Reader {
     }
 }
 
-async fn read_teams(tx: &mut Transaction<'_, Sqlite>, now_unix_ms: i64) -> Result<Vec<TeamLine>, StoreError> {
+async fn read_teams(tx: &mut Transaction<'_>, now_unix_ms: i64) -> Result<Vec<TeamLine>> {
     let select = "SELECT t.name, t.reference, t.created_ms, \
                   (SELECT COUNT(*) FROM runs r WHERE r.team = t.name) AS runs, \
                   (SELECT COUNT(*) FROM tokens k WHERE k.team = t.name AND k.kind <> 'run' AND k.revoked_ms IS NULL \

@@ -1,21 +1,19 @@
 //! Database views for pages. Every view is built for a [`Viewer`] and omits all data hidden from that viewer.
 
-pub(crate) mod compare;
+use crate::{
+    database::{Store, Transaction, ViewCache},
+    error::Result,
+    phases::Phase,
+};
+use avln_challenge::Visibility;
+use sqlx::SqlitePool;
+
 pub(crate) mod episode;
-pub(crate) mod group;
 pub(crate) mod leaderboard;
 pub(crate) mod management;
 pub(crate) mod phase;
 pub(crate) mod run;
-pub(crate) mod run_list;
-
-use crate::{
-    database::{Store, ViewCache},
-    error::StoreError,
-    phases::Phase,
-};
-use avln_challenge::Visibility;
-use sqlx::{Sqlite, SqlitePool, Transaction};
+pub(crate) mod runs;
 
 /// The person or team that reads a page.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,16 +88,13 @@ impl Reader {
     ///
     /// # Errors
     /// If it is not.
-    pub async fn ping(&self) -> Result<(), StoreError> {
+    pub async fn ping(&self) -> Result<()> {
         let _: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM phases").fetch_one(&self.pool).await?;
         Ok(())
     }
 
     /// Counts runs and episodes by state.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn census(&self) -> Result<Census, StoreError> {
+    pub async fn census(&self) -> Result<Census> {
         let mut tx = self.snapshot().await?;
         let runs = sqlx::query_as("SELECT state, COUNT(*) FROM runs GROUP BY state ORDER BY state");
         let episodes = sqlx::query_as(
@@ -109,7 +104,7 @@ impl Reader {
     }
 
     /// Begins a read transaction: a consistent state without later writes.
-    pub(crate) async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+    pub(crate) async fn snapshot(&self) -> Result<Transaction<'static>> {
         // Views need several statements; without a transaction a result stored in between would give a contradictory page.
         Ok(self.pool.begin().await?)
     }

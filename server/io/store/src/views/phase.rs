@@ -4,7 +4,8 @@ use crate::{
     admission::read_quotas,
     catalog::SceneMap,
     commitment::{Commitment, read_commitment},
-    error::StoreError,
+    database::Transaction,
+    error::Result,
     phases::{PhaseHead, Ranking, read_heads},
     views::{Reader, Viewer},
 };
@@ -12,12 +13,12 @@ use avln_challenge::{GoalText, PhaseState, Quota, QuotaLimits, Visibility};
 use avln_episode::{FeedbackRule, Modality, Order, Rules, Sensors, TimeLimits};
 use avln_scoring::Metrics;
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction, types::Json};
+use sqlx::types::Json;
 use std::collections::BTreeMap;
 
 /// A phase on pages. Its existence and rules are public, unless it is restricted to some teams. Times are milliseconds since
 /// 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PhaseView {
     /// Id in URLs.
     pub id: String,
@@ -67,11 +68,11 @@ pub struct PhaseView {
 
 impl PhaseView {
     pub(crate) async fn read(
-        tx: &mut Transaction<'_, Sqlite>,
+        tx: &mut Transaction<'_>,
         head: PhaseHead,
         viewer: &Viewer,
         now_unix_ms: i64,
-    ) -> Result<Self, StoreError> {
+    ) -> Result<Self> {
         let PhaseHead { phase, episodes, scenes } = head;
         let state = phase.schedule.state(now_unix_ms);
         Ok(Self {
@@ -102,7 +103,7 @@ impl PhaseView {
 }
 
 /// Mission statistics for a phase.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MissionsView {
     /// Missions by goal count.
     pub goals: BTreeMap<u32, u32>,
@@ -131,10 +132,7 @@ impl MissionsView {
 
 impl Reader {
     /// Returns the phases visible to the viewer at `now_unix_ms`, in the organiser's order.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn phases(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<PhaseView>, StoreError> {
+    pub async fn phases(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<PhaseView>> {
         let mut tx = self.snapshot().await?;
         let mut views = Vec::new();
         for head in read_heads(&mut tx, None).await? {
@@ -146,15 +144,7 @@ impl Reader {
     }
 
     /// Returns the phase called `id` at `now_unix_ms`; `None` if there is none visible to the viewer.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn phase(
-        &self,
-        viewer: &Viewer,
-        id: &str,
-        now_unix_ms: i64,
-    ) -> Result<Option<PhaseView>, StoreError> {
+    pub async fn phase(&self, viewer: &Viewer, id: &str, now_unix_ms: i64) -> Result<Option<PhaseView>> {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(id)).await?.pop();
         match head.filter(|head| viewer.knows(&head.phase)) {
@@ -164,10 +154,7 @@ impl Reader {
     }
 
     /// Returns the team's quotas in all visible phases; empty for other viewers.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn quotas(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<Quota>, StoreError> {
+    pub async fn quotas(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<Quota>> {
         let Viewer::Team(team) = viewer else { return Ok(vec![]) };
         let mut tx = self.snapshot().await?;
         let mut quotas = Vec::new();
@@ -178,10 +165,7 @@ impl Reader {
     }
 
     /// Returns a phase's mission statistics; `None` unless the viewer sees all teams' replays.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
-    pub async fn missions(&self, viewer: &Viewer, phase: &str) -> Result<Option<MissionsView>, StoreError> {
+    pub async fn missions(&self, viewer: &Viewer, phase: &str) -> Result<Option<MissionsView>> {
         let mut tx = self.snapshot().await?;
         if !sees_missions(&mut tx, viewer, phase).await? {
             return Ok(None);
@@ -203,15 +187,7 @@ impl Reader {
 
     /// Returns a scene's floor plan; `None` if there is none yet, or unless the viewer sees the replays from all
     /// teams.
-    ///
-    /// # Errors
-    /// If the database fails or contains a damaged map.
-    pub async fn scene_map(
-        &self,
-        viewer: &Viewer,
-        phase: &str,
-        scene: &str,
-    ) -> Result<Option<SceneMap>, StoreError> {
+    pub async fn scene_map(&self, viewer: &Viewer, phase: &str, scene: &str) -> Result<Option<SceneMap>> {
         let mut tx = self.snapshot().await?;
         if !sees_missions(&mut tx, viewer, phase).await? {
             return Ok(None);
@@ -224,11 +200,7 @@ impl Reader {
     }
 }
 
-async fn sees_missions(
-    tx: &mut Transaction<'_, Sqlite>,
-    viewer: &Viewer,
-    phase: &str,
-) -> Result<bool, StoreError> {
+async fn sees_missions(tx: &mut Transaction<'_>, viewer: &Viewer, phase: &str) -> Result<bool> {
     let head = read_heads(tx, Some(phase)).await?.pop();
     Ok(head.is_some_and(|PhaseHead { phase, .. }| {
         // As for replays: lengths and positions would reveal hidden scores.

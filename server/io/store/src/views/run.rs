@@ -1,27 +1,23 @@
-//! Run pages.
+//! Run pages, with groups of episodes.
 
 use crate::{
     accounts::read_reference,
-    column::{Word, value},
-    error::StoreError,
-    facts::{Rescore, read_rescores},
+    database::{Transaction, Word, value},
+    error::{Result, StoreError},
     phases::{Phase, read_heads},
     runs::{Run, read_run},
-    scores::{INTERVAL_SEED, read_scores},
-    views::{
-        Reader, Viewer,
-        group::{GroupView, by_goals, by_scene},
-    },
+    scores::{INTERVAL_SEED, Rescore, read_rescores, read_scores},
+    views::{Reader, Viewer},
 };
 use avln_challenge::{EpisodeState, MethodInfo, Reference, RunState, TimeAccount};
 use avln_episode::{EndReason, Modality, Order, Sensors};
-use avln_scoring::{Metrics, Summary, summarise};
+use avln_scoring::{EpisodeScore, Metrics, Summary, summarise};
 use serde::Serialize;
-use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+use sqlx::{FromRow, types::Json};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// A run in a list. Times are milliseconds since 1970-01-01 UTC.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunLine {
     /// Run id.
     pub run: String,
@@ -56,12 +52,11 @@ pub struct RunLine {
 }
 
 /// A run with episodes. Data hidden from the viewer is `None` or empty.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct RunView {
     /// The run.
     pub line: RunLine,
-    /// Method description.
-    #[serde(skip)]
+    /// The method with description, links, licence and external data.
     pub method: MethodInfo,
     /// True if the viewer sees the scores.
     pub scores_visible: bool,
@@ -94,7 +89,7 @@ pub struct RunView {
 }
 
 /// Goals with one modality.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ModalityView {
     /// The modality.
     pub modality: Modality,
@@ -107,7 +102,7 @@ pub struct ModalityView {
 }
 
 /// An episode in a run's list.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct EpisodeLine {
     /// Index in the run, from 0.
     pub ordinal: u32,
@@ -180,10 +175,7 @@ pub(crate) struct EpisodeRow {
 
 impl Reader {
     /// Returns the viewer's access to a run's log.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn log_access(&self, viewer: &Viewer, id: &str) -> Result<LogAccess, StoreError> {
+    pub async fn log_access(&self, viewer: &Viewer, id: &str) -> Result<LogAccess> {
         let mut tx = self.snapshot().await?;
         Ok(match find_run(&mut tx, viewer, id).await? {
             Some((run, Sight { replays: true, .. })) if run.state.is_open() => LogAccess::Later,
@@ -193,10 +185,7 @@ impl Reader {
     }
 
     /// Returns the run called `id`; `None` if there is none visible to the viewer.
-    ///
-    /// # Errors
-    /// If the database fails or contains damaged rows.
-    pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>, StoreError> {
+    pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>> {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, id).await? else { return Ok(None) };
         let totals = read_totals(&mut tx, id).await?;
@@ -223,12 +212,7 @@ impl Reader {
 }
 
 /// Returns a run's view without rescores and eligibility.
-async fn read_view(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &Run,
-    sight: Sight,
-    totals: &TotalsRow,
-) -> Result<RunView, StoreError> {
+async fn read_view(tx: &mut Transaction<'_>, run: &Run, sight: Sight, totals: &TotalsRow) -> Result<RunView> {
     let rows = read_episodes(tx, &run.id, None).await?;
     let scores = if sight.scores { read_scores(tx, &run.id).await? } else { vec![] };
     let mut health = BTreeMap::new();
@@ -261,10 +245,10 @@ async fn read_view(
 
 /// Returns a run and the viewer's access; `None` if there is none visible to the viewer.
 pub(crate) async fn find_run(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     viewer: &Viewer,
     id: &str,
-) -> Result<Option<(Run, Sight)>, StoreError> {
+) -> Result<Option<(Run, Sight)>> {
     let run = match read_run(tx, id).await {
         Ok(run) => run,
         Err(StoreError::Unknown { .. }) => return Ok(None),
@@ -275,11 +259,7 @@ pub(crate) async fn find_run(
     Ok(sight.map(|sight| (run, sight)))
 }
 
-pub(crate) async fn read_line(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: Run,
-    sight: Sight,
-) -> Result<RunLine, StoreError> {
+pub(crate) async fn read_line(tx: &mut Transaction<'_>, run: Run, sight: Sight) -> Result<RunLine> {
     let reference = read_reference(tx, &run.team).await?;
     let totals = read_totals(tx, &run.id).await?;
     Ok(RunLine {
@@ -301,7 +281,7 @@ pub(crate) async fn read_line(
     })
 }
 
-async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<TotalsRow, StoreError> {
+async fn read_totals(tx: &mut Transaction<'_>, run: &str) -> Result<TotalsRow> {
     let select = "SELECT scored, isr, category_goals, category_found, description_goals, description_found, \
                   image_goals, image_found, server_faults FROM run_summaries WHERE run = $1";
     Ok(sqlx::query_as(select).bind(run).fetch_optional(&mut **tx).await?.unwrap_or_default())
@@ -309,10 +289,10 @@ async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<Tota
 
 /// Returns a run's episode at `ordinal`, or all episodes.
 pub(crate) async fn read_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
+    tx: &mut Transaction<'_>,
     run: &str,
     ordinal: Option<u32>,
-) -> Result<Vec<EpisodeRow>, StoreError> {
+) -> Result<Vec<EpisodeRow>> {
     let select = "SELECT ordinal, state, end_reason, episode, scene, metrics, time_account, finished_ms \
                   FROM episodes WHERE run = $1 AND ($2 IS NULL OR ordinal = $2) ORDER BY ordinal";
     Ok(sqlx::query_as(select).bind(run).bind(ordinal).fetch_all(&mut **tx).await?)
@@ -349,5 +329,82 @@ impl EpisodeRow {
 
     pub(crate) fn time(&self) -> TimeAccount {
         self.time_account.as_ref().map(|Json(time)| *time).unwrap_or_default()
+    }
+}
+
+/// A group of a run's episodes, with means.
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct GroupView {
+    /// Common scene or goal count.
+    pub name: String,
+    /// Episode count.
+    pub episodes: u32,
+    /// Success rate.
+    pub sr: f64,
+    /// Found share.
+    pub isr: f64,
+    /// Found share weighted by path length.
+    pub soft_spl: f64,
+    /// Action count.
+    pub steps: f64,
+}
+
+/// Groups episodes by goal count, ascending.
+pub(crate) fn by_goals(scores: &[EpisodeScore]) -> Vec<GroupView> {
+    grouped(scores, |score| score.metrics.goals, u32::to_string)
+}
+
+/// Groups episodes by scene name.
+pub(crate) fn by_scene(scores: &[EpisodeScore]) -> Vec<GroupView> {
+    grouped(scores, |score| score.scene.as_str(), |scene| (*scene).to_owned())
+}
+
+fn grouped<'a, K: Ord>(
+    scores: &'a [EpisodeScore],
+    key: impl Fn(&'a EpisodeScore) -> K,
+    name: impl Fn(&K) -> String,
+) -> Vec<GroupView> {
+    let mut groups = BTreeMap::<K, Vec<&EpisodeScore>>::new();
+    scores.iter().for_each(|score| groups.entry(key(score)).or_default().push(score));
+    groups.into_iter().map(|(key, scores)| GroupView::new(name(&key), scores)).collect()
+}
+
+impl GroupView {
+    fn new(name: String, mut scores: Vec<&EpisodeScore>) -> Self {
+        // Float addition is not associative: sorted sums are equal for every playing order.
+        scores.sort_by(|a, b| a.episode.cmp(&b.episode));
+        let mean = |value: fn(&Metrics) -> f64| {
+            scores.iter().map(|score| value(&score.metrics)).sum::<f64>() / scores.len() as f64
+        };
+        Self {
+            episodes: scores.len() as u32,
+            sr: mean(|m| m.sr),
+            isr: mean(|m| m.isr),
+            soft_spl: mean(|m| m.soft_spl),
+            steps: mean(|m| f64::from(m.steps)),
+            name,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_episode::Order;
+
+    #[test]
+    fn episodes_are_grouped_by_goals_and_scene() {
+        let score = |episode: &str, scene: &str, goals, isr| EpisodeScore {
+            episode: episode.to_owned(),
+            scene: scene.to_owned(),
+            order: Order::Ordered,
+            metrics: Metrics { goals, isr, steps: 10, ..Metrics::default() },
+        };
+        let scores = [score("c", "x", 4, 0.5), score("a", "y", 2, 1.0), score("b", "x", 2, 0.0)];
+        let values = |groups: Vec<GroupView>| {
+            groups.into_iter().map(|group| (group.name, group.episodes, group.isr)).collect::<Vec<_>>()
+        };
+        assert_eq!(values(by_goals(&scores)), [("2".to_owned(), 2, 0.5), ("4".to_owned(), 1, 0.5)]);
+        assert_eq!(values(by_scene(&scores)), [("x".to_owned(), 2, 0.25), ("y".to_owned(), 1, 1.0)]);
     }
 }

@@ -1,10 +1,8 @@
 //! The store on a real file: results, transactions, crashes, foreign files, upgrades and visibility.
 
-mod facts;
 mod fixture;
 mod leaderboard;
 mod opening;
 mod phases;
 mod play;
 mod quota;
-mod visibility;

@@ -323,6 +323,9 @@ async fn repeated_request_returns_same_run() {
     );
     assert_eq!(made.run, found.run);
     assert_eq!(made.run.method, method, "the description is stored");
+    let view = arena.store.reader().run(&Viewer::Organiser, "run_1").await.expect("a view").expect("the run");
+    let page = serde_json::to_value(&view).expect("JSON");
+    assert_eq!(page["method"]["paper_url"], "https://example.org/paper");
     assert_eq!((made.run.episodes, made.run.state, &made.run.digests), (2, RunState::Created, &digests));
     let TokenState::Valid(token) = arena.store.find_token("second-secret", 12).await.expect("an answer")
     else {

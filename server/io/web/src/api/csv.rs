@@ -1,13 +1,13 @@
 //! CSV tables by RFC 4180: a header row, CRLF, and numbers in full precision.
 
-use super::json::{find_episode, find_leaderboard, find_leaderboards, find_missions, find_phase, find_run};
+use super::json::{find_leaderboard, find_leaderboards};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format,
     leaderboard::LeaderboardParams,
     replay::{Moment, moments},
     replay_renderer::{MaybeRenderQueue, StepLevels},
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
@@ -19,11 +19,11 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use csv::{Terminator, WriterBuilder};
+use std::error::Error;
 
-/// A row definition: columns with names and cells. A single definition keeps header and rows consistent.
+/// A row definition. A single list for names and cells prevents a header that does not match the rows.
 struct Row<T>(Vec<Column<T>>);
 
-/// A column: its name, and the cell of a row.
 struct Column<T> {
     name: String,
     cell: Box<dyn Fn(&T) -> String>,
@@ -50,24 +50,20 @@ impl<T> Row<T> {
         self
     }
 
-    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> Result<Response, RequestError>
+    fn respond<'a>(&self, rows: impl IntoIterator<Item = &'a T>) -> Result<Response>
     where
         T: 'a,
     {
-        let mut writer = WriterBuilder::new().terminator(Terminator::CRLF).from_writer(Vec::new());
-        let written = (|| {
+        let write = || -> Result<Vec<u8>, Box<dyn Error>> {
+            let mut writer = WriterBuilder::new().terminator(Terminator::CRLF).from_writer(Vec::new());
             writer.write_record(self.0.iter().map(|column| &column.name))?;
             for row in rows {
                 writer.write_record(self.0.iter().map(|column| (column.cell)(row)))?;
             }
-            writer.flush()?;
-            csv::Result::Ok(())
-        })();
-        let table = written
-            .map_err(|error| error.to_string())
-            .and_then(|()| writer.into_inner().map_err(|error| error.to_string()));
-        let table = table.map_err(|error| {
-            tracing::error!(error, "cannot write a CSV table");
+            Ok(writer.into_inner()?)
+        };
+        let table = write().map_err(|error| {
+            tracing::error!(%error, "cannot write a CSV table");
             RequestError::Internal
         })?;
         Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], table).into_response())
@@ -93,27 +89,24 @@ pub(super) async fn leaderboard(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
-    let order = params.order(&phase)?;
-    leaderboard_table(vec![find_leaderboard(&context, &phase, &params, order).await?])
+) -> Result<Response> {
+    leaderboard_table(vec![find_leaderboard(&context, &id, &params).await?])
 }
 
 pub(super) async fn leaderboards(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     leaderboard_table(find_leaderboards(&context, &id, &params).await?)
 }
 
-/// An entry with its leaderboard's order.
 struct OrderedRow {
     order: Order,
     row: LeaderboardRow,
 }
 
-fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response, RequestError> {
+fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response> {
     let entries = views.into_iter().flat_map(|view| {
         let order = view.order;
         view.rows.into_iter().map(move |row| OrderedRow { order, row })
@@ -174,12 +167,8 @@ fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<Ordered
     }
 }
 
-pub(super) async fn missions(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let view = find_missions(&context, &id).await?;
+pub(super) async fn missions(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
+    let view = context.missions(&id).await?;
     Row::<PropertyCount>::new()
         .value("property", |r| r.property.to_owned())
         .text("value", |r| &r.value)
@@ -207,7 +196,7 @@ fn property_counts(view: &MissionsView) -> Vec<PropertyCount> {
 pub(super) async fn compare(
     context: RequestContext,
     StrictQuery(query): StrictQuery<CompareQuery>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let view = query.view(&context).await?;
     Row::<PairView>::new()
         .text("episode", |pair| &pair.episode)
@@ -225,7 +214,7 @@ pub(super) async fn compare(
 pub(super) async fn runs(
     context: RequestContext,
     StrictQuery(query): StrictQuery<RunsQuery>,
-) -> Result<Response, RequestError> {
+) -> Result<Response> {
     let list = query.list(&context.reader, &context.viewer).await?;
     Row::<RunLine>::new()
         .text("run", |line| &line.run)
@@ -246,12 +235,8 @@ pub(super) async fn runs(
         .respond(&list.runs)
 }
 
-pub(super) async fn episodes(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let view = find_run(&context, &id).await?;
+pub(super) async fn episodes(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
+    let view = context.run(&id).await?;
     Row::<EpisodeLine>::new()
         .value("ordinal", |line| line.ordinal.to_string())
         .value("state", |line| line.state.as_str().to_owned())
@@ -268,7 +253,6 @@ pub(super) async fn episodes(
         .respond(&view.episodes)
 }
 
-/// The state after a step, with the agent's position.
 struct StepRow {
     position: [f32; 3],
     moment: Moment,
@@ -276,12 +260,10 @@ struct StepRow {
 
 pub(super) async fn steps(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let replay = find_episode(&context, &run, &place).await?.replay;
-    let name = || format!("episode {place} of run {run}");
-    let replay = replay.ok_or_else(|| RequestError::Unknown { what: "replay", name: name() })?;
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
+) -> Result<Response> {
+    let unknown = || RequestError::unknown("replay", format!("episode {ordinal} of run {run}"));
+    let replay = context.episode(&run, &ordinal).await?.replay.ok_or_else(unknown)?;
     let rows = replay.path.iter().zip(moments(&replay));
     let rows: Vec<StepRow> = rows.map(|(&position, moment)| StepRow { position, moment }).collect();
     Row::<StepRow>::new()
@@ -303,16 +285,13 @@ pub(super) async fn steps(
         .respond(&rows)
 }
 
-/// Serves the sound levels of each step.
 pub(super) async fn levels(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
+    PathOnly((run, ordinal)): PathOnly<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let view = find_episode(&context, &run, &place).await?;
-    let unknown =
-        || RequestError::Unknown { what: "sound", name: format!("of episode {place} of run {run}") };
+) -> Result<Response> {
+    let view = context.episode(&run, &ordinal).await?;
+    let unknown = || RequestError::unknown("sound", format!("of episode {ordinal} of run {run}"));
     let sound = queue.ok_or_else(unknown)?.sound(&view).await?.ok_or_else(unknown)?;
     let rows: Vec<(usize, StepLevels)> = sound.levels().iter().copied().enumerate().collect();
     Row::<(usize, StepLevels)>::new()

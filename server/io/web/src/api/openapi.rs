@@ -1,14 +1,60 @@
-//! OpenAPI 3.1 description, generated from the routes.
+//! OpenAPI 3.1 description, derived from the routes and the serialised types.
 
-use super::{Answer, BASE, Endpoint, SCHEMA_VERSION};
-use crate::request::RunsQuery;
-use avln_scoring::{EpisodeValue, Key, METRICS, SummaryValue, Unit};
+use super::{BASE, Endpoint, SCHEMA_VERSION};
+use crate::{error::Problem, request::RunsQuery};
+use avln_scoring::Key;
 use serde_json::{Map, Value, json};
+use utoipa::{
+    ToSchema,
+    openapi::{RefOr, schema::Schema},
+};
 
-/// Describes `endpoints`.
+/// Response body: media type, schema, and the schemas it refers to.
+pub(super) struct Body {
+    media_type: &'static str,
+    schema: Value,
+    components: Vec<(String, RefOr<Schema>)>,
+}
+
+impl Body {
+    /// A body without inner structure, such as a table.
+    pub(super) fn text(media_type: &'static str) -> Self {
+        Self { media_type, schema: string(), components: Vec::new() }
+    }
+
+    /// A `T` with the schema version.
+    pub(super) fn versioned<T: ToSchema>() -> Self {
+        let version = json!({
+            "type": "object",
+            "properties": { "schema_version": { "const": SCHEMA_VERSION } },
+            "required": ["schema_version"],
+        });
+        let Self { schema, components, .. } = Self::of::<T>("");
+        Self { media_type: "application/json", schema: json!({ "allOf": [schema, version] }), components }
+    }
+
+    pub(super) fn of<T: ToSchema>(media_type: &'static str) -> Self {
+        let mut components = vec![(T::name().into_owned(), T::schema())];
+        T::schemas(&mut components);
+        let schema = json!({ "$ref": format!("#/components/schemas/{}", T::name()) });
+        Self { media_type, schema, components }
+    }
+}
+
 pub(super) fn document(endpoints: &[Endpoint]) -> Value {
-    let paths: Map<String, Value> =
-        endpoints.iter().map(|endpoint| (format!("{BASE}{}", endpoint.path), path_item(endpoint))).collect();
+    let problem = Body::of::<Problem>("application/problem+json");
+    let mut schemas = Map::new();
+    for (name, schema) in
+        endpoints.iter().map(|endpoint| &endpoint.body).chain([&problem]).flat_map(|body| &body.components)
+    {
+        let mut schema = json!(schema);
+        adapt(&mut schema);
+        schemas.insert(name.clone(), schema);
+    }
+    let paths: Map<String, Value> = endpoints
+        .iter()
+        .map(|endpoint| (format!("{BASE}{}", endpoint.path), path_item(endpoint, &problem)))
+        .collect();
     json!({
         "openapi": "3.1.0",
         "info": {
@@ -21,38 +67,28 @@ pub(super) fn document(endpoints: &[Endpoint]) -> Value {
         "paths": paths,
         "components": {
             "securitySchemes": { "token": { "type": "http", "scheme": "bearer" } },
-            "schemas": schemas(),
+            "schemas": schemas,
         },
     })
 }
 
-fn path_item(endpoint: &Endpoint) -> Value {
+fn path_item(endpoint: &Endpoint, problem: &Body) -> Value {
     let in_path = endpoint.path.split('/').filter_map(|part| part.strip_prefix('{')?.strip_suffix('}'));
     let parameters: Vec<Value> =
         in_path.map(path_parameter).chain(endpoint.query.iter().map(|name| query_parameter(name))).collect();
-    let (kind, schema) = match endpoint.answer {
-        Answer::Json(name) => ("application/json", reference(name)),
-        Answer::Csv => ("text/csv", json!({ "type": "string" })),
-        Answer::Text => ("text/plain", json!({ "type": "string" })),
-        // OpenAPI 3.1 describes an event by its data.
-        Answer::Events(name) => ("text/event-stream", reference(name)),
-    };
+    let content = |body: &Body| json!({ body.media_type: { "schema": body.schema } });
     json!({ "get": {
         "summary": endpoint.summary,
         "operationId": operation_id(endpoint.path),
         "parameters": parameters,
         "responses": {
-            "200": { "description": "The response, with an ETag.", "content": { kind: { "schema": schema } } },
+            "200": { "description": "The response, with an ETag.", "content": content(&endpoint.body) },
             "304": { "description": "The response has not changed: If-None-Match matches its ETag." },
-            "default": {
-                "description": "The error.",
-                "content": { "application/problem+json": { "schema": reference("Problem") } },
-            },
+            "default": { "description": "The error.", "content": content(problem) },
         },
     } })
 }
 
-/// Joins the words in a path.
 fn operation_id(path: &str) -> String {
     let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("_")
@@ -77,10 +113,6 @@ fn query_parameter(name: &str) -> Value {
     json!({ "name": name, "in": "query", "required": is_required, "schema": schema })
 }
 
-fn reference(name: &str) -> Value {
-    json!({ "$ref": format!("#/components/schemas/{name}") })
-}
-
 fn string() -> Value {
     json!({ "type": "string" })
 }
@@ -89,211 +121,32 @@ fn words(words: &[&str]) -> Value {
     json!({ "type": "string", "enum": words })
 }
 
-/// Schemas without metrics, each with its fields as `name:type`. Types are in the notation of [`schema`]; a name with the suffix `~`
-/// may be missing.
-const SCHEMAS: &[(&str, &str)] = &[
-    ("Problem", "type:string title:string detail:string instance:string reason:string status:integer"),
-    ("Status", "schema_version:version name:string version:string state:string log_key:string?"),
-    ("Phases", "schema_version:version phases:[Phase]"),
-    ("PhaseAnswer", "schema_version:version phase:Phase"),
-    (
-        "Phase",
-        "id:string title:string description:string state:string state_reason:string? feedback:string \
-         opens_at:moment? closes_at:moment? orders:[ordered|unordered] rules:Rules sensors:Sensors \
-         quotas:QuotaLimits time:TimeLimits ranking:Ranking promise:Promise? episodes:integer scenes:integer \
-         max_slots:integer scores:public|team|organiser replays:public|team|organiser sealed:boolean \
-         all_scores_visible:boolean",
-    ),
-    (
-        "Rules",
-        "name:string forward_m:number turn_deg:integer step_s:number max_steps:integer body_radius_m:number \
-         body_height_m:number camera_height_m:number ear_height_m:number depth_max_m:number \
-         depth_divisor:number audio_samples:integer pose_frame:string sounding:string \
-         sounding_window_steps:integer source_lift_m:number sound_clip:string sounds:variant head~:variant \
-         success_radius_m:number success_distance:string wrong_submit:string feedback:string \
-         depth_noise:string rgb_noise:string",
-    ),
-    (
-        "Sensors",
-        "rgb:boolean depth:boolean audio:boolean width:integer height:integer hfov_rad:number \
-         encodings:Encodings",
-    ),
-    ("Encodings", "rgb:string depth:string audio:string"),
-    ("QuotaLimits", "day:integer? month:integer? total:integer? concurrent:integer? uncharged:integer?"),
-    (
-        "TimeLimits",
-        "step_ms:integer bank_ms:integer run_s:integer disconnect_s:integer disconnect_total_s:integer",
-    ),
-    ("Ranking", "key:key entry:best|latest"),
-    ("Promise", "commitment:string committed_at:moment revealed:CommitmentValues?"),
-    ("CommitmentValues", "pool:string scorer:string secret:string"),
-    ("MissionsAnswer", "schema_version:version missions:Missions"),
-    (
-        "Missions",
-        "goals:{integer} modalities:{integer} categories:{integer} scenes:{integer} reference_m:[number]",
-    ),
-    ("Quotas", "schema_version:version quotas:[Quota]"),
-    (
-        "Quota",
-        "phase:string window:day|month|total|concurrent|uncharged limit:integer? used:integer \
-         remaining:integer? window_start_at:moment next_increase_at:moment? charges:[Charge]",
-    ),
-    ("Charge", "run:string charged:boolean reason:string"),
-    ("Leaderboards", "schema_version:version boards:[Board]"),
-    ("Board", LEADERBOARD),
-    (
-        "LeaderboardRow",
-        "rank:integer? rank_low:integer? rank_high:integer? tie_group:integer? runs_count:integer \
-         server_faults:integer median:number team:string reference:string? method:string version:string \
-         run:string scorer:string verified:boolean health:{integer} sensors:Sensors? finished_at:moment? \
-         summary:Summary",
-    ),
-    (
-        "Compared",
-        "schema_version:version first:RunLine second:RunLine comparison:Comparison? episodes:[Pair]",
-    ),
-    ("Comparison", "episodes:integer scenes:integer differences:[Difference]"),
-    ("Difference", "key:key estimate:Estimate first:number second:number is_sure:boolean"),
-    (
-        "Pair",
-        "episode:string scene:string first_ordinal:integer second_ordinal:integer first:Metrics \
-         second:Metrics",
-    ),
-    ("Estimate", "value:number low:number high:number"),
-    ("Runs", "schema_version:version runs:[RunLine] next:string?"),
-    (
-        "RunLine",
-        "run:string phase:string team:string method:string version:string order:string state:string \
-         reference:string? disqualified:string? verified:boolean episodes:integer done:integer isr:number? \
-         created_at:moment finished_at:moment?",
-    ),
-    (
-        "Run",
-        "schema_version:version line:RunLine summary:Summary? scores_visible:boolean replays_visible:boolean \
-         eligible:boolean modalities:[ModalityScore] by_goals:[Group] by_scene:[Group] health:{integer} \
-         time:TimeAccount sensors:Sensors? digests:{string} server_faults:integer rescores:[Rescore] \
-         episodes:[EpisodeLine]",
-    ),
-    ("ModalityScore", "modality:string goals:integer found:integer isr:number?"),
-    ("TimeAccount", "simulation_s:number encoding_s:number queue_s:number thinking_s:number"),
-    ("LiveRuns", "runs:[LiveRun]"),
-    (
-        "LiveRun",
-        "run:string state:string episodes:integer done:integer playing:integer connected:boolean? \
-         steps_per_s:number? created_at:moment finished_at:moment? slots:[Slot] words:LiveWords",
-    ),
-    ("LiveWords", "state:string episodes:string pace:string waits:string"),
-    ("Slot", "slot:integer step:integer last_step_s:number? mean_step_s:number? since_at:moment"),
-    ("Group", "name:string episodes:integer sr:number isr:number soft_spl:number steps:number"),
-    ("Rescore", "scorer:string scored_at:moment summary:Summary?"),
-    ("Episodes", "schema_version:version run:string episodes:[EpisodeLine]"),
-    (
-        "EpisodeLine",
-        "ordinal:integer state:string end:string? episode:string? scene:string? finished_at:moment? \
-         metrics:Metrics?",
-    ),
-    (
-        "Episode",
-        "schema_version:version run:RunLine metrics:Metrics? ordinal:integer state:string end:string? \
-         finished_at:moment? mission:Mission? time:TimeAccount replay:Replay?",
-    ),
-    ("Mission", "order:string goals:[Goal]"),
-    ("Goal", "modality:string text:string? found_at_step:integer? final_distance_m:number?"),
-    (
-        "Replay",
-        "episode:string scene:string rules:Rules sensors:Sensors? hears:boolean map:SceneMap path:[[number]] \
-         headings_rad:[number] actions:[string] collisions:[integer] sounding:[integer?] in_region:[integer] \
-         submits:[SubmitMark] targets:[Target] reference_path:[[number]]",
-    ),
-    ("SceneMap", "min:[number] max:[number] polygons:[[[number]]]"),
-    ("SubmitMark", "step:integer completed:integer? wrong_instance:integer?"),
-    (
-        "Target",
-        "category:string modality:string position:[number] min:[number] max:[number] source:[number] \
-         floor_y_m:number",
-    ),
-];
-const LEADERBOARD: &str = "phase:Phase rows:[LeaderboardRow] order:string key:string direction:string pick:string \
-         entries:integer as_of_at:moment? complete:boolean";
-
-fn schemas() -> Value {
-    let fields = |text: &'static str| text.split(' ').filter_map(|field| field.split_once(':'));
-    let mut schemas: Map<String, Value> =
-        SCHEMAS.iter().map(|&(name, text)| (name.to_owned(), object(fields(text)))).collect();
-    let leaderboard = [("schema_version", "version")].into_iter().chain(fields(LEADERBOARD));
-    schemas.insert("Leaderboard".to_owned(), object(leaderboard));
-    let summary = METRICS.iter().filter_map(|metric| {
-        let kind = match metric.summary {
-            SummaryValue::Estimate(_) => "Estimate",
-            SummaryValue::Mean(_) => "number",
-            SummaryValue::GoalMean(_) => "number?",
-            SummaryValue::None => return None,
-        };
-        Some((metric.id, kind))
-    });
-    schemas.insert(
-        "Summary".to_owned(),
-        object(summary.chain([("episodes", "integer"), ("scenes", "integer")])),
-    );
-    let metrics = METRICS.iter().filter_map(|metric| {
-        let is_count = metric.unit == Unit::Count;
-        let kind = match metric.episode {
-            EpisodeValue::Number(_) => {
-                if is_count {
-                    "integer"
-                } else {
-                    "number"
-                }
+/// Adapts a derived schema to the responses.
+fn adapt(schema: &mut Value) {
+    match schema {
+        Value::Array(parts) => parts.iter_mut().for_each(adapt),
+        Value::Object(fields) => {
+            // Doc comments address Rust users: they name units before `with_named_times`.
+            if fields.get("description").is_some_and(Value::is_string) {
+                fields.remove("description");
             }
-            EpisodeValue::PerGoal(_) => {
-                if is_count {
-                    "[integer?]"
-                } else {
-                    "[number?]"
-                }
+            // In JSON all names are strings, but a map's numeric keys would be described as numbers.
+            fields.remove("propertyNames");
+            if let Some(Value::Object(properties)) = fields.get_mut("properties") {
+                *properties = std::mem::take(properties).into_iter().map(named_time).collect();
+                // `Option` is null, never missing; only the default head is left out of `Rules`.
+                let required = properties.keys().filter(|name| *name != "head").cloned().collect();
+                fields.insert("required".to_owned(), required);
             }
-            EpisodeValue::None => return None,
-        };
-        Some((metric.id, kind))
-    });
-    schemas.insert("Metrics".to_owned(), object(metrics));
-    Value::Object(schemas)
-}
-
-fn object<'a>(fields: impl Iterator<Item = (&'a str, &'a str)>) -> Value {
-    let mut properties = Map::new();
-    let mut required = Vec::new();
-    for (name, kind) in fields {
-        let plain = name.trim_end_matches('~');
-        properties.insert(plain.to_owned(), schema(kind));
-        if plain == name {
-            required.push(plain);
+            fields.values_mut().for_each(adapt);
         }
+        _ => {}
     }
-    json!({ "type": "object", "properties": properties, "required": required })
 }
 
-/// Returns the schema for a type: `kind?` may be null, `[kind]` is an array, `{kind}` an object with free names, `a|b` an enum, a
-/// capital letter starts a reference.
-fn schema(kind: &str) -> Value {
-    let between = |open, close| kind.strip_prefix(open).and_then(|rest: &str| rest.strip_suffix(close));
-    if let Some(kind) = kind.strip_suffix('?') {
-        return json!({ "anyOf": [schema(kind), { "type": "null" }] });
-    }
-    if let Some(kind) = between('[', ']') {
-        return json!({ "type": "array", "items": schema(kind) });
-    }
-    if let Some(kind) = between('{', '}') {
-        return json!({ "type": "object", "additionalProperties": schema(kind) });
-    }
-    match kind {
-        "version" => json!({ "const": SCHEMA_VERSION }),
-        "key" => words(&Key::ALL.map(Key::as_str)),
-        "moment" => json!({ "type": "string", "format": "date-time" }),
-        // An enum of Rust: a word, or an object with a word and its value.
-        "variant" => json!({ "anyOf": [string(), schema("{string}")] }),
-        kind if kind.contains('|') => words(&kind.split('|').collect::<Vec<_>>()),
-        kind if kind.starts_with(char::is_uppercase) => reference(kind),
-        kind => json!({ "type": kind }),
-    }
+/// Describes a field as renamed by [`crate::format::with_named_times`].
+fn named_time((name, schema): (String, Value)) -> (String, Value) {
+    let Some(stem) = name.strip_suffix("_unix_ms") else { return (name, schema) };
+    let kind = if schema["type"].is_array() { json!(["string", "null"]) } else { json!("string") };
+    (format!("{stem}_at"), json!({ "type": kind, "format": "date-time" }))
 }

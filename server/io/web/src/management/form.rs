@@ -1,7 +1,7 @@
 //! Management forms, protected against requests from other sites.
 
 use super::SignedIn;
-use crate::error::RequestError;
+use crate::error::{RequestError, Result};
 use axum::{
     body::to_bytes,
     extract::{FromRequest, FromRequestParts, Request},
@@ -10,7 +10,7 @@ use axum::{
 };
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-/// Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
+// Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
 pub(crate) const MAX_FORM_BYTES: usize = 16 << 10;
 const MAX_REASON_CHARS: usize = 500;
 const MAX_NAME_CHARS: usize = 64;
@@ -24,14 +24,13 @@ pub(crate) struct SignedForm {
 /// The sign-in form. There is no session yet, so it has no form key.
 pub(crate) struct SignInForm(pub(crate) FormFields);
 
-/// Form fields by name.
 #[derive(Debug, Default)]
 pub(crate) struct FormFields(BTreeMap<String, String>);
 
 impl<S: Send + Sync> FromRequest<S> for SignInForm {
     type Rejection = RequestError;
 
-    async fn from_request(request: Request, _: &S) -> Result<Self, RequestError> {
+    async fn from_request(request: Request, _: &S) -> Result<Self> {
         reject_other_sites(request.headers())?;
         FormFields::read(request).await.map(Self)
     }
@@ -55,9 +54,9 @@ impl<S: Send + Sync> FromRequest<S> for SignedForm {
     }
 }
 
-/// Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
-/// cannot change either header.
-fn reject_other_sites(headers: &HeaderMap) -> Result<(), RequestError> {
+// Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
+// cannot change either header.
+fn reject_other_sites(headers: &HeaderMap) -> Result<()> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let is_own = match (text(header::HeaderName::from_static("sec-fetch-site")), text(header::ORIGIN)) {
         (Some(site), _) => site == "same-origin",
@@ -71,39 +70,38 @@ fn reject_other_sites(headers: &HeaderMap) -> Result<(), RequestError> {
 }
 
 impl FormFields {
-    async fn read(request: Request) -> Result<Self, RequestError> {
+    async fn read(request: Request) -> Result<Self> {
         let body = to_bytes(request.into_body(), MAX_FORM_BYTES).await.map_err(|_| RequestError::Body)?;
         let pairs: Vec<(String, String)> = serde_urlencoded::from_bytes(&body)
             .map_err(|error| RequestError::Invalid(format!("cannot read the form: {error}")))?;
         Ok(Self(pairs.into_iter().collect()))
     }
 
-    pub(crate) fn get(&self, name: &str) -> Result<&str, RequestError> {
+    pub(crate) fn get(&self, name: &str) -> Result<&str> {
         let missing = || RequestError::Invalid(format!("the form has no field '{name}'"));
         self.0.get(name).map(String::as_str).ok_or_else(missing)
     }
 
     /// Returns a name; it may be empty.
-    pub(crate) fn name(&self, name: &str) -> Result<String, RequestError> {
+    pub(crate) fn name(&self, name: &str) -> Result<String> {
         printable(name, self.get(name)?, MAX_NAME_CHARS)
     }
 
-    pub(crate) fn reason(&self) -> Result<String, RequestError> {
-        match self.maybe_reason()? {
-            reason if reason.is_empty() => {
-                Err(RequestError::Invalid("the reason is empty; please enter one".to_owned()))
-            }
-            reason => Ok(reason),
+    pub(crate) fn reason(&self) -> Result<String> {
+        let reason = self.maybe_reason()?;
+        if reason.is_empty() {
+            return Err(RequestError::Invalid("the reason is empty; please enter one".to_owned()));
         }
+        Ok(reason)
     }
 
     /// Returns the reason; it may be empty.
-    pub(crate) fn maybe_reason(&self) -> Result<String, RequestError> {
+    pub(crate) fn maybe_reason(&self) -> Result<String> {
         printable("reason", self.get("reason")?, MAX_REASON_CHARS)
     }
 
     /// Returns a whole number within `range`.
-    pub(crate) fn number(&self, name: &str, range: RangeInclusive<u32>) -> Result<u32, RequestError> {
+    pub(crate) fn number(&self, name: &str, range: RangeInclusive<u32>) -> Result<u32> {
         let value = self.get(name)?.trim();
         value.parse().ok().filter(|number| range.contains(number)).ok_or_else(|| {
             let (low, high) = (range.start(), range.end());
@@ -112,16 +110,12 @@ impl FormFields {
     }
 
     /// Returns a whole number within `range`, or `None` for an empty field.
-    pub(crate) fn maybe_number(
-        &self,
-        name: &str,
-        range: RangeInclusive<u32>,
-    ) -> Result<Option<u32>, RequestError> {
+    pub(crate) fn maybe_number(&self, name: &str, range: RangeInclusive<u32>) -> Result<Option<u32>> {
         if self.get(name)?.trim().is_empty() { Ok(None) } else { self.number(name, range).map(Some) }
     }
 
     /// Rejects the form unless the visitor typed `expected`, as a safeguard for irreversible actions.
-    pub(crate) fn confirm(&self, expected: &str) -> Result<(), RequestError> {
+    pub(crate) fn confirm(&self, expected: &str) -> Result<()> {
         let typed = self.get("typed")?.trim();
         if typed == expected {
             return Ok(());
@@ -130,7 +124,7 @@ impl FormFields {
     }
 }
 
-fn printable(what: &str, text: &str, max_chars: usize) -> Result<String, RequestError> {
+fn printable(what: &str, text: &str, max_chars: usize) -> Result<String> {
     let text = text.trim();
     if text.chars().count() <= max_chars && !text.chars().any(char::is_control) {
         return Ok(text.to_owned());

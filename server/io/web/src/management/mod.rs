@@ -3,16 +3,19 @@
 
 mod form;
 mod sessions;
-mod sign_in_limit;
 
 pub(crate) use form::{FormFields, MAX_FORM_BYTES, SignInForm, SignedForm};
 pub(crate) use sessions::{
-    Organiser, Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page,
-    session_cookie,
+    Sessions, SignedIn, has_session_cookie, identify, is_management_page, session_cookie,
 };
-pub(crate) use sign_in_limit::SignInLimiter;
 
-use std::{fmt, sync::Arc};
+use crate::server::ClientAddress;
+use std::{
+    collections::BTreeMap,
+    fmt,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
 
 /// The team token behind an action.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,7 +28,7 @@ pub struct TeamCredential {
     pub expires_unix_ms: Option<i64>,
 }
 
-/// A team's action on its data.
+/// A team's action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
@@ -75,7 +78,7 @@ pub enum OrganiserAction {
         /// True if the team may play.
         approved: bool,
     },
-    /// Grants a team runs beyond its quota; requires a reason.
+    /// Grants a team runs beyond the quota; requires a reason.
     Grant {
         /// Team name.
         team: String,
@@ -126,7 +129,7 @@ pub enum ActionError {
     /// The action is not possible; the message is for the visitor.
     #[error("{0}")]
     Refused(String),
-    /// The server failed; the message is for its log.
+    /// The server failed; the message is for the log.
     #[error("{0}")]
     Failed(String),
 }
@@ -177,18 +180,95 @@ pub trait Management: fmt::Debug + Send + Sync {
     fn health(&self) -> ServerHealth;
 }
 
-/// Management actions with sessions and the sign-in limit.
 #[derive(Debug)]
 pub(crate) struct ManagementState {
     pub(crate) actions: Arc<dyn Management>,
     pub(crate) sessions: Sessions,
     pub(crate) sign_in_limiter: SignInLimiter,
-    /// True if the server uses TLS.
     pub(crate) is_secure: bool,
 }
 
 impl ManagementState {
     pub(crate) fn new(actions: Arc<dyn Management>, is_secure: bool) -> Self {
         Self { actions, sessions: Sessions::default(), sign_in_limiter: SignInLimiter::default(), is_secure }
+    }
+}
+
+// Consecutive failures before an address must wait; people do paste a wrong token a few times.
+const MAX_FAILURES: u32 = 10;
+const WAIT: Duration = Duration::from_secs(60);
+// Bounds the memory: beyond it, the oldest failure is forgotten.
+const MAX_CLIENTS: usize = 4096;
+
+/// Failed sign-ins by client address: count and last time. `None`: requests without an address.
+#[derive(Debug, Default)]
+pub(crate) struct SignInLimiter(Mutex<BTreeMap<Option<ClientAddress>, (u32, Instant)>>);
+
+impl SignInLimiter {
+    fn failures(&self) -> MutexGuard<'_, BTreeMap<Option<ClientAddress>, (u32, Instant)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn may_try(&self, client: Option<ClientAddress>, now: Instant) -> bool {
+        let failures = self.failures();
+        let must_wait = |&(failed, last): &(u32, Instant)| {
+            failed >= MAX_FAILURES && now.saturating_duration_since(last) < WAIT
+        };
+        !failures.get(&client).is_some_and(must_wait)
+    }
+
+    pub(crate) fn record_failure(&self, client: Option<ClientAddress>, now: Instant) {
+        let mut failures = self.failures();
+        failures.retain(|_, (_, last)| now.saturating_duration_since(*last) < WAIT);
+        if failures.len() >= MAX_CLIENTS && !failures.contains_key(&client) {
+            let oldest = failures.iter().min_by_key(|(_, (_, last))| *last).map(|(client, _)| *client);
+            if let Some(oldest) = oldest {
+                failures.remove(&oldest);
+            }
+        }
+        let entry = failures.entry(client).or_insert((0, now));
+        *entry = (entry.0.saturating_add(1), now);
+    }
+
+    pub(crate) fn record_success(&self, client: Option<ClientAddress>) {
+        self.failures().remove(&client);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::IpAddr;
+
+    fn client(text: &str) -> Option<ClientAddress> {
+        Some(ClientAddress::new(text.parse().expect("an address")))
+    }
+
+    #[test]
+    fn only_the_failing_client_waits() {
+        let (limiter, start) = (SignInLimiter::default(), Instant::now());
+        for _ in 0..MAX_FAILURES {
+            assert!(limiter.may_try(client("192.0.2.1"), start));
+            limiter.record_failure(client("192.0.2.1"), start);
+        }
+        assert!(!limiter.may_try(client("192.0.2.1"), start));
+        assert!(!limiter.may_try(client("::ffff:192.0.2.1"), start), "the same address");
+        assert!(limiter.may_try(client("192.0.2.2"), start) && limiter.may_try(None, start));
+        assert!(limiter.may_try(client("192.0.2.1"), start + WAIT));
+        limiter.record_success(client("192.0.2.1"));
+        assert!(limiter.may_try(client("192.0.2.1"), start));
+    }
+
+    #[test]
+    fn an_ipv6_network_is_one_client_and_memory_is_bounded() {
+        assert_eq!(client("2001:db8::1"), client("2001:db8::ffff"));
+        assert_ne!(client("2001:db8::1"), client("2001:db8:0:1::1"));
+        let (limiter, start) = (SignInLimiter::default(), Instant::now());
+        for index in 0..=MAX_CLIENTS as u32 {
+            let address = ClientAddress::new(IpAddr::from(index.to_be_bytes()));
+            limiter.record_failure(Some(address), start + Duration::from_micros(u64::from(index)));
+        }
+        assert_eq!(limiter.failures().len(), MAX_CLIENTS);
+        assert!(!limiter.failures().contains_key(&client("0.0.0.0")), "the oldest was forgotten");
     }
 }

@@ -1,10 +1,9 @@
 //! Sessions: cookies, lifetime, and the middleware that identifies visitors.
 
-use super::{ActionOrigin, ManagementState, TeamCredential};
+use super::{ManagementState, TeamCredential};
 use crate::{
-    error::RequestError,
-    pages::{Menu, PageContext},
-    request::now_unix_ms,
+    error::{RequestError, Result},
+    request::{CONTEXT, Menu, PageContext, now_unix_ms},
 };
 use avln_store::{Holder, Reader, TokenHash, Viewer};
 use axum::{
@@ -20,40 +19,36 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Cookie names. Browsers accept the prefix `__Host-` only over TLS, and then guarantee that no other site or port set the cookie.
+// Cookie names. Browsers accept the prefix `__Host-` only over TLS, and then guarantee that no other site or port set the cookie.
 const COOKIE: &str = "avln-session";
 const SECURE_COOKIE: &str = "__Host-avln-session";
-/// Idle time-out, for pages left open on a shared computer.
+// Idle time-out, for pages left open on a shared computer.
 const MAX_IDLE: Duration = Duration::from_secs(2 * 3600);
-/// Session lifetime: a working day.
+// Session lifetime: a working day.
 const MAX_AGE: Duration = Duration::from_secs(12 * 3600);
-/// Session limit per team, and for all organisers together. Beyond it, the session unused for longest ends.
+// Session limit per team, and for all organisers together. Beyond it, the session unused for longest ends.
 const MAX_PER_VIEWER: usize = 64;
-/// Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
+// Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
 const MAX_SESSIONS: usize = 4096;
 
 /// A visitor with a session and a valid token.
 #[derive(Clone, Debug)]
 pub(crate) struct SignedIn {
     pub(crate) holder: Holder,
-    /// Session id, as in the cookie.
     pub(crate) id: String,
 }
 
 impl SignedIn {
-    /// Returns the session's form key.
     pub(crate) fn form_key(&self) -> String {
         form_key(&self.id).to_string()
     }
 
-    /// Returns true for the session's form key.
     pub(super) fn accepts_form_key(&self, key: &str) -> bool {
         // `blake3::Hash` compares in constant time, so the response time does not leak the key.
         blake3::Hash::from_hex(key).is_ok_and(|key| key == form_key(&self.id))
     }
 
-    /// Returns the team's credential for actions.
-    pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
+    pub(crate) fn team(&self) -> Result<TeamCredential> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
         if self.holder.read_only {
             let message =
@@ -65,15 +60,6 @@ impl SignedIn {
     }
 }
 
-/// A signed-in organiser. For other visitors the page does not exist.
-pub(crate) struct Organiser(pub(crate) SignedIn);
-
-impl Organiser {
-    pub(crate) fn origin(&self, reason: String) -> ActionOrigin {
-        ActionOrigin { token: self.0.holder.token.clone(), reason }
-    }
-}
-
 impl<S: Sync> FromRequestParts<S> for SignedIn {
     type Rejection = Response;
 
@@ -82,18 +68,6 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
         let path = parts.uri.path();
         let next = if is_management_page(path) { format!("?next={path}") } else { String::new() };
         signed_in.ok_or_else(|| Redirect::to(&format!("/sign-in{next}")).into_response())
-    }
-}
-
-impl<S: Sync> FromRequestParts<S> for Organiser {
-    type Rejection = Response;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Response> {
-        let signed_in = SignedIn::from_request_parts(parts, state).await?;
-        match signed_in.holder.viewer {
-            Viewer::Organiser => Ok(Self(signed_in)),
-            _ => Err(RequestError::NoPage.into_response()),
-        }
     }
 }
 
@@ -114,7 +88,7 @@ pub(crate) async fn identify(
         request.extensions_mut().insert(signed_in);
     }
     let context = PageContext { menu, ..PageContext::current() };
-    let mut response = context.scope(next.run(request)).await;
+    let mut response = CONTEXT.scope(context, next.run(request)).await;
     // Error pages are rendered outside this context.
     response.extensions_mut().insert(menu);
     response
@@ -150,6 +124,7 @@ pub(crate) fn has_session_cookie(headers: &HeaderMap) -> bool {
     [COOKIE, SECURE_COOKIE].iter().any(|name| session_id(headers, name).is_some())
 }
 
+// Written here: the crate `cookie` would add eight crates (`time` and the parts of it) for these lines.
 fn session_id<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     let values = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = values.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
@@ -163,17 +138,12 @@ pub(crate) fn is_management_page(address: &str) -> bool {
     is_page && address.chars().all(is_plain)
 }
 
-/// Returns the `Set-Cookie` value that starts the session `id`.
-pub(crate) fn session_cookie(id: &str, is_secure: bool) -> Result<HeaderValue, RequestError> {
+/// Returns the `Set-Cookie` value that starts the session `id`; `None` deletes the cookie.
+pub(crate) fn session_cookie(id: Option<&str>, is_secure: bool) -> Result<HeaderValue> {
+    let (name, value) = (cookie_name(is_secure), id.unwrap_or_default());
     let secure = if is_secure { "; Secure" } else { "" };
-    let text = format!("{}={id}; Path=/; HttpOnly; SameSite=Strict{secure}", cookie_name(is_secure));
-    HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
-}
-
-/// Returns the `Set-Cookie` value that deletes the cookie.
-pub(crate) fn expired_cookie(is_secure: bool) -> Result<HeaderValue, RequestError> {
-    let mut text = session_cookie("", is_secure)?.as_bytes().to_vec();
-    text.extend_from_slice(b"; Max-Age=0");
+    let expired = if id.is_none() { "; Max-Age=0" } else { "" };
+    let text = format!("{name}={value}; Path=/; HttpOnly; SameSite=Strict{secure}{expired}");
     HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
 }
 
@@ -188,7 +158,6 @@ struct Session {
     viewer: Viewer,
     started: Instant,
     used: Instant,
-    /// Confirmation for the next page.
     message: Option<String>,
 }
 
@@ -257,14 +226,12 @@ impl Sessions {
         self.all().remove(&session_key(id));
     }
 
-    /// Stores a message for the session's next page.
     pub(crate) fn set_message(&self, id: &str, message: String) {
         if let Some(session) = self.all().get_mut(&session_key(id)) {
             session.message = Some(message);
         }
     }
 
-    /// Removes and returns the session's message.
     pub(crate) fn take_message(&self, id: &str) -> Option<String> {
         self.all().get_mut(&session_key(id))?.message.take()
     }
@@ -357,11 +324,11 @@ mod tests {
 
     #[test]
     fn tls_uses_the_host_prefix() {
-        let plain = session_cookie("ab", false).expect("a header");
+        let plain = session_cookie(Some("ab"), false).expect("a header");
         assert_eq!(plain, "avln-session=ab; Path=/; HttpOnly; SameSite=Strict");
-        let secure = session_cookie("ab", true).expect("a header");
+        let secure = session_cookie(Some("ab"), true).expect("a header");
         assert_eq!(secure, "__Host-avln-session=ab; Path=/; HttpOnly; SameSite=Strict; Secure");
-        let gone = expired_cookie(true).expect("a header");
+        let gone = session_cookie(None, true).expect("a header");
         assert_eq!(gone, "__Host-avln-session=; Path=/; HttpOnly; SameSite=Strict; Secure; Max-Age=0");
     }
 

@@ -1,21 +1,20 @@
-//! Episode page, with its replay.
+//! Episode page, with the replay.
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
     format::{self, url_encode},
     plot::{LEFT_PX, WIDTH_PX},
     replay::{ReplayView, SoundView, colour},
-    replay_renderer::{EpisodeSound, MaybeRenderQueue, WINDOW_STEPS, size_px},
-    request::{self, ReplayQuery, RequestContext, StrictQuery},
+    replay_renderer::{EpisodeSound, MaybeRenderQueue, WINDOW_STEPS},
+    request::{ReplayQuery, RequestContext, StrictQuery},
 };
 use askama::Template;
-use avln_store::{EpisodeView, TargetView};
+use avln_store::EpisodeView;
 use axum::{Extension, extract::Path};
 use std::{fmt, sync::Arc, time::Duration};
 use tokio::time::timeout;
 
-/// Time limit for rendered sound; after it, the page is sent without levels.
+// Time limit for rendered sound; after it, the page is sent without levels.
 const SOUND_TIMEOUT: Duration = Duration::from_secs(8);
 
 #[derive(Template)]
@@ -26,7 +25,6 @@ struct EpisodePage {
     view: EpisodeView,
     /// Requested storey, counted from 1.
     storey: Option<usize>,
-    /// True if the server renders pictures.
     has_pictures: bool,
     /// Sound, if the agent requested it and the server renders it.
     sound: Option<SoundView>,
@@ -35,14 +33,11 @@ struct EpisodePage {
 
 pub(super) async fn page(
     context: RequestContext,
-    Path((run, place)): Path<(String, String)>,
+    Path((run, ordinal)): Path<(String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     StrictQuery(query): StrictQuery<ReplayQuery>,
 ) -> Page {
-    let ordinal = request::ordinal(&place)?;
-    let view = context.reader.episode(&context.viewer, &run, ordinal).await?;
-    let unknown = || RequestError::Unknown { what: "episode", name: format!("{place} of run {run}") };
-    let view = view.ok_or_else(unknown)?;
+    let view = context.episode(&run, &ordinal).await?;
     let sound = render_sound(&queue, &view, query).await;
     render(&EpisodePage::new(view, query, queue.is_some(), sound))
 }
@@ -84,65 +79,36 @@ impl EpisodePage {
     }
 
     fn at(&self, replay: &ReplayView, step: &u32) -> String {
-        self.with([step_parameter(replay, *step), self.storey_parameter(), self.levels_parameter()])
+        self.address(replay, *step, self.storey, self.query.shows_levels())
     }
 
     fn with_levels(&self, replay: &ReplayView) -> String {
-        let levels = Some("ears=on".to_owned());
-        self.with([step_parameter(replay, replay.step), self.storey_parameter(), levels])
+        self.address(replay, replay.step, self.storey, true)
     }
 
     fn on_storey(&self, replay: &ReplayView, number: &usize) -> String {
-        let storey = Some(format!("storey={number}"));
-        self.with([step_parameter(replay, replay.step), storey, self.levels_parameter()])
+        self.address(replay, replay.step, Some(*number), self.query.shows_levels())
     }
 
-    fn storey_parameter(&self) -> Option<String> {
-        self.storey.map(|number| format!("storey={number}"))
-    }
-
-    fn levels_parameter(&self) -> Option<String> {
-        self.query.shows_levels().then(|| "ears=on".to_owned())
-    }
-
-    fn with(&self, parameters: [Option<String>; 3]) -> String {
-        let query = parameters.into_iter().flatten().collect::<Vec<_>>().join("&");
+    fn address(&self, replay: &ReplayView, step: u32, storey: Option<usize>, levels: bool) -> String {
+        // The last step is the default.
+        let step = (step < replay.last()).then(|| format!("t={step}"));
+        let storey = storey.map(|number| format!("storey={number}"));
+        let levels = levels.then(|| "ears=on".to_owned());
+        let query = [step, storey, levels].into_iter().flatten().collect::<Vec<_>>().join("&");
         let mark = if query.is_empty() { "" } else { "?" };
         format!("{}{mark}{query}", self.path())
     }
 
-    /// Returns a picture's address.
     fn picture_address(&self, step: impl fmt::Display) -> String {
         format!("{}/eyes/{step}.png", self.path())
     }
 
-    /// Returns a sound file's address.
     fn sound_address(&self, steps: impl fmt::Display) -> String {
         format!("{}/ears/{steps}.wav", self.path())
-    }
-
-    fn picture_px(&self) -> [u32; 2] {
-        self.view.replay.as_ref().map_or([1, 1], size_px)
-    }
-
-    fn depth_max_m(&self) -> f32 {
-        self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.depth_max_m)
-    }
-
-    fn step_s(&self) -> f32 {
-        self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.step_s)
-    }
-
-    fn targets(&self) -> &[TargetView] {
-        self.view.replay.as_ref().map_or(&[], |replay| &replay.targets)
     }
 
     fn strip(&self) -> Vec<(usize, String)> {
         (0..12).map(|index| (index * 10, colour(index as f32 / 11.0))).collect()
     }
-}
-
-/// Returns the step parameter; `None` for the last one, which is the default.
-fn step_parameter(replay: &ReplayView, step: u32) -> Option<String> {
-    (step < replay.last()).then(|| format!("t={step}"))
 }

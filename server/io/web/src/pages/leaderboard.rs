@@ -1,14 +1,13 @@
 //! Leaderboard pages: single order, all orders side by side, and embedded.
 
-use super::{Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{self, url_encode},
     leaderboard::{LeaderboardControls, LeaderboardParams, Orders, day},
     request::RequestContext,
 };
 use askama::Template;
-use avln_episode::Order;
 use avln_scoring::{Direction, Key, Metric};
 use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, RunChoice, Visibility};
 use axum::{
@@ -35,7 +34,6 @@ struct LeaderboardPage {
 struct EmbeddedLeaderboard {
     title: String,
     caption: String,
-    /// Full page address.
     address: String,
     view: LeaderboardView,
     columns: Vec<Key>,
@@ -54,7 +52,7 @@ struct AllOrdersPage {
     columns: Vec<Key>,
 }
 
-/// A team's method with its entries in all orders.
+/// A team's method with the entries in all orders.
 struct MethodRow {
     /// Any entry, for the data shared by all.
     any: LeaderboardRow,
@@ -64,7 +62,6 @@ struct MethodRow {
 
 struct OrderEntry {
     row: LeaderboardRow,
-    /// Index in the leaderboard.
     position: usize,
     tied_with: Option<u32>,
 }
@@ -73,8 +70,8 @@ pub(super) async fn page(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
+) -> Result<Response> {
+    let phase = context.phase(&id).await?;
     // A form sends empty fields: redirect to the canonical address, which can be shared.
     if params.has_blanks {
         let address = format!("/leaderboard/{}{}", url_encode(&id), params.address(&phase));
@@ -84,7 +81,7 @@ pub(super) async fn page(
         return Ok(all_orders(&context, phase, params).await?.into_response());
     }
     let order = params.order(&phase)?;
-    let view = read_leaderboard(&context, &phase, &params, order).await?;
+    let view = params.read(&context, &phase, order).await?;
     Ok(render(&LeaderboardPage::new(view, &params))?.into_response())
 }
 
@@ -92,32 +89,18 @@ pub(super) async fn embedded(
     context: RequestContext,
     Path(id): Path<String>,
     params: LeaderboardParams,
-) -> Result<Response, RequestError> {
-    let phase = find_phase(&context, &id).await?;
+) -> Result<Response> {
+    let phase = context.phase(&id).await?;
     let order = params.order(&phase)?;
-    let page = LeaderboardPage::new(read_leaderboard(&context, &phase, &params, order).await?, &params);
+    let page = LeaderboardPage::new(params.read(&context, &phase, order).await?, &params);
     let address = page.controls.path() + &page.controls.query_string();
     let LeaderboardPage { shell, caption, view, .. } = page;
     let page = EmbeddedLeaderboard { title: shell.title, caption, address, view, columns: headline_keys() };
     Ok(render(&page)?.into_response())
 }
 
-/// Reads all entries.
-async fn read_leaderboard(
-    context: &RequestContext,
-    phase: &PhaseView,
-    params: &LeaderboardParams,
-    order: Order,
-) -> Result<LeaderboardView, RequestError> {
-    let query = params.query(phase, order, context.now_unix_ms);
-    context.reader.leaderboard(&context.viewer, &query).await?.ok_or(RequestError::NoPage)
-}
-
 async fn all_orders(context: &RequestContext, phase: PhaseView, params: LeaderboardParams) -> Page {
-    let mut views = Vec::new();
-    for &order in &phase.orders {
-        views.push(read_leaderboard(context, &phase, &params, order).await?);
-    }
+    let views = params.read_all(context, &phase).await?;
     let title = format!("{}: all orders of goals", phase.title);
     let shell = PageShell::new(title, SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let Some(first) = views.first() else { return Err(RequestError::NoPage) };
@@ -168,12 +151,6 @@ impl LeaderboardPage {
         Self { shell, caption: caption(&view), columns, controls, orders, leader, view }
     }
 
-    /// Returns the API address.
-    fn api_address(&self, suffix: &str) -> String {
-        self.controls.api_address(&format!("leaderboard{suffix}"))
-    }
-
-    /// Returns the address for frames.
     fn embedded(&self) -> String {
         format!("/embed/{}{}", url_encode(&self.view.phase.id), self.controls.query_string())
     }
@@ -185,39 +162,18 @@ impl LeaderboardPage {
         is_public.then(|| format!("/compare?first={}&second={}", url_encode(&row.run), url_encode(leader)))
     }
 
-    fn is_key(&self, key: &Key) -> bool {
-        self.view.key == *key
-    }
-
     fn aria_sort(&self, key: &Key) -> &'static str {
         match key.direction() {
-            _ if !self.is_key(key) => "none",
+            _ if self.view.key != *key => "none",
             Direction::Higher => "descending",
             Direction::Lower => "ascending",
         }
     }
-
-    fn tied_with(&self, row: &LeaderboardRow) -> Option<u32> {
-        tied_with(&self.view.rows, row)
-    }
 }
 
 impl AllOrdersPage {
-    fn is_key(&self, key: &Key) -> bool {
-        self.controls.key == *key
-    }
-
-    /// Returns true if the viewer cannot see all scores.
     fn is_partial(&self) -> bool {
         self.views.iter().any(|view| !view.complete)
-    }
-
-    /// Returns API formats and addresses.
-    fn api_addresses(&self) -> [(&'static str, String); 2] {
-        [
-            ("CSV", self.controls.api_address("leaderboards.csv")),
-            ("JSON", self.controls.api_address("leaderboards")),
-        ]
     }
 }
 
@@ -241,7 +197,7 @@ fn caption(view: &LeaderboardView) -> String {
         format::plural(&view.phase.scenes, "scene"),
         format::metric(&view.key),
         format::better(&view.direction),
-        format::pick(&view.pick),
+        view.pick,
         as_of(view),
         scorers(&view.rows),
     )
@@ -255,12 +211,11 @@ fn orders_caption(views: &[LeaderboardView], controls: &LeaderboardControls) -> 
         counts.join("; "),
         format::metric(&controls.key),
         format::better(&controls.key.direction()),
-        format::pick(&controls.pick),
+        controls.pick,
         views.first().map_or_else(String::new, as_of),
     )
 }
 
-/// Returns the method count, displayed and total.
 fn entry_count(view: &LeaderboardView) -> String {
     let all = format::plural(&view.entries, "method");
     let shown = view.rows.len() as u32;

@@ -2,34 +2,38 @@
 
 mod docs;
 mod episode;
-mod home;
 mod leaderboard;
-mod management;
+mod organiser;
 mod phase;
 mod runs;
+mod team;
 
-pub(crate) use management::router as management_router;
-
-use crate::{error::RequestError, replay_renderer, request::RequestContext};
+use crate::{
+    error::{RequestError, Result},
+    format,
+    leaderboard::LeaderboardParams,
+    management::{ActionOutcome, ManagementState, SignedIn},
+    replay_renderer,
+    request::{GrpcAddress, NoParameters, PageContext, RequestContext, StrictQuery},
+};
 use askama::Template;
-use avln_store::Reader;
+use avln_scoring::Key;
+use avln_store::{LeaderboardView, PhaseState, PhaseView, Reader};
 use axum::{
     Router,
     http::header,
-    response::{Html, IntoResponse},
-    routing::get,
+    response::{Html, IntoResponse, Redirect, Response},
+    routing::{get, post},
 };
-use std::future::Future;
 
-/// Version in the footer.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
-        .route("/", get(home::home))
+        .route("/", get(home))
         .route("/docs", get(docs::index))
         .route("/docs/{*document}", get(docs::document))
-        .route("/leaderboard", get(home::leaderboards))
+        .route("/leaderboard", get(leaderboards))
         .route("/leaderboard/{phase}", get(leaderboard::page))
         .route("/phases/{phase}", get(phase::page))
         .route("/phases/{phase}/scenes/{file}", get(phase::scene))
@@ -51,6 +55,20 @@ pub(crate) fn router() -> Router<Reader> {
         )
 }
 
+pub(crate) fn management_router() -> Router<Reader> {
+    Router::new()
+        .route("/sign-in", get(team::sign_in_page).post(team::sign_in))
+        .route("/sign-out", post(team::sign_out).get(async || Redirect::to("/sign-in")))
+        .route("/me", get(team::page).post(team::act))
+        .route("/organise", get(organiser::phases))
+        .route("/organise/phases/{phase}", get(organiser::phase).post(organiser::act_on_phase))
+        .route("/organise/teams", get(organiser::teams).post(organiser::act_on_team))
+        .route("/organise/runs", get(organiser::runs))
+        .route("/organise/runs/{run}", get(organiser::run).post(organiser::act_on_run))
+        .route("/organise/audit", get(organiser::audit))
+        .route("/organise/health", get(organiser::health))
+}
+
 fn script(text: &'static str) -> impl IntoResponse {
     asset("text/javascript", text)
 }
@@ -60,63 +78,10 @@ fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300".to_owned())], text)
 }
 
-/// A rendered page.
-type Page = Result<Html<String>, RequestError>;
+type Page = Result<Html<String>>;
 
 fn render(page: &impl Template) -> Page {
     Ok(Html(page.render()?))
-}
-
-tokio::task_local! {
-    // A task-local, because every page needs it and handlers have nothing else to do with it.
-    static CONTEXT: PageContext;
-}
-
-/// Parts of the page frame that depend on the visitor and the running arena.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct PageContext {
-    pub(crate) menu: Menu,
-    /// The organiser's announcement; may be empty.
-    pub(crate) announcement: String,
-}
-
-impl PageContext {
-    pub(crate) fn current() -> Self {
-        CONTEXT.try_with(Self::clone).unwrap_or_default()
-    }
-
-    pub(crate) async fn scope<T>(self, handler: impl Future<Output = T>) -> T {
-        CONTEXT.scope(self, handler).await
-    }
-
-    pub(crate) fn sync_scope<T>(self, render: impl FnOnce() -> T) -> T {
-        CONTEXT.sync_scope(self, render)
-    }
-}
-
-/// The menu entry that depends on the visitor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Menu {
-    /// No entry: this server has no sign-in.
-    #[default]
-    Plain,
-    /// Sign-in.
-    Stranger,
-    /// The visitor's team page.
-    Team,
-    /// The organiser's pages.
-    Organiser,
-}
-
-impl Menu {
-    pub(crate) fn link(self) -> Option<(&'static str, &'static str)> {
-        match self {
-            Self::Plain => None,
-            Self::Stranger => Some(("/sign-in", "Sign in")),
-            Self::Team => Some(("/me", "My page")),
-            Self::Organiser => Some(("/organise", "Organise")),
-        }
-    }
 }
 
 #[derive(Debug)]
@@ -127,6 +92,32 @@ struct PageShell {
     trail: Vec<Breadcrumb>,
     section: SiteSection,
     context: PageContext,
+    form: FormContext,
+    /// The organiser's tab; empty on other pages.
+    tab: &'static str,
+}
+
+/// Form data on pages for signed-in visitors.
+#[derive(Debug, Default)]
+struct FormContext {
+    key: String,
+    message: Option<String>,
+}
+
+impl FormContext {
+    fn new(management: &ManagementState, by: &SignedIn) -> Self {
+        Self { key: by.form_key(), message: management.sessions.take_message(&by.id) }
+    }
+}
+
+// Stores the confirmation and redirects to a page, so that a reload does not repeat the action.
+fn redirect_after(management: &ManagementState, by: &SignedIn, outcome: ActionOutcome, to: &str) -> Response {
+    management.sessions.set_message(&by.id, outcome.message);
+    Redirect::to(to).into_response()
+}
+
+fn unknown_action(action: &str) -> RequestError {
+    RequestError::Invalid(format!("unknown action '{action}'"))
 }
 
 #[derive(Debug)]
@@ -141,17 +132,16 @@ enum SiteSection {
     Leaderboards,
     Runs,
     Docs,
-    /// Pages for visitors who sign in.
     Own,
     Elsewhere,
 }
 
 impl PageShell {
     fn new(title: impl Into<String>, section: SiteSection) -> Self {
-        Self { title: title.into(), trail: vec![], section, context: PageContext::current() }
+        let (context, form) = (PageContext::current(), FormContext::default());
+        Self { title: title.into(), trail: vec![], section, context, form, tab: "" }
     }
 
-    /// Appends a page to the trail.
     fn below(mut self, name: impl Into<String>, href: impl Into<String>) -> Self {
         self.trail.push(Breadcrumb { name: name.into(), href: href.into() });
         self
@@ -167,21 +157,61 @@ impl PageShell {
 struct ErrorPage {
     shell: PageShell,
     message: String,
-    /// True if the visitor tried to sign in.
     is_signing_in: bool,
 }
 
 pub(crate) fn error_page(error: &RequestError) -> String {
     let page = ErrorPage {
-        shell: PageShell::new(error.title(), SiteSection::Elsewhere),
+        shell: PageShell::new(error.class().title, SiteSection::Elsewhere),
         message: format!("Sorry, {error}."),
         is_signing_in: matches!(error, RequestError::WrongToken | RequestError::Attempts),
     };
-    page.render().unwrap_or_else(|_| error.title().to_owned())
+    page.render().unwrap_or_else(|_| error.class().title.to_owned())
 }
 
-/// Reads a phase.
-async fn find_phase(context: &RequestContext, id: &str) -> Result<avln_store::PhaseView, RequestError> {
-    let found = context.reader.phase(&context.viewer, id, context.now_unix_ms).await?;
-    found.ok_or_else(|| RequestError::Unknown { what: "phase", name: id.to_owned() })
+const TOP_ENTRIES: usize = 3;
+
+#[derive(Template)]
+#[template(path = "home.html")]
+struct HomePage {
+    shell: PageShell,
+    phases: Vec<PhaseView>,
+    grpc_address: GrpcAddress,
+    /// Phase id for the example command.
+    example: String,
+    leaderboards: Vec<LeaderboardView>,
+    columns: [Key; 4],
+}
+
+#[derive(Template)]
+#[template(path = "leaderboard_index.html")]
+struct LeaderboardIndexPage {
+    shell: PageShell,
+    phases: Vec<PhaseView>,
+}
+
+async fn home(context: RequestContext, grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
+    let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
+    let mut leaderboards = Vec::new();
+    for phase in &phases {
+        leaderboards.extend(LeaderboardParams::default().read_all(&context, phase).await?);
+    }
+    leaderboards.retain(|leaderboard| !leaderboard.rows.is_empty());
+    leaderboards.iter_mut().for_each(|leaderboard| leaderboard.rows.truncate(TOP_ENTRIES));
+    let example = phases.iter().find(|phase| phase.state == PhaseState::Open);
+    let example = example.map_or_else(|| "PHASE".to_owned(), |phase| phase.id.clone());
+    render(&HomePage {
+        shell: PageShell::new("LH-AVLN Arena", SiteSection::Home),
+        phases,
+        grpc_address,
+        example,
+        leaderboards,
+        columns: [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl],
+    })
+}
+
+async fn leaderboards(context: RequestContext, _: StrictQuery<NoParameters>) -> Page {
+    let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
+    let shell = PageShell::new("Leaderboards", SiteSection::Leaderboards);
+    render(&LeaderboardIndexPage { shell, phases })
 }

@@ -1,11 +1,11 @@
 //! Phase page: rules, mission statistics and floor plans.
 
-use super::{Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
+    error::{RequestError, Result},
     format::{self, url_encode},
     replay::plan,
-    request::{GrpcAddress, NoParameters, RequestContext, StrictQuery},
+    request::{GrpcAddress, PathOnly, RequestContext},
 };
 use askama::Template;
 use avln_episode::{
@@ -13,7 +13,6 @@ use avln_episode::{
 };
 use avln_store::{MissionsView, PhaseView, QuotaLimits};
 use axum::{
-    extract::Path,
     http::header,
     response::{IntoResponse, Response},
 };
@@ -29,20 +28,17 @@ struct PhasePage {
     shell: PageShell,
     grpc_address: GrpcAddress,
     phase: PhaseView,
-    /// Mission statistics, if replays are public.
     missions: Option<MissionsView>,
 }
 
-/// A table row: name and meaning.
 type Row = (&'static str, String);
 
 pub(super) async fn page(
     context: RequestContext,
     grpc_address: GrpcAddress,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
+    PathOnly(id): PathOnly<String>,
 ) -> Page {
-    let phase = find_phase(&context, &id).await?;
+    let phase = context.phase(&id).await?;
     let shell =
         PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let missions = context.reader.missions(&context.viewer, &phase.id).await?;
@@ -177,7 +173,6 @@ impl PhasePage {
         self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
-    /// Returns the API address.
     fn api_address(&self, below: &str) -> String {
         format!("/api/v1/phases/{}{below}", url_encode(&self.phase.id))
     }
@@ -195,14 +190,12 @@ fn run_limits(quotas: &QuotaLimits) -> String {
     if texts.is_empty() { "unlimited".to_owned() } else { texts.join(", ") }
 }
 
-/// Counts by a mission property.
 struct MissionTable {
     heading: &'static str,
     caption: &'static str,
     rows: Vec<(String, u32)>,
 }
 
-/// Returns all non-empty tables.
 fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
     let table = |heading, caption, rows| MissionTable { heading, caption, rows };
     let mut all = vec![
@@ -232,9 +225,7 @@ fn counted<K>(counts: &BTreeMap<K, u32>, name: impl Fn(&K) -> String) -> Vec<(St
 fn modalities(missions: &MissionsView) -> Vec<(String, u32)> {
     let all = [Modality::Category, Modality::Description, Modality::Image];
     let count = |modality: &Modality| missions.modalities.get(modality.as_str()).copied();
-    all.iter()
-        .filter_map(|modality| Some((format::modality(modality).to_owned(), count(modality)?)))
-        .collect()
+    all.iter().filter_map(|modality| Some((modality.as_str().to_owned(), count(modality)?))).collect()
 }
 
 fn lengths(reference_m: &[f64]) -> Vec<(String, u32)> {
@@ -259,10 +250,9 @@ fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
 /// Serves a scene's floor plan, `INDEX.svg`.
 pub(super) async fn scene(
     context: RequestContext,
-    Path((phase, file)): Path<(String, String)>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let unknown = || RequestError::Unknown { what: "picture", name: file.clone() };
+    PathOnly((phase, file)): PathOnly<(String, String)>,
+) -> Result<Response> {
+    let unknown = || RequestError::unknown("picture", file.clone());
     let missions = context.reader.missions(&context.viewer, &phase).await?.ok_or_else(unknown)?;
     let index: Option<usize> = file.strip_suffix(".svg").and_then(|index| index.parse().ok());
     let name = index.and_then(|index| missions.scenes.into_keys().nth(index)).ok_or_else(unknown)?;

@@ -1,15 +1,16 @@
 //! Run pages: list, single run, comparison, badge.
 
-use super::{Menu, Page, PageShell, SiteSection, find_phase, render};
+use super::{Page, PageShell, SiteSection, render};
 use crate::{
-    error::RequestError,
-    format::{self, url_encode},
+    error::Result,
+    format::{self, NOTHING, url_encode},
     leaderboard::LeaderboardParams,
     live::{LiveFeed, LiveRunView},
     plot,
-    request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
+    request::{CompareQuery, Menu, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
 use askama::Template;
+use avln_challenge::MethodInfo;
 use avln_episode::EndReason;
 use avln_scoring::{Key, Summary};
 use avln_store::{
@@ -17,7 +18,6 @@ use avln_store::{
 };
 use axum::{
     Extension,
-    extract::Path,
     http::header,
     response::{IntoResponse, Response},
 };
@@ -27,16 +27,13 @@ use std::sync::Arc;
 #[template(path = "runs.html")]
 struct RunsPage {
     shell: PageShell,
-    /// Open runs.
     live: Vec<LiveRunView>,
-    runs: Vec<RunLine>,
-    next: Option<String>,
+    list: RunList,
     query: RunsQuery,
     limit: u32,
 }
 
 impl RunsPage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         format!("/api/v1/runs{suffix}?{}", self.query.address(self.query.before.as_deref()))
     }
@@ -50,8 +47,8 @@ pub(super) async fn list(
     let limit = query.limit()?;
     let mut live = feed.runs(&context).await?;
     live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
-    let RunList { runs, next } = query.list(&context.reader, &context.viewer).await?;
-    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, runs, next, query, limit })
+    let list = query.list(&context.reader, &context.viewer).await?;
+    render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, list, query, limit })
 }
 
 /// A time table row: activity, total, time per step, share.
@@ -62,25 +59,18 @@ type TimeRow = (&'static str, String, String, String);
 struct RunPage {
     shell: PageShell,
     view: RunView,
-    /// Live state, if open.
     live: Option<LiveRunView>,
     keys: [Key; 10],
 }
 
 pub(super) async fn one(
     context: RequestContext,
-    Path(id): Path<String>,
+    PathOnly(id): PathOnly<String>,
     Extension(feed): Extension<Arc<LiveFeed>>,
-    _: StrictQuery<NoParameters>,
 ) -> Page {
-    let view = find_run(&context, &id).await?;
+    let view = context.run(&id).await?;
     let live = if view.line.state.is_open() { feed.run(&context, &id).await? } else { None };
     render(&RunPage::new(view, live))
-}
-
-async fn find_run(context: &RequestContext, id: &str) -> Result<RunView, RequestError> {
-    let view = context.reader.run(&context.viewer, id).await?;
-    view.ok_or_else(|| RequestError::Unknown { what: "run", name: id.to_owned() })
 }
 
 impl RunPage {
@@ -91,6 +81,20 @@ impl RunPage {
             .below("Runs", "/runs")
             .below(line.phase.clone(), leaderboard_address(line));
         Self { shell, view, live, keys: Key::ALL }
+    }
+
+    /// Returns the team's statements about the method.
+    fn method_facts(&self) -> Vec<(&'static str, &str)> {
+        let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
+            &self.view.method;
+        let all = [
+            ("Method", description.as_str()),
+            ("Code", code_url),
+            ("Paper", paper_url),
+            ("Licence of the weights", weights_licence),
+            ("Other training data", external_data),
+        ];
+        all.into_iter().filter(|(_, text)| !text.is_empty()).collect()
     }
 
     fn groupings(&self) -> impl Iterator<Item = (&'static str, &[GroupView])> {
@@ -122,7 +126,6 @@ impl RunPage {
         Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
     }
 
-    /// Returns the time table; empty without measurements.
     fn times(&self) -> Vec<TimeRow> {
         let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
@@ -136,9 +139,9 @@ impl RunPage {
             return vec![];
         }
         let row = |&(name, seconds): &(&'static str, f64)| {
-            let per_step_ms = self.steps().map(|steps| 1e3 * seconds / steps);
+            let per_step = self.steps().map(|steps| format!("{:.2} ms", 1e3 * seconds / steps));
             let share = format::share(&(seconds / total));
-            (name, format::duration(&seconds), format::maybe_milliseconds(per_step_ms), share)
+            (name, format::duration(&seconds), per_step.unwrap_or_else(|| NOTHING.to_owned()), share)
         };
         parts.iter().map(row).collect()
     }
@@ -157,9 +160,7 @@ struct ComparePage {
     groups: [OutcomeGroup; 4],
 }
 
-/// Episodes with the same outcome.
 struct OutcomeGroup {
-    /// Section id on the page.
     anchor: &'static str,
     heading: &'static str,
     pairs: Vec<PairView>,
@@ -176,7 +177,6 @@ pub(super) async fn compare(context: RequestContext, StrictQuery(query): StrictQ
 }
 
 impl ComparePage {
-    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         let [first, second] = [&self.view.first, &self.view.second].map(|line| url_encode(&line.run));
         format!("/api/v1/compare{suffix}?first={first}&second={second}")
@@ -202,7 +202,6 @@ fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
 const LETTER_PX: u32 = 7;
 const MARGIN_PX: u32 = 8;
 
-/// An image with a run's score and rank.
 #[derive(Template)]
 #[template(path = "badge.svg")]
 struct Badge {
@@ -216,13 +215,9 @@ struct BadgeLabel {
     width_px: u32,
 }
 
-pub(super) async fn badge(
-    context: RequestContext,
-    Path(id): Path<String>,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let view = find_run(&context, &id).await?;
-    let phase = find_phase(&context, &view.line.phase).await?;
+pub(super) async fn badge(context: RequestContext, PathOnly(id): PathOnly<String>) -> Result<Response> {
+    let view = context.run(&id).await?;
+    let phase = context.phase(&view.line.phase).await?;
     let subject = format!("{}, {}", phase.title, format::order(&view.line.order).to_lowercase());
     let standing = standing_text(&context, &phase, &view).await?;
     let badge = Badge { subject: BadgeLabel::new(subject), standing: BadgeLabel::new(standing) };
@@ -230,11 +225,7 @@ pub(super) async fn badge(
 }
 
 /// Returns score and rank by the phase's ranking, or the reason for a missing rank.
-async fn standing_text(
-    context: &RequestContext,
-    phase: &PhaseView,
-    view: &RunView,
-) -> Result<String, RequestError> {
+async fn standing_text(context: &RequestContext, phase: &PhaseView, view: &RunView) -> Result<String> {
     let line = &view.line;
     let summary = match &view.summary {
         _ if line.disqualified.is_some() => return Ok("disqualified".to_owned()),
@@ -243,9 +234,7 @@ async fn standing_text(
         _ if line.state.is_open() => return Ok(format!("{} of {} episodes", line.done, line.episodes)),
         _ => return Ok("not ranked".to_owned()),
     };
-    let query = LeaderboardParams::default().query(phase, line.order, context.now_unix_ms);
-    let leaderboard = context.reader.leaderboard(&context.viewer, &query).await?;
-    let rows = leaderboard.map(|leaderboard| leaderboard.rows).unwrap_or_default();
+    let rows = LeaderboardParams::default().read(context, phase, line.order).await?.rows;
     let standing = rows.iter().find(|row| row.run == line.run).and_then(|row| row.standing);
     let ranked = rows.iter().filter(|row| row.standing.is_some()).count();
     let rank = standing.map_or(String::new(), |standing| format!(", rank {} of {ranked}", standing.rank));

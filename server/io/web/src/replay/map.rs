@@ -7,38 +7,31 @@ use super::{
 use avln_store::{MissionView, Replay, SceneMap, TargetView};
 use std::fmt::Write;
 
-/// Coloured path pieces.
 const PIECES: usize = 60;
-/// Path colours at start, middle and end, with a contrast of at least 3 on white and on near-black.
+// Path colours at start, middle and end, with a contrast of at least 3 on white and on near-black.
 const COLOURS: [[f32; 3]; 3] = [[0.0, 114.0, 178.0], [204.0, 121.0, 167.0], [213.0, 94.0, 0.0]];
-/// Margin around the building, metres.
 const MARGIN_M: f32 = 0.6;
 
-/// Map shapes, metres.
 #[derive(Debug)]
 pub(crate) struct MapView {
     /// `min-x min-y width height`.
     pub(crate) view_box: String,
-    /// Font size.
     pub(crate) letter_m: f32,
     /// Half a mark's size.
     pub(crate) mark_m: f32,
-    /// Storeys, the lowest first.
-    pub(crate) storeys: Vec<StoreyTab>,
-    /// Front storey.
+    /// Heights above the lowest storey, the lowest first.
+    pub(crate) storeys_m: Vec<f64>,
     pub(crate) storey: usize,
-    /// Floor path data by storey.
+    /// Path data by storey.
     pub(crate) floors: Vec<String>,
-    /// Reference tour: storeys and path data.
+    /// Storeys and path data.
     pub(crate) reference: Vec<(usize, String)>,
-    /// Agent's path in time order.
     pub(crate) pieces: Vec<Piece>,
     pub(crate) collisions: Vec<Spot>,
     pub(crate) start: Spot,
     /// Heading at the start, degrees clockwise from up.
     pub(crate) start_degrees: f32,
     pub(crate) end: Spot,
-    /// Agent's position at the displayed step.
     pub(crate) body: Spot,
     pub(crate) body_degrees: i32,
     pub(crate) submits: Vec<SubmitSpot>,
@@ -46,28 +39,15 @@ pub(crate) struct MapView {
     pub(crate) scale: Scale,
 }
 
-/// A tab that brings a storey to the front.
-#[derive(Debug, PartialEq)]
-pub(crate) struct StoreyTab {
-    /// Storey number, from 1.
-    pub(crate) number: usize,
-    /// Height above the lowest storey.
-    pub(crate) height_m: f64,
-}
-
-/// A path piece.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) path: String,
     pub(crate) colour: String,
-    /// First step.
     pub(crate) from_step: usize,
     pub(crate) storey: usize,
-    /// True if it comes after the displayed step.
     pub(crate) is_later: bool,
 }
 
-/// A Submit.
 #[derive(Debug)]
 pub(crate) struct SubmitSpot {
     pub(crate) at: Spot,
@@ -78,7 +58,6 @@ pub(crate) struct SubmitSpot {
     pub(crate) text: String,
 }
 
-/// A target's bounding box and label.
 #[derive(Debug)]
 pub(crate) struct TargetBox {
     pub(crate) corner: Spot,
@@ -90,13 +69,10 @@ pub(crate) struct TargetBox {
     pub(crate) leftwards: bool,
     pub(crate) found: bool,
     pub(crate) storey: usize,
-    /// Sound source.
     pub(crate) source: Spot,
-    /// True if it sounds at the displayed step.
     pub(crate) sounds: bool,
 }
 
-/// The scale bar.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Scale {
     pub(crate) from: Spot,
@@ -116,22 +92,19 @@ impl MapView {
         let start = walk.first().copied().unwrap_or(bounds.min);
         let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
         let heading = replay.headings_rad.first().copied().unwrap_or_default();
+        let position = |step: &u32| walk.get(*step as usize).copied();
         let tour = by_storey(&replay.reference_path, &storeys);
         let now = MapMoment { replay, storeys: &storeys, moment };
         Self {
             view_box: bounds.view_box(),
             letter_m: bounds.letter_m(),
             mark_m: bounds.letter_m() * 0.75,
-            storeys: tabs(&storeys),
+            storeys_m: storeys.heights_m().map(f64::from).collect(),
             storey: storey.filter(|storey| *storey < storeys.count()).unwrap_or(moment.storey),
             floors: floors(&replay.map, &storeys),
             reference: tour.into_iter().map(|(storey, spots)| (storey, line(&spots))).collect(),
             pieces: now.pieces(&walk),
-            collisions: replay
-                .collisions
-                .iter()
-                .filter_map(|&step| walk.get(step as usize).copied())
-                .collect(),
+            collisions: replay.collisions.iter().filter_map(position).collect(),
             start,
             start_degrees: -heading.to_degrees(),
             end: walk.last().copied().unwrap_or(start),
@@ -143,18 +116,11 @@ impl MapView {
         }
     }
 
-    /// Returns true for storeys behind the one in front.
     pub(crate) fn is_away(&self, storey: &usize) -> bool {
         *storey != self.storey
     }
 }
 
-fn tabs(storeys: &Storeys) -> Vec<StoreyTab> {
-    let tab = |(index, height_m)| StoreyTab { number: index + 1, height_m: f64::from(height_m) };
-    storeys.heights_m().enumerate().map(tab).collect()
-}
-
-/// The visible part of the plane.
 struct MapBounds {
     min: Spot,
     max: Spot,
@@ -254,7 +220,6 @@ struct MapMoment<'a> {
 }
 
 impl MapMoment<'_> {
-    /// Returns the agent's storey after `step` steps.
     fn storey_at(&self, step: usize) -> usize {
         self.replay.path.get(step).map_or(0, |place| self.storeys.nearest(place[1]))
     }

@@ -1,6 +1,6 @@
 //! Replay sound: the audible goals in words, and the sound levels.
 
-use super::{plots::Plot, timeline::Moment};
+use super::{Plot, timeline::Moment};
 use crate::{
     plot::{Curve, Curves, round_ticks},
     replay_renderer::{EpisodeSound, StepLevels, window_of},
@@ -12,25 +12,19 @@ use std::{f32::consts::FRAC_PI_4, sync::Arc};
 /// Direction names, counter-clockwise from straight ahead in 45-degree steps.
 const DIRECTIONS: [&str; 8] =
     ["ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right"];
-/// Note on a page that was requested with levels but has none.
-const NOT_READY: &str = "The sound levels are not ready yet. Load the page again in a few seconds.";
+const NOT_READY: &str = "The sound levels are not ready yet. Reload the page in a few seconds.";
 
-/// Episode sound around the displayed step.
 #[derive(Debug)]
 pub(crate) struct SoundView {
-    /// First and last step in the current sound file.
     pub(crate) window: [u32; 2],
-    /// Sound changes.
     pub(crate) lines: Vec<SoundLine>,
     /// Last change up to the displayed step.
-    newest: Option<usize>,
-    /// EpisodeSound levels, if rendered.
+    pub(crate) newest: Option<usize>,
     pub(crate) levels: Option<SoundLevels>,
     /// Note about missing levels; empty if none were requested.
     pub(crate) note: &'static str,
 }
 
-/// Sound levels with their plot.
 #[derive(Debug)]
 pub(crate) struct SoundLevels {
     pub(crate) plot: Plot,
@@ -40,7 +34,6 @@ pub(crate) struct SoundLevels {
     pub(crate) columns: String,
 }
 
-/// A sound change.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct SoundLine {
     pub(crate) step: u32,
@@ -68,24 +61,16 @@ impl SoundView {
         }
     }
 
-    /// Returns true for the last change up to the displayed step.
-    pub(crate) fn is_newest(&self, index: &usize) -> bool {
-        self.newest == Some(*index)
-    }
-
-    /// Returns the steps in the sound file name.
     pub(crate) fn file(&self) -> String {
         let [first, last] = self.window;
         format!("{first}-{last}")
     }
 }
 
-/// Returns the level text.
 pub(crate) fn level_words(level_db: &Option<f64>) -> String {
     level_db.map_or_else(|| "inaudible".to_owned(), |level| format!("{level:.0} dB"))
 }
 
-/// Returns the changes in sounding goal or direction.
 fn lines(replay: &Replay, moments: &[Moment], levels: Option<&[StepLevels]>) -> Vec<SoundLine> {
     let mut before = None;
     let mut lines = Vec::new();

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 const LAYER_M: f32 = 0.3;
 /// Smallest distance between storeys, metres.
 const APART_M: f32 = 1.5;
-/// Smallest share of the floor area in a storey; stairs and platforms stay below.
+// Smallest share of the floor area in a storey; stairs and platforms stay below.
 const LEAST_SHARE: f32 = 0.08;
 
 /// A map point, metres: +x is right (world +X), +y is down (world +Z).
@@ -17,7 +17,6 @@ pub(crate) struct Spot {
     pub(crate) y: f32,
 }
 
-/// Projects a scene point onto the map.
 pub(super) fn spot(point: &[f32; 3]) -> Spot {
     let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
     Spot { x: finite(point[0]), y: finite(point[2]) }
@@ -51,7 +50,6 @@ impl Storeys {
         self.0.len()
     }
 
-    /// Returns the storey nearest to a height.
     pub(super) fn nearest(&self, height: f32) -> usize {
         let distance = |index: &usize| (self.0[*index] - height).abs();
         (0..self.0.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
@@ -63,12 +61,10 @@ impl Storeys {
     }
 }
 
-/// Returns a polygon's mean height.
 pub(super) fn height(polygon: &[[f32; 3]]) -> f32 {
     polygon.iter().map(|point| point[1]).sum::<f32>() / polygon.len().max(1) as f32
 }
 
-/// Returns a polygon's horizontal area.
 fn area(polygon: &[[f32; 3]]) -> f32 {
     let next = polygon.iter().cycle().skip(1);
     let twice: f32 = polygon.iter().zip(next).map(|(a, b)| a[0] * b[2] - b[0] * a[2]).sum();

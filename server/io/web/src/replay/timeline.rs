@@ -8,21 +8,17 @@ use std::f32::consts::{PI, TAU};
 /// The state before the first action, or after an action.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Moment {
-    /// Actions so far.
     pub(crate) step: u32,
     pub(crate) at: Spot,
     pub(crate) storey: usize,
     /// Heading, radians: 0 is -Z, positive is left.
     pub(crate) heading_rad: f32,
-    /// The last action.
     pub(crate) action: Option<String>,
-    /// True if the last action collided with an obstacle.
     pub(crate) collided: bool,
     /// Sounding goal, from 0.
     pub(crate) sounding: Option<u8>,
     /// Horizontal bearing to the sounding goal, radians: 0 is straight ahead, positive is left.
     pub(crate) bearing_rad: Option<f32>,
-    /// Path length so far.
     pub(crate) walked_m: f64,
     /// Straight distances from the camera to the targets' bounding boxes.
     pub(crate) distances_m: Vec<f32>,

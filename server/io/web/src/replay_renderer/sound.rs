@@ -2,37 +2,38 @@
 
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
-    error::RequestError,
-    request::{self, NoParameters, RequestContext, StrictQuery},
+    error::{RequestError, Result},
+    request::{PathOnly, RequestContext},
 };
 use avln_episode::Sensors;
 use avln_store::EpisodeView;
 use axum::{
     Extension,
     body::Bytes,
-    extract::Path,
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use hound::{SampleFormat, WavSpec, WavWriter};
+use std::io::Cursor;
 
-/// Step limit per file: half a minute, 3.8 MB. A file stays in memory during its download, which must end within the connection
-/// lifetime.
+// Step limit per file: half a minute, 3.8 MB. A file stays in memory during the download, which must end within the connection
+// lifetime.
 pub(crate) const WINDOW_STEPS: u32 = 120;
-/// Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
+// Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
 const REFERENCE_PA: f64 = 20e-6;
-/// WAV header size, bytes.
-const HEADER_BYTES: usize = 58;
-const CHANNELS: usize = Sensors::AUDIO_CHANNELS as usize;
-const SAMPLE_BYTES: usize = size_of::<f32>();
+const WAV: WavSpec = WavSpec {
+    channels: Sensors::AUDIO_CHANNELS as u16,
+    sample_rate: Sensors::SAMPLE_RATE_HZ,
+    bits_per_sample: 32,
+    sample_format: SampleFormat::Float,
+};
 
-/// An episode's sound, with levels by step.
 #[derive(Debug, PartialEq)]
 pub(crate) struct EpisodeSound {
     sound: RenderedSound,
     levels: Vec<StepLevels>,
 }
 
-/// A step's sound levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepLevels {
     /// RMS pressure at the left and right ear, pascals.
@@ -53,7 +54,6 @@ impl StepLevels {
         self.rms.map(level_db)
     }
 
-    /// Returns the combined level, decibels.
     pub(crate) fn both_db(&self) -> Option<f64> {
         let [left, right] = self.rms;
         level_db(((left * left + right * right) / 2.0).sqrt())
@@ -90,12 +90,13 @@ impl EpisodeSound {
         let end = start.checked_add(count)?;
         let left = left.get(start..end)?;
         let right = right.get(start..end)?;
-        let mut wav = wav_header(left.len())?;
-        for (left, right) in left.iter().zip(right) {
-            wav.extend(left.to_le_bytes());
-            wav.extend(right.to_le_bytes());
+        let mut wav = Cursor::new(Vec::new());
+        let mut writer = WavWriter::new(&mut wav, WAV).ok()?;
+        for sample in left.iter().zip(right).flat_map(|(left, right)| [*left, *right]) {
+            writer.write_sample(sample).ok()?;
         }
-        Some(wav)
+        writer.finalize().ok()?;
+        Some(wav.into_inner())
     }
 }
 
@@ -105,30 +106,6 @@ impl ByteSize for EpisodeSound {
             + size_of_val(self.sound.right.as_slice())
             + size_of_val(self.levels.as_slice())
     }
-}
-
-/// Returns a WAV header for `samples` samples per channel.
-fn wav_header(samples: usize) -> Option<Vec<u8>> {
-    // Written here and not by the crate hound: hound stores floats as WAVE_FORMAT_EXTENSIBLE without a `fact` chunk. Plain
-    // WAVE_FORMAT_IEEE_FLOAT (3) is the older and more widely supported form.
-    let frame_bytes = CHANNELS * SAMPLE_BYTES;
-    let data_bytes = samples.checked_mul(frame_bytes)?;
-    let number = |value: usize| u32::try_from(value).ok().map(u32::to_le_bytes);
-    let mut wav = Vec::with_capacity(HEADER_BYTES + data_bytes);
-    wav.extend(b"RIFF");
-    wav.extend(number(HEADER_BYTES - 8 + data_bytes)?);
-    wav.extend(b"WAVEfmt ");
-    wav.extend(18_u32.to_le_bytes());
-    wav.extend([3_u16, CHANNELS as u16].map(u16::to_le_bytes).concat());
-    wav.extend(Sensors::SAMPLE_RATE_HZ.to_le_bytes());
-    wav.extend(number(Sensors::SAMPLE_RATE_HZ as usize * frame_bytes)?);
-    wav.extend([frame_bytes as u16, 8 * SAMPLE_BYTES as u16, 0].map(u16::to_le_bytes).concat());
-    wav.extend(b"fact");
-    wav.extend(4_u32.to_le_bytes());
-    wav.extend(number(samples)?);
-    wav.extend(b"data");
-    wav.extend(number(data_bytes)?);
-    Some(wav)
 }
 
 /// Returns the steps in the same file as `step`, for an episode that ends at `last`.
@@ -146,18 +123,15 @@ pub(super) fn request_for(view: &EpisodeView) -> Option<SoundRequest> {
 /// Serves the sound file `FIRST-LAST.wav`.
 pub(crate) async fn sound(
     context: RequestContext,
-    Path((run, place, file)): Path<(String, String, String)>,
+    PathOnly((run, ordinal, file)): PathOnly<(String, String, String)>,
     Extension(queue): Extension<MaybeRenderQueue>,
     headers: HeaderMap,
-    _: StrictQuery<NoParameters>,
-) -> Result<Response, RequestError> {
-    let view = context.reader.episode(&context.viewer, &run, request::ordinal(&place)?).await?;
-    let unknown =
-        || RequestError::Unknown { what: "sound", name: format!("{file} of episode {place} of run {run}") };
+) -> Result<Response> {
+    let view = context.episode(&run, &ordinal).await?;
+    let unknown = || RequestError::unknown("sound", format!("{file} of episode {ordinal} of run {run}"));
     let queue = queue.ok_or_else(unknown)?;
-    let view = view.ok_or_else(unknown)?;
     let [first, last] = steps_of(&file).ok_or_else(unknown)?;
-    let ordinal = request_for(&view).ok_or_else(unknown)?.ordinal;
+    request_for(&view).ok_or_else(unknown)?;
     if last.saturating_sub(first) >= WINDOW_STEPS {
         return Err(RequestError::Invalid(format!(
             "steps {first} to {last} of episode {ordinal} exceed the limit of {WINDOW_STEPS} steps in one file"
@@ -234,13 +208,9 @@ mod tests {
     #[test]
     fn wav_files_hold_the_exact_samples() {
         let wav = sound().wav(1, 2).expect("both steps");
-        assert_eq!(wav.len(), HEADER_BYTES + 2 * 2 * 8);
-        assert!(wav.starts_with(b"RIFF") && wav[8..16] == *b"WAVEfmt " && wav[50..54] == *b"data");
-        let word = |at: usize| u32::from_le_bytes([wav[at], wav[at + 1], wav[at + 2], wav[at + 3]]);
-        assert_eq!([word(4) as usize, word(54) as usize], [wav.len() - 8, wav.len() - HEADER_BYTES]);
-        assert_eq!([word(24), word(28), word(46)], [16_000, 128_000, 4], "rate, bytes a second, samples");
-        let samples: Vec<f32> =
-            (HEADER_BYTES..wav.len()).step_by(4).map(|at| f32::from_bits(word(at))).collect();
+        let mut reader = hound::WavReader::new(&wav[..]).expect("a WAV file");
+        assert_eq!((reader.spec(), reader.spec().sample_rate, reader.duration()), (WAV, 16_000, 4));
+        let samples: Vec<f32> = reader.samples().map(|sample| sample.expect("a sample")).collect();
         assert_eq!(samples, [0.02, 0.002, 0.02, -0.002, 0.0, 1e-7, 0.0, 0.0]);
         assert_eq!((sound().wav(2, 3), sound().wav(2, 1), sound().wav(0, usize::MAX)), (None, None, None));
     }

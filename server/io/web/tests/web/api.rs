@@ -1,89 +1,10 @@
-use crate::{
-    fixture::{Answer, Arena},
-    replay::FakeRenderer,
-};
+use crate::fixture::{Answer, Arena};
 use avln_episode::Sensors;
 use axum::{
     body::Body,
     http::{Request, StatusCode, header},
 };
 use serde_json::Value;
-
-#[tokio::test]
-async fn responses_match_their_description() {
-    let arena = Arena::with_renderer(Some(FakeRenderer::new(100))).await;
-    arena.store.set_sensors("run_rude", &Sensors::all(64, 64)).await.expect("a run");
-    std::fs::write(arena.folder.path().join("run_rude.log"), "a log\n").expect("a log");
-    let document = arena.get("/api/v1/openapi.json").await.json();
-    let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 24);
-    for (path, item) in paths {
-        let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
-        let both =
-            if path.starts_with("/api/v1/compare") { "?first=run_rude&second=run_formula" } else { "" };
-        let address = address + both;
-        let events = &item["get"]["responses"]["200"]["content"]["text/event-stream"];
-        if events.is_object() {
-            let mut follower = arena.follow(&address, &[]).await;
-            assert_eq!(follower.headers[header::CONTENT_TYPE], "text/event-stream", "{address}");
-            let event = follower.next().await.expect("the current state");
-            check(&document, &events["schema"], &event.data, &address);
-            continue;
-        }
-        let answer = arena.get(&address).await;
-        assert_eq!(answer.status, StatusCode::OK, "{address}: {}", answer.body);
-        let content = item["get"]["responses"]["200"]["content"].as_object().expect("content");
-        let (kind, described) = content.iter().next().expect("one kind");
-        assert!(answer.header(header::CONTENT_TYPE).starts_with(kind), "{address}");
-        if kind == "application/json" {
-            check(&document, &described["schema"], &answer.json(), &address);
-        }
-    }
-}
-
-/// Checks that `value` has the fields of `schema` and no others, at every depth.
-fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
-    if let Some(reference) = schema["$ref"].as_str() {
-        let schema = document.pointer(reference.trim_start_matches('#')).expect("a schema");
-        return check(document, schema, value, &format!("{place} {reference}"));
-    }
-    if let Some(choices) = schema["anyOf"].as_array() {
-        if !value.is_null() {
-            check(document, &choices[0], value, place);
-        }
-        return;
-    }
-    match schema["type"].as_str() {
-        Some("integer") => assert!(value.is_u64() || value.is_i64(), "{place}: {value}"),
-        Some("number") => assert!(value.is_number(), "{place}: {value}"),
-        Some("string") => assert!(value.is_string(), "{place}: {value}"),
-        Some("boolean") => assert!(value.is_boolean(), "{place}: {value}"),
-        Some("array") => {
-            let items = value.as_array().unwrap_or_else(|| panic!("{place}: {value}"));
-            assert!(schema["items"].is_object(), "{place}: an array without item type");
-            items.iter().for_each(|item| check(document, &schema["items"], item, place));
-        }
-        Some("object") => {
-            let fields = value.as_object().unwrap_or_else(|| panic!("{place}: {value}"));
-            let Some(properties) = schema["properties"].as_object() else {
-                let values = &schema["additionalProperties"];
-                assert!(values.is_object(), "{place}: an object without types");
-                return fields.values().for_each(|field| check(document, values, field, place));
-            };
-            let described: Vec<&String> = properties.keys().collect();
-            let required = schema["required"].as_array().expect("required fields");
-            assert!(fields.keys().all(|name| described.contains(&name)), "{place}: {fields:?}");
-            assert!(
-                required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))),
-                "{place}"
-            );
-            fields.iter().for_each(|(name, field)| {
-                check(document, &properties[name], field, &format!("{place}.{name}"));
-            });
-        }
-        _ => assert_eq!(&schema["const"], value, "{place}"),
-    }
-}
 
 #[tokio::test]
 async fn leaderboards_are_available_as_json() {
@@ -259,4 +180,122 @@ async fn readiness_follows_the_database() {
         "{}",
         broken.body
     );
+}
+
+/// Returns an arena with two methods, one with and one without sound.
+async fn arena_with_sensors() -> Arena {
+    let arena = Arena::new().await;
+    let hears = Sensors::all(64, 64);
+    let deaf = Sensors { audio: false, ..hears.clone() };
+    for (run, sensors) in [("run_rude", &hears), ("run_formula", &deaf)] {
+        arena.store.set_sensors(run, sensors).await.expect("a run");
+    }
+    arena
+}
+
+/// Returns the methods in a table in order of their rows.
+fn methods(page: &str) -> Vec<&'static str> {
+    let body = page.split("<tbody>").nth(1).unwrap_or_default();
+    let mut found: Vec<_> = ["good walker", "@walker", "slow walker", "secret walker"]
+        .into_iter()
+        .filter_map(|name| Some((body.find(&format!(">{name}<"))?, name)))
+        .collect();
+    found.sort_unstable();
+    found.into_iter().map(|(_, name)| name).collect()
+}
+
+#[tokio::test]
+async fn filtered_entries_keep_their_ranks() {
+    let arena = arena_with_sensors().await;
+    let board =
+        async |query: &str| arena.get(&format!("/leaderboard/open?order=unordered&{query}")).await.body;
+    assert_eq!(methods(&board("").await), ["good walker", "@walker"]);
+    for (query, wanted) in [
+        ("q=GOOD", vec!["good walker"]),
+        ("q=%3D1", vec!["@walker"]),
+        ("q=nobody", vec![]),
+        ("team=%3D1%2B1", vec!["@walker"]),
+        ("audio=with", vec!["good walker"]),
+        ("audio=without", vec!["@walker"]),
+        ("rgb=without", vec![]),
+        ("rgb=with&depth=with&sort=spl", vec!["good walker", "@walker"]),
+    ] {
+        assert_eq!(methods(&board(query).await), wanted, "{query}");
+        let csv = arena.get(&format!("/api/v1/phases/open/leaderboard.csv?{query}")).await.body;
+        assert_eq!(csv.lines().count(), 1 + wanted.len(), "{query}: {csv}");
+        let json = arena.get(&format!("/api/v1/phases/open/leaderboard.json?{query}")).await.json();
+        assert_eq!(json["rows"].as_array().map(Vec::len), Some(wanted.len()), "{query}");
+        assert_eq!(json["entries"], 2);
+    }
+    let second = board("audio=without").await;
+    assert!(second.contains("1 of 2 methods, ranked among all of them,"), "{second}");
+    assert!(second.contains("<td class=\"num rank\">2"), "{second}");
+    assert!(second.contains("colour, depth, no sound"), "{second}");
+    assert!(
+        second.contains("/compare?first=run_formula&#38;second=run_rude"),
+        "the leader is filtered out: {second}"
+    );
+}
+
+#[tokio::test]
+async fn forms_redirect_to_canonical_addresses() {
+    let arena = arena_with_sensors().await;
+    let form = "order=&sort=sr&pick=best&q=&team=&rgb=&depth=&audio=with&as_of=";
+    let all = "sr isr osr spl soft_spl steps path_m collisions wrong_submits".split(' ');
+    let columns: String = all.map(|column| format!("&column={column}")).collect();
+    let sent = arena.get(&format!("/leaderboard/open?{form}{columns}")).await;
+    assert_eq!(sent.status, StatusCode::SEE_OTHER);
+    assert_eq!(sent.header(header::LOCATION), "/leaderboard/open?audio=with");
+    let fewer = arena.get("/leaderboard/open?order=ordered&q=&column=spl&column=sr").await;
+    assert_eq!(fewer.header(header::LOCATION), "/leaderboard/open?order=ordered&column=sr&column=spl");
+    let page = arena.get("/leaderboard/open?order=unordered&column=sr&column=spl&sort=isr").await.body;
+    let heads = page.split("<thead>").nth(1).and_then(|rest| rest.split("</thead>").next()).expect("a head");
+    assert!(heads.contains(">SR <") && heads.contains(">SPL <") && heads.contains(">ISR <"), "{heads}");
+    assert!(!heads.contains("Collisions"), "{heads}");
+    assert!(
+        page.contains("href=\"/leaderboard/open?order=unordered&#38;sort=spl&#38;column=sr&#38;column=spl\""),
+        "{page}"
+    );
+    assert!(page.contains("leaderboard.csv?order=unordered&#38;sort=isr\""), "CSV has all columns: {page}");
+    for wrong in ["as_of=yesterday", "audio=yes", "q=a&colour=red", "column=fame"] {
+        let page = arena.get(&format!("/leaderboard/open?{wrong}")).await;
+        assert_eq!(page.status, StatusCode::BAD_REQUEST, "{wrong}");
+    }
+    assert_eq!(arena.get("/api/v1/phases/open/leaderboard?column=sr").await.status, StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn past_leaderboards_show_their_date() {
+    let arena = arena_with_sensors().await;
+    let then = arena.get("/leaderboard/open?order=unordered&as_of=1970-01-01").await.body;
+    assert!(then.contains(", as of the end of 1970-01-01 UTC"), "{then}");
+    assert_eq!(methods(&then).len(), 2);
+    let before = arena.get("/leaderboard/open?order=unordered&as_of=1969-12-31").await.body;
+    assert!(before.contains("There are no completed runs") && methods(&before).is_empty(), "{before}");
+}
+
+#[tokio::test]
+async fn all_orders_are_side_by_side() {
+    let arena = arena_with_sensors().await;
+    let page = arena.get("/leaderboard/open?order=both").await;
+    assert_eq!(page.status, StatusCode::OK);
+    assert_eq!(page.body, arena.get("/leaderboard/open").await.body, "the default of a phase");
+    assert_eq!(methods(&page.body), ["good walker", "@walker"]);
+    assert_eq!(page.body.matches("scope=\"colgroup\" colspan=\"6\"").count(), 2);
+    assert!(page.body.contains("Unordered: 2 methods; Ordered: 0 methods."), "{}", page.body);
+    assert!(page.body.contains("href=\"/api/v1/phases/open/leaderboards.csv\""), "{}", page.body);
+    let csv = arena.get("/api/v1/phases/open/leaderboards.csv").await.body;
+    assert_eq!(csv.lines().filter(|line| line.contains(",unordered,")).count(), 2, "{csv}");
+    let json = arena.get("/api/v1/phases/open/leaderboards?audio=with").await.json();
+    assert_eq!(json["boards"][0]["rows"].as_array().map(Vec::len), Some(1));
+    for wrong in [
+        "/api/v1/phases/open/leaderboard?order=both",
+        "/api/v1/phases/open/leaderboards?order=ordered",
+        "/embed/open?order=both",
+    ] {
+        assert_eq!(arena.get(wrong).await.status, StatusCode::BAD_REQUEST, "{wrong}");
+    }
+    let sealed = arena.get("/leaderboard/sealed?order=both").await;
+    assert!(sealed.status == StatusCode::OK && !sealed.body.contains("secret walker"), "{}", sealed.body);
+    assert!(sealed.body.contains("These ranks include only the runs that you may see"), "{}", sealed.body);
 }

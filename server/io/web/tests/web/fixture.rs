@@ -79,8 +79,8 @@ impl Answer {
 }
 
 impl Arena {
-    /// `open` with the runs `run_rude` (finds all goals) and `run_formula` (finds one of two), `sealed` with `run_sealed`,
-    /// and `run_begun` in `open`, where one of two episodes is played.
+    /// Phase `open` with the runs `run_rude` (all goals found), `run_formula` (half of the goals found) and `run_begun` (one
+    /// of two episodes played); phase `sealed` with `run_sealed`.
     pub(crate) async fn new() -> Self {
         Self::open(|_| Site::default()).await
     }
@@ -98,7 +98,7 @@ impl Arena {
         Self::open(|_| Site { replay_renderer, live_status, ..Site::default() }).await
     }
 
-    /// The same, where visitors can sign in and an management over the database does what they ask for.
+    /// As [`Arena::new`], with sign-in and management actions.
     pub(crate) async fn with_management(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
         Self::open(|store| Site { management: Some(management(store)), ..Site::default() }).await
     }
@@ -142,12 +142,19 @@ impl Arena {
     async fn play(&self, run: &str, phase: &str, team: &str, method: &str, found: u32, episodes: u32) {
         let digests = BTreeMap::from([("benchmark".to_owned(), "abc123".to_owned())]);
         let order = Order::Unordered;
+        let method = MethodInfo {
+            description: "Follows <walls>".to_owned(),
+            code_url: "https://code.example/a?b=1&c=2".to_owned(),
+            paper_url: "javascript:alert(1)".to_owned(),
+            weights_licence: "MIT".to_owned(),
+            ..MethodInfo::new(method, "1.0")
+        };
         let new = NewRun {
             id: run,
             token: run,
             phase,
             team,
-            method: &MethodInfo::new(method, "1.0"),
+            method: &method,
             order,
             client_request_id: None,
             digests: &digests,
@@ -161,7 +168,7 @@ impl Arena {
         }
     }
 
-    /// Starts a run of the rude team with its first episode.
+    /// Starts a run of the rude team with one episode.
     pub(crate) async fn begin(&self, run: &str, phase: &str, digests: &BTreeMap<String, String>) {
         let new = NewRun {
             id: run,
@@ -178,7 +185,7 @@ impl Arena {
         assert!(assigned.is_some());
     }
 
-    /// Starts the next episode of a run, whose agent then disconnects.
+    /// Starts the next episode of a run and disconnects the agent.
     pub(crate) async fn lose(&self, run: &str) {
         let assigned = self.store.assign_next_episode(run, "lost", 20).await.expect("an open run");
         let episode = assigned.expect("an episode").episode;

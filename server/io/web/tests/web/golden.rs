@@ -1,11 +1,13 @@
-//! Golden pages, and static copies. `AVLN_BLESS=1 cargo test -p avln-web` rewrites the golden files; review the difference.
+//! Golden pages, the API description, and static copies. `AVLN_BLESS=1 cargo test -p avln-web` rewrites the golden files; review the difference.
 
-use crate::fixture::Arena;
+use crate::{fixture::Arena, replay::FakeRenderer};
+use avln_episode::Sensors;
 use avln_web::{FreezeError, freeze};
 use axum::{
     body::Body,
-    http::{Request, header},
+    http::{Request, StatusCode, header},
 };
+use serde_json::{Map, Value, json};
 use std::{
     collections::BTreeMap,
     env, fs, io,
@@ -29,7 +31,7 @@ const PAGES: [(&str, &str); 14] = [
     ("badge.svg", "/runs/run_rude/badge.svg"),
     ("error.html", "/nowhere"),
 ];
-/// Limit of the compressed size of a first page with its assets, bytes.
+/// Limit for a first page with assets, compressed, bytes.
 const FIRST_LOAD_BYTES: usize = 60_000;
 
 #[tokio::test]
@@ -57,6 +59,147 @@ fn assert_golden(name: &str, text: &str) {
     }
     let same = fs::read_to_string(&path).unwrap_or_default() == text;
     assert!(same, "{name} has changed; run this test with AVLN_BLESS=1 and review the difference");
+}
+
+#[tokio::test]
+async fn responses_match_their_description() {
+    let arena = Arena::with_renderer(Some(FakeRenderer::new(100))).await;
+    arena.store.set_sensors("run_rude", &Sensors::all(64, 64)).await.expect("a run");
+    std::fs::write(arena.folder.path().join("run_rude.log"), "a log\n").expect("a log");
+    let document = arena.get("/api/v1/openapi.json").await.json();
+    let paths = document["paths"].as_object().expect("paths");
+    assert_eq!(paths.len(), 24);
+    for (path, item) in paths {
+        let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
+        let both =
+            if path.starts_with("/api/v1/compare") { "?first=run_rude&second=run_formula" } else { "" };
+        let address = address + both;
+        let events = &item["get"]["responses"]["200"]["content"]["text/event-stream"];
+        if events.is_object() {
+            let mut follower = arena.follow(&address, &[]).await;
+            assert_eq!(follower.headers[header::CONTENT_TYPE], "text/event-stream", "{address}");
+            let event = follower.next().await.expect("the current state");
+            check(&document, &events["schema"], &event.data, &address);
+            continue;
+        }
+        let answer = arena.get(&address).await;
+        assert_eq!(answer.status, StatusCode::OK, "{address}: {}", answer.body);
+        let content = item["get"]["responses"]["200"]["content"].as_object().expect("content");
+        let (kind, described) = content.iter().next().expect("one kind");
+        assert!(answer.header(header::CONTENT_TYPE).starts_with(kind), "{address}");
+        if kind == "application/json" {
+            check(&document, &described["schema"], &answer.json(), &address);
+        }
+    }
+}
+
+/// Checks that `value` has the fields of `schema` and no others, at every depth.
+fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
+    if let Err(fault) = fits(document, schema, value) {
+        panic!("{place}{fault}");
+    }
+}
+
+fn fits(document: &Value, schema: &Value, value: &Value) -> Result<(), String> {
+    let schema = resolved(document, schema);
+    if let Some(choices) = schema["oneOf"].as_array() {
+        let faults = choices.iter().map(|choice| fits(document, choice, value).err());
+        return faults.collect::<Option<Vec<_>>>().map_or(Ok(()), |faults| Err(faults.join(" or ")));
+    }
+    if let Some(expected) = schema.get("const") {
+        return if expected == value { Ok(()) } else { Err(format!(": {value} is not {expected}")) };
+    }
+    if schema["enum"].as_array().is_some_and(|words| !words.contains(value)) {
+        return Err(format!(": {value} is not one of {}", schema["enum"]));
+    }
+    let kind = match value {
+        Value::Null => "null",
+        Value::Bool(_) => "boolean",
+        Value::Number(number) if number.is_f64() => "number",
+        Value::Number(_) => "integer",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) => "object",
+    };
+    let mut kinds = schema["type"].as_array().cloned().unwrap_or_else(|| vec![schema["type"].clone()]);
+    if kinds.contains(&json!("number")) {
+        kinds.push(json!("integer"));
+    }
+    if schema.get("allOf").is_none() && !kinds.contains(&json!(kind)) {
+        return Err(format!(": {value} is not {}", schema["type"]));
+    }
+    match value {
+        Value::Array(items) => items.iter().try_for_each(|item| {
+            fits(document, &schema["items"], item).map_err(|fault| format!("[]{fault}"))
+        }),
+        Value::Object(fields) => object_fits(document, schema, fields),
+        _ => Ok(()),
+    }
+}
+
+fn object_fits(document: &Value, schema: &Value, fields: &Map<String, Value>) -> Result<(), String> {
+    let (mut properties, mut required) = (Map::new(), Vec::new());
+    collect_properties(document, schema, &mut properties, &mut required);
+    if let Some(missing) = required.iter().find(|name| !fields.contains_key(name.as_str())) {
+        return Err(format!(": {missing} is missing"));
+    }
+    fields.iter().try_for_each(|(name, field)| {
+        let described = properties.get(name).unwrap_or(&schema["additionalProperties"]);
+        fits(document, described, field).map_err(|fault| format!(".{name}{fault}"))
+    })
+}
+
+/// Collects the properties of an object, also from parts in `allOf`.
+fn collect_properties(
+    document: &Value,
+    schema: &Value,
+    properties: &mut Map<String, Value>,
+    required: &mut Vec<String>,
+) {
+    let schema = resolved(document, schema);
+    for part in schema["allOf"].as_array().into_iter().flatten() {
+        collect_properties(document, part, properties, required);
+    }
+    properties.extend(schema["properties"].as_object().cloned().unwrap_or_default());
+    let names = schema["required"].as_array().into_iter().flatten();
+    required.extend(names.map(|name| name.as_str().expect("a name").to_owned()));
+}
+
+fn resolved<'a>(document: &'a Value, schema: &'a Value) -> &'a Value {
+    match schema["$ref"].as_str() {
+        Some(reference) => document.pointer(reference.trim_start_matches('#')).expect("a schema"),
+        None => schema,
+    }
+}
+
+#[tokio::test]
+async fn every_property_has_a_type() {
+    let document = Arena::new().await.get("/api/v1/openapi.json").await.json();
+    let schemas = document["components"]["schemas"].as_object().expect("schemas");
+    assert!(schemas.len() > 50, "{:?}", schemas.keys());
+    for (name, schema) in schemas {
+        assert_typed(schema, name);
+    }
+}
+
+fn assert_typed(schema: &Value, place: &str) {
+    let parts = ["allOf", "oneOf"].into_iter().filter_map(|key| schema[key].as_array());
+    let parts: Vec<&Value> = parts.flatten().collect();
+    parts.iter().for_each(|part| assert_typed(part, place));
+    let properties = schema["properties"].as_object();
+    for (name, property) in properties.into_iter().flatten() {
+        assert_typed(property, &format!("{place}.{name}"));
+    }
+    match (schema["type"].as_str(), schema["additionalProperties"].as_object()) {
+        (Some("object"), Some(_)) => assert_typed(&schema["additionalProperties"], place),
+        (Some("object"), None) => assert!(properties.is_some(), "{place} is an object without properties"),
+        (Some("array"), _) => assert_typed(&schema["items"], &format!("{place}[]")),
+        (Some(_), _) => {}
+        (None, _) => {
+            let is_typed = schema["type"].is_array() || schema["$ref"].is_string() || !parts.is_empty();
+            assert!(is_typed, "{place} has no type: {schema}");
+        }
+    }
 }
 
 #[tokio::test]
@@ -153,8 +296,7 @@ async fn copies_are_complete_and_self_contained() {
         assert!(!episode.contains("/eyes/"), "{episode}");
         assert!(text(&files, "data/runs/run_formula/episodes/1/steps.csv").starts_with("step,action,"));
         assert!(text(&files, "data/phases/open/leaderboards.csv").contains("good walker"));
-        let json: serde_json::Value =
-            serde_json::from_slice(&files["data/phases/open/leaderboards.json"]).expect("JSON");
+        let json: Value = serde_json::from_slice(&files["data/phases/open/leaderboards.json"]).expect("JSON");
         assert_eq!(json["boards"][0]["rows"][0]["method"], "good walker");
     }
 }

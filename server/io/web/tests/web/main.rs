@@ -3,7 +3,6 @@
 mod api;
 mod fixture;
 mod golden;
-mod leaderboards;
 mod live;
 mod management;
 mod pages;

@@ -1,5 +1,6 @@
 use crate::fixture::{Arena, ORGANISER, RUDE_TEAM, TOKEN};
 use axum::http::{StatusCode, header};
+use serde_json::json;
 use std::collections::BTreeSet;
 
 const PAGES: [&str; 12] = [
@@ -16,6 +17,22 @@ const PAGES: [&str; 12] = [
     "/runs/run_begun",
     "/runs/run_rude/episodes/0",
 ];
+
+#[tokio::test]
+async fn run_pages_link_only_https_addresses_of_methods() {
+    let arena = Arena::new().await;
+    let page = arena.get("/runs/run_rude").await.body;
+    let code = "<a rel=\"nofollow noopener\" href=\"https://code.example/a?b=1&#38;c=2\">";
+    assert!(page.contains("Follows &#60;walls&#62;") && page.contains(code), "{page}");
+    assert!(page.contains("<dd>javascript:alert(1)</dd>") && !page.contains("href=\"javascript"), "{page}");
+    assert!(page.contains("<dt>Licence of the weights</dt><dd>MIT</dd>"), "{page}");
+    assert!(!page.contains("Other training data"), "{page}");
+    let method = &arena.get("/api/v1/runs/run_rude").await.json()["method"];
+    assert_eq!(
+        (&method["code_url"], &method["external_data"]),
+        (&json!("https://code.example/a?b=1&c=2"), &json!(""))
+    );
+}
 
 #[tokio::test]
 async fn pages_have_a_heading_title_and_skip_link() {

@@ -314,8 +314,8 @@ async fn sound_files_hold_the_exact_samples() {
         (status, &headers[header::CONTENT_TYPE]),
         (StatusCode::OK, &HeaderValue::from_static("audio/wav"))
     );
-    assert_eq!(wav.len(), 58 + 2 * STEP * 8);
-    let left: Vec<u8> = wav[58..].chunks(8).flat_map(|frame| frame[..4].to_vec()).collect();
+    assert_eq!(wav.len(), 68 + 2 * STEP * 8);
+    let left: Vec<u8> = wav[68..].chunks(8).flat_map(|frame| frame[..4].to_vec()).collect();
     let heard: Vec<u8> = tone()[2 * STEP..4 * STEP].iter().flat_map(|sample| sample.to_le_bytes()).collect();
     assert!(left == heard, "bit for bit");
     let tag = headers[header::ETAG].to_str().expect("a tag").to_owned();

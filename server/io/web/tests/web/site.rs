@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 pub(crate) const READ_ONLY: &str = "a-read-only-token";
 pub(crate) const NEW_SECRET: &str = "avln_account_shown-once";
 
-/// Management that records its actions and rules on runs.
+/// Management that records actions, and executes rulings on runs.
 #[derive(Debug)]
 struct FakeManagement {
     store: Store,

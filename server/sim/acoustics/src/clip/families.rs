@@ -1,31 +1,30 @@
-//! The families of clips.
+//! Clip families.
 
-use super::synth::{
-    add, beats, hump, leveled, low_pass, pink, recur, resonate, samples, shaped, silence, sweep, white,
+use super::synthesis::{
+    add, beats, bell, buzz, hump, low_pass, normalized, note, pink, recur, resonate, samples, shaped,
+    silence, sweep, white,
 };
-use super::tones::{bell, buzz, note};
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 
-/// A kind of sound with random traits.
+/// A sound generator with random traits.
 pub(super) struct Family {
     pub(super) name: &'static str,
-    /// Generator of a loop of any level.
-    pub(super) make: fn(&mut Rng) -> Vec<f32>,
+    /// Returns a loop at any level.
+    pub(super) generate: fn(&mut Rng) -> Vec<f32>,
 }
 
-/// All families.
 pub(super) const FAMILIES: [Family; 10] = [
-    Family { name: "pink-bursts", make: pink_bursts },
-    Family { name: "noise-bursts", make: noise_bursts },
-    Family { name: "claps", make: claps },
-    Family { name: "chirps", make: chirps },
-    Family { name: "babble", make: babble },
-    Family { name: "rattle", make: rattle },
-    Family { name: "gusts", make: gusts },
-    Family { name: "bells", make: bells },
-    Family { name: "notes", make: notes },
-    Family { name: "grains", make: grains },
+    Family { name: "pink-bursts", generate: pink_bursts },
+    Family { name: "noise-bursts", generate: noise_bursts },
+    Family { name: "claps", generate: claps },
+    Family { name: "chirps", generate: chirps },
+    Family { name: "babble", generate: babble },
+    Family { name: "rattle", generate: rattle },
+    Family { name: "gusts", generate: gusts },
+    Family { name: "bells", generate: bells },
+    Family { name: "notes", generate: notes },
+    Family { name: "grains", generate: grains },
 ];
 
 /// Regular bursts of pink noise, 3.5 to 7 per second.
@@ -41,7 +40,7 @@ fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Pairs of a strong and a weak burst of coloured noise, falling by 0 to 6 dB per octave.
+/// Pairs with a strong and a weak noise burst; spectra fall by 0 to 6 dB per octave.
 fn noise_bursts(rng: &mut Rng) -> Vec<f32> {
     let mut noise = white(rng);
     recur(&mut noise, rng.range(0.0, 0.8), 0.0);
@@ -71,9 +70,9 @@ fn claps(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with a rush of noise.
+/// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with noise.
 fn chirps(rng: &mut Rng) -> Vec<f32> {
-    let noise = leveled(&pink(rng));
+    let noise = normalized(&pink(rng));
     let (low_hz, high_hz) = (rng.range(150.0, 240.0), rng.range(6400.0, 7500.0));
     let (rate_hz, rush) = (rng.range(5.0, 8.0), rng.range(0.5, 0.7));
     let manner = rng.below(3);
@@ -84,7 +83,7 @@ fn chirps(rng: &mut Rng) -> Vec<f32> {
         let length = samples(0.85 / rate_hz);
         // Nearly flat, to preserve both ends of the sweep.
         let envelope: Vec<f32> = hump(length, 0.2).iter().map(|height| (3.0 * height).min(1.0)).collect();
-        let tone = leveled(&sweep(from_hz, to_hz, length));
+        let tone = normalized(&sweep(from_hz, to_hz, length));
         add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
         add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, rush);
     }
@@ -138,7 +137,7 @@ fn rattle(rng: &mut Rng) -> Vec<f32> {
 
 /// Wind: noise more than three octaves wide with drifting edges, in puffs.
 fn gusts(rng: &mut Rng) -> Vec<f32> {
-    /// Ratio of the upper to the lower edge.
+    /// Upper over lower edge.
     const WIDTH: f32 = 12.0;
     let (lowest_hz, octaves) = (rng.range(150.0, 220.0), rng.range(1.0, 1.8));
     let (waves, phase) = ((3 + rng.below(4)) as f32, rng.range(0.0, TAU));
@@ -161,7 +160,7 @@ fn gusts(rng: &mut Rng) -> Vec<f32> {
 
 /// Bells with gliding overtones, struck with a hiss.
 fn bells(rng: &mut Rng) -> Vec<f32> {
-    let noise = leveled(&white(rng));
+    let noise = normalized(&white(rng));
     let (rate_hz, ratio) = (rng.range(4.5, 7.0), rng.range(1.3, 2.9));
     let (low_hz, depth, hiss) = (rng.range(300.0, 600.0), rng.range(3.0, 6.0), rng.range(0.5, 0.9));
     let mut sound = silence();
@@ -169,20 +168,20 @@ fn bells(rng: &mut Rng) -> Vec<f32> {
         let length = samples(0.95 / rate_hz);
         let envelope = hump(length, 0.03);
         let pitch_hz = low_hz * libm::exp2f(rng.range(0.0, 1.0));
-        let tone = leveled(&bell(pitch_hz, ratio, depth, length));
+        let tone = normalized(&bell(pitch_hz, ratio, depth, length));
         add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
         add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, hiss);
     }
     sound
 }
 
-/// A reed melody: notes of a scale, and breath 0 to 6 dB below them.
+/// A reed melody with breath 0 to 6 dB below the notes.
 fn notes(rng: &mut Rng) -> Vec<f32> {
-    /// A scale of five notes, semitones.
+    /// Pentatonic scale, semitones.
     const SCALE: [f32; 5] = [0.0, 2.0, 4.0, 7.0, 9.0];
     let mut breath = pink(rng);
     add(&mut breath, &white(rng), 0, 0.3);
-    let breath = leveled(&breath);
+    let breath = normalized(&breath);
     let (rate_hz, lowest_hz) = (rng.range(4.0, 6.5), rng.range(140.0, 260.0));
     let blown = rng.range(0.5, 1.0);
     let mut sound = silence();
@@ -191,7 +190,7 @@ fn notes(rng: &mut Rng) -> Vec<f32> {
         let envelope = hump(length, 0.06);
         let semitones = SCALE[rng.below(SCALE.len())];
         let pitch_hz = lowest_hz * libm::exp2f(semitones / 12.0);
-        add(&mut sound, &shaped(&leveled(&note(pitch_hz, length)), &envelope), start, 1.0);
+        add(&mut sound, &shaped(&normalized(&note(pitch_hz, length)), &envelope), start, 1.0);
         add(&mut sound, &shaped(&breath[rng.below(breath.len() / 2)..], &envelope), start, blown);
     }
     sound

@@ -1,47 +1,33 @@
 //! Head responses to diffuse sound.
 
-use super::noise::{Diffuse, Noise};
+use super::noise::{DiffuseResponse, Noise};
+use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
-use crate::head::{EarResponse, HEAD_LEAD, HEAD_TAPS};
-use crate::{Head, SAMPLE_RATE_HZ};
+use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS};
+use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-/// Number of averaged directions.
 const DIRECTIONS: usize = 256;
 
-/// Number of frequencies: multiples of 125 Hz up to half the sample rate.
+/// Frequencies: multiples of 125 Hz up to half the sample rate.
 const FREQUENCIES: usize = 65;
 
-/// Roll-off frequency of the filters, hertz.
-const MOST_PROBED_HZ: f64 = 6000.0;
+/// Filter roll-off, hertz.
+const MAX_PROBED_HZ: f64 = 6000.0;
 
-/// Distance of plane waves, metres.
-pub(super) const FAR_M: f32 = 1e6;
-
-/// The response of a head to late energy.
+/// A head's response to late energy.
 pub(crate) struct HeardField {
     pub(super) noise: Noise,
-    /// Energy at an ear for diffuse sound, relative to the free field, by band.
+    /// Energy at an ear relative to the free field, by band.
     energy: [f32; BANDS],
 }
 
 impl HeardField {
-    /// Returns the response of `head`, computed on first use.
-    pub(crate) fn of(head: &Head) -> &Self {
-        static SPHERE: OnceLock<HeardField> = OnceLock::new();
-        static OMNI: OnceLock<HeardField> = OnceLock::new();
-        let place = match head {
-            Head::Sphere => &SPHERE,
-            Head::Omni => &OMNI,
-            Head::Measured(measured) => measured.heard_field(),
-        };
-        place.get_or_init(|| Self::new(|direction| head.ears(direction, 0.0, FAR_M)))
-    }
-
-    fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
+    /// Averages `ears`, the responses to a wave by direction, over all directions.
+    pub(crate) fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
         let known = diffuse_field(&ears);
         let noise = Noise::new(|frequency_hz| between(&known, frequency_hz));
         let mut energy = [0.0; BANDS];
@@ -54,7 +40,7 @@ impl HeardField {
         Self { noise, energy }
     }
 
-    /// Energy of `response` relative to diffuse sound, by band.
+    /// Energy by band, relative to diffuse sound.
     pub(super) fn tilt(&self, response: &EarResponse) -> [f32; BANDS] {
         let heard = band_energies(response);
         std::array::from_fn(
@@ -63,10 +49,9 @@ impl HeardField {
     }
 }
 
-/// Probe frequencies of a band, octaves from the centre.
+/// Probe frequencies per band, octaves from the centre.
 const PROBES_OCTAVES: [f64; 3] = [-0.33, 0.0, 0.33];
 
-/// Energy of an ear filter by band.
 fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
     static WAVES: OnceLock<Vec<[[f32; 2]; HEAD_TAPS]>> = OnceLock::new();
     let waves = WAVES.get_or_init(probe_waves);
@@ -84,10 +69,10 @@ fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
     })
 }
 
-/// Cosine and sine of every probe at every tap.
+/// Cosine and sine per probe and tap.
 fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
     let frequencies = BAND_HZ.iter().flat_map(|center| {
-        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MOST_PROBED_HZ))
+        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MAX_PROBED_HZ))
     });
     let wave = |frequency_hz: f64| {
         let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
@@ -97,7 +82,7 @@ fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
 }
 
 /// Response of both ears to plane waves from all directions, by frequency.
-fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
+fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<DiffuseResponse> {
     let (mut energy, mut likeness) = ([0.0; FREQUENCIES], [0.0; FREQUENCIES]);
     for index in 0..DIRECTIONS {
         let [left, right] = ears(&angle::spread_direction(index, DIRECTIONS)).map(|ear| spectrum(&ear));
@@ -106,18 +91,17 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
             likeness[k] += (left * right.conj()).re;
         }
     }
-    let mean = |(energy, likeness): (f64, f64)| Diffuse {
+    let mean = |(energy, likeness): (f64, f64)| DiffuseResponse {
         energy: energy / DIRECTIONS as f64,
         coherence: if energy > 0.0 { (likeness / energy).clamp(-1.0, 1.0) } else { 1.0 },
     };
     energy.into_iter().zip(likeness).map(mean).collect()
 }
 
-/// Response of an ear at the frequencies, including the delay.
 fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     const TURN: usize = 2 * (FREQUENCIES - 1);
     let step_hz = f64::from(SAMPLE_RATE_HZ) / TURN as f64;
-    let phasor = |turns: f64| Complex64::new(libm::cos(TAU * turns), -libm::sin(TAU * turns));
+    let phasor = |turns: f64| unit_phasor(TAU * turns).conj();
     let turns: [Complex64; TURN] = std::array::from_fn(|k| phasor(k as f64 / TURN as f64));
     std::array::from_fn(|k| {
         let tap = |n: usize| turns[k * (n + TURN - HEAD_LEAD) % TURN] * f64::from(ear.filter[n]);
@@ -125,21 +109,23 @@ fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     })
 }
 
-fn between(known: &[Diffuse], frequency_hz: f64) -> Diffuse {
+fn between(known: &[DiffuseResponse], frequency_hz: f64) -> DiffuseResponse {
     let place = frequency_hz * (2 * (FREQUENCIES - 1)) as f64 / f64::from(SAMPLE_RATE_HZ);
     let low = (place as usize).min(FREQUENCIES - 2);
     let share = (place - low as f64).clamp(0.0, 1.0);
-    let mix = |of: fn(&Diffuse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
-    Diffuse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
+    let mix = |of: fn(&DiffuseResponse) -> f64| of(&known[low]) * (1.0 - share) + of(&known[low + 1]) * share;
+    DiffuseResponse { energy: mix(|diffuse| diffuse.energy), coherence: mix(|diffuse| diffuse.coherence) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::head::Head;
+    use crate::head::filter::FAR_M;
 
     #[test]
     fn a_wave_from_the_left_is_louder_at_the_left_ear() {
-        let field = HeardField::of(&Head::Sphere);
+        let field = Head::Sphere.heard_field();
         let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
         let [left, right] = ears.map(|ear| field.tilt(&ear));
         for band in 2..BANDS {
@@ -157,7 +143,7 @@ mod tests {
         for frequency_hz in [1500.0, 2000.0, 4000.0, 6000.0] {
             assert!(at(frequency_hz).coherence.abs() < 0.3, "{:?} at {frequency_hz} Hz", at(frequency_hz));
         }
-        // Long waves pass the head unchanged; short waves hit half of the surface at twice the pressure.
+        // Long waves pass the head unchanged; short waves hit half the surface at twice the pressure.
         assert!((at(125.0).energy - 1.0).abs() < 0.1, "{:?}", at(125.0));
         assert!((1.0..2.5).contains(&at(4000.0).energy), "{:?}", at(4000.0));
     }

@@ -1,18 +1,19 @@
 //! Late energy against theory: Eyring, Sabine, diffuse fields.
 
-use super::field::{Echo, Slice};
-use super::trace::{CHANNELS, trace};
-use super::{LateField, add_tail};
+use super::LateField;
+use super::slices::{self, CHANNELS, Slice, middle_s};
+use super::tail::add_tail;
+use super::trace::trace;
 use crate::bands::BANDS;
+use crate::building::{Building, Settings};
+use crate::head::Head;
 use crate::images::Images;
-use crate::impulse::ImpulseResponse;
-use crate::source::Building;
+use crate::impulse::{ImpulseResponse, Listener};
 use crate::surfaces::{SURFACE_BANDS, Surface};
-use crate::testing::{Soup, scene};
-use crate::{Head, Listener, SPEED_OF_SOUND_M_S, Settings, Surfaces};
-use avln_geom::{Point3, RayMesh, Vector3};
+use crate::tests::{Soup, building};
+use crate::{SPEED_OF_SOUND_M_S, interaural_delay_s};
+use avln_geom::{Point3, Vector3};
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 const SIZE_M: [f32; 3] = [6.0, 3.0, 5.0];
 
@@ -29,24 +30,18 @@ fn room(surface: Surface, settings: Settings) -> Building {
     building(&Soup::room(SIZE_M, 1), surface, settings)
 }
 
-fn building(soup: &Soup, surface: Surface, settings: Settings) -> Building {
-    let scene = scene(soup);
-    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-    Building::new(&scene, rays, Surfaces::uniform(&scene, surface), settings)
-}
-
 fn field(building: &Building, source: [f32; 3]) -> LateField {
     LateField::new(building, &source.into(), &Images::new(building, &source.into()))
 }
 
-/// Band energy per time slice, averaged over positions in the room, without air absorption.
+/// Band energy per time slice, averaged over room positions, without air absorption.
 fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> {
     let places: Vec<_> = (1..6).flat_map(|x| (1..5).map(move |z| [x as f32, 1.3, z as f32])).collect();
     let mut sums = Vec::new();
     for place in &places {
         let echo = field.at(building, &Point3::from(*place));
-        sums.resize(echo.slices.len(), 0.0);
-        for (sum, slice) in sums.iter_mut().zip(&echo.slices) {
+        sums.resize(echo.len(), 0.0);
+        for (sum, slice) in sums.iter_mut().zip(&echo) {
             *sum += f64::from(slice.energy[band]) / places.len() as f64;
         }
     }
@@ -54,11 +49,11 @@ fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> 
 }
 
 fn mid_s(bin: usize) -> f64 {
-    0.5 * f64::from(super::bins::start_s(bin) + super::bins::start_s(bin + 1))
+    f64::from(middle_s(bin))
 }
 
 fn width_s(bin: usize) -> f64 {
-    f64::from(super::bins::start_s(bin + 1) - super::bins::start_s(bin))
+    f64::from(slices::start_s(bin + 1) - slices::start_s(bin))
 }
 
 /// Seconds for 60 dB, from a straight line through the decibels between two times.
@@ -75,7 +70,7 @@ fn reverberation_s(energy: &[f64], from_s: f64, to_s: f64) -> f64 {
     -60.0 / slope
 }
 
-/// Volume and surface of the room, and reverberation times after Eyring and Sabine, seconds.
+/// Reverberation times after Eyring and Sabine, seconds.
 fn theory(absorption: f64) -> (f64, f64) {
     let [x, y, z] = SIZE_M.map(f64::from);
     let (volume, area) = (x * y * z, 2.0 * (x * y + y * z + z * x));
@@ -89,7 +84,7 @@ fn sound_decays_as_eyring_and_sabine_say() {
         let building = room(surface(absorption, scattering), settings(2000));
         let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1);
         let (eyring_s, sabine_s) = theory(f64::from(absorption));
-        // 250 Hz loses little to the air: 1.31 dB a kilometre.
+        // Air takes little at 250 Hz: 1.31 dB per kilometre.
         let air = |time_s: f64| 1.0 / (1.0 / time_s + 0.001_31 * f64::from(SPEED_OF_SOUND_M_S) / 60.0);
         let found_s = reverberation_s(&energy, 0.05 * eyring_s + 0.01, (0.6 * eyring_s).min(0.9));
         assert!(
@@ -104,8 +99,8 @@ fn energy_is_kept_where_nothing_absorbs() {
     let building = room(surface(0.0, 0.5), settings(6000));
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
-    let bins = super::bins::count(1.0);
-    let tally = trace(&building, &source, &images, 1, bins);
+    let bins = slices::count(1.0);
+    let tally = trace(&building, &source, &images, 1);
     assert_eq!(tally.lost_share, 0.0);
     let counted: f32 =
         (0..building.cells.len()).map(|cell| building.cells.volume_m3(&building.air, cell)).sum();
@@ -163,13 +158,12 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
     let first = (3.0 / SPEED_OF_SOUND_M_S * 16_000.0) as usize;
     assert!(response.left[..first].iter().all(|sample| *sample == 0.0));
     assert_eq!(response.left, response.right);
-    // Octaves of white noise: half an octave to each side, with everything below the first and above the
-    // last.
+    // White noise in octaves: half an octave to both sides, the first and last extended.
     let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
     for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
-        let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
+        let within = (0..echo.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
         let due: f64 = within
-            .flat_map(|bin| edges_hz.windows(2).zip(echo.slices[bin].energy))
+            .flat_map(|bin| edges_hz.windows(2).zip(echo[bin].energy))
             .map(|(edges, energy)| (edges[1] - edges[0]) / 8000.0 * f64::from(energy))
             .sum();
         let cut = &response.left[(from_s * 16e3) as usize..(to_s * 16e3) as usize];
@@ -189,7 +183,7 @@ fn what_walls_are_cut_into_does_not_matter() {
     assert!(step_db.abs() < 0.2, "{step_db} dB");
 }
 
-/// Energy from 10 to 60 ms at some positions with some keys: mean squared relative deviation.
+/// Mean squared relative deviation between keys: energy from 10 to 60 ms at some positions.
 fn variance(rays: usize) -> f64 {
     const KEYS: u64 = 8;
     let building = room(surface(0.1, 0.4), settings(rays));
@@ -201,7 +195,7 @@ fn variance(rays: usize) -> f64 {
     let variances = places.map(|place| {
         let early = |field: &LateField| {
             let echo = field.at(&building, &place);
-            echo.slices[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
+            echo[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
         };
         let energies: Vec<f64> = fields.iter().map(early).collect();
         let mean = energies.iter().sum::<f64>() / KEYS as f64;
@@ -223,7 +217,7 @@ fn source_and_listener_may_change_places() {
     let fields: Vec<_> = places.iter().map(|place| field(&building, *place)).collect();
     let energy_db = |from: usize, to: usize| {
         let echo = fields[from].at(&building, &places[to].into());
-        10.0 * echo.slices.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
+        10.0 * echo.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
     };
     for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
         let step_db = energy_db(a, b) - energy_db(b, a);
@@ -234,7 +228,7 @@ fn source_and_listener_may_change_places() {
 #[test]
 fn what_comes_from_one_side_is_heard_from_there() {
     let slice = Slice { energy: [1e-3; BANDS], flow: Vector3::new(0.95, 0.0, 0.0) };
-    let echo = Echo { slices: vec![slice; 20] };
+    let echo = vec![slice; 20];
     let listener = Listener { position: Point3::origin(), heading_rad: 0.0 };
     let mut response = ImpulseResponse::default();
     add_tail(&mut response, &listener, &echo, 1.0, &settings(0));
@@ -246,6 +240,6 @@ fn what_comes_from_one_side_is_heard_from_there() {
         assert!(level_db > 3.0, "{level_db} dB");
     }
     let early = ImpulseResponse { left: response.left[..1200].into(), right: response.right[..1200].into() };
-    let lead_s = crate::interaural_delay_s(&early).expect("sound at both ears");
+    let lead_s = interaural_delay_s(&early).expect("sound at both ears");
     assert!((500e-6..800e-6).contains(&lead_s), "{lead_s} s");
 }

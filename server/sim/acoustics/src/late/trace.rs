@@ -1,42 +1,38 @@
-//! Rays that carry the energy of a source through a building.
+//! Rays that carry source energy through a building.
 
-use super::bins::{bin_of, doublings};
-use super::cells::NOWHERE;
-use super::march::march;
+use super::cells::NO_CELL;
+use super::slices::{self, CHANNELS, doublings, slice_of};
+use crate::air::grid::march;
+use crate::building::Building;
 use crate::images::{Images, MAX_ORDER};
 use crate::planes::PlaneId;
-use crate::source::Building;
 use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Hit, Point3, Rng, Vector3, angle};
 use std::f32::consts::{PI, TAU};
 
-/// Counters per cell and time slice: energy per band, and the flux in x, y, z.
-pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
+/// Rays with less initial energy in every band end: -65 dB.
+const MIN_ENERGY_SHARE: f32 = 3.2e-7;
 
-/// Rays below this share of their initial energy in every band end: -65 dB.
-const FAINT: f32 = 3.2e-7;
+/// Bounce limit; only rays trapped in a crack exceed it.
+const MAX_BOUNCES: u64 = 1 << 14;
 
-/// Limit on surfaces per ray; only rays trapped in a crack exceed it.
-const MOST_BOUNCES: u64 = 1 << 14;
-
-/// Offset of the next leg from the surface, metres.
+/// Offset from the surface for the next leg, metres.
 const OFF_SURFACE_M: f32 = 2e-4;
 
-/// Half of the rays end at fourfold slice width, and half of the remaining rays at eightfold width. Survivors
-/// count double, so every slice has the same statistics. A quarter continues to the end.
-const MOST_HALVINGS: u32 = 2;
+// Half the rays end at fourfold slice width, half the rest at eightfold width. Survivors count double, so
+// every slice has equal statistics. A quarter continues to the end.
+const MAX_HALVINGS: u32 = 2;
 
-/// Smallest transmission probability, so that quiet rooms have even statistics.
-const LEAST_FOLLOWED: f32 = 0.02;
+// A minimum keeps statistics even in quiet rooms.
+const MIN_TRANSMISSION_PROBABILITY: f32 = 0.02;
 
-/// Accumulated energy of all rays of a source.
 pub(super) struct Tally {
-    /// Per cell: its row in `sums`, [`NOWHERE`] without rays.
+    /// Per cell: its row in `sums`, [`NO_CELL`] without rays.
     pub(super) row_of: Vec<u32>,
     /// `rows × bins × CHANNELS`: energy per square metre relative to the source at 1 m, times cubic metres.
     pub(super) sums: Vec<f32>,
     pub(super) bins: usize,
-    /// Energy share lost through holes of the building, mean over bands.
+    /// Energy share lost through holes, mean over bands.
     pub(super) lost_share: f32,
 }
 
@@ -50,17 +46,17 @@ struct Ray {
     weights: [f32; SURFACE_BANDS],
     length_m: f32,
     bounces: u64,
-    /// Number of halvings so far.
     halvings: u32,
     /// True if the ray passed through the last surface.
-    went_through: bool,
-    path: Path,
+    transmitted: bool,
+    /// `None` if the path is no discrete wave.
+    path: Option<MirrorPath>,
 }
 
 impl Ray {
-    /// Returns false if the ray ends because slices have become wider; a survivor takes over the weight.
+    /// Returns false if the ray ends because slices have become wider; survivors double their weights.
     fn survives(&mut self) -> bool {
-        let due = doublings(self.length_m).saturating_sub(1).min(MOST_HALVINGS);
+        let due = doublings(self.length_m).saturating_sub(1).min(MAX_HALVINGS);
         while self.halvings < due {
             self.halvings += 1;
             self.weights.iter_mut().for_each(|weight| *weight *= 2.0);
@@ -69,54 +65,35 @@ impl Ray {
     }
 }
 
-/// The mirror sequence of a ray, as long as it may be a discrete wave.
-#[derive(Clone, Copy)]
-struct Path {
+/// A ray's mirror sequence, while it may be a discrete wave.
+#[derive(Clone, Copy, Default)]
+struct MirrorPath {
     planes: [PlaneId; MAX_ORDER],
-    /// Number of mirrors; above [`MAX_ORDER`] for all other paths.
     len: usize,
     /// True if the ray passed through surfaces before any mirror.
-    through: bool,
+    transmitted: bool,
 }
 
-impl Path {
-    fn straight() -> Self {
-        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0, through: false }
+impl MirrorPath {
+    fn mirrored(mut self, plane: Option<PlaneId>) -> Option<Self> {
+        let last = self.planes.get_mut(self.len).filter(|_| !self.transmitted)?;
+        *last = plane?;
+        Some(Self { len: self.len + 1, ..self })
     }
 
-    fn mirrored(mut self, plane: Option<PlaneId>) -> Self {
-        match (self.planes.get_mut(self.len), plane) {
-            (Some(last), Some(plane)) if !self.through => {
-                *last = plane;
-                Self { len: self.len + 1, ..self }
-            }
-            _ => Self::other(),
-        }
+    fn transmitted(self) -> Option<Self> {
+        (self.len == 0).then_some(Self { transmitted: true, ..self })
     }
 
-    /// The path after transmission through a surface.
-    fn onwards(self) -> Self {
-        if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
-    }
-
-    fn other() -> Self {
-        Self { len: MAX_ORDER + 1, ..Self::straight() }
-    }
-
-    /// Returns true if waves on this path are rendered as discrete waves.
+    /// Returns true if this path is rendered as a discrete wave.
     fn is_wave(&self, images: &Images) -> bool {
-        self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
+        self.len == 0 || images.contains(&self.planes[..self.len])
     }
 }
 
-/// Traces the rays of a source at `outlet`; `key` seeds the random draws.
-pub(super) fn trace(
-    building: &Building,
-    outlet: &Point3<f32>,
-    images: &Images,
-    key: u64,
-    bins: usize,
-) -> Tally {
+/// Traces rays from `outlet`; `key` seeds the random draws.
+pub(super) fn trace(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Tally {
+    let bins = slices::count(building.settings.response_s);
     let count = building.settings.ray_count;
     let mut tracer = Tracer {
         building,
@@ -124,7 +101,7 @@ pub(super) fn trace(
         key,
         reach_m: building.settings.reach_m(),
         energy: 4.0 * PI / count.max(1) as f32,
-        tally: Tally { row_of: vec![NOWHERE; building.cells.len()], sums: Vec::new(), bins, lost_share: 0.0 },
+        tally: Tally { row_of: vec![NO_CELL; building.cells.len()], sums: Vec::new(), bins, lost_share: 0.0 },
     };
     let turn = random_turn(key);
     for index in 0..count {
@@ -136,8 +113,8 @@ pub(super) fn trace(
             length_m: 0.0,
             bounces: 0,
             halvings: 0,
-            went_through: false,
-            path: Path::straight(),
+            transmitted: false,
+            path: Some(MirrorPath::default()),
         });
     }
     tracer.tally.lost_share /= count.max(1) as f32;
@@ -148,27 +125,25 @@ struct Tracer<'a> {
     building: &'a Building,
     images: &'a Images,
     key: u64,
-    /// Length limit of rays, metres.
     reach_m: f32,
-    /// Initial energy of a ray.
     energy: f32,
     tally: Tally,
 }
 
 impl Tracer<'_> {
     fn follow(&mut self, mut ray: Ray) {
-        while ray.length_m < self.reach_m && ray.bounces < MOST_BOUNCES {
+        while ray.length_m < self.reach_m && ray.bounces < MAX_BOUNCES {
             let left_m = self.reach_m - ray.length_m;
-            let hit = self.building.air.rays().cast(&ray.origin, &ray.direction, left_m);
+            let hit = self.building.air.rays.cast(&ray.origin, &ray.direction, left_m);
             let leg_m = hit.map_or(left_m, |hit| hit.distance);
             let in_air = self.deposit(&ray, leg_m);
             let Some(hit) = hit else {
-                self.note_lost(&ray, left_m);
+                self.count_lost(&ray, left_m);
                 return;
             };
             ray.length_m += leg_m;
-            self.meet(&mut ray, &hit, in_air);
-            if !ray.survives() || ray.weights.iter().all(|weight| *weight < FAINT) {
+            self.interact(&mut ray, &hit, in_air);
+            if !ray.survives() || ray.weights.iter().all(|weight| *weight < MIN_ENERGY_SHARE) {
                 return;
             }
         }
@@ -177,17 +152,17 @@ impl Tracer<'_> {
     /// Adds a leg to the cells it crosses. Returns true if it crossed room air.
     fn deposit(&mut self, ray: &Ray, leg_m: f32) -> bool {
         let (air, cells) = (&self.building.air, &self.building.cells);
-        let counted = !ray.path.is_wave(self.images);
+        let counted = !ray.path.is_some_and(|path| path.is_wave(self.images));
         let mut in_air = false;
-        let mut run = Run { cell: NOWHERE, from_m: 0.0, to_m: 0.0 };
+        let mut run = CellRun { cell: NO_CELL, from_m: 0.0, to_m: 0.0 };
         let (tally, energy) = (&mut self.tally, self.energy);
-        march(air.grid(), &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
-            let cell = cells.of_voxel(voxel);
-            in_air |= cell != NOWHERE || air.in_room(voxel);
+        march(&air.grid, &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
+            let cell = cells.cell_of[voxel];
+            in_air |= cell != NO_CELL || air.in_room[voxel];
             if cell == run.cell {
                 run.to_m = to_m;
             } else {
-                let done = std::mem::replace(&mut run, Run { cell, from_m, to_m });
+                let done = std::mem::replace(&mut run, CellRun { cell, from_m, to_m });
                 if counted {
                     tally.add(ray, &done, energy);
                 }
@@ -199,44 +174,50 @@ impl Tracer<'_> {
         in_air
     }
 
-    fn note_lost(&mut self, ray: &Ray, left_m: f32) {
+    fn count_lost(&mut self, ray: &Ray, left_m: f32) {
         let end = ray.origin + ray.direction * left_m;
-        if !self.building.air.grid().holds(&end) {
+        if !self.building.air.grid.contains(&end) {
             self.tally.lost_share += mean(&ray.weights);
         }
     }
 
     /// Continues a ray at a surface: transmitted, scattered or mirrored.
-    fn meet(&self, ray: &mut Ray, hit: &Hit, in_air: bool) {
+    fn interact(&self, ray: &mut Ray, hit: &Hit, in_air: bool) {
         let surface = self.building.surfaces.of(hit.triangle);
         let point = ray.origin + ray.direction * hit.distance;
         let normal = against(&self.building.normals[hit.triangle as usize], &ray.direction);
-        let draw = Draw::new(self.key, ray.index, ray.bounces);
+        let draw = RandomDraws::new(self.key, ray.index, ray.bounces);
         ray.bounces += 1;
         // Inside a wall the ray can only continue to the other side.
-        let inside_wall = ray.went_through && !in_air;
-        let fate = if inside_wall { Fate::Through(1.0) } else { Fate::draw(surface, draw.choice) };
-        ray.went_through = matches!(fate, Fate::Through(_));
-        fate.weigh(surface, &mut ray.weights);
-        ray.path = match fate {
-            Fate::Mirrored(_) => ray.path.mirrored(self.building.planes.of(hit.triangle)),
-            Fate::Through(_) => ray.path.onwards(),
-            Fate::Scattered(_) => Path::other(),
-        };
-        let side = if ray.went_through { -normal } else { normal };
+        let inside_wall = ray.transmitted && !in_air;
+        let interaction =
+            if inside_wall { Interaction::Transmitted(1.0) } else { Interaction::draw(surface, draw.choice) };
+        ray.transmitted = matches!(interaction, Interaction::Transmitted(_));
+        interaction.weigh(surface, &mut ray.weights);
+        let side = if ray.transmitted { -normal } else { normal };
         ray.origin = point + side * OFF_SURFACE_M;
-        ray.direction = match fate {
-            Fate::Through(_) => ray.direction,
-            Fate::Scattered(_) => lambert(&normal, &draw),
-            Fate::Mirrored(_) => self.mirrored(&ray.direction, hit.triangle, &normal),
-        };
+        match interaction {
+            Interaction::Transmitted(_) => ray.path = ray.path.and_then(MirrorPath::transmitted),
+            Interaction::Scattered(_) => {
+                ray.path = None;
+                ray.direction = lambert(&normal, &draw);
+            }
+            Interaction::Mirrored(_) => {
+                let plane = self.building.planes.of(hit.triangle);
+                ray.path = ray.path.and_then(|path| path.mirrored(plane));
+                ray.direction = self.mirrored(&ray.direction, plane, &normal);
+            }
+        }
     }
 
-    /// `direction` after a mirror: in the fitted plane if there is one, so that scan bumps do not deflect the
-    /// ray.
-    fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
-        let planes = &self.building.planes;
-        let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
+    // Rays mirror in the fitted plane if possible, so that bumps in scans do not deflect them.
+    fn mirrored(
+        &self,
+        direction: &Vector3<f32>,
+        plane: Option<PlaneId>,
+        normal: &Vector3<f32>,
+    ) -> Vector3<f32> {
+        let by_plane = plane.map(|plane| self.building.planes.plane(plane).reflected(direction));
         let outwards = by_plane.filter(|reflected| reflected.dot(normal) > 0.0);
         let reflected = outwards.unwrap_or_else(|| direction - normal * (2.0 * direction.dot(normal)));
         // Rounding must not lengthen directions from bounce to bounce.
@@ -244,19 +225,19 @@ impl Tracer<'_> {
     }
 }
 
-/// Part of a leg inside a cell, metres from the start of the leg.
-struct Run {
+/// Part of a leg inside a cell, metres from the leg's start.
+struct CellRun {
     cell: u32,
     from_m: f32,
     to_m: f32,
 }
 
 impl Tally {
-    fn add(&mut self, ray: &Ray, run: &Run, energy: f32) {
-        if run.cell == NOWHERE {
+    fn add(&mut self, ray: &Ray, run: &CellRun, energy: f32) {
+        if run.cell == NO_CELL {
             return;
         }
-        let bin = bin_of(ray.length_m + 0.5 * (run.from_m + run.to_m));
+        let bin = slice_of(ray.length_m + 0.5 * (run.from_m + run.to_m));
         if bin >= self.bins {
             return;
         }
@@ -270,7 +251,7 @@ impl Tally {
     }
 
     fn row(&mut self, cell: usize) -> usize {
-        if self.row_of[cell] == NOWHERE {
+        if self.row_of[cell] == NO_CELL {
             let width = self.bins * CHANNELS;
             self.row_of[cell] = (self.sums.len() / width) as u32;
             self.sums.resize(self.sums.len() + width, 0.0);
@@ -279,26 +260,26 @@ impl Tally {
     }
 }
 
-/// Continuation of a ray at a surface, with its probability.
+/// A ray's continuation at a surface, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Fate {
-    Through(f32),
+enum Interaction {
+    Transmitted(f32),
     Scattered(f32),
     Mirrored(f32),
 }
 
-impl Fate {
-    /// Selects a continuation by `choice` in [0, 1). Absorption does not affect the selection.
+impl Interaction {
+    /// Selects by `choice` in [0, 1). Absorption does not affect the selection.
     fn draw(surface: &Surface, choice: f32) -> Self {
         let through = match mean(&surface.transmission) {
             none if none <= 0.0 => 0.0,
-            _ if (0..SURFACE_BANDS).all(|band| surface.returned(band) <= 0.0) => 1.0,
-            some => some.clamp(LEAST_FOLLOWED, 1.0 - LEAST_FOLLOWED),
+            _ if (0..SURFACE_BANDS).all(|band| surface.reflected(band) <= 0.0) => 1.0,
+            some => some.clamp(MIN_TRANSMISSION_PROBABILITY, 1.0 - MIN_TRANSMISSION_PROBABILITY),
         };
         let scattered = (1.0 - through) * likelihood(&surface.scattering);
         let mirrored = 1.0 - through - scattered;
         if choice < through {
-            Self::Through(through)
+            Self::Transmitted(through)
         } else if choice < through + scattered || mirrored <= 0.0 {
             Self::Scattered(scattered)
         } else {
@@ -309,9 +290,9 @@ impl Fate {
     /// Corrects the band weights: energy share divided by selection probability.
     fn weigh(self, surface: &Surface, weights: &mut [f32; SURFACE_BANDS]) {
         for (band, weight) in weights.iter_mut().enumerate() {
-            let (returned, scattering) = (surface.returned(band), surface.scattering[band]);
+            let (returned, scattering) = (surface.reflected(band), surface.scattering[band]);
             *weight *= match self {
-                Self::Through(likelihood) => surface.transmission[band] / likelihood,
+                Self::Transmitted(likelihood) => surface.transmission[band] / likelihood,
                 Self::Scattered(likelihood) => returned * scattering / likelihood,
                 Self::Mirrored(likelihood) => returned * (1.0 - scattering) / likelihood,
             };
@@ -331,14 +312,14 @@ fn mean(values: &[f32; SURFACE_BANDS]) -> f32 {
     values.iter().sum::<f32>() / SURFACE_BANDS as f32
 }
 
-/// Three random numbers in [0, 1) of a ray at a surface.
-struct Draw {
+/// Three random numbers in [0, 1) per ray and surface.
+struct RandomDraws {
     choice: f32,
     cos_squared: f32,
     turn: f32,
 }
 
-impl Draw {
+impl RandomDraws {
     fn new(key: u64, ray: u64, bounce: u64) -> Self {
         let word = Rng::word(key, ray << 20 | bounce);
         let unit = |shift: u32| (word >> shift & 0x1f_ffff) as f32 / (1 << 21) as f32;
@@ -346,8 +327,8 @@ impl Draw {
     }
 }
 
-/// A Lambertian direction around `normal`: the sum of the normal and a random unit vector.
-fn lambert(normal: &Vector3<f32>, draw: &Draw) -> Vector3<f32> {
+/// A Lambertian direction around `normal`: the normal plus a random unit vector.
+fn lambert(normal: &Vector3<f32>, draw: &RandomDraws) -> Vector3<f32> {
     let height = 1.0 - 2.0 * draw.cos_squared;
     let (sin, cos) = angle::sin_cos(TAU * draw.turn);
     let radius = (1.0 - height * height).max(0.0).sqrt();
@@ -356,7 +337,7 @@ fn lambert(normal: &Vector3<f32>, draw: &Draw) -> Vector3<f32> {
     direction.try_normalize(1e-4).unwrap_or(*normal)
 }
 
-/// `normal`, turned to the side of the incoming `direction`.
+/// `normal`, turned towards the incoming ray.
 fn against(normal: &Vector3<f32>, direction: &Vector3<f32>) -> Vector3<f32> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }

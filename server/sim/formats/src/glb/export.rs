@@ -1,10 +1,10 @@
 //! Scene export as binary glTF 2.0.
 
-use crate::extras;
 use crate::images::encode_png;
+use crate::named_model::{object_extras, scene_extras, structure_extras};
 use avln_scene::colors::light_of;
 use avln_scene::{InstanceId, Material, Mesh, Scene};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 const ARRAY_BUFFER: u32 = 34_962;
@@ -12,9 +12,6 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34_963;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
-
-/// Triangles by instance and material.
-type SurfaceGroups = BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>>;
 
 /// Exports a scene as binary glTF 2.0 (`.glb`), Y up, metres, for Blender, Habitat and other programs.
 ///
@@ -38,7 +35,7 @@ pub fn export(scene: &Scene) -> Vec<u8> {
     };
     for object in &scene.objects {
         let name = format!("{}_{}", object.category, object.id.0);
-        add(name, extras::of_object(object), groups.remove(&object.id));
+        add(name, object_extras(object), groups.remove(&object.id));
     }
     // Triangles of unknown instances are structure too: the export loses no surface.
     let mut rest: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
@@ -46,16 +43,16 @@ pub fn export(scene: &Scene) -> Vec<u8> {
         rest.entry(material).or_default().extend(triangles);
     }
     if !rest.is_empty() {
-        add("structure".to_owned(), extras::of_structure(), Some(rest));
+        add("structure".to_owned(), structure_extras(), Some(rest));
     }
     let images: Vec<Value> =
         scene.textures.iter().map(|texture| writer.image(&encode_png(texture))).collect();
-    let document = document(scene, nodes, meshes, images, &mut writer);
+    let document = document(scene, nodes, meshes, images, &writer);
     container(&document, &writer.bin)
 }
 
-fn groups(mesh: &Mesh) -> SurfaceGroups {
-    let mut groups = SurfaceGroups::new();
+fn groups(mesh: &Mesh) -> BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>> {
+    let mut groups: BTreeMap<_, BTreeMap<_, Vec<_>>> = BTreeMap::new();
     for (triangle, (&instance, &material)) in mesh.instance_of.iter().zip(&mesh.material_of).enumerate() {
         groups.entry(instance).or_default().entry(material).or_default().push(triangle as u32);
     }
@@ -67,44 +64,40 @@ fn document(
     nodes: Vec<Value>,
     meshes: Vec<Value>,
     images: Vec<Value>,
-    writer: &mut GlbWriter,
+    writer: &GlbWriter,
 ) -> Value {
-    let roots: Vec<usize> = (0..nodes.len()).collect();
-    let mut entry = Map::new();
-    entry.insert("name".to_owned(), json!(scene.name));
-    entry.insert("extras".to_owned(), extras::of_regions(&scene.regions));
-    insert_list(&mut entry, "nodes", roots.into_iter().map(Value::from).collect());
-    let mut root = Map::new();
-    root.insert("asset".to_owned(), json!({ "version": "2.0", "generator": "LH-AVLN Arena" }));
-    root.insert("scene".to_owned(), json!(0));
-    root.insert("scenes".to_owned(), json!([entry]));
-    let textures = (0..images.len()).map(|image| json!({ "source": image, "sampler": 0 })).collect();
-    if !images.is_empty() {
-        // Linear filters with mip levels, repeating in both directions.
-        let sampler = json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 });
-        insert_list(&mut root, "samplers", vec![sampler]);
-    }
-    if !scene.materials.is_empty() {
-        root.insert("extensionsUsed".to_owned(), json!(["KHR_materials_unlit"]));
-    }
-    insert_list(&mut root, "nodes", nodes);
-    insert_list(&mut root, "meshes", meshes);
-    insert_list(&mut root, "materials", scene.materials.iter().map(material).collect());
-    insert_list(&mut root, "textures", textures);
-    insert_list(&mut root, "images", images);
-    insert_list(&mut root, "accessors", std::mem::take(&mut writer.accessors));
-    insert_list(&mut root, "bufferViews", std::mem::take(&mut writer.views));
-    if !writer.bin.is_empty() {
-        insert_list(&mut root, "buffers", vec![json!({ "byteLength": writer.bin.len() })]);
-    }
-    Value::Object(root)
+    // Linear filters with mip levels, repeating in both directions.
+    let sampler = json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 });
+    let entry = json!({
+        "name": scene.name,
+        "extras": scene_extras(&scene.regions),
+        "nodes": (0..nodes.len()).collect::<Vec<_>>(),
+    });
+    let textures: Vec<Value> =
+        (0..images.len()).map(|image| json!({ "source": image, "sampler": 0 })).collect();
+    without_empty_lists(json!({
+        "asset": { "version": "2.0", "generator": "LH-AVLN Arena" },
+        "scene": 0,
+        "scenes": [without_empty_lists(entry)],
+        "samplers": if images.is_empty() { vec![] } else { vec![sampler] },
+        "extensionsUsed": if scene.materials.is_empty() { vec![] } else { vec!["KHR_materials_unlit"] },
+        "nodes": nodes,
+        "meshes": meshes,
+        "materials": scene.materials.iter().map(material).collect::<Vec<_>>(),
+        "textures": textures,
+        "images": images,
+        "accessors": writer.accessors,
+        "bufferViews": writer.views,
+        "buffers": if writer.bin.is_empty() { vec![] } else { vec![json!({ "byteLength": writer.bin.len() })] },
+    }))
 }
 
-/// Inserts a list, unless it is empty: glTF allows no empty lists.
-fn insert_list(object: &mut Map<String, Value>, key: &str, list: Vec<Value>) {
-    if !list.is_empty() {
-        object.insert(key.to_owned(), Value::Array(list));
+/// Removes empty lists, which glTF does not allow.
+fn without_empty_lists(mut object: Value) -> Value {
+    if let Some(fields) = object.as_object_mut() {
+        fields.retain(|_, value| value.as_array().is_none_or(|list| !list.is_empty()));
     }
+    object
 }
 
 fn material(material: &Material) -> Value {
@@ -130,7 +123,6 @@ fn material(material: &Material) -> Value {
     entry
 }
 
-/// The binary chunk, and descriptions for the parts.
 #[derive(Default)]
 struct GlbWriter {
     bin: Vec<u8>,
@@ -139,7 +131,6 @@ struct GlbWriter {
 }
 
 impl GlbWriter {
-    /// A primitive per material, with separate vertices.
     fn primitives(&mut self, mesh: &Mesh, surfaces: &BTreeMap<u16, Vec<u32>>) -> Vec<Value> {
         surfaces.iter().map(|(&material, triangles)| self.primitive(mesh, material, triangles)).collect()
     }
@@ -178,11 +169,9 @@ impl GlbWriter {
     }
 
     fn floats<const N: usize>(&mut self, elements: Vec<[f32; N]>, kind: &str) -> Value {
-        let bytes = elements.iter().flatten().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-        let view = self.view(&bytes, Some(ARRAY_BUFFER));
-        self.accessor(
-            json!({ "bufferView": view, "componentType": F32, "count": elements.len(), "type": kind }),
-        )
+        let bytes: Vec<u8> = elements.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();
+        let entry = json!({ "componentType": F32, "count": elements.len(), "type": kind });
+        self.accessor(&bytes, ARRAY_BUFFER, entry)
     }
 
     // Linear light in 16 bits distinguishes all 256 sRGB codes; alpha is padding.
@@ -190,26 +179,23 @@ impl GlbWriter {
         let light = |code: u8| (light_of(code) * f32::from(u16::MAX)).round() as u16;
         let rgba = colors.iter().flat_map(|&[r, g, b]| [light(r), light(g), light(b), u16::MAX]);
         let bytes: Vec<u8> = rgba.flat_map(u16::to_le_bytes).collect();
-        let view = self.view(&bytes, Some(ARRAY_BUFFER));
-        let count = colors.len();
-        self.accessor(
-            json!({ "bufferView": view, "componentType": U16, "normalized": true, "count": count, "type": "VEC4" }),
-        )
+        let entry =
+            json!({ "componentType": U16, "normalized": true, "count": colors.len(), "type": "VEC4" });
+        self.accessor(&bytes, ARRAY_BUFFER, entry)
     }
 
     fn indices(&mut self, indices: &[u32]) -> Value {
         let bytes: Vec<u8> = indices.iter().flat_map(|index| index.to_le_bytes()).collect();
-        let view = self.view(&bytes, Some(ELEMENT_ARRAY_BUFFER));
-        self.accessor(
-            json!({ "bufferView": view, "componentType": U32, "count": indices.len(), "type": "SCALAR" }),
-        )
+        let entry = json!({ "componentType": U32, "count": indices.len(), "type": "SCALAR" });
+        self.accessor(&bytes, ELEMENT_ARRAY_BUFFER, entry)
     }
 
     fn image(&mut self, png: &[u8]) -> Value {
         json!({ "bufferView": self.view(png, None), "mimeType": "image/png" })
     }
 
-    fn accessor(&mut self, entry: Value) -> Value {
+    fn accessor(&mut self, bytes: &[u8], target: u32, mut entry: Value) -> Value {
+        entry["bufferView"] = json!(self.view(bytes, Some(target)));
         self.accessors.push(entry);
         json!(self.accessors.len() - 1)
     }

@@ -1,10 +1,13 @@
-//! A file's document and buffers: GLB container, external files, `data:` URIs.
+//! A file's content: GLB container, external files, `data:` URIs, accessors, and primitives packed with Draco
+//! (`KHR_draco_mesh_compression`).
 
-use crate::files::{Checked, neighbour, read_limited};
-use crate::glb::document::{Document, missing};
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES};
+use crate::files::{Checked, neighbour, read_limited, refuse_if};
+use crate::glb::document::{Accessor, Document, Primitive, Sparse, SparsePart, missing};
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES, MAX_TRIANGLES, MAX_VERTICES};
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use base64::{Engine as _, alphabet};
+use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
+use serde_json::Value;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -14,7 +17,6 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const JSON_CHUNK: &[u8] = b"JSON";
 const BIN_CHUNK: &[u8] = b"BIN\0";
 
-/// A parsed file with buffers.
 pub(super) struct Source<'a> {
     pub(super) document: Document,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
@@ -27,12 +29,12 @@ impl<'a> Source<'a> {
     pub(super) fn parse(bytes: &'a [u8], folder: Option<&'a Path>) -> Checked<Self> {
         let is_binary = bytes.starts_with(MAGIC);
         let (json, bin) = if is_binary { chunks(bytes)? } else { (bytes, None) };
-        if json.len() > MAX_JSON_BYTES {
-            return Err(format!(
+        refuse_if(json.len() > MAX_JSON_BYTES, || {
+            format!(
                 "its JSON part is {} bytes long, at most {MAX_JSON_BYTES} are read; save it as .glb",
                 json.len()
-            ));
-        }
+            )
+        })?;
         let kind =
             if is_binary { "its JSON part is damaged" } else { "it is neither binary glTF nor glTF JSON" };
         let document: Document = serde_json::from_slice(json)
@@ -41,7 +43,6 @@ impl<'a> Source<'a> {
         Ok(Self { document, buffers, folder })
     }
 
-    /// Returns a buffer view's bytes.
     pub(super) fn view(&self, index: usize) -> Checked<&[u8]> {
         let view = self.document.buffer_views.get(index).ok_or_else(|| missing("buffer view", index))?;
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
@@ -60,24 +61,17 @@ type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
 /// A GLB file's JSON chunk and binary chunk.
 fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
-    if version != 2 {
-        return Err(format!(
-            "it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0"
-        ));
-    }
+    refuse_if(version != 2, || {
+        format!("it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0")
+    })?;
     let length = word(bytes, 8).ok_or("it ends inside its header; copy the file again")?;
-    if length > bytes.len() {
-        return Err(format!(
-            "it is cut short: {length} bytes announced, {} present; copy the file again",
-            bytes.len()
-        ));
-    }
+    refuse_if(length > bytes.len(), || {
+        format!("it is cut short: {length} bytes announced, {} present; copy the file again", bytes.len())
+    })?;
     // Bytes after the announced length are ignored, as by other readers.
     let bytes = &bytes[..length];
     let (kind, json, rest) = chunk(bytes.get(HEADER_BYTES..).unwrap_or_default())?;
-    if kind != JSON_CHUNK {
-        return Err("its first chunk is not JSON; export the file again".to_owned());
-    }
+    refuse_if(kind != JSON_CHUNK, || "its first chunk is not JSON; export the file again".into())?;
     if rest.is_empty() {
         return Ok((json, None));
     }
@@ -115,13 +109,13 @@ fn load_buffers<'a>(
             }
             None => return Err(format!("buffer {index} has no URI; export the file again")),
         };
-        if bytes.len() < buffer.byte_length {
-            return Err(format!(
+        refuse_if(bytes.len() < buffer.byte_length, || {
+            format!(
                 "buffer {index} has {} bytes, {} were announced; copy the files again",
                 bytes.len(),
                 buffer.byte_length
-            ));
-        }
+            )
+        })?;
         buffers.push(bytes);
     }
     Ok(buffers)
@@ -167,6 +161,251 @@ fn base64(text: &str) -> Option<Vec<u8>> {
             .with_decode_allow_trailing_bits(true),
     );
     LENIENT.decode(text).ok()
+}
+
+const U8: u32 = 5121;
+const I8: u32 = 5120;
+const U16: u32 = 5123;
+const I16: u32 = 5122;
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+
+/// Elements in an accessor without data: the file size does not limit them.
+const MAX_UNBACKED: usize = 1 << 22;
+
+pub(super) struct Elements<'a> {
+    bytes: Cow<'a, [u8]>,
+    stride: usize,
+    count: usize,
+    component: u32,
+    component_bytes: usize,
+    components: usize,
+    normalized: bool,
+}
+
+impl<'a> Elements<'a> {
+    /// Finds accessor `index`, and checks that the data is complete.
+    pub(super) fn find(source: &'a Source<'_>, index: usize) -> Checked<Self> {
+        let accessor = source.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
+        let component_bytes = component_bytes(accessor.component_type).ok_or_else(|| {
+            format!("accessor {index} has unknown component type {}", accessor.component_type)
+        })?;
+        let components = components(&accessor.kind)
+            .ok_or_else(|| format!("accessor {index} has unsupported type {:?}", accessor.kind))?;
+        let size = component_bytes * components;
+        let (bytes, stride) = match accessor.buffer_view {
+            Some(view) => {
+                stored(accessor, source.view(view)?, source.document.buffer_views[view].byte_stride, size)
+                    .ok_or_else(|| {
+                        format!("accessor {index} reaches beyond its data; export the file again")
+                    })?
+            }
+            None if accessor.count > MAX_UNBACKED => {
+                return Err(format!(
+                    "accessor {index} announces {} elements without data, at most {MAX_UNBACKED} are read; export the file again",
+                    accessor.count
+                ));
+            }
+            None => (Cow::Owned(vec![0; size * accessor.count]), size),
+        };
+        let mut elements = Self {
+            bytes,
+            stride,
+            count: accessor.count,
+            component: accessor.component_type,
+            component_bytes,
+            components,
+            normalized: accessor.normalized,
+        };
+        if let Some(sparse) = &accessor.sparse {
+            elements.replace(source, sparse).map_err(|reason| {
+                format!("accessor {index} is sparse, and {reason}; export the file again")
+            })?;
+        }
+        Ok(elements)
+    }
+
+    /// Replaces elements by a sparse accessor's values (glTF 2.0, section 3.6.2.3).
+    fn replace(&mut self, source: &Source<'_>, sparse: &Sparse) -> Checked<()> {
+        let size = self.component_bytes * self.components;
+        let index_bytes = match sparse.indices.component_type {
+            U8 => 1,
+            U16 => 2,
+            U32 => 4,
+            _ => return Err("its indices are neither u8, u16 nor u32".to_owned()),
+        };
+        let part = |part: &SparsePart, size: usize| {
+            let bytes = source.view(part.buffer_view)?.get(part.byte_offset..);
+            let needed = sparse.count.checked_mul(size);
+            bytes
+                .zip(needed)
+                .and_then(|(bytes, needed)| bytes.get(..needed))
+                .ok_or_else(|| "reaches beyond its data".to_owned())
+        };
+        let indices = part(&sparse.indices, index_bytes)?;
+        let values = part(&sparse.values, size)?;
+        // The view may be shared with other accessors: the replaced values belong to a copy.
+        let mut bytes = std::mem::take(&mut self.bytes).into_owned();
+        for (index, value) in indices.chunks_exact(index_bytes).zip(values.chunks_exact(size)) {
+            let element = index.iter().rev().fold(0_usize, |word, &byte| word << 8 | usize::from(byte));
+            refuse_if(element >= self.count, || format!("it replaces element {element} of {}", self.count))?;
+            bytes[element * self.stride..element * self.stride + size].copy_from_slice(value);
+        }
+        self.bytes = Cow::Owned(bytes);
+        Ok(())
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Returns the first `N` components for every element; normalised integers are scaled to 0 to 1 or -1 to 1.
+    pub(super) fn floats<const N: usize>(&self) -> Checked<Vec<[f32; N]>> {
+        refuse_if(self.components < N, || {
+            format!("an attribute has {} components where {N} are needed", self.components)
+        })?;
+        let element = |index: usize| std::array::from_fn(|component| self.float(self.at(index, component)));
+        Ok((0..self.count).map(element).collect())
+    }
+
+    pub(super) fn indices(&self) -> Checked<Vec<u32>> {
+        refuse_if(self.components != 1, || {
+            "an index list is not a list of single numbers; export the file again".into()
+        })?;
+        let index = |at: &[u8]| match self.component {
+            U8 => Some(u32::from(at[0])),
+            U16 => Some(u32::from(u16::from_le_bytes([at[0], at[1]]))),
+            U32 => Some(u32::from_le_bytes([at[0], at[1], at[2], at[3]])),
+            _ => None,
+        };
+        let found: Option<Vec<u32>> = (0..self.count).map(|element| index(self.at(element, 0))).collect();
+        found.ok_or_else(|| "an index list is neither of u8, u16 nor u32; export the file again".to_owned())
+    }
+
+    fn at(&self, element: usize, component: usize) -> &[u8] {
+        let start = element * self.stride + component * self.component_bytes;
+        &self.bytes[start..start + self.component_bytes]
+    }
+
+    /// Converts a component to a number (glTF 2.0, section 3.6.2.2).
+    fn float(&self, at: &[u8]) -> f32 {
+        let value = match self.component {
+            U8 => f32::from(at[0]),
+            I8 => f32::from(at[0] as i8),
+            U16 => f32::from(u16::from_le_bytes([at[0], at[1]])),
+            I16 => f32::from(i16::from_le_bytes([at[0], at[1]])),
+            U32 => u32::from_le_bytes([at[0], at[1], at[2], at[3]]) as f32,
+            _ => return f32::from_le_bytes([at[0], at[1], at[2], at[3]]),
+        };
+        if self.normalized { (value / full_scale(self.component)).max(-1.0) } else { value }
+    }
+}
+
+/// Returns the stored number for 1 in a normalised component.
+fn full_scale(component: u32) -> f32 {
+    match component {
+        U8 => 255.0,
+        I8 => 127.0,
+        U16 => 65_535.0,
+        I16 => 32_767.0,
+        U32 => u32::MAX as f32,
+        _ => 1.0,
+    }
+}
+
+/// Bytes from an accessor's first element on, and the stride; `None` if they are too few.
+fn stored<'a>(
+    accessor: &Accessor,
+    view: &'a [u8],
+    stride: Option<usize>,
+    size: usize,
+) -> Option<(Cow<'a, [u8]>, usize)> {
+    let bytes = view.get(accessor.byte_offset..).unwrap_or_default();
+    let stride = stride.unwrap_or(size);
+    let last = accessor.count.checked_sub(1);
+    let needed = last.map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size))?;
+    (stride >= size && needed <= bytes.len()).then_some((Cow::Borrowed(bytes), stride))
+}
+
+fn component_bytes(component: u32) -> Option<usize> {
+    match component {
+        U8 | I8 => Some(1),
+        U16 | I16 => Some(2),
+        U32 | F32 => Some(4),
+        _ => None,
+    }
+}
+
+fn components(kind: &str) -> Option<usize> {
+    match kind {
+        "SCALAR" => Some(1),
+        "VEC2" => Some(2),
+        "VEC3" => Some(3),
+        "VEC4" => Some(4),
+        _ => None,
+    }
+}
+
+pub(super) struct PrimitiveVertices {
+    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) uvs: Option<Vec<[f32; 2]>>,
+    /// Linear light, 0 to 1.
+    pub(super) colors: Option<Vec<[f32; 3]>>,
+}
+
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
+/// Attribute bytes in a primitive.
+const MAX_DECODED_BYTES: u64 = 1 << 30;
+
+/// Decodes a packed primitive: vertices, and triangle corners. `set` is the texture coordinate set.
+pub(super) fn unpack_draco(
+    source: &Source<'_>,
+    primitive: &Primitive,
+    packed: &Value,
+    set: u32,
+) -> Checked<(PrimitiveVertices, Vec<u32>)> {
+    let fail = |reason: &str| format!("a Draco-packed primitive {reason}; export it uncompressed");
+    let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("has no data"))?;
+    // The packed data announces its own sizes, which the accessors need not confirm.
+    let limits = DecodeLimits::default()
+        .with_max_points(MAX_VERTICES as u64)
+        .with_max_faces(MAX_TRIANGLES as u64)
+        .with_max_decoded_bytes(MAX_DECODED_BYTES);
+    let mut mesh = Mesh::new();
+    let mut buffer = DecoderBuffer::new(source.view(view as usize)?).with_limits(limits);
+    MeshDecoder::new()
+        .decode(&mut buffer, &mut mesh)
+        .map_err(|error| fail(&format!("cannot be read ({error})")))?;
+    let points = mesh.num_points();
+    if points > MAX_VERTICES || mesh.num_faces() > MAX_TRIANGLES {
+        return Err(fail("is too large"));
+    }
+    let attribute = |name: &str| {
+        let id = packed.get("attributes")?.get(name)?.as_u64()?;
+        mesh.attribute_by_unique_id(u32::try_from(id).ok()?)
+            .map(|found| (found, draco_scale(source, primitive, name)))
+    };
+    let corners = PrimitiveVertices {
+        positions: draco_values(attribute("POSITION").ok_or_else(|| fail("has no POSITION"))?, points),
+        uvs: attribute(&format!("TEXCOORD_{set}")).map(|found| draco_values(found, points)),
+        colors: attribute("COLOR_0").map(|found| draco_values(found, points)),
+    };
+    let order = mesh.faces().iter().flatten().map(|point| point.0).collect();
+    Ok((corners, order))
+}
+
+fn draco_values<const N: usize>((attribute, scale): (&PointAttribute, f32), points: usize) -> Vec<[f32; N]> {
+    let values = attribute.read_f32s(points, N);
+    values.as_chunks::<N>().0.iter().map(|element| element.map(|value| value * scale)).collect()
+}
+
+/// Value for a stored 1, by the attribute's accessor.
+fn draco_scale(source: &Source<'_>, primitive: &Primitive, name: &str) -> f32 {
+    let accessor = primitive.attributes.get(name).and_then(|&index| source.document.accessors.get(index));
+    match accessor {
+        Some(accessor) if accessor.normalized => 1.0 / full_scale(accessor.component_type),
+        _ => 1.0,
+    }
 }
 
 #[cfg(test)]

@@ -1,19 +1,20 @@
-//! Nodes, meshes and primitives as a triangle mesh in the world frame.
+//! Nodes, meshes and primitives as a triangle mesh in the world frame; materials and textures, read at the first use by a
+//! surface.
 
-use crate::extras::NodeExtras;
-use crate::files::Checked;
-use crate::glb::accessor::{Elements, PrimitiveVertices};
-use crate::glb::document::{PlacedNode, Primitive, TextureTransform, missing, placed_nodes};
-use crate::glb::draco;
-use crate::glb::materials::Palette;
-use crate::glb::source::Source;
-use crate::named_model::{Model, ModelNode};
-use crate::options::ImportReport;
+use crate::files::{Checked, ImportReport, refuse_if, too_many};
+use crate::glb::document::{
+    MaterialEntry, PlacedNode, Primitive, TextureTransform, TextureUse, missing, placed_nodes,
+};
+use crate::glb::source::{DRACO, Elements, PrimitiveVertices, Source, is_absent, load, unpack_draco};
+use crate::images;
+use crate::named_model::{Model, ModelNode, NodeExtras};
 use avln_geom::{Point2, Point3};
 use avln_scene::colors::code_of;
-use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
-use avln_scene::{InstanceId, Mesh};
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
+use avln_scene::{InstanceId, Material, Mesh, Texture};
 use nalgebra::Matrix4;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
@@ -24,7 +25,7 @@ const MAX_UV: f32 = 1.0e5;
 const MAX_PRIMITIVES: usize = 1 << 20;
 /// Supported extensions, and extensions without an effect on surfaces.
 const UNDERSTOOD: [&str; 7] = [
-    draco::NAME,
+    DRACO,
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_lights_punctual",
@@ -33,7 +34,6 @@ const UNDERSTOOD: [&str; 7] = [
     "EXT_texture_webp",
 ];
 
-/// Reads the default scene's surfaces.
 pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
@@ -121,12 +121,13 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             return Ok(());
         }
         let (corners, mut triangles) = self.unpacked(primitive, mode)?;
-        if triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()) {
-            return Err("a triangle refers to a vertex that does not exist; export the file again".to_owned());
-        }
-        if self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES {
-            return Err(format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"));
-        }
+        refuse_if(
+            triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()),
+            || "a triangle refers to a vertex that does not exist; export the file again".into(),
+        )?;
+        refuse_if(self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES, || {
+            too_many(MAX_TRIANGLES, "triangles")
+        })?;
         if world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
             triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
@@ -139,15 +140,12 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         Ok(())
     }
 
-    /// A primitive's vertices and triangles, decoded if it is packed.
     fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(PrimitiveVertices, Vec<[u32; 3]>)> {
         let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
         let used = self.palette.texture_use(primitive.material)?;
         let set = used.map_or(0, |used| used.coordinate_set());
         let (mut corners, order) = match packed {
-            Some((name, packed)) if name == draco::NAME => {
-                draco::decode(self.source, primitive, packed, set)?
-            }
+            Some((name, packed)) if name == DRACO => unpack_draco(self.source, primitive, packed, set)?,
             Some((name, _)) => {
                 return Err(format!(
                     "its meshes are packed with {name:?}, which is not supported; export it uncompressed"
@@ -163,9 +161,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             }
         };
         // Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
-        self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
-            format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
-        })?;
+        self.corners_left =
+            self.corners_left.checked_sub(order.len()).ok_or_else(|| too_many(MAX_TRIANGLES, "triangles"))?;
         if let (Some(uvs), Some(transform)) = (&mut corners.uvs, used.and_then(|used| used.transform())) {
             transform_uvs(uvs, &transform);
         }
@@ -179,10 +176,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         };
         let positions = find("POSITION")?.ok_or("a primitive has no POSITION; export the file again")?;
         let count = positions.count();
-        self.vertices_left = self
-            .vertices_left
-            .checked_sub(count)
-            .ok_or_else(|| format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"))?;
+        self.vertices_left =
+            self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
         let attribute = |name: &str| {
             let found = find(name)?;
             match found {
@@ -200,7 +195,6 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         })
     }
 
-    /// Appends the vertices for `triangles`, and renumbers the triangles.
     fn append_vertices(
         &mut self,
         corners: &PrimitiveVertices,
@@ -250,31 +244,175 @@ fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
 
 /// Triangles from a list, strip or fan (glTF 2.0, section 3.7.2.1), without those with a repeated vertex.
 fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
-    let all: Vec<[u32; 3]> =
-        match mode {
-            TRIANGLE_STRIP => order
-                .windows(3)
-                .enumerate()
-                .map(|(index, three)| {
-                    if index % 2 == 0 {
-                        [three[0], three[1], three[2]]
-                    } else {
-                        [three[0], three[2], three[1]]
-                    }
-                })
-                .collect(),
-            TRIANGLE_FAN => {
-                order.get(1..).unwrap_or_default().windows(2).map(|two| [two[0], two[1], order[0]]).collect()
-            }
-            _ if !order.len().is_multiple_of(3) => {
-                return Err(format!(
-                    "a triangle list has {} corners, no multiple of 3; export the file again",
-                    order.len()
-                ));
-            }
-            _ => order.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect(),
-        };
+    let count = order.len();
+    let corners = |a: usize, b: usize, c: usize| [order[a], order[b], order[c]];
+    let all: Vec<[u32; 3]> = match mode {
+        // Every second triangle in a strip turns the other way.
+        TRIANGLE_STRIP => (2..count)
+            .map(|last| {
+                if last % 2 == 0 {
+                    corners(last - 2, last - 1, last)
+                } else {
+                    corners(last - 2, last, last - 1)
+                }
+            })
+            .collect(),
+        TRIANGLE_FAN => (2..count).map(|last| corners(last - 1, last, 0)).collect(),
+        _ => {
+            refuse_if(!count.is_multiple_of(3), || {
+                format!("a triangle list has {count} corners, no multiple of 3; export the file again")
+            })?;
+            order.as_chunks::<3>().0.to_vec()
+        }
+    };
     Ok(all.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect())
+}
+
+/// Alpha below which a blended surface is transparent.
+const BLEND_CUTOFF: u8 = 128;
+/// Default alpha cutoff (glTF 2.0, section 3.9.4).
+const DEFAULT_CUTOFF: f32 = 0.5;
+/// Texture extensions with other image formats.
+const TEXTURE_EXTENSIONS: [&str; 4] =
+    ["GOOGLE_texture_basis", "KHR_texture_basisu", "EXT_texture_webp", "MSFT_texture_dds"];
+
+/// Scene materials and textures, by their numbers in the file.
+struct Palette<'a, 'r> {
+    source: &'a Source<'a>,
+    report: &'r mut ImportReport,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    material_of: BTreeMap<Option<usize>, u16>,
+    /// Texture number by image; `None` is the missing image.
+    texture_of: BTreeMap<Option<usize>, u16>,
+    texels_left: u64,
+    bytes_left: u64,
+}
+
+impl<'a, 'r> Palette<'a, 'r> {
+    fn new(source: &'a Source<'a>, report: &'r mut ImportReport) -> Self {
+        Self {
+            source,
+            report,
+            materials: Vec::new(),
+            textures: Vec::new(),
+            material_of: BTreeMap::new(),
+            texture_of: BTreeMap::new(),
+            texels_left: MAX_TEXELS,
+            bytes_left: MAX_FILE_BYTES,
+        }
+    }
+
+    /// Returns the scene's number for material `index`; `None` is glTF's default material.
+    fn material(&mut self, index: Option<usize>) -> Checked<u16> {
+        // Materials are read at their first use: unused ones often refer to missing images.
+        if let Some(&known) = self.material_of.get(&index) {
+            return Ok(known);
+        }
+        let default = MaterialEntry::default();
+        let entry = self.entry(index)?.unwrap_or(&default);
+        let texture = entry.texture().map(|used| self.texture(used)).transpose()?;
+        self.materials.push(material(entry, texture));
+        let number = number(self.materials.len(), "materials")?;
+        self.material_of.insert(index, number);
+        Ok(number)
+    }
+
+    fn texture_use(&self, index: Option<usize>) -> Checked<Option<TextureUse>> {
+        Ok(self.entry(index)?.and_then(MaterialEntry::texture))
+    }
+
+    fn entry(&self, index: Option<usize>) -> Checked<Option<&'a MaterialEntry>> {
+        let Some(index) = index else { return Ok(None) };
+        self.source.document.materials.get(index).map(Some).ok_or_else(|| missing("material", index))
+    }
+
+    fn texture(&mut self, used: TextureUse) -> Checked<u16> {
+        let image = self.image_of(used.index)?;
+        if let Some(&known) = self.texture_of.get(&image) {
+            return Ok(known);
+        }
+        let texture = match image.map(|image| self.picture(image)).transpose()?.flatten() {
+            Some(texture) => texture,
+            None => {
+                let name = image
+                    .map_or_else(|| format!("of texture {}", used.index), |image| self.image_label(image));
+                self.report.warn(format!("texture image {name} is missing; a checker replaces it"));
+                images::checker()
+            }
+        };
+        self.textures.push(texture);
+        let number = number(self.textures.len(), "textures")?;
+        self.texture_of.insert(image, number);
+        Ok(number)
+    }
+
+    /// Decodes image `index`; `None` if it is missing.
+    fn picture(&mut self, index: usize) -> Checked<Option<Texture>> {
+        let Some(bytes) = self.image_bytes(index)? else { return Ok(None) };
+        let decoded = images::decode(&bytes, &mut self.texels_left);
+        let fail = |reason| format!("its texture image {} cannot be used: {reason}", self.image_label(index));
+        decoded.map(Some).map_err(fail)
+    }
+
+    /// A texture's image, or an extension's image.
+    fn image_of(&self, texture: usize) -> Checked<Option<usize>> {
+        let entry = self.source.document.textures.get(texture).ok_or_else(|| missing("texture", texture))?;
+        let offered = || {
+            let sources = TEXTURE_EXTENSIONS
+                .iter()
+                .filter_map(|name| entry.extensions.get(*name)?.get("source")?.as_u64());
+            sources.map(|source| source as usize).next()
+        };
+        Ok(entry.source.or_else(offered))
+    }
+
+    fn image_bytes(&mut self, index: usize) -> Checked<Option<Cow<'a, [u8]>>> {
+        let source = self.source;
+        let image = source.document.images.get(index).ok_or_else(|| missing("image", index))?;
+        match (&image.uri, image.buffer_view) {
+            (_, Some(view)) => Ok(Some(Cow::Borrowed(source.view(view)?))),
+            (Some(address), None) if is_absent(address, source.folder) => Ok(None),
+            (Some(address), None) => {
+                load(address, source.folder, &mut self.bytes_left).map(|bytes| Some(Cow::Owned(bytes)))
+            }
+            (None, None) => Ok(None),
+        }
+    }
+
+    fn image_label(&self, index: usize) -> String {
+        let image = &self.source.document.images[index];
+        match &image.uri {
+            Some(address) if !address.starts_with("data:") => format!("{address:?}"),
+            _ => format!(
+                "{index} ({})",
+                if image.mime_type.is_empty() { "no type given" } else { &image.mime_type }
+            ),
+        }
+    }
+}
+
+fn number(count: usize, what: &str) -> Checked<u16> {
+    u16::try_from(count - 1).map_err(|_| format!("it uses more than 65536 {what}; merge some of them"))
+}
+
+fn material(entry: &MaterialEntry, texture: Option<u16>) -> Material {
+    let [r, g, b, a] = entry.color();
+    let cutoff = entry.alpha_cutoff.unwrap_or(DEFAULT_CUTOFF);
+    Material {
+        name: entry.name.clone(),
+        base_color: [code_of(r), code_of(g), code_of(b), byte(a)],
+        texture,
+        alpha_cutoff: match entry.alpha_mode.as_str() {
+            "MASK" => Some(byte(cutoff)),
+            "BLEND" => Some(BLEND_CUTOFF),
+            _ => None,
+        },
+    }
+}
+
+fn byte(share: f32) -> u8 {
+    (share * 255.0).round() as u8
 }
 
 #[cfg(test)]

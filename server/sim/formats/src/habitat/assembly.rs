@@ -1,11 +1,10 @@
 //! Scene assembly from assets: an asset is read once and placed for all instances.
 
-use crate::files::{Checked, malformed};
+use crate::files::{Checked, ImportReport, malformed, refuse_if};
 use crate::glb;
-use crate::habitat::config::{InstanceEntry, Origin};
+use crate::habitat::dataset::{InstanceEntry, Origin, Template};
 use crate::habitat::labels::HabitatRoom;
-use crate::habitat::templates::Template;
-use crate::options::ImportReport;
+use crate::named_model::bounds;
 use crate::world_frame::check_size;
 use avln_geom::{Aabb, Point3};
 use avln_scene::describe::{Meaning, Surfaces};
@@ -17,12 +16,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A mesh with the scene's material numbers.
-struct LoadedAsset {
-    mesh: Mesh,
-}
-
-/// A labelled object and the triangles.
 struct PlacedObject {
     /// Number in the scene's configuration.
     own_id: Option<u32>,
@@ -31,29 +24,22 @@ struct PlacedObject {
     triangles: Range<usize>,
 }
 
+#[derive(Default)]
 pub(super) struct Assembly {
     name: String,
     mesh: Mesh,
     materials: Vec<Material>,
     textures: Vec<Texture>,
-    texels_left: u64,
-    assets: BTreeMap<PathBuf, Rc<LoadedAsset>>,
+    texels: u64,
+    /// Meshes by file, with the scene's material numbers.
+    assets: BTreeMap<PathBuf, Rc<Mesh>>,
     placed: Vec<PlacedObject>,
     unlabelled: BTreeSet<String>,
 }
 
 impl Assembly {
     pub(super) fn new(name: String) -> Self {
-        Self {
-            name,
-            mesh: Mesh::default(),
-            materials: Vec::new(),
-            textures: Vec::new(),
-            texels_left: MAX_TEXELS,
-            assets: BTreeMap::new(),
-            placed: Vec::new(),
-            unlabelled: BTreeSet::new(),
-        }
+        Self { name, ..Self::default() }
     }
 
     /// Adds the stage, without instances.
@@ -64,12 +50,12 @@ impl Assembly {
         says: &dyn Fn(String) -> SceneError,
         report: &mut ImportReport,
     ) -> Result<(), SceneError> {
-        let missing =
-            || says(format!("its stage {:?} has no mesh in the data set; add the file", stage.name));
-        let path = stage.asset.as_deref().ok_or_else(missing)?;
+        let path = stage.asset.as_deref().ok_or_else(|| {
+            says(format!("its stage {:?} has no mesh in the data set; add the file", stage.name))
+        })?;
         let asset = self.asset(path, report)?;
         let place = stage_place(stage, instance).map_err(|why| says(format!("its stage {why}")))?;
-        self.append(&asset.mesh, &place).map(|_| ()).map_err(says)
+        self.append(&asset, &place).map(|_| ()).map_err(says)
     }
 
     /// Adds an object; an object without a mesh is left out, with a warning.
@@ -86,8 +72,8 @@ impl Assembly {
             return Ok(Ok(()));
         };
         let asset = self.asset(path, report)?;
-        let place = object_place(template, instance, origin, &asset.mesh);
-        Ok(place.and_then(|place| self.append(&asset.mesh, &place)).map(|triangles| match meaning {
+        let place = object_place(template, instance, origin, &asset);
+        Ok(place.and_then(|place| self.append(&asset, &place)).map(|triangles| match meaning {
             Meaning::Object { category, noun } => {
                 let own_id = instance.user_defined.get("instance_id").and_then(|id| id.as_u64());
                 let own_id = own_id.filter(|id| (1..=u64::from(InstanceId::MAX)).contains(id));
@@ -105,19 +91,18 @@ impl Assembly {
         }))
     }
 
-    /// Returns a file's asset; reads it at the first use.
-    fn asset(&mut self, path: &Path, report: &mut ImportReport) -> Result<Rc<LoadedAsset>, SceneError> {
+    fn asset(&mut self, path: &Path, report: &mut ImportReport) -> Result<Rc<Mesh>, SceneError> {
         if let Some(known) = self.assets.get(path) {
             return Ok(Rc::clone(known));
         }
         let model = glb::read_part(path, report)?;
         let fail = |reason: &str| malformed(path, reason);
-        let texels: u64 = model.textures.iter().map(|texture| texture.pixels.len() as u64 / 4).sum();
-        self.texels_left = self
-            .texels_left
-            .checked_sub(texels)
-            .ok_or_else(|| fail("with it, the textures exceed the texel limit; resize them"))?;
-        let (first_material, first_texture) = (self.materials.len(), self.textures.len());
+        self.texels += model.textures.iter().map(|texture| texture.pixels.len() as u64 / 4).sum::<u64>();
+        if self.texels > MAX_TEXELS {
+            return Err(fail("with it, the textures exceed the texel limit; resize them"));
+        }
+        let first_material = self.materials.len();
+        let first_texture = self.textures.len();
         let count = (first_material + model.materials.len()).max(first_texture + model.textures.len());
         if count > usize::from(u16::MAX) {
             return Err(fail(
@@ -131,24 +116,28 @@ impl Assembly {
             ..material
         }));
         self.textures.extend(model.textures);
-        let asset = Rc::new(LoadedAsset { mesh });
+        let asset = Rc::new(mesh);
         self.assets.insert(path.to_owned(), Rc::clone(&asset));
         Ok(asset)
     }
 
     /// Adds `mesh` after a transform, and returns their numbers.
     fn append(&mut self, mesh: &Mesh, world_from_asset: &Matrix4<f64>) -> Checked<Range<usize>> {
-        let (first, corner) = (self.mesh.triangles.len(), self.mesh.positions.len());
-        if first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES {
-            return Err(format!(
-                "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
-            ));
-        }
+        let first = self.mesh.triangles.len();
+        let corner = self.mesh.positions.len();
+        refuse_if(
+            first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES,
+            || {
+                format!(
+                    "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
+                )
+            },
+        )?;
         for position in &mesh.positions {
             let point: Point3<f32> = world_from_asset.transform_point(&position.cast::<f64>()).cast();
-            if !point.iter().all(|coordinate| coordinate.is_finite()) {
-                return Err("has no finite position; correct its translation and scale".to_owned());
-            }
+            refuse_if(!point.iter().all(|coordinate| coordinate.is_finite()), || {
+                "has no finite position; correct its translation and scale".into()
+            })?;
             self.mesh.positions.push(point);
         }
         // A mirrored asset would turn inside out: its triangles are reversed.
@@ -206,7 +195,6 @@ impl Assembly {
     }
 }
 
-/// Describes an instance; `None` if it has no surface.
 fn object(
     placed: &PlacedObject,
     id: InstanceId,
@@ -214,9 +202,7 @@ fn object(
     rooms: &[HabitatRoom],
 ) -> Option<Object> {
     let triangles: Vec<u32> = placed.triangles.clone().map(|triangle| triangle as u32).collect();
-    let corners = surfaces.mesh.triangles[placed.triangles.clone()].iter().flatten();
-    let corners: Vec<Point3<f32>> = corners.map(|&corner| surfaces.mesh.positions[corner as usize]).collect();
-    let bounds = Aabb::around(&corners)?;
+    let bounds = bounds(surfaces.mesh, &triangles)?;
     let region = rooms.iter().position(|room| room.contains(&bounds.center())).map(|index| index as u16);
     let attributes = Attributes { noun: placed.noun.clone(), ..surfaces.attributes(&triangles, &bounds) };
     Some(Object { id, category: placed.category.clone(), bounds, region, attributes })

@@ -1,15 +1,14 @@
 //! Instance categories, from configurations, semantic lexicons and metadata tables; rooms from semantic configurations.
 
-use crate::files::bounded;
-use crate::habitat::config::{Dataset, InstanceEntry, SceneInstance};
-use crate::habitat::files;
-use crate::habitat::templates::Template;
+use crate::files::{ImportReport, bounded, plain_words};
+use crate::habitat::dataset::{
+    Dataset, InstanceEntry, OWN_NAME, SceneInstance, Template, inside, matching, read, read_json, with_suffix,
+};
 use crate::named_model::category_of_name;
-use crate::options::ImportReport;
 use avln_geom::{Aabb, Point3};
 use avln_scene::describe::{Meaning, meaning, storeys};
-use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{Region, SceneError};
+use csv::{ByteRecord, ReaderBuilder};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -26,7 +25,6 @@ const TABLE_FOLDERS: [&str; 2] = ["metadata", "semantics"];
 /// Mark before the part number in divided models' template names.
 const PART_MARK: &str = "_part_";
 
-/// Categories in a data set's lexicons and metadata tables.
 pub(super) struct CategorySources {
     class_of: BTreeMap<i64, String>,
     table: BTreeMap<String, String>,
@@ -50,11 +48,11 @@ impl CategorySources {
     pub(super) fn read(dataset: &Dataset, report: &mut ImportReport) -> Result<Self, SceneError> {
         let mut labels = Self { class_of: BTreeMap::new(), table: BTreeMap::new() };
         for file in named_descriptions(dataset) {
-            let lexicon: Lexicon = files::read_json(&file)?;
+            let lexicon: Lexicon = read_json(&file)?;
             labels.class_of.extend(lexicon.classes.into_iter().map(|class| (class.id, class.name)));
         }
         for folder in TABLE_FOLDERS {
-            for file in files::with_suffix(&dataset.root.join(folder), ".csv")? {
+            for file in with_suffix(&dataset.root.join(folder), ".csv")? {
                 labels.add_table(&file, report)?;
             }
         }
@@ -62,19 +60,20 @@ impl CategorySources {
     }
 
     fn add_table(&mut self, file: &Path, report: &mut ImportReport) -> Result<(), SceneError> {
-        let text = String::from_utf8_lossy(&files::read(file)?).into_owned();
-        let mut lines = text.lines();
-        let header = cells(lines.next().unwrap_or_default());
+        let bytes = read(file)?;
+        let mut reader = ReaderBuilder::new().flexible(true).from_reader(&bytes[..]);
+        let header = reader.byte_headers().map(words).unwrap_or_default();
         let column = |names: &[&str]| {
-            names
-                .iter()
-                .find_map(|name| header.iter().position(|cell| cell.trim().eq_ignore_ascii_case(name)))
+            let position =
+                |name: &&str| header.iter().position(|cell| cell.trim().eq_ignore_ascii_case(name));
+            names.iter().find_map(position)
         };
         let (Some(id), Some(category)) = (column(&ID_COLUMNS), column(&CATEGORY_COLUMNS)) else {
             report.warn(format!("{} has no columns of ids and categories; it is ignored", file.display()));
             return Ok(());
         };
-        for row in lines.map(cells) {
+        for row in reader.byte_records().flatten() {
+            let row = words(&row);
             if let (Some(id), Some(category)) =
                 (row.get(id), row.get(category).filter(|words| !words.is_empty()))
             {
@@ -108,24 +107,12 @@ fn category_words(user_defined: &Map<String, Value>) -> Option<String> {
     words.map(str::trim).find(|words| !words.is_empty()).map(str::to_owned)
 }
 
-/// Cells in a comma-separated line; quoted cells may contain commas.
-fn cells(line: &str) -> Vec<String> {
-    let mut cells = vec![String::new()];
-    let mut quoted = false;
-    for letter in line.chars() {
-        let cell = cells.len() - 1;
-        match letter {
-            '"' => quoted = !quoted,
-            ',' if !quoted => cells.push(String::new()),
-            _ => cells[cell].push(letter),
-        }
-    }
-    cells
+/// Cells in a row; broken characters are replaced.
+fn words(row: &ByteRecord) -> Vec<String> {
+    row.iter().map(|cell| String::from_utf8_lossy(cell).into_owned()).collect()
 }
 
 const SUFFIX: &str = ".semantic_config.json";
-/// Placeholder for the scene's own name.
-const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
 /// Depth below a room's floor that still belongs to it, metres.
 const BELOW_FLOOR_M: f32 = 0.3;
 
@@ -150,14 +137,12 @@ struct RegionAnnotation {
     max_bounds: Option<[f32; 3]>,
 }
 
-/// A room with an outline in (x, z).
 pub(super) struct HabitatRoom {
     pub(super) region: Region,
     outline: Vec<[f32; 2]>,
 }
 
 impl HabitatRoom {
-    /// Returns whether a point is in the room.
     pub(super) fn contains(&self, point: &Point3<f32>) -> bool {
         let bounds = &self.region.bounds;
         let upright = (bounds.min.y - BELOW_FLOOR_M..=bounds.max.y).contains(&point.y);
@@ -183,7 +168,7 @@ pub(super) fn regions(
     report: &mut ImportReport,
 ) -> Result<Vec<HabitatRoom>, SceneError> {
     let Some(file) = description(dataset, scene, name)? else { return Ok(Vec::new()) };
-    let description: Description = files::read_json(&file)?;
+    let description: Description = read_json(&file)?;
     let mut rooms = Vec::new();
     for annotation in &description.region_annotations {
         match room(annotation) {
@@ -204,12 +189,12 @@ pub(super) fn regions(
 fn description(dataset: &Dataset, scene: &SceneInstance, name: &str) -> Result<Option<PathBuf>, SceneError> {
     let wanted = scene.semantic_scene_instance.replace(OWN_NAME, name);
     let named = dataset.semantics.get(&wanted).and_then(Value::as_str);
-    if let Some(path) = named.and_then(|file| files::inside(&dataset.root, &dataset.root, file)) {
+    if let Some(path) = named.and_then(|file| inside(&dataset.root, &dataset.root, file)) {
         return Ok(path.is_file().then_some(path));
     }
     let paths = dataset.semantics.get("paths").and_then(|paths| paths.get(".json")?.as_array());
     let patterns = paths.into_iter().flatten().filter_map(Value::as_str);
-    let all = files::matching(&dataset.root, patterns, SUFFIX)?;
+    let all = matching(&dataset.root, patterns, SUFFIX)?;
     let called = |stem: &str| all.iter().find(|path| path.ends_with(format!("{stem}{SUFFIX}"))).cloned();
     let stem = wanted.strip_suffix(SUFFIX).unwrap_or(&wanted);
     Ok(if stem.is_empty() { called(name) } else { called(stem).or_else(|| called(name)) })
@@ -220,7 +205,7 @@ pub(super) fn named_descriptions(dataset: &Dataset) -> Vec<PathBuf> {
     let named =
         dataset.semantics.iter().filter(|(key, _)| *key != "paths").filter_map(|(_, file)| file.as_str());
     named
-        .filter_map(|file| files::inside(&dataset.root, &dataset.root, file))
+        .filter_map(|file| inside(&dataset.root, &dataset.root, file))
         .filter(|path| path.is_file())
         .collect()
 }
@@ -235,7 +220,7 @@ fn room(annotation: &RegionAnnotation) -> Option<HabitatRoom> {
     let bounds = Aabb::around(&corners).or_else(stored)?;
     let finite = bounds.min.iter().chain(bounds.max.iter()).all(|coordinate| coordinate.is_finite());
     let words = if annotation.label.is_empty() { &annotation.name } else { &annotation.label };
-    let label = words.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
+    let label = plain_words(words);
     finite.then(|| HabitatRoom {
         region: Region { label, bounds, storey: 0 },
         outline: annotation.poly_loop.iter().map(|&[x, _, z]| [x, z]).collect(),
@@ -248,8 +233,19 @@ mod tests {
 
     #[test]
     fn quoted_cells_may_hold_commas() {
-        assert_eq!(cells("a,\"b, c\",,d"), ["a", "b, c", "", "d"]);
-        assert_eq!(cells(""), [""]);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("objects.csv");
+        let mut sources = CategorySources { class_of: BTreeMap::new(), table: BTreeMap::new() };
+        let mut report = ImportReport::default();
+        std::fs::write(&file, "name, ID ,category\n\"b, c\",a,\"chair, low\"\nshort\n,d,\n,e,bed,more\n")
+            .unwrap();
+        sources.add_table(&file, &mut report).unwrap();
+        let [a, e] = [("a", "chair, low"), ("e", "bed")].map(|(id, words)| (id.to_owned(), words.to_owned()));
+        assert_eq!(sources.table, BTreeMap::from([a, e]));
+        assert!(report.warnings.is_empty(), "{report:?}");
+        std::fs::write(&file, "").unwrap();
+        sources.add_table(&file, &mut report).unwrap();
+        assert!(report.warnings[0].contains("no columns of ids"), "{report:?}");
     }
 
     #[test]

@@ -5,20 +5,15 @@
 //! Frames, scales and origins are those of habitat-sim; articulated objects (URDF) are left out, with a warning.
 
 mod assembly;
-mod config;
-mod files;
+mod dataset;
 mod labels;
-mod templates;
 #[cfg(test)]
 mod tests;
 
-use crate::files::malformed;
-use crate::files::scene_name;
+use crate::files::{ImportReport, malformed, scene_name};
 use crate::habitat::assembly::Assembly;
-use crate::habitat::config::{Dataset, SceneInstance};
+use crate::habitat::dataset::{Dataset, SceneInstance, TemplateKind, Templates, matching, with_suffix};
 use crate::habitat::labels::CategorySources;
-use crate::habitat::templates::{TemplateKind, Templates};
-use crate::options::ImportReport;
 use avln_scene::{Scene, SceneError};
 use std::path::{Path, PathBuf};
 
@@ -26,13 +21,12 @@ pub(crate) const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
 const SCENE_SUFFIX: &str = ".scene_instance.json";
 /// Folders above a scene instance that may contain the data set.
 const MAX_PARENTS: usize = 6;
-/// Scenes in an error message.
 const NAMED_SCENES: usize = 8;
 
 /// Returns whether `path` is a scene instance, a data set configuration, or a folder with a configuration.
 pub(crate) fn is_habitat(path: &Path) -> bool {
     if path.is_dir() {
-        return files::with_suffix(path, DATASET_SUFFIX).is_ok_and(|found| !found.is_empty());
+        return with_suffix(path, DATASET_SUFFIX).is_ok_and(|found| !found.is_empty());
     }
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     name.ends_with(DATASET_SUFFIX) || name.ends_with(SCENE_SUFFIX)
@@ -42,13 +36,8 @@ pub(crate) fn is_habitat(path: &Path) -> bool {
 ///
 /// An instance's number is `user_defined.instance_id`, or the next free number. Categories come from
 /// `user_defined`, the semantic lexicon, the data set's metadata tables or the template's name, in this order, and become
-/// mpcat40 names if possible.
-///
-/// # Errors
-/// [`SceneError::Read`] if a configuration cannot be read; [`SceneError::Malformed`] if a configuration is not usable, the
-/// stage is missing, an asset is damaged, or the scene exceeds one of the [limits](avln_scene::limits) or cannot be in metres.
-/// Missing objects are warnings.
-pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+/// mpcat40 names if possible. Missing objects are warnings.
+pub(crate) fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let (dataset_path, scene_path) = locate(path)?;
     let dataset = Dataset::read(&dataset_path)?;
     let scene_path = match scene_path {
@@ -69,7 +58,7 @@ fn locate(path: &Path) -> Result<(PathBuf, Option<PathBuf>), SceneError> {
     }
     for folder in path.ancestors().skip(1).take(MAX_PARENTS) {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        if !files::with_suffix(folder, DATASET_SUFFIX)?.is_empty() {
+        if !with_suffix(folder, DATASET_SUFFIX)?.is_empty() {
             return Ok((only_dataset(folder)?, Some(path.to_owned())));
         }
     }
@@ -82,7 +71,7 @@ fn locate(path: &Path) -> Result<(PathBuf, Option<PathBuf>), SceneError> {
 }
 
 fn only_dataset(folder: &Path) -> Result<PathBuf, SceneError> {
-    let mut found = files::with_suffix(folder, DATASET_SUFFIX)?;
+    let mut found = with_suffix(folder, DATASET_SUFFIX)?;
     match found.len() {
         1 => Ok(found.swap_remove(0)),
         0 => {
@@ -97,7 +86,7 @@ fn only_dataset(folder: &Path) -> Result<PathBuf, SceneError> {
 
 fn only_scene(dataset: &Dataset) -> Result<PathBuf, SceneError> {
     let fail = |reason: String| malformed(&dataset.path, reason);
-    let mut scenes = files::matching(&dataset.root, dataset.scene_instances.paths(".json"), SCENE_SUFFIX)?;
+    let mut scenes = matching(&dataset.root, dataset.scene_instances.paths(".json"), SCENE_SUFFIX)?;
     match scenes.len() {
         1 => Ok(scenes.swap_remove(0)),
         0 => Err(fail("it lists no scene instance; use the file or folder of a scene".to_owned())),
@@ -135,16 +124,18 @@ fn build(
     let objects = Templates::find(dataset, TemplateKind::Object)?;
     let labels = CategorySources::read(dataset, report)?;
     for (number, instance) in scene.object_instances.iter().enumerate() {
-        let says = |why: String| fail(format!("its object instance {number} {why}"));
         let Some(template) = objects.read(&instance.template_name, report)? else {
             report.warn(format!("object {:?} is not in the data set; left out", instance.template_name));
             continue;
         };
         let label = labels.of(instance, &template);
-        assembly.add_object(&template, instance, scene.origin_of(instance), label, report)?.map_err(says)?;
+        assembly
+            .add_object(&template, instance, scene.origin_of(instance), label, report)?
+            .map_err(|why| fail(format!("its object instance {number} {why}")))?;
     }
-    if scene.articulated_count() > 0 {
-        report.warn(format!("{} articulated objects (URDF) are left out", scene.articulated_count()));
+    let articulated = scene.articulated_object_instances.len();
+    if articulated > 0 {
+        report.warn(format!("{articulated} articulated objects (URDF) are left out"));
     }
     let regions = labels::regions(dataset, scene, &name, report)?;
     assembly.finish(regions, report).map_err(fail)

@@ -1,25 +1,23 @@
 //! HM3D scenes with semantics: `X.glb` (Z up), `X.semantic.glb` (instances painted in colours) and `X.semantic.txt`
 //! (colour to category and region). The result has the triangles in `X.glb`, turned Y up.
 
-mod export;
-mod table;
+mod layout;
 #[cfg(test)]
 mod tests;
 
-use crate::files::scene_name;
-use crate::files::{Checked, malformed, read_regular};
+use crate::files::{Checked, ImportReport, malformed, read_regular, scene_name};
 use crate::glb;
-use crate::hm3d::table::InstanceAnnotation;
-use crate::labels::transfer;
+use crate::hm3d::layout::{InstanceAnnotation, parse};
+use crate::labels::{self, ObjectLabel, UnlabelledSurfaces, transfer};
 use crate::named_model::Model;
-use crate::options::ImportReport;
-use avln_geom::{Aabb, Point3};
-use avln_scene::describe::{Meaning, Surfaces, inner_points, meaning, storeys, texel_at};
-use avln_scene::{Attributes, InstanceId, Lighting, Mesh, Object, Region, Scene, SceneError};
+use crate::world_frame::{FileFrame, UpAxis};
+use avln_geom::Aabb;
+use avln_scene::describe::{inner_points, storeys, texel_at};
+use avln_scene::{Region, Scene, SceneError};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-pub use export::{Exported, dataset_config, export};
+pub use layout::{Exported, dataset_config, export};
 
 const SEMANTIC_MESH: &str = ".semantic.glb";
 const SEMANTIC_TABLE: &str = ".semantic.txt";
@@ -27,7 +25,6 @@ const SEMANTIC_TABLE: &str = ".semantic.txt";
 const RENDER_MESHES: [&str; 2] = [".glb", ".basis.glb"];
 const MAX_TABLE_BYTES: u64 = 16 << 20;
 
-/// A scene's files.
 struct Hm3dFiles {
     render: PathBuf,
     semantic: PathBuf,
@@ -41,24 +38,22 @@ pub(crate) fn is_hm3d(path: &Path) -> bool {
 
 /// Imports a folder (`00800-TEEsavR23oF`), or a `.glb` with semantic files next to it.
 ///
-/// Instances have the table's numbers. Categories become mpcat40 names if possible; structure (walls, floors, doors,
-/// windows …) is no object, but stays in the mesh.
-///
-/// # Errors
-/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`] if a file is damaged, or semantics are missing.
-pub fn import(folder_or_glb: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+/// Instances have the table's numbers; structure (walls, floors, doors, windows …) is no object, but stays in the mesh.
+pub(crate) fn import(folder_or_glb: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let files = files(folder_or_glb).ok_or_else(|| {
         malformed(folder_or_glb, "X.glb, X.semantic.glb or X.semantic.txt is missing; add the semantic files of HM3D, or open the .glb without them")
     })?;
     let annotations = read_annotations(&files.table)?;
     let mut render = glb::read_model(&files.render, report)?;
-    let semantic = glb::read_model(&files.semantic, report)?;
-    turn_y_up(&mut render.mesh);
-    let labels = painted_labels(&semantic, &annotations, report);
-    let mut painted = semantic.mesh;
-    turn_y_up(&mut painted);
-    let labels = transfer(&painted, &labels, &render.mesh);
-    scene(scene_name(&files.render), render, &labels, &annotations)
+    let mut semantic = glb::read_model(&files.semantic, report)?;
+    let frame = FileFrame { up: UpAxis::Z, metres: 1.0 };
+    frame.apply(&mut render.mesh);
+    let painted = painted_labels(&semantic, &annotations, report);
+    frame.apply(&mut semantic.mesh);
+    let label_of = transfer(&semantic.mesh, &painted, &render.mesh);
+    let surfaces =
+        UnlabelledSurfaces { mesh: render.mesh, materials: render.materials, textures: render.textures };
+    scene(scene_name(&files.render), surfaces, &label_of, &annotations, report)
         .map_err(|reason| malformed(&files.table, reason))
 }
 
@@ -86,57 +81,27 @@ fn stem_of_mesh(path: &Path) -> Option<String> {
 
 fn read_annotations(table: &Path) -> Result<Vec<InstanceAnnotation>, SceneError> {
     let bytes = read_regular(table, MAX_TABLE_BYTES)?;
-    table::parse(&String::from_utf8_lossy(&bytes)).map_err(|reason| malformed(table, reason))
+    parse(&String::from_utf8_lossy(&bytes)).map_err(|reason| malformed(table, reason))
 }
 
-/// Converts HM3D's frame, with gravity in direction -Z, to the world frame: (x, y, z) becomes (x, z, -y).
-fn turn_y_up(mesh: &mut Mesh) {
-    for position in &mut mesh.positions {
-        *position = Point3::new(position.x, position.z, -position.y);
-    }
-}
-
-/// Joins mesh and table; `labels` are instance numbers per triangle, 0 for none.
-fn scene(name: String, render: Model, labels: &[u32], annotations: &[InstanceAnnotation]) -> Checked<Scene> {
-    let Model { mut mesh, materials, textures, .. } = render;
-    let mut triangles_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for (triangle, &label) in labels.iter().enumerate() {
-        triangles_of.entry(label).or_default().push(triangle as u32);
-    }
-    let bounds_of: BTreeMap<u32, Aabb> = triangles_of
-        .iter()
-        .filter_map(|(&label, triangles)| Some((label, bounds(&mesh, triangles)?)))
-        .collect();
-    let (regions, region_of) = regions(annotations, &bounds_of)?;
-    let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
-    let mut objects = Vec::new();
-    for annotation in annotations {
-        let (Meaning::Object { category, noun }, Some(&bounds)) =
-            (meaning(&annotation.category), bounds_of.get(&annotation.id))
-        else {
-            continue;
-        };
-        objects.push(Object {
-            id: InstanceId(annotation.id),
-            category,
-            bounds,
-            region: region_of.get(&annotation.region).copied(),
-            attributes: Attributes { noun, ..surfaces.attributes(&triangles_of[&annotation.id], &bounds) },
-        });
-    }
-    objects.sort_by_key(|object| object.id);
-    for object in &objects {
-        triangles_of[&object.id.0]
-            .iter()
-            .for_each(|&triangle| mesh.instance_of[triangle as usize] = object.id);
-    }
-    Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
-}
-
-fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
-    let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
-    let positions: Vec<Point3<f32>> = corners.map(|corner| mesh.positions[corner as usize]).collect();
-    Aabb::around(&positions)
+/// Joins mesh and table; `label_of` are instance numbers per triangle, 0 for none.
+fn scene(
+    name: String,
+    surfaces: UnlabelledSurfaces,
+    label_of: &[u32],
+    annotations: &[InstanceAnnotation],
+    report: &mut ImportReport,
+) -> Checked<Scene> {
+    let bounds_of = labels::bounds_of(&surfaces.mesh, label_of);
+    let (regions, index_of) = regions(annotations, &bounds_of)?;
+    // Instances without a surface are left out here: `painted_labels` has counted them in its warning.
+    let listed = annotations.iter().filter(|annotation| bounds_of.contains_key(&annotation.id));
+    let label = |annotation: &InstanceAnnotation| ObjectLabel {
+        region: index_of.get(&annotation.region).copied(),
+        ..ObjectLabel::of_words(annotation.id, &annotation.category)
+    };
+    let labels: Vec<ObjectLabel> = listed.map(label).collect();
+    Ok(labels::scene(name, surfaces, label_of, &labels, regions, report))
 }
 
 /// Rooms in number order, and their indices by number. A room is the box around the instances; rooms without
@@ -161,7 +126,6 @@ fn regions(
     Ok((regions, index_of))
 }
 
-/// Colour for triangles without an instance.
 const BLACK: [u8; 3] = [0; 3];
 
 /// Returns instance numbers per semantic triangle, 0 for colours outside the table; warns about unknown colours,

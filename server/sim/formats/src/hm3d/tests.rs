@@ -1,6 +1,7 @@
 use super::*;
-use avln_geom::Point2;
-use avln_scene::{Material, Texture};
+use avln_geom::{Point2, Point3};
+use avln_scene::describe::{Meaning, meaning};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Texture};
 
 const BED: [u8; 3] = [10, 200, 30];
 const WALL: [u8; 3] = [250, 1, 99];

@@ -6,22 +6,17 @@ mod house;
 #[cfg(test)]
 mod tests;
 
-use crate::files::Checked;
-use crate::files::scene_name;
-use crate::labels::{ObjectLabel, UnlabelledSurfaces};
+use crate::files::{self, Checked, ImportReport, beside, plain_words, refuse_if, scene_name};
+use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
 use crate::mp3d::house::{Category, HouseObject, HouseRoom, HouseTable};
-use crate::options::{ImportOptions, ImportReport, UpAxis};
-use crate::ply::Ply;
-use crate::world_frame::{FileFrame, UpConvention, check_size};
-use crate::{files, glb, labels, obj, ply};
+use crate::ply::{self, Ply};
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_geom::{Aabb, Point3};
 use avln_scene::describe::is_structure;
-use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{InstanceId, Region, Scene, SceneError, categories};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// Table suffix.
 pub(crate) const TABLE: &str = ".house";
 /// Visible meshes, the preferred first.
 const RENDER_MESHES: [&str; 3] = [".glb", ".basis.glb", ".obj"];
@@ -29,67 +24,18 @@ const RENDER_MESHES: [&str; 3] = [".glb", ".basis.glb", ".obj"];
 const SEMANTIC_MESHES: [&str; 2] = ["_semantic.ply", ".ply"];
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
-/// mpcat40 categories by number.
-const MPCAT40: [&str; 42] = [
-    "void",
-    "wall",
-    "floor",
-    "chair",
-    "door",
-    "table",
-    "picture",
-    "cabinet",
-    "cushion",
-    "window",
-    "sofa",
-    "bed",
-    "curtain",
-    "chest_of_drawers",
-    "plant",
-    "sink",
-    "stairs",
-    "ceiling",
-    "toilet",
-    "stool",
-    "towel",
-    "mirror",
-    "tv_monitor",
-    "shower",
-    "column",
-    "bathtub",
-    "counter",
-    "fireplace",
-    "lighting",
-    "beam",
-    "railing",
-    "shelving",
-    "blinds",
-    "gym_equipment",
-    "seating",
-    "board_panel",
-    "furniture",
-    "appliances",
-    "clothes",
-    "objects",
-    "misc",
-    "unlabeled",
-];
+/// mpcat40 categories in number order.
+const MPCAT40: &str = "void wall floor chair door table picture cabinet cushion window sofa bed curtain chest_of_drawers \
+    plant sink stairs ceiling toilet stool towel mirror tv_monitor shower column bathtub counter fireplace lighting beam \
+    railing shelving blinds gym_equipment seating board_panel furniture appliances clothes objects misc unlabeled";
+/// Room labels after their letters (Matterport3D's data organisation).
+const ROOM_LABELS: &str = "a:bathroom b:bedroom c:closet d:dining_room e:entryway f:family_room g:garage h:hallway \
+    i:library j:laundry_room k:kitchen l:living_room m:meeting_room n:lounge o:office p:porch r:rec_room s:stairs \
+    t:toilet u:utility_room v:tv_room w:gym x:outdoor y:balcony z:other_room B:bar C:classroom D:dining_booth S:spa Z:junk";
 
-/// Imports the house with this table (`X.house`). Instance numbers are the table's numbers plus one, because 0 is no instance;
-/// walls, floors, doors and other structure are no objects.
-///
-/// # Errors
-/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged or both
-/// meshes are missing.
-pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(table, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+/// Imports the house with this table (`X.house`). Instance numbers are the table's numbers plus one, because 0 is no instance.
+/// Errors name line or byte.
+pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,
@@ -97,7 +43,7 @@ pub fn import_as(
     let bytes = files::read(table, MAX_TABLE_BYTES, report)?;
     let fail = |reason| files::malformed(table, reason);
     let house = house::parse(&String::from_utf8_lossy(&bytes)).map_err(fail)?;
-    let semantic = match beside(table, &SEMANTIC_MESHES) {
+    let semantic = match beside(table, TABLE, &SEMANTIC_MESHES) {
         Some(path) => Some(ply::read(&path, report)?),
         None => None,
     };
@@ -108,14 +54,6 @@ pub fn import_as(
     Ok(labels::scene(scene_name(table), surface, &label_of, &labels, regions, report))
 }
 
-/// The first existing `X<suffix>` next to `X.house`.
-fn beside(table: &Path, suffixes: &[&str]) -> Option<PathBuf> {
-    let name = table.file_name()?.to_str()?;
-    let stem = name.strip_suffix(TABLE)?;
-    suffixes.iter().map(|suffix| table.with_file_name(format!("{stem}{suffix}"))).find(|path| path.is_file())
-}
-
-/// Visible surfaces, their labels per triangle, and the file's frame.
 fn surfaces(
     table: &Path,
     semantic: Option<Ply>,
@@ -123,21 +61,21 @@ fn surfaces(
     options: &ImportOptions,
     report: &mut ImportReport,
 ) -> Result<(UnlabelledSurfaces, Vec<u32>, FileFrame), SceneError> {
-    let labels = semantic.as_ref().map(|ply| triangle_labels(ply, house, report));
-    let render = match beside(table, &RENDER_MESHES) {
-        Some(path) => Some(read_render(&path, report)?),
+    let labelled = semantic.map(|ply| (triangle_labels(&ply, house, report), ply));
+    let render = match beside(table, TABLE, &RENDER_MESHES) {
+        Some(path) => Some(UnlabelledSurfaces::read(&path, report)?),
         None => None,
     };
     let convention = UpConvention::Fixed(UpAxis::Z);
-    match (render, semantic, labels) {
-        (Some(mut render), Some(mut ply), Some(labels)) => {
+    match (render, labelled) {
+        (Some(mut render), Some((labels, mut ply))) => {
             let frame = FileFrame::of(&render.mesh, options, convention, report);
             frame.apply(&mut render.mesh);
             frame.apply(&mut ply.mesh);
             let label_of = labels::carried(&ply.mesh, &labels, &render.mesh, report);
             Ok((render, label_of, frame))
         }
-        (Some(mut render), ..) => {
+        (Some(mut render), None) => {
             report.warn(
                 "X_semantic.ply is missing next to X.house: the house has rooms, but no labelled objects",
             );
@@ -146,35 +84,20 @@ fn surfaces(
             let count = render.mesh.triangles.len();
             Ok((render, vec![0; count], frame))
         }
-        (None, Some(mut ply), Some(labels)) => {
+        (None, Some((labels, mut ply))) => {
             report.warn(match ply.is_coloured {
                 true => "X.glb is missing next to X.house: the colours of X_semantic.ply are shown",
                 false => "X.glb is missing next to X.house, and X_semantic.ply has no colours: all is white",
             });
             let frame = FileFrame::of(&ply.mesh, options, convention, report);
             frame.apply(&mut ply.mesh);
-            let surface = UnlabelledSurfaces {
-                mesh: ply.mesh,
-                materials: vec![ply::material(None)],
-                textures: Vec::new(),
-            };
-            Ok((surface, labels, frame))
+            Ok((UnlabelledSurfaces::of_scan(ply.mesh), labels, frame))
         }
-        _ => Err(files::malformed(
+        (None, None) => Err(files::malformed(
             table,
             "X.glb and X_semantic.ply are missing next to it; put the meshes of the house into its folder",
         )),
     }
-}
-
-fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfaces, SceneError> {
-    let is_obj = path.extension().is_some_and(|extension| extension == "obj");
-    let model = if is_obj {
-        obj::read(path, report)?
-    } else {
-        glb::read_part(&files::resolve(path, report)?, report)?
-    };
-    Ok(UnlabelledSurfaces { mesh: model.mesh, materials: model.materials, textures: model.textures })
 }
 
 /// Labels per triangle, 0 for none: by object number, or by segment.
@@ -194,20 +117,15 @@ fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> 
     vec![0; ply.mesh.triangles.len()]
 }
 
-/// Labels for the table's objects: their numbers plus one.
 fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<ObjectLabel>, String> {
     let label = |object: &HouseObject| {
         let (category, noun) = object
             .category
             .and_then(|index| house.categories.get(&index))
             .map_or((None, String::new()), meaning);
-        if object.index >= InstanceId::MAX {
-            return Err(format!(
-                "it numbers an object {}, the largest number is {}",
-                object.index,
-                InstanceId::MAX - 1
-            ));
-        }
+        refuse_if(object.index >= InstanceId::MAX, || {
+            format!("it numbers an object {}, the largest number is {}", object.index, InstanceId::MAX - 1)
+        })?;
         let region = object.region.and_then(|region| index_of.get(&region).copied());
         Ok(ObjectLabel { id: object.index + 1, category, noun, region })
     };
@@ -216,7 +134,7 @@ fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<Objec
 
 /// A record's category and noun: by mpcat40 number, or by name.
 fn meaning(record: &Category) -> (Option<String>, String) {
-    let by_number = record.mpcat40_index.and_then(|index| MPCAT40.get(index as usize).copied());
+    let by_number = record.mpcat40_index.and_then(|index| MPCAT40.split(' ').nth(index as usize));
     let category = by_number
         .or_else(|| categories::mpcat40(&record.mpcat40_name))
         .or_else(|| categories::mpcat40(&record.raw_name));
@@ -227,49 +145,9 @@ fn meaning(record: &Category) -> (Option<String>, String) {
             let noun = categories::noun(&record.raw_name).filter(|_| is_same_thing);
             (Some(category.to_owned()), noun.unwrap_or_default().to_owned())
         }
-        None => {
-            let words = record.raw_name.to_lowercase();
-            (
-                Some(words.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect()),
-                String::new(),
-            )
-        }
+        None => (Some(plain_words(&record.raw_name.to_lowercase())), String::new()),
     }
 }
-
-/// Room labels by letter (Matterport3D's data organisation).
-const LABELS: [(&str, &str); 30] = [
-    ("a", "bathroom"),
-    ("b", "bedroom"),
-    ("c", "closet"),
-    ("d", "dining_room"),
-    ("e", "entryway"),
-    ("f", "family_room"),
-    ("g", "garage"),
-    ("h", "hallway"),
-    ("i", "library"),
-    ("j", "laundry_room"),
-    ("k", "kitchen"),
-    ("l", "living_room"),
-    ("m", "meeting_room"),
-    ("n", "lounge"),
-    ("o", "office"),
-    ("p", "porch"),
-    ("r", "rec_room"),
-    ("s", "stairs"),
-    ("t", "toilet"),
-    ("u", "utility_room"),
-    ("v", "tv_room"),
-    ("w", "gym"),
-    ("x", "outdoor"),
-    ("y", "balcony"),
-    ("z", "other_room"),
-    ("B", "bar"),
-    ("C", "classroom"),
-    ("D", "dining_booth"),
-    ("S", "spa"),
-    ("Z", "junk"),
-];
 
 /// Rooms in table order, and their indices by number. Rooms without surfaces are empty boxes.
 fn regions(
@@ -304,15 +182,16 @@ fn storeys(house: &HouseTable) -> BTreeMap<u32, u16> {
 }
 
 fn room_label(room: &HouseRoom, report: &mut ImportReport) -> String {
-    let found = LABELS.iter().find(|(letter, _)| *letter == room.label);
-    if found.is_none() && room.label != "-" {
+    let named = |entry: &'static str| entry.strip_prefix(&room.label)?.strip_prefix(':');
+    let label = ROOM_LABELS.split(' ').find_map(named);
+    if label.is_none() && room.label != "-" {
         let start: String = room.label.chars().take(20).collect();
         report.warn(format!(
             "the label {start:?} of region {} is unknown; the region has no label",
             room.index
         ));
     }
-    found.map_or_else(String::new, |(_, name)| (*name).to_owned())
+    label.unwrap_or_default().to_owned()
 }
 
 fn room_bounds(room: &HouseRoom, frame: &FileFrame) -> Aabb {

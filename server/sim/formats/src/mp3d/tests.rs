@@ -1,6 +1,6 @@
 use super::*;
 use crate::glb::export;
-use crate::testing::{self, damaged};
+use crate::tests::{self, damaged};
 use avln_geom::{Aabb, Point3};
 use avln_scene::Lighting;
 
@@ -22,7 +22,7 @@ const TABLE_TEXT: &str = "ASCII 1.1\n\
 
 /// The scan with Z up as a textured mesh would be.
 fn render() -> Vec<u8> {
-    let mut ply = ply::parse(&testing::ply("ascii"), &mut ImportReport::default()).unwrap();
+    let mut ply = ply::parse(&tests::ply("ascii"), &mut ImportReport::default()).unwrap();
     // Another order of triangles, so that labels are found by place.
     ply.mesh.triangles.reverse();
     export(&Scene {
@@ -38,10 +38,10 @@ fn render() -> Vec<u8> {
 
 fn imported(files: &[(&str, &[u8])]) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
-    testing::write(folder.path(), "made.house", TABLE_TEXT);
-    files.iter().for_each(|(name, content)| testing::write(folder.path(), name, content));
+    tests::write(folder.path(), "made.house", TABLE_TEXT);
+    files.iter().for_each(|(name, content)| tests::write(folder.path(), name, content));
     let mut report = ImportReport::default();
-    (import(&folder.path().join("made.house"), &mut report).unwrap(), report)
+    (import(&folder.path().join("made.house"), &ImportOptions::default(), &mut report).unwrap(), report)
 }
 
 fn check(scene: &Scene) {
@@ -62,21 +62,21 @@ fn check(scene: &Scene) {
 #[test]
 fn labels_are_carried_to_the_textured_mesh() {
     let (scene, report) =
-        imported(&[("made_semantic.ply", &testing::ply("binary_little_endian")), ("made.glb", &render())]);
+        imported(&[("made_semantic.ply", &tests::ply("binary_little_endian")), ("made.glb", &render())]);
     check(&scene);
     assert!(report.warnings.is_empty(), "{report:?}");
 }
 
 #[test]
 fn labelled_mesh_replaces_missing_textured_mesh() {
-    let (scene, report) = imported(&[("made_semantic.ply", &testing::ply("binary_big_endian"))]);
+    let (scene, report) = imported(&[("made_semantic.ply", &tests::ply("binary_big_endian"))]);
     check(&scene);
     assert!(report.warnings[0].contains("colours of X_semantic.ply"), "{report:?}");
 }
 
 #[test]
 fn segments_of_the_original_release_have_objects() {
-    let text = String::from_utf8(testing::ply("ascii")).unwrap().replace("object_id", "face_material");
+    let text = String::from_utf8(tests::ply("ascii")).unwrap().replace("object_id", "face_material");
     let body = text.find("end_header").unwrap();
     let (head, body) = text.split_at(body);
     // Faces begin with their object; segments have other numbers.
@@ -105,23 +105,25 @@ fn house_without_labels_has_rooms() {
 fn inconsistent_files_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let table = folder.path().join("made.house");
-    testing::write(folder.path(), "made.house", TABLE_TEXT);
-    let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
+    tests::write(folder.path(), "made.house", TABLE_TEXT);
+    let error =
+        import(&table, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(
         error.contains("made.house") && error.contains("X.glb and X_semantic.ply are missing"),
         "{error}"
     );
-    testing::write(folder.path(), "made_semantic.ply", &testing::ply("ascii")[..900]);
-    let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
+    tests::write(folder.path(), "made_semantic.ply", &tests::ply("ascii")[..900]);
+    let error =
+        import(&table, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("made_semantic.ply") && error.contains("line"), "{error}");
     // One object more in the table than on the mesh, and one object less.
     let more = TABLE_TEXT
         .replace("E 0 0", "O 9 0 2 4 4 1 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0\nE 0 0")
         .replace("O 1 0", "O 8 0");
-    testing::write(folder.path(), "made.house", more);
-    testing::write(folder.path(), "made_semantic.ply", testing::ply("ascii"));
+    tests::write(folder.path(), "made.house", more);
+    tests::write(folder.path(), "made_semantic.ply", tests::ply("ascii"));
     let mut report = ImportReport::default();
-    assert_eq!(import(&table, &mut report).unwrap().objects.len(), 1);
+    assert_eq!(import(&table, &ImportOptions::default(), &mut report).unwrap().objects.len(), 1);
     let says = |words: &str| report.warnings.iter().any(|warning| warning.contains(words));
     assert!(says("2 labelled objects have no triangles and are left out (numbers 9, 10)"), "{report:?}");
     assert!(says("1 numbers on the mesh are not in the table and have no object (numbers 2)"), "{report:?}");

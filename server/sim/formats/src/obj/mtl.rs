@@ -1,31 +1,11 @@
 //! Material libraries (`.mtl`).
 
+use crate::files::plain_words;
 use avln_scene::Material;
-use avln_scene::limits::MAX_WORD_CHARS;
 
-/// Default colour.
 const DEFAULT_DIFFUSE: [f32; 3] = [0.8; 3];
 /// Opacity below which a surface is transparent.
 const SEE_THROUGH: f32 = 0.5;
-/// Values per `map_Kd` option (one to three for vectors).
-const MAP_OPTIONS: [(&str, usize); 14] = [
-    ("-blendu", 1),
-    ("-blendv", 1),
-    ("-boost", 1),
-    ("-mm", 2),
-    ("-o", 3),
-    ("-s", 3),
-    ("-t", 3),
-    ("-texres", 1),
-    ("-clamp", 1),
-    ("-bm", 1),
-    ("-imfchan", 1),
-    ("-type", 1),
-    ("-cc", 1),
-    ("-colorspace", 1),
-];
-
-/// A material with an image name.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MtlMaterial {
     pub(super) name: String,
@@ -46,7 +26,7 @@ impl MtlMaterial {
         let is_hidden = texture.is_some() && [r, g, b] == [0; 3];
         let alpha = (self.opacity.clamp(0.0, 1.0) * 255.0).round() as u8;
         Material {
-            name: self.name.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect(),
+            name: plain_words(&self.name),
             base_color: if is_hidden { [255, 255, 255, alpha] } else { [r, g, b, alpha] },
             texture,
             alpha_cutoff: (self.opacity < 1.0).then_some((SEE_THROUGH * 255.0) as u8),
@@ -54,7 +34,6 @@ impl MtlMaterial {
     }
 }
 
-/// Returns the default material with a name.
 pub(super) fn plain(name: &str) -> Material {
     MtlMaterial::new(name).material(None)
 }
@@ -111,10 +90,15 @@ fn picture(text: &str) -> Option<String> {
     (!rest.is_empty()).then(|| rest.to_owned())
 }
 
-/// Value count for the option at the start.
+/// Value count for the `map_Kd` option at the start (one to three for vectors).
 fn option_values(text: &str) -> Option<usize> {
-    let word = text.split_whitespace().next()?;
-    Some(MAP_OPTIONS.iter().find(|(name, _)| *name == word)?.1)
+    match text.split_whitespace().next()? {
+        "-blendu" | "-blendv" | "-boost" | "-texres" | "-clamp" | "-bm" | "-imfchan" | "-type" | "-cc"
+        | "-colorspace" => Some(1),
+        "-mm" => Some(2),
+        "-o" | "-s" | "-t" => Some(3),
+        _ => None,
+    }
 }
 
 fn after_word(text: &str) -> &str {

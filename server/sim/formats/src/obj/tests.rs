@@ -1,5 +1,5 @@
 use super::*;
-use crate::testing::{self, damaged};
+use crate::tests::{self, damaged};
 use avln_geom::{Aabb, Point3};
 
 const LIBRARY: &str = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl table_1\nKd 0.5 0.3 0.1\nmap_Kd wood.png\nnewmtl sofa_1\nKd 0.9 0.1 0.1\n";
@@ -7,10 +7,10 @@ const LIBRARY: &str = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl table_1\nKd 0.5 0.3 
 #[test]
 fn objects_named_by_category_are_instances() {
     let folder = tempfile::tempdir().unwrap();
-    testing::write(folder.path(), "house.obj", testing::obj());
-    testing::write(folder.path(), "scan.mtl", LIBRARY);
+    tests::write(folder.path(), "house.obj", tests::obj());
+    tests::write(folder.path(), "scan.mtl", LIBRARY);
     let mut report = ImportReport::default();
-    let scene = import(&folder.path().join("house.obj"), &mut report).unwrap();
+    let scene = import(&folder.path().join("house.obj"), &ImportOptions::default(), &mut report).unwrap();
     // The scan has Z up, and is flat enough for recognition.
     assert_eq!(scene.bounds().unwrap(), Aabb::new(Point3::new(0.0, 0.0, -5.0), Point3::new(6.0, 0.9, 0.0)));
     let found: Vec<(u32, &str)> =
@@ -30,9 +30,9 @@ fn objects_named_by_category_are_instances() {
 #[test]
 fn a_missing_library_is_a_warning() {
     let folder = tempfile::tempdir().unwrap();
-    testing::write(folder.path(), "house.obj", testing::obj());
+    tests::write(folder.path(), "house.obj", tests::obj());
     let mut report = ImportReport::default();
-    let scene = import(&folder.path().join("house.obj"), &mut report).unwrap();
+    let scene = import(&folder.path().join("house.obj"), &ImportOptions::default(), &mut report).unwrap();
     assert_eq!(scene.materials.len(), 3);
     assert!(report.warnings.iter().any(|warning| warning.contains("scan.mtl")), "{report:?}");
     assert!(
@@ -82,7 +82,7 @@ fn errors_name_the_line() {
 
 #[test]
 fn damaged_files_never_panic() {
-    let text = testing::obj();
+    let text = tests::obj();
     let mut errors = 0;
     damaged(text.as_bytes(), 5, 3000, |bytes| {
         errors += usize::from(parse(bytes, &mut ImportReport::default()).is_err());

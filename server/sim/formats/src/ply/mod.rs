@@ -1,15 +1,11 @@
 //! Stanford polygon files (PLY 1.0), text or binary, with vertex colours, texture coordinates and object numbers.
 
 mod tables;
-#[cfg(test)]
-mod tests;
 
-use crate::files;
-use crate::files::{Checked, scene_name};
+use crate::files::{self, Checked, ImportReport, refuse_if, scene_name};
 use crate::images::ImageSet;
-use crate::options::{ImportOptions, ImportReport, UpAxis};
 use crate::ply::tables::PlyTables;
-use crate::world_frame::{FileFrame, UpConvention, check_size};
+use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, SceneError, polygon};
 use std::path::Path;
@@ -29,20 +25,8 @@ pub(crate) struct Ply {
 }
 
 /// Imports a file as a scene without instances, because PLY files have no names for them. Z is up, unless the shape of the
-/// building contradicts it.
-///
-/// # Errors
-/// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`], with line or byte, if it is damaged, has no
-/// surfaces, or cannot be in metres.
-pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
-    import_as(path, &ImportOptions::default(), report)
-}
-
-/// [`import`] with the caller's axis and unit.
-///
-/// # Errors
-/// See [`import`].
-pub fn import_as(
+/// building contradicts it. Errors name line or byte.
+pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,
     report: &mut ImportReport,
@@ -65,25 +49,22 @@ pub fn import_as(
         name: scene_name(path),
         mesh: ply.mesh,
         materials: vec![material(texture)],
-        textures: pictures.into_textures(),
+        textures: pictures.textures,
         regions: Vec::new(),
         objects: Vec::new(),
         lighting: Lighting::Painted,
     })
 }
 
-/// Returns the material for PLY files.
 pub(crate) fn material(texture: Option<u16>) -> Material {
     Material { name: "scan".to_owned(), base_color: [255; 4], texture, alpha_cutoff: None }
 }
 
-/// Reads a file in file coordinates.
 pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Ply, SceneError> {
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     parse(&bytes, report).map_err(|reason| files::malformed(path, reason))
 }
 
-/// Parses a file in file coordinates.
 pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
     let mut tables = PlyTables::read(bytes, report)?;
     let mut triangles = Vec::new();
@@ -92,9 +73,9 @@ pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
         polygon::triangulate(&tables.positions, corners, &mut triangles);
         face_of.resize(triangles.len(), face as u32);
     }
-    if triangles.is_empty() {
-        return Err("it has no faces; use the file with surfaces, not the point cloud".to_owned());
-    }
+    refuse_if(triangles.is_empty(), || {
+        "it has no faces; use the file with surfaces, not the point cloud".into()
+    })?;
     let by_face = |labels: Vec<i64>| face_of.iter().map(|&face| labels[face as usize]).collect::<Vec<_>>();
     let by_vertex = |labels: Vec<i64>| {
         triangles.iter().map(|corners| most(corners.map(|at| labels[at as usize]))).collect()

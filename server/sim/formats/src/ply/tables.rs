@@ -1,7 +1,6 @@
 //! Vertices and faces in a PLY file; `ply-rs-bw` reads the header and each row.
 
-use crate::files::Checked;
-use crate::options::ImportReport;
+use crate::files::{Checked, ImportReport, refuse_if, too_many};
 use avln_geom::{Point2, Point3};
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
@@ -77,7 +76,6 @@ impl PlyTables {
         Ok(tables)
     }
 
-    /// Returns the faces' corner lists.
     pub(super) fn faces(&self) -> impl Iterator<Item = &[u32]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
@@ -89,18 +87,19 @@ impl PlyTables {
             scales.next().map(full_scale)
         };
         let has = |column: usize| scale_of(column).is_some();
-        if !(has(0) && has(1) && has(2)) {
-            return Err("its vertices have no x, y and z; export the file again".to_owned());
-        }
+        refuse_if(!(has(0) && has(1) && has(2)), || {
+            "its vertices have no x, y and z; export the file again".into()
+        })?;
         self.is_coloured = (RED..RED + 3).all(has);
         self.has_uvs = has(U) && has(U + 1);
         let color_scale: [f64; 3] =
             std::array::from_fn(|channel| 255.0 / scale_of(RED + channel).unwrap_or(1.0));
         let mut objects = has(OBJECT).then(Vec::new);
         for index in 0..element.count {
-            let place = rows.place();
+            let start = rows.position();
             let VertexRow { values } = rows.next(element)?;
             self.positions.push(position(&values).ok_or_else(|| {
+                let place = rows.place(start);
                 format!("{place}: vertex {index} has no usable position; repair the mesh in a 3D editor")
             })?);
             let uv = |value: f64| if value.abs() <= MAX_UV { value as f32 } else { 0.0 };
@@ -124,35 +123,34 @@ impl PlyTables {
     ) -> Checked<()> {
         let is_whole = |kind: &ScalarType| !matches!(kind, ScalarType::Float | ScalarType::Double);
         let is_list = |kind: &PropertyType| matches!(kind, PropertyType::List(_, kind) if is_whole(kind));
-        if !CORNERS.iter().any(|name| element.properties.get(*name).is_some_and(|p| is_list(&p.data_type))) {
-            return Err("its faces have no list vertex_indices; export the file again".to_owned());
-        }
+        refuse_if(
+            !CORNERS.iter().any(|name| element.properties.get(*name).is_some_and(|p| is_list(&p.data_type))),
+            || "its faces have no list vertex_indices; export the file again".into(),
+        )?;
         let has = |names: &[&str]| names.iter().any(|name| scalar(element, name).is_some());
         let mut objects = has(&OBJECTS).then(Vec::new);
         let mut segments = has(&SEGMENTS).then(Vec::new);
         let mut triangles = 0;
         let mut degenerate = 0;
         for index in 0..element.count {
-            let place = rows.place();
+            let start = rows.position();
             let row: FaceRow = rows.next(element)?;
             let corners = row.corners.len();
             if corners > MAX_POLYGON {
+                let place = rows.place(start);
                 return Err(format!(
                     "{place}: face {index} has {corners} corners, at most {MAX_POLYGON} are read"
                 ));
             }
             if let Some(corner) = row.negative {
+                let place = rows.place(start);
                 return Err(format!(
                     "{place}: face {index} refers to vertex {corner}; export the file again"
                 ));
             }
             triangles += corners.saturating_sub(2);
             degenerate += usize::from(corners < 3);
-            if triangles > MAX_TRIANGLES {
-                return Err(format!(
-                    "it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"
-                ));
-            }
+            refuse_if(triangles > MAX_TRIANGLES, || too_many(MAX_TRIANGLES, "triangles"))?;
             self.corners.extend(row.corners);
             self.ends.push(self.corners.len() as u32);
             if let Some(objects) = &mut objects {
@@ -188,11 +186,11 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     const END: &[u8] = b"end_header";
     // The library does not limit line length: a binary file without line ends would be copied as a whole.
     let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
-    if !start.windows(END.len()).any(|window| window == END) {
-        return Err(format!(
+    refuse_if(!start.windows(END.len()).any(|window| window == END), || {
+        format!(
             "it is no PLY file, or its header does not end within {MAX_HEADER_BYTES} bytes; export it again"
-        ));
-    }
+        )
+    })?;
     let mut reader = Reader::new(bytes);
     let header = Parser::<UnusedRow>::new()
         .read_header(&mut reader)
@@ -202,7 +200,6 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     Ok((header, rows))
 }
 
-/// A cursor over table rows.
 struct RowCursor<'a> {
     rest: &'a [u8],
     /// File size, bytes.
@@ -213,24 +210,31 @@ struct RowCursor<'a> {
 }
 
 impl RowCursor<'_> {
-    fn place(&self) -> RowPlace {
-        match self.encoding {
-            Encoding::Ascii => RowPlace::Line(self.line),
-            _ => RowPlace::Byte(self.size - self.rest.len()),
-        }
+    /// Position of the next row: a line number, or a byte offset in a binary file.
+    fn position(&self) -> usize {
+        if self.encoding == Encoding::Ascii { self.line } else { self.size - self.rest.len() }
+    }
+
+    /// A position in words, for errors.
+    fn place(&self, position: usize) -> String {
+        let unit = if self.encoding == Encoding::Ascii { "line" } else { "byte" };
+        format!("{unit} {position}")
     }
 
     fn next<R: PropertyAccess>(&mut self, element: &ElementDef) -> Checked<R> {
-        let start = self.place();
+        let start = self.position();
         let parser = Parser::<R>::new();
         let row = match self.encoding {
             Encoding::Ascii => parser.read_ascii_element(self.text_line()?, element),
             Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.rest, element),
             Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.rest, element),
         };
-        row.map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => format!("{start}: {ENDS_EARLY}"),
-            _ => format!("{start}: {}; export the file again", in_one_line(&error)),
+        row.map_err(|error| {
+            let place = self.place(start);
+            match error.kind() {
+                ErrorKind::UnexpectedEof => format!("{place}: {ENDS_EARLY}"),
+                _ => format!("{place}: {}; export the file again", in_one_line(&error)),
+            }
         })
     }
 
@@ -238,9 +242,7 @@ impl RowCursor<'_> {
     fn text_line(&mut self) -> Checked<&str> {
         loop {
             let place = self.line;
-            if self.rest.is_empty() {
-                return Err(format!("line {place}: {ENDS_EARLY}"));
-            }
+            refuse_if(self.rest.is_empty(), || format!("line {place}: {ENDS_EARLY}"))?;
             let window = &self.rest[..self.rest.len().min(MAX_LINE_BYTES)];
             let end = match window.iter().position(|&byte| byte == b'\n') {
                 Some(end) => end + 1,
@@ -271,35 +273,19 @@ impl RowCursor<'_> {
         };
         let row: usize = element.properties.values().map(|property| least_bytes(&property.data_type)).sum();
         // The last number in a text needs no blank after it.
-        if element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1) {
-            return Err(format!(
+        refuse_if(element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1), || {
+            format!(
                 "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
-                self.place(),
+                self.place(self.position()),
                 element.count,
                 element.name,
                 self.rest.len()
-            ));
-        }
-        if element.name == "vertex" && element.count > MAX_VERTICES {
-            return Err(format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"));
-        }
+            )
+        })?;
+        refuse_if(element.name == "vertex" && element.count > MAX_VERTICES, || {
+            too_many(MAX_VERTICES, "vertices")
+        })?;
         Ok(())
-    }
-}
-
-/// Row position, for errors.
-#[derive(Clone, Copy)]
-enum RowPlace {
-    Line(usize),
-    Byte(usize),
-}
-
-impl std::fmt::Display for RowPlace {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Line(number) => write!(formatter, "line {number}"),
-            Self::Byte(offset) => write!(formatter, "byte {offset}"),
-        }
     }
 }
 
@@ -400,7 +386,6 @@ fn number(property: &Property) -> Option<f64> {
     })
 }
 
-/// A scalar column's type.
 fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
     match &element.properties.get(name)?.data_type {
         PropertyType::Scalar(kind) => Some(kind),

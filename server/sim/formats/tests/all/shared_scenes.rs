@@ -1,7 +1,7 @@
 //! Real files by other tools, if `../shared/scenes` exists.
 
 use crate::scene_folder;
-use avln_formats::{ImportReport, glb, habitat, hm3d, open};
+use avln_formats::{ImportReport, glb, hm3d, open};
 use avln_geom::{Aabb, Point3};
 use avln_scene::{InstanceId, Scene};
 use std::path::Path;
@@ -201,7 +201,7 @@ fn habitat_sim_test_data_sets_have_rooms() {
     };
     let sets = shared.join("habitat_sim/dataset_tests");
     let mut report = ImportReport::default();
-    let scene = habitat::import(&sets.join("dataset_0"), &mut report).unwrap();
+    let scene = open::open_with(&sets.join("dataset_0"), &mut report).unwrap();
     assert_eq!(scene.name, "dataset_test_scene");
     let labels: Vec<&str> = scene.regions.iter().map(|region| region.label.as_str()).collect();
     assert_eq!(labels, ["bedroom", "bathroom"]);
@@ -214,8 +214,7 @@ fn habitat_sim_test_data_sets_have_rooms() {
     assert!((center.x - 1.1).abs() < 0.01 && (center.z - 3.3).abs() < 0.01, "{center}");
     assert_eq!(scene.objects.len(), 2, "{:?}", report.warnings);
 
-    let error =
-        habitat::import(&sets.join("dataset_1"), &mut ImportReport::default()).unwrap_err().to_string();
+    let error = open::open(&sets.join("dataset_1")).unwrap_err().to_string();
     assert!(error.contains("2 scenes") && error.contains("dataset_test_scene_1"), "{error}");
 }
 

@@ -1,9 +1,9 @@
-//! Bedrooms.
+//! Bedrooms, bathrooms, closets, utility rooms and garages.
 
-use super::super::furniture::{beds, cabinets, chairs, chests, clothes, screens, sofas, stools};
 use super::*;
 
-/// Number of narrow beds tried instead of a wide one: low beds fit below windows.
+/// Narrow beds tried instead of a wide bed.
+// Low narrow beds fit below windows, and styles differ in height.
 const NARROW_BEDS: usize = 5;
 
 impl Decorator<'_> {
@@ -17,11 +17,11 @@ impl Decorator<'_> {
         if self.maybe(0.4) {
             self.armchair(Wish::Corner);
         } else {
-            self.put(&chairs::CHAIR, Wish::Corner, 0.4);
+            self.put(&seats::CHAIR, Wish::Corner, 0.4);
         }
         if self.area_m2() > 18.0
             && self.maybe(0.3)
-            && let Some(sofa) = self.put_sized(&sofas::SOFA, [1.5, 0.0, 0.0], Wish::Anywhere, 0.6)
+            && let Some(sofa) = self.put_sized(&seats::SOFA, [1.5, 0.0, 0.0], Wish::Anywhere, 0.6)
         {
             let depth = sofa.footprint()[1];
             self.lean_cushions(&sofa, "", &[-0.3], [0.455, 0.35 - depth / 2.0]);
@@ -31,7 +31,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds the furniture missing in the main part of a bedroom, and a reading corner.
+    /// Adds furniture missing in the main part, and a reading corner.
     pub(super) fn bedroom_corner(&mut self) {
         if !self.has("bed") {
             self.bed_group();
@@ -51,7 +51,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Places a bed with its long side at a wall; the back of the spot is the head.
+    /// Places a bed with the long side at a wall; the spot's back is the head.
     fn stand_along_wall(&mut self, bed: &Piece) -> Option<Spot> {
         const TURN: u8 = 1;
         let turned = Piece { model: bed.model.moved(TURN, Vector3::zeros()), ..bed.clone() };
@@ -59,7 +59,7 @@ impl Decorator<'_> {
         Some(Spot { side: Side::ALL[(spot.side as usize + usize::from(TURN)) % 4], ..spot })
     }
 
-    /// A bed with cushions, clothes, nightstands, a bench and a rug.
+    /// Adds a bed with cushions, clothes, nightstands, a bench and a rug.
     fn bed_group(&mut self) -> Option<Spot> {
         let wide = self.maybe(0.7);
         let width = if wide { self.taste.rng.range(1.4, 1.7) } else { self.taste.rng.range(0.95, 1.1) };
@@ -79,9 +79,9 @@ impl Decorator<'_> {
         let inside: Vec<f32> = fitting.iter().copied().filter(|x| x.abs() + 0.24 <= width / 2.0).collect();
         self.lean_cushions(&spot, &bed.attributes.color, &inside, [beds::COVER_M, -0.5]);
         if self.maybe(0.2) {
-            self.lay_flat(&clothes::FOLDED, &spot, [width * 0.2, 0.6], beds::COVER_M);
+            self.lay_flat(&textiles::FOLDED, &spot, [width * 0.2, 0.6], beds::COVER_M);
         }
-        let nightstand = chests::NIGHTSTAND.any(self.taste);
+        let nightstand = cabinets::NIGHTSTAND.any(self.taste);
         for hand in [-1.0, 1.0] {
             if let Some(nightstand) = self.beside(&nightstand, &spot, hand) {
                 self.lamp_on(&nightstand, 0.0);
@@ -101,9 +101,9 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// A chest of drawers, sometimes with a television, opposite the bed if possible.
+    /// Adds a chest of drawers, sometimes with a television, opposite the bed if possible.
     fn chest(&mut self, bed: Option<&Spot>) {
-        let chest = chests::CHEST.any(self.taste);
+        let chest = cabinets::CHEST.any(self.taste);
         let wish = bed.map_or(Wish::Anywhere, |bed| Wish::Facing(bed.side.opposite(), bed.along()));
         let facing = self.stand(&chest, wish, 0.6);
         let Some(spot) = facing.or_else(|| self.stand(&chest, Wish::Anywhere, 0.6)) else { return };
@@ -116,5 +116,118 @@ impl Decorator<'_> {
                 self.mirror([0.6, 0.7], Wish::Facing(spot.side, spot.along()));
             }
         }
+    }
+}
+
+impl Decorator<'_> {
+    pub(super) fn bathroom(&mut self) {
+        let small = self.area_m2() < 5.5;
+        let tub = self.maybe(0.42) && !small;
+        if tub {
+            self.put(&sanitary::BATHTUB, Wish::Corner, 0.6);
+        }
+        let toilet = |this: &mut Self, front_m| this.put(&sanitary::TOILET, Wish::Corner, front_m).is_some();
+        let _ = toilet(self, 0.6) || toilet(self, 0.4);
+        if !tub || self.maybe(0.8) {
+            self.put(&sanitary::SHOWER, Wish::Corner, 0.5);
+        }
+        self.wash_place();
+        if self.area_m2() > 7.0 && self.maybe(0.55) {
+            self.wash_place();
+        }
+        let towels = 1;
+        self.towels(towels);
+        let room = self.space.room;
+        self.lay_rug([0.8, 0.55], Side::North, room.center());
+    }
+
+    /// Adds a sink on a pedestal or cabinet, and a mirror above.
+    pub(super) fn wash_place(&mut self) {
+        let on_cabinet = self.maybe(0.55) && self.area_m2() > 4.5;
+        if on_cabinet && let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {
+            self.on_top(&sanitary::VESSEL_SINK, &spot, [0.0, 0.0]);
+            self.mirror([0.55, 0.7], Wish::Facing(spot.side, spot.along()));
+            if self.maybe(0.3) {
+                self.on_top(&textiles::TOWEL_PILE, &spot, [1.0, 0.0]);
+            }
+            return;
+        }
+        let sink = |this: &mut Self, front_m| this.put(&sanitary::PEDESTAL_SINK, Wish::Anywhere, front_m);
+        if let Some(spot) = sink(self, 0.6).or_else(|| sink(self, 0.4)) {
+            self.mirror([0.5, 0.7], Wish::Facing(spot.side, spot.along()));
+        }
+    }
+}
+
+impl Decorator<'_> {
+    pub(super) fn closet(&mut self) {
+        if self.area_m2() > 2.5 {
+            self.put(&shelves::BOOKCASE, Wish::Corner, 0.5);
+        }
+        let coats = self.count(1, 3);
+        self.coats(coats);
+        if let Some(chest) = self.put(&cabinets::CHEST, Wish::Anywhere, 0.5) {
+            self.on_top(&textiles::FOLDED, &chest, [-0.4, 0.0]);
+        }
+        if self.maybe(0.5) {
+            self.put(&decor::BASKET, Wish::Corner, 0.0);
+        }
+        if self.maybe(0.4) {
+            self.put(&stools::FOOTSTOOL, Wish::Anywhere, 0.0);
+        }
+    }
+
+    pub(super) fn laundry(&mut self) {
+        let machines = self.count(1, 2);
+        for _ in 0..machines {
+            if let Some(machine) = self.put(&kitchen::WASHER, Wish::Corner, 0.6)
+                && self.maybe(0.5)
+            {
+                self.on_top(&textiles::TOWEL_PILE, &machine, [0.0, 0.0]);
+            }
+        }
+        if self.maybe(0.6) {
+            self.put(&sanitary::PEDESTAL_SINK, Wish::Anywhere, 0.6);
+        }
+        if self.maybe(0.5) {
+            self.put_sized(&kitchen::COUNTER, [1.0, 0.0, 0.0], Wish::Anywhere, 0.6);
+        }
+        self.put(&decor::BASKET, Wish::Corner, 0.0);
+        self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.5);
+        if self.maybe(0.5) {
+            self.towels(1);
+        }
+    }
+
+    pub(super) fn utility(&mut self) {
+        for _ in 0..self.count(1, 2) {
+            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.5);
+        }
+        self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.5);
+        if self.maybe(0.5) {
+            self.put(&kitchen::WASHER, Wish::Corner, 0.6);
+        }
+        if self.maybe(0.5) {
+            self.put(&hearths::RADIATOR, Wish::Anywhere, 0.0);
+        }
+        self.bin();
+    }
+
+    pub(super) fn garage(&mut self) {
+        for _ in 0..self.count(2, 3) {
+            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.6);
+        }
+        for _ in 0..self.count(1, 3) {
+            self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.6);
+        }
+        self.desk();
+        for _ in 0..self.count(1, 2) {
+            self.put(&decor::BASKET, Wish::Corner, 0.0);
+        }
+        if self.maybe(0.5) {
+            self.put(&sports::MACHINE, Wish::Anywhere, 0.6);
+        }
+        self.put(&stools::STOOL, Wish::Anywhere, 0.0);
+        self.bin();
     }
 }

@@ -1,18 +1,16 @@
-//! Single pieces, drawn with room-dependent weights up to a realistic density.
+//! Single pieces by room kind, and the smaller parts of non-rectangular rooms.
 
-use super::super::furniture::*;
 use super::*;
 
 /// Placement of a single piece.
 #[derive(Clone, Copy)]
 enum Way {
-    /// With its back to a wall and free floor in front, metres.
+    /// Back to a wall, free floor in front, metres.
     Stand(Wish, f32),
     /// On a wall, with the centre at this height, metres.
     Hang(f32),
-    /// A picture of a drawn format, at eye height.
+    /// A picture at eye height.
     Picture,
-    /// A towel, a coat.
     Towel,
     Coat,
 }
@@ -20,17 +18,17 @@ enum Way {
 use Way::*;
 use Wish::*;
 
-/// A furniture kind, its weight, and its placement.
+/// A furniture kind, weight and placement.
 type Extra = (&'static Make, f32, Way);
 
 const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);
 const PLANT: Extra = (&plants::FLOOR_PLANT, 1.00, Stand(Corner, 0.0));
-const CLOCK: Extra = (&boards::CLOCK, 0.35, Hang(1.8));
+const CLOCK: Extra = (&pictures::CLOCK, 0.35, Hang(1.8));
 const LAMP: Extra = (&lights::FLOOR_LAMP, 0.20, Stand(Corner, 0.0));
 const SCONCE: Extra = (&lights::SCONCE, 0.12, Hang(1.75));
 const MIRROR: Extra = (&pictures::MIRROR, 0.25, Hang(1.5));
-const CHAIR: Extra = (&chairs::CHAIR, 3.60, Stand(Anywhere, 0.3));
-const ARMCHAIR: Extra = (&chairs::ARMCHAIR, 0.90, Stand(Anywhere, 0.4));
+const CHAIR: Extra = (&seats::CHAIR, 3.60, Stand(Anywhere, 0.3));
+const ARMCHAIR: Extra = (&seats::ARMCHAIR, 0.90, Stand(Anywhere, 0.4));
 const STOOL: Extra = (&stools::STOOL, 0.80, Stand(Anywhere, 0.0));
 const FOOTSTOOL: Extra = (&stools::FOOTSTOOL, 0.6, Stand(Anywhere, 0.2));
 const CABINET: Extra = (&cabinets::SIDEBOARD, 0.7, Stand(Anywhere, 0.5));
@@ -42,12 +40,12 @@ const BENCH: Extra = (&stools::SEATING, 0.60, Stand(Anywhere, 0.3));
 const BASKET: Extra = (&decor::BASKET, 0.35, Stand(Corner, 0.0));
 const BIN: Extra = (&decor::BIN, 0.3, Stand(Corner, 0.0));
 const STATUE: Extra = (&decor::STATUE, 0.15, Stand(Corner, 0.0));
-const TOWEL: Extra = (&towels::TOWEL, 0.80, Towel);
-const COAT: Extra = (&clothes::HANGING, 0.10, Coat);
+const TOWEL: Extra = (&textiles::TOWEL, 0.80, Towel);
+const COAT: Extra = (&textiles::HANGING, 0.10, Coat);
 const RADIATOR: Extra = (&hearths::RADIATOR, 0.25, Stand(Anywhere, 0.0));
-const BOARD: Extra = (&boards::BOARD, 0.5, Hang(1.5));
+const BOARD: Extra = (&pictures::BOARD, 0.5, Hang(1.5));
 
-/// Permitted extras for a room kind.
+/// Permitted extras per room kind.
 fn choice(kind: RoomKind) -> &'static [Extra] {
     match kind {
         RoomKind::Hallway | RoomKind::Entryway => {
@@ -118,5 +116,42 @@ impl Decorator<'_> {
             Towel => self.towels(1),
             Coat => self.coats(1),
         }
+    }
+}
+
+impl Decorator<'_> {
+    /// Adds a reading corner: an armchair, a lamp or small table, a shelf.
+    pub(super) fn corner(&mut self) {
+        if let Some(chair) = self.armchair(Wish::Corner) {
+            let table = tables::SIDE_TABLE.any(self.taste);
+            match [1.0, -1.0].into_iter().find_map(|hand| self.beside(&table, &chair, hand)) {
+                Some(table) => self.lamp_on(&table, 0.0),
+                None => drop(self.put(&lights::FLOOR_LAMP, Wish::Corner, 0.0)),
+            }
+        }
+        if self.maybe(0.5) {
+            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.4);
+        }
+        self.put(&plants::FLOOR_PLANT, Wish::Corner, 0.0);
+    }
+
+    /// Adds a desk or shelves.
+    pub(super) fn work_corner(&mut self) {
+        if self.maybe(0.5) {
+            self.desk();
+        }
+        self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.4);
+        self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.4);
+    }
+
+    /// Adds storage for tableware.
+    pub(super) fn pantry(&mut self) {
+        let make = if self.maybe(0.5) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
+        if let Some(cabinet) = self.put(make, Wish::Anywhere, 0.5)
+            && cabinet.height_m() < 1.1
+        {
+            self.clutter(&cabinet, 2);
+        }
+        self.put(&plants::FLOOR_PLANT, Wish::Corner, 0.0);
     }
 }

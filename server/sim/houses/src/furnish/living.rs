@@ -1,9 +1,5 @@
-//! Living rooms, libraries, game rooms and hallways.
+//! Living rooms, libraries, game rooms, hallways, offices and gyms.
 
-use super::super::furniture::{
-    cabinets, chairs, counters, curtains, decor, hearths, lights, pictures, screens, shelves, sofas, stools,
-    tables,
-};
 use super::*;
 
 impl Decorator<'_> {
@@ -39,13 +35,13 @@ impl Decorator<'_> {
         }
     }
 
-    /// A sofa with cushions, a low table and a rug before it.
+    /// Adds a sofa with cushions, a low table and a rug in front.
     fn sofa_group(&mut self, width: f32) -> Option<Spot> {
         let width = width + self.taste.rng.range(-0.3, 0.25);
-        let mut sofa = sofas::SOFA.sized(self.taste, [width, 0.0, 0.0]);
+        let mut sofa = seats::SOFA.sized(self.taste, [width, 0.0, 0.0]);
         let mut spot = self.stand(&sofa, Wish::Middle, 1.3);
         if spot.is_none() {
-            sofa = sofas::SOFA.sized(self.taste, [1.5, 0.0, 0.0]);
+            sofa = seats::SOFA.sized(self.taste, [1.5, 0.0, 0.0]);
             spot = self.stand(&sofa, Wish::Anywhere, 0.6);
         }
         let spot = spot?;
@@ -70,9 +66,9 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// An armchair, often with a cushion.
+    /// Adds an armchair, often with a cushion.
     pub(super) fn armchair(&mut self, wish: Wish) -> Option<Spot> {
-        let chair = chairs::ARMCHAIR.any(self.taste);
+        let chair = seats::ARMCHAIR.any(self.taste);
         let spot = self.stand(&chair, wish, 0.5)?;
         let deep = !["round", "open"].contains(&chair.attributes.shape.as_str());
         if deep && self.maybe(0.8) {
@@ -122,7 +118,7 @@ impl Decorator<'_> {
         }
         self.dining_set(4);
         if self.maybe(0.5) {
-            self.put(&counters::ISLAND, Wish::Anywhere, 0.8);
+            self.put(&kitchen::ISLAND, Wish::Anywhere, 0.8);
         }
         self.put(&stools::BAR_STOOL, Wish::Anywhere, 0.0);
         self.put(&cabinets::SIDEBOARD, Wish::Anywhere, 0.6);
@@ -148,7 +144,7 @@ impl Decorator<'_> {
         self.lay_rug([1.8, 0.7], side, room.center());
     }
 
-    /// Adds curtains at a window, a blind in its upper part, or a radiator below.
+    /// Adds curtains at a window, a blind in the upper part, or a radiator below.
     pub(super) fn dress_window(
         &mut self,
         side: Side,
@@ -158,13 +154,13 @@ impl Decorator<'_> {
     ) {
         if curtained && self.maybe(0.36) {
             let low = if self.maybe(0.5) { 0.06 } else { sill - 0.12 };
-            let curtain = curtains::CURTAIN.sized(self.taste, [0.28, head + 0.12 - low, 0.0]);
+            let curtain = openings::CURTAIN.sized(self.taste, [0.28, head + 0.12 - low, 0.0]);
             for hand in [-1.0, 1.0] {
                 self.fix_if_free(&curtain, side, middle + hand * (width / 2.0 + 0.22), low, true);
             }
         } else if self.maybe(0.2) {
             let height = (head - sill) * self.rng.range(0.3, 0.6);
-            let blind = curtains::BLIND.sized(self.taste, [width + 0.02, height, 0.0]);
+            let blind = openings::BLIND.sized(self.taste, [width + 0.02, height, 0.0]);
             self.fix_over(&blind, side, middle, head + 0.02 - height);
         }
         if sill > 0.8 && self.maybe(0.3) {
@@ -173,7 +169,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds a picture with an approximate size and its centre at `eye_m`.
+    /// Adds a picture with an approximate size, centre at `eye_m`.
     pub(super) fn picture_sized(
         &mut self,
         [width, height]: [f32; 2],
@@ -184,14 +180,67 @@ impl Decorator<'_> {
         self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
     }
 
-    /// Adds a mirror, if there is room.
     pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
         let mirror = pictures::MIRROR.sized(self.taste, [width, height, 0.0]);
         self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);
     }
 
-    /// A bin in a corner.
     pub(super) fn bin(&mut self) {
         self.put(&decor::BIN, Wish::Corner, 0.0);
+    }
+}
+
+impl Decorator<'_> {
+    pub(super) fn office(&mut self) {
+        self.desk();
+        if self.area_m2() > 14.0 {
+            self.desk();
+        }
+        for _ in 0..self.count(1, 2) {
+            self.put(&shelves::BOOKCASE, Wish::Corner, 0.6);
+        }
+        if self.maybe(0.5) {
+            self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.6);
+        }
+        if self.maybe(0.5) {
+            self.armchair(Wish::Corner);
+        }
+        let board = pictures::BOARD.any(self.taste);
+        self.hang(&board, 1.5 - board.size().y / 2.0, Wish::Middle);
+        self.bin();
+    }
+
+    /// Adds a desk with a monitor, a lamp and a chair.
+    pub(super) fn desk(&mut self) {
+        let Some(desk) = self.put(&tables::DESK, Wish::Middle, 0.9) else { return };
+        let monitor = screens::MONITOR.any(self.taste);
+        self.piece_on_top(&monitor, &desk, [0.0, -0.5]);
+        if self.maybe(0.6) {
+            self.on_top(&lights::TABLE_LAMP, &desk, [-1.0, -0.6]);
+        }
+        let make = if self.maybe(0.75) { &seats::OFFICE_CHAIR } else { &seats::CHAIR };
+        let chair = make.any(self.taste);
+        let distance = chair.size().z / 2.0 + 0.05;
+        self.stand_at(&chair, desk.side.opposite(), desk.before(distance));
+        self.clutter(&desk, 1);
+    }
+
+    pub(super) fn gym(&mut self) {
+        let machines = (self.area_m2() / 5.0).clamp(2.0, 4.0) as usize;
+        for _ in 0..machines {
+            self.put(&sports::MACHINE, Wish::Anywhere, 0.6);
+        }
+        for _ in 0..self.count(1, 2) {
+            self.put(&sports::KIT_PIECE, Wish::Corner, 0.0);
+        }
+        if self.maybe(0.6) {
+            self.put(&stools::SEATING, Wish::Anywhere, 0.4);
+        }
+        if self.maybe(0.5) {
+            let tv = screens::WALL_TV.sized(self.taste, [0.9, 0.0, 0.0]);
+            self.hang(&tv, 1.3, Wish::Middle);
+        }
+        self.mirror([0.9, 1.4], Wish::Middle);
+        self.towels(1);
     }
 }

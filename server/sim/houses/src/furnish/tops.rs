@@ -1,11 +1,9 @@
 //! Objects on top of furniture.
 
-use super::super::furniture::{beds, clothes, decor, lights, plants, towels};
 use super::*;
 
 impl Decorator<'_> {
-    /// Places a piece of `make` on top of another. `place` is -1 to 1 over width and depth. Returns true if
-    /// there was room.
+    /// Places a piece on top of another; `place` is -1 to 1 over width and depth. Returns false without room.
     pub(super) fn on_top(&mut self, make: &Make, spot: &Spot, place: [f32; 2]) -> bool {
         let piece = make.any(self.taste);
         self.piece_on_top(&piece, spot, place)
@@ -33,6 +31,7 @@ impl Decorator<'_> {
     /// Adds a piece unless it intersects another on the same top.
     fn add_if_free(&mut self, piece: &Piece, side: Side, origin: Vector3<f32>) -> bool {
         let bounds = piece.model.moved(side.quarter(), origin).bounds();
+        // The tolerance allows touching pieces.
         let meets = self.laid.iter().any(|other| other.grown(-0.002).intersects(&bounds));
         if !meets {
             self.laid.push(bounds);
@@ -49,8 +48,8 @@ impl Decorator<'_> {
             (&plants::SMALL_PLANT, 2.2),
             (&decor::STATUE, 1.0),
             (&lights::TABLE_LAMP, 0.8),
-            (&clothes::FOLDED, 0.3),
-            (&towels::TOWEL_PILE, 0.2),
+            (&textiles::FOLDED, 0.3),
+            (&textiles::TOWEL_PILE, 0.2),
         ];
         let wanted = self.count(0, most);
         for _ in 0..wanted {
@@ -60,7 +59,6 @@ impl Decorator<'_> {
         }
     }
 
-    /// A lamp on a table.
     pub(super) fn lamp_on(&mut self, table: &Spot, place: f32) {
         self.on_top(&lights::TABLE_LAMP, table, [place, -0.3]);
     }
@@ -88,7 +86,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// A cushion in a colour other than `unlike`.
+    /// Draws a cushion with a colour other than `unlike`.
     pub(super) fn cushion(&mut self, unlike: &str) -> Piece {
         let mut piece = beds::CUSHION.any(self.taste);
         for _ in 0..4 {
@@ -100,8 +98,7 @@ impl Decorator<'_> {
         piece
     }
 
-    /// Adds a flat piece on a bed or bench, `place` metres from the centre in its frame, at height
-    /// `height_m`.
+    /// Adds a flat piece on a bed or bench, `place` metres from the centre in the other's frame.
     pub(super) fn lay_flat(&mut self, make: &Make, spot: &Spot, place: [f32; 2], height_m: f32) {
         let piece = make.any(self.taste);
         let [x, z] = turned(spot.side.quarter(), place);
@@ -110,7 +107,7 @@ impl Decorator<'_> {
     }
 }
 
-/// A piece without its underside.
+/// Removes the underside, which the top hides.
 fn without_base(piece: &Piece) -> Piece {
     let base_m = piece.model.bounds().min.y;
     let model = piece.model.without(|face| face.is_underside(base_m + 0.001));

@@ -1,11 +1,9 @@
 //! Objects on walls and ceilings: windows, front door, pictures, towels, coats, lamps.
 
-use super::super::furniture::{clothes, lights, openings, towels};
-use super::super::plan::Window;
 use super::*;
 
 impl Decorator<'_> {
-    /// The closed front door of the house.
+    /// Adds the house's closed front door.
     pub(super) fn entrance(&mut self) {
         let here = |door: &Window| door.room == self.index && door.is_on(&self.space.room);
         if let Some(place) = self.plan.entrance.filter(here) {
@@ -16,7 +14,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// The windows of the plan, some with curtains.
+    /// Adds windows, some with curtains.
     pub(super) fn windows(&mut self, kind: RoomKind) {
         let (plan, part) = (self.plan, self.space.room);
         for side in Side::ALL {
@@ -49,7 +47,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Fixes a piece before something flat that hangs on the wall already.
+    /// Fixes a piece in front of a flat piece on the wall.
     pub(super) fn fix_over(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) {
         const FRONT_M: f32 = 0.04;
         let size = piece.size();
@@ -61,14 +59,13 @@ impl Decorator<'_> {
         }
     }
 
-    /// Hangs a shallow piece on a wall with its lower edge at `base_m`.
+    /// Hangs a shallow piece, lower edge at `base_m`.
     pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
         const MARGIN_M: f32 = 0.07;
         let size = piece.size();
-        let mut places = self.wall_places(size.x + 2.0 * MARGIN_M, wish);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let (side, middle) = places.into_iter().find_map(|(side, start, _)| {
-            let along = [start, start + size.x + 2.0 * MARGIN_M];
+        let places = self.wall_places(size.x + 2.0 * MARGIN_M, wish);
+        let (side, middle) = places.into_iter().find_map(|WallPlace { side, start_m, .. }| {
+            let along = [start_m, start_m + size.x + 2.0 * MARGIN_M];
             let patch = Patch { along, y: [base_m - MARGIN_M, base_m + size.y + MARGIN_M] };
             self.space.wall_is_free(side, &patch).then_some((side, (along[0] + along[1]) / 2.0))
         })?;
@@ -77,7 +74,7 @@ impl Decorator<'_> {
         Some(self.fix(piece, side, middle, base_m))
     }
 
-    /// Hangs a deep piece, which takes floor as well when it hangs low.
+    /// Hangs a deep piece, which also uses floor if it hangs low.
     pub(super) fn hang_deep(&mut self, piece: &Piece, base_m: f32, side: Side, middle: f32) -> Option<Spot> {
         let size = piece.size();
         let rect = side.band(&self.space.room, about(middle, size.x), [0.0, size.z]);
@@ -90,10 +87,11 @@ impl Decorator<'_> {
         Some(self.fix(piece, side, middle, base_m))
     }
 
-    /// Fixes a piece to a wall without asking.
+    /// Fixes a piece to a wall without checks.
     pub(super) fn fix(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) -> Spot {
         let size = piece.size();
         let rect = side.band(&self.space.room, about(middle, size.x), [0.002, size.z + 0.002]);
+        // Pieces on a wall do not darken the floor.
         let covered = self.covered.len();
         let spot = self.set(piece, side, &rect, base_m);
         self.covered.truncate(covered);
@@ -103,17 +101,15 @@ impl Decorator<'_> {
     /// Hangs a deep piece at a free wall above free floor.
     pub(super) fn hang_somewhere(&mut self, piece: &Piece, base_m: f32) -> Option<Spot> {
         let size = piece.size();
-        let mut places = self.wall_places(size.x, Wish::Anywhere);
-        places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let fitting = places.into_iter().find(|&(side, start, _)| {
-            let claim = self.claim_at_wall(side, [start, start + size.x], size, 0.0);
+        let places = self.wall_places(size.x, Wish::Anywhere);
+        let place = places.into_iter().find(|&WallPlace { side, start_m, .. }| {
+            let claim = self.claim_at_wall(side, [start_m, start_m + size.x], size, 0.0);
             self.space.fits(&Claim { y: [base_m, base_m + size.y], ..claim })
-        });
-        let (side, start, _) = fitting?;
-        self.hang_deep(piece, base_m, side, start + size.x / 2.0)
+        })?;
+        self.hang_deep(piece, base_m, place.side, place.start_m + size.x / 2.0)
     }
 
-    /// Adds a row of equal pictures at eye height.
+    /// Adds equal pictures in a row at eye height.
     pub(super) fn pictures(&mut self, count: usize) {
         let format =
             [[0.45, 0.6], [0.6, 0.45], [0.9, 0.6], [0.5, 0.5], [0.7, 0.95], [1.1, 0.7], [0.35, 0.45]];
@@ -126,24 +122,24 @@ impl Decorator<'_> {
         }
     }
 
-    /// Towels at hand height.
+    /// Adds towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
-            let towel = towels::TOWEL.any(self.taste);
+            let towel = textiles::TOWEL.any(self.taste);
             let base = 1.42 - towel.size().y / 2.0;
             self.hang(&towel, base, Wish::Anywhere);
         }
     }
 
-    /// Clothes on hooks.
+    /// Adds clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
-            let coat = clothes::HANGING.any(self.taste);
+            let coat = textiles::HANGING.any(self.taste);
             self.hang_somewhere(&coat, 1.78 - coat.size().y);
         }
     }
 
-    /// Pictures and a lamp over the stairs; on the lower storey the flights are in the way.
+    /// Adds pictures and a lamp over the stairs.
     pub(super) fn stairwell(&mut self) {
         if !self.plan.begins_stairs(self.index) {
             let count = self.count(1, 3);

@@ -1,28 +1,14 @@
 //! Beds and cushions.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
-/// A bed with a given width and its head towards -z.
-pub(crate) const BED: Make = Make {
-    category: "bed",
-    noun: "",
-    styles: 8,
-    substances: &[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted],
-    colors: taste::CLOTH,
-    draw: bed,
-};
+/// A bed; the head is towards -z.
+pub(crate) const BED: Make = Make::new("bed", "", 8, bed)
+    .made_of(&[Fabric, Quilt, Striped, Velvet, Checked, Knit, Denim, Dotted], taste::CLOTH);
 
 /// A flat cushion.
-pub(crate) const CUSHION: Make = Make {
-    category: "cushion",
-    noun: "",
-    styles: 8,
-    substances: &[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim],
-    colors: taste::CLOTH,
-    draw: cushion,
-};
+pub(crate) const CUSHION: Make = Make::new("cushion", "", 8, cushion)
+    .made_of(&[Fabric, Velvet, Striped, Knit, Leather, Checked, Dotted, Corduroy, Denim], taste::CLOTH);
 
 /// Height of objects on a bed, metres.
 pub(crate) const COVER_M: f32 = 0.55;
@@ -30,21 +16,19 @@ pub(crate) const COVER_M: f32 = 0.55;
 fn bed(k: &mut Draft) -> Words {
     let (w, l) = (k.width(0.95, 1.75), k.len(2.0, 2.16));
     let head = -l / 2.0;
-    let (p, frame) = (k.p, k.trim);
-    let sheet = p.times(1.1);
+    let frame = k.trim;
+    let sheet = k.p.times(1.1);
     k.m.soft(about(0.0, w - 0.04), [0.3, 0.5], [head + 0.06, head + 0.6], 0.04, sheet);
-    k.m.soft(about(0.0, w + 0.03), [0.16, COVER_M], [head + 0.46, -head + 0.02], 0.05, p);
-    let shape = match k.style {
+    k.m.soft(about(0.0, w + 0.03), [0.16, COVER_M], [head + 0.46, -head + 0.02], 0.05, k.p);
+    match k.style {
         0 => {
             base(k, [w, l], frame);
             k.m.block(about(0.0, w), [0.3, 0.95], [head - 0.02, head + 0.04], frame);
-            "straight"
         }
         1 => {
             base(k, [w, l], frame);
             let top = k.len(0.95, 1.2);
-            k.m.soft(about(0.0, w + 0.06), [0.1, top], [head - 0.04, head + 0.06], 0.04, p.times(0.97));
-            "upholstered"
+            k.m.soft(about(0.0, w + 0.06), [0.1, top], [head - 0.04, head + 0.06], 0.04, k.p.times(0.97));
         }
         2 => {
             base(k, [w, l], frame);
@@ -53,39 +37,30 @@ fn bed(k: &mut Draft) -> Words {
                 k.m.block(about(0.0, w - 0.14), [y, y + 0.1], [head - 0.01, head + 0.02], frame);
             }
             k.m.block(about(0.0, w), [0.1, 0.62], [-head + 0.02, -head + 0.05], frame);
-            "railed"
         }
         3 => {
             base(k, [w, l], frame);
             let outline = arch(w, 0.3, 1.25);
             k.m.prism_z(&outline, [head - 0.03, head + 0.04], frame);
-            "arched"
         }
-        4 => {
-            canopy(k, [w, l], frame);
-            "canopied"
-        }
-        5 => {
-            k.m.rim(about(0.0, w), [0.0, 0.3], about(0.0, l), frame);
-            "low"
-        }
+        4 => canopy(k, [w, l], frame),
+        5 => k.m.rim(about(0.0, w), [0.0, 0.3], about(0.0, l), frame),
         6 => {
             base(k, [w, l], frame);
-            let quilt = p.with(Pattern::Quilt);
+            let quilt = k.p.with(Pattern::Quilt);
             k.m.soft(about(0.0, w + 0.04), [0.2, 1.15], [head - 0.05, head + 0.07], 0.05, quilt);
-            "tufted"
         }
         _ => {
             base(k, [w, l], Paint::DARK_METAL);
             for i in 0..4 {
                 let x = (i as f32 / 3.0 - 0.5) * (w - 0.06);
-                k.m.rod(Point3::new(x, 0.2, head), Point3::new(x, 1.05, head), 0.013, Paint::DARK_METAL);
+                k.m.rod(point(x, 0.2, head), point(x, 1.05, head), 0.013, Paint::DARK_METAL);
             }
-            let rail = |y: f32| [Point3::new(-w / 2.0, y, head), Point3::new(w / 2.0, y, head)];
+            let rail = |y: f32| [point(-w / 2.0, y, head), point(w / 2.0, y, head)];
             k.m.rod(rail(1.05)[0], rail(1.05)[1], 0.02, Paint::DARK_METAL);
-            "barred"
         }
-    };
+    }
+    let shape = k.by_style("straight|upholstered|railed|arched|canopied|low|tufted|barred");
     pillows(k, w, head);
     [size_word(w, 1.15, 1.55, ["narrow", "wide"]), shape]
 }
@@ -121,45 +96,27 @@ fn pillows(k: &mut Draft, w: f32, head: f32) {
 
 fn cushion(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.34, 0.52), k.len(0.34, 0.44), k.len(0.11, 0.16));
-    let p = k.p;
-    let size = size_word(w, 0.39, 0.46, ["small", "large"]);
     let r = w / 2.0;
     match k.style {
-        0 => {
-            k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), p);
-            [size, "square"]
-        }
+        0 => k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), k.p),
         1 => {
             let round = [[r * 0.8, 0.0], [r, h * 0.35], [r, h * 0.65], [r * 0.7, h], [0.0, h]];
-            k.m.lathe([0.0, 0.0], &round, 14, p);
-            [size, "round"]
+            k.m.lathe([0.0, 0.0], &round, 14, k.p);
         }
-        2 => {
-            k.m.pillow(about(0.0, w * 1.25), [0.0, h], about(0.0, d * 0.8), p);
-            [size, "rectangular"]
-        }
-        3 => {
-            k.m.prism_x(&circle([0.0, 0.09], 0.09, 12), about(0.0, w * 1.1), p);
-            [size, "cylindrical"]
-        }
-        4 => {
-            k.m.soft(about(0.0, w), [0.0, h * 0.7], about(0.0, w), 0.03, p);
-            [size, "boxy"]
-        }
+        2 => k.m.pillow(about(0.0, w * 1.25), [0.0, h], about(0.0, d * 0.8), k.p),
+        3 => k.m.prism_x(&circle([0.0, 0.09], 0.09, 12), about(0.0, w * 1.1), k.p),
+        4 => k.m.soft(about(0.0, w), [0.0, h * 0.7], about(0.0, w), 0.03, k.p),
         5 => {
-            k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), p);
-            k.m.lathe([0.0, 0.0], &[[0.03, h - 0.004], [0.02, h + 0.01]], 8, p.times(0.8));
-            [size, "buttoned"]
+            k.m.pillow(about(0.0, w), [0.0, h], about(0.0, w), k.p);
+            k.m.lathe([0.0, 0.0], &[[0.03, h - 0.004], [0.02, h + 0.01]], 8, k.p.times(0.8));
         }
         6 => {
             let heart =
                 [[0.0, -0.5], [0.5, 0.1], [0.42, 0.4], [0.2, 0.5], [-0.2, 0.5], [-0.42, 0.4], [-0.5, 0.1]];
-            k.m.prism_y(&heart.map(|[x, y]| [x * w, y * w]), [0.0, h * 0.7], p);
-            [size, "heart-shaped"]
+            k.m.prism_y(&heart.map(|[x, y]| [x * w, y * w]), [0.0, h * 0.7], k.p);
         }
-        _ => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.0, h * 0.8], p);
-            [size, "hexagonal"]
-        }
+        _ => k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.0, h * 0.8], k.p),
     }
+    let shape = k.by_style("square|round|rectangular|cylindrical|boxy|buttoned|heart-shaped|hexagonal");
+    [size_word(w, 0.39, 0.46, ["small", "large"]), shape]
 }

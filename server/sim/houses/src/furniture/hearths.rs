@@ -1,31 +1,13 @@
 //! Fireplaces and radiators.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
-/// A fireplace for a wall.
-pub(crate) const FIREPLACE: Make = Make {
-    category: "fireplace",
-    noun: "",
-    styles: 8,
-    substances: &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
-    colors: &[
-        "red", "white", "grey", "brown", "black", "green", "teal", "yellow", "blue", "orange", "pink",
-        "purple",
-    ],
-    draw: fireplace,
-};
-
-/// A radiator under a window or on a wall.
-pub(crate) const RADIATOR: Make = Make {
-    category: "radiator",
-    noun: "",
-    styles: 8,
-    substances: &[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble],
-    colors: taste::SANITARY,
-    draw: radiator,
-};
+pub(crate) const FIREPLACE: Make = Make::new("fireplace", "", 8, fireplace).made_of(
+    &[Brick, Marble, Wood, Concrete, Tile, Metal, Terrazzo],
+    "red white grey brown black green teal yellow blue orange pink purple",
+);
+pub(crate) const RADIATOR: Make = Make::new("radiator", "", 8, radiator)
+    .made_of(&[Metal, Metal, Metal, Ceramic, Plastic, Wood, Glass, Marble], taste::SANITARY);
 
 /// Logs and flames in a dark hole between `-half` and `half`, `high` up.
 fn fire(k: &mut Draft, half: f32, high: f32, back: f32) {
@@ -33,7 +15,7 @@ fn fire(k: &mut Draft, half: f32, high: f32, back: f32) {
     k.m.block(about(0.0, 2.0 * half), [0.0, high], [back, back + 0.05], soot);
     for (x, y) in [(-0.06, 0.06), (0.08, 0.06), (0.0, 0.14)] {
         let z = back + 0.15 + x * 0.4;
-        let (from, to) = (Point3::new(-half * 0.7, y, z), Point3::new(half * 0.7, y + x * 0.2, z + 0.03));
+        let (from, to) = (point(-half * 0.7, y, z), point(half * 0.7, y + x * 0.2, z + 0.03));
         k.m.rod(from, to, 0.05, Paint::WALNUT);
     }
     for flame in 0..3 {
@@ -57,92 +39,70 @@ fn fireplace(k: &mut Draft) -> Words {
     k.m.block(about(0.0, 2.0 * hole), [0.62, h - 0.06], [back, front], p);
     fire(k, hole, 0.62, back);
     let shelf = if k.style == 2 { Paint::WALNUT } else { p.times(0.95) };
-    let shape = match k.style {
-        2 => {
-            k.m.block(about(0.0, w), [h - 0.14, h - 0.06], [front, front + 0.04], shelf);
-            "beamed"
-        }
-        1 => {
-            k.m.block(about(0.0, w * 0.7), [h - 0.06, 2.3], [back, front - 0.08], p);
-            "chimneyed"
-        }
-        3 => {
-            k.m.pair([half - 0.1, half], [0.0, h - 0.06], [front, front + 0.05], p.times(1.03));
-            "pillared"
-        }
-        4 => {
-            k.m.soft(about(0.0, w), [0.0, 0.05], [front, front + 0.2], 0.01, p);
-            "hearthed"
-        }
+    match k.style {
+        2 => k.m.block(about(0.0, w), [h - 0.14, h - 0.06], [front, front + 0.04], shelf),
+        1 => k.m.block(about(0.0, w * 0.7), [h - 0.06, 2.3], [back, front - 0.08], p),
+        3 => k.m.pair([half - 0.1, half], [0.0, h - 0.06], [front, front + 0.05], p.times(1.03)),
+        4 => k.m.soft(about(0.0, w), [0.0, 0.05], [front, front + 0.2], 0.01, p),
         5 => {
             let crown = [[-half, h - 0.06], [half, h - 0.06], [0.0, h + 0.28]];
             k.m.prism_z(&crown, [back, back + 0.1], p);
-            "gabled"
         }
-        7 => {
-            k.m.prism_z(&arch(w, h - 0.06, h + 0.3), [back, back + 0.12], p);
-            "arched"
-        }
-        _ => "plain",
-    };
+        7 => k.m.prism_z(&arch(w, h - 0.06, h + 0.3), [back, back + 0.12], p),
+        _ => {}
+    }
+    let shape = k.by_style("plain|chimneyed|beamed|pillared|hearthed|gabled|plain|arched");
     k.m.soft(about(0.0, w + 0.14), [h - 0.06, h], [back, front + 0.06], 0.012, shelf);
     [size_word(w, 1.25, 1.42, ["small", "large"]), shape]
 }
 
 fn radiator(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.6, 1.2), k.height(0.5, 0.66));
-    let p = k.p;
     let size = size_word(w, 0.75, 1.0, ["short", "long"]);
-    let shape = match k.style {
+    match k.style {
         0 | 1 => {
             let count =
                 if k.style == 0 { ((w / 0.08) as usize).min(14) } else { ((w / 0.12) as usize).min(10) };
             for i in 0..count {
                 let x = ((i as f32 + 0.5) / count as f32 - 0.5) * w;
-                k.m.block(about(x, w / count as f32 * 0.7), [0.1, 0.1 + h], about(0.0, 0.11), p);
+                k.m.block(about(x, w / count as f32 * 0.7), [0.1, 0.1 + h], about(0.0, 0.11), k.p);
             }
-            k.m.block(about(0.0, w), [0.14, 0.18], about(0.0, 0.06), p);
-            k.m.pair([w * 0.4, w * 0.44], [0.0, 0.12], about(0.0, 0.06), p);
-            "ribbed"
+            k.m.block(about(0.0, w), [0.14, 0.18], about(0.0, 0.06), k.p);
+            k.m.pair([w * 0.4, w * 0.44], [0.0, 0.12], about(0.0, 0.06), k.p);
         }
         2 | 3 => {
-            k.m.soft(about(0.0, w), [0.1, 0.1 + h], about(0.0, 0.1), 0.012, p);
+            k.m.soft(about(0.0, w), [0.1, 0.1 + h], about(0.0, 0.1), 0.012, k.p);
             k.m.pair([w * 0.4, w * 0.43], [0.0, 0.1], about(0.0, 0.04), Paint::CHROME);
-            k.m.lid(about(0.0, w - 0.06), [0.1 + h - 0.04, 0.1 + h - 0.02], [0.05, 0.055], p.times(0.8));
+            k.m.lid(about(0.0, w - 0.06), [0.1 + h - 0.04, 0.1 + h - 0.02], [0.05, 0.055], k.p.times(0.8));
             if k.style == 3 {
-                k.m.lid(about(0.0, w * 0.9), [0.16, h - 0.02], [0.05, 0.065], p);
+                k.m.lid(about(0.0, w * 0.9), [0.16, h - 0.02], [0.05, 0.065], k.p);
             }
-            "flat"
         }
         4 => {
             for i in 0..6 {
                 let y = 0.12 + h * i as f32 / 6.0;
-                k.m.soft(about(0.0, w), [y, y + h * 0.11], about(0.0, 0.06), 0.01, p);
+                k.m.soft(about(0.0, w), [y, y + h * 0.11], about(0.0, 0.06), 0.01, k.p);
             }
-            k.m.pair([w / 2.0 - 0.05, w / 2.0 - 0.02], [0.0, 0.1 + h], [-0.04, -0.02], p);
-            "barred"
+            k.m.pair([w / 2.0 - 0.05, w / 2.0 - 0.02], [0.0, 0.1 + h], [-0.04, -0.02], k.p);
         }
         5 => {
-            k.m.block(about(0.0, w + 0.06), [0.0, h + 0.14], about(-0.01, 0.1), p);
+            k.m.block(about(0.0, w + 0.06), [0.0, h + 0.14], about(-0.01, 0.1), k.p);
             for i in 0..6 {
                 let x = (i as f32 - 2.5) * w / 6.5;
-                k.m.lid(about(x, w * 0.07), [0.08, h + 0.06], [0.04, 0.06], p.times(0.9));
+                k.m.lid(about(x, w * 0.07), [0.08, h + 0.06], [0.04, 0.06], k.p.times(0.9));
             }
-            "covered"
         }
         6 => {
             for i in 0..6 {
                 let x = ((i as f32 + 0.5) / 6.0 - 0.5) * w;
-                k.m.lathe([x, 0.0], &[[0.045, 0.08], [0.045, 0.1 + h]], 8, p);
+                k.m.lathe([x, 0.0], &[[0.045, 0.08], [0.045, 0.1 + h]], 8, k.p);
             }
-            k.m.pair([w * 0.38, w * 0.42], [0.0, 0.1], about(0.0, 0.05), p);
-            "tubular"
+            k.m.pair([w * 0.38, w * 0.42], [0.0, 0.1], about(0.0, 0.05), k.p);
         }
         _ => {
-            k.m.soft(about(0.0, w), [0.12, 0.1 + h], about(0.0, 0.12), 0.05, p);
+            k.m.soft(about(0.0, w), [0.12, 0.1 + h], about(0.0, 0.12), 0.05, k.p);
             k.m.pair([w * 0.36, w * 0.42], [0.0, 0.14], about(0.0, 0.2), Paint::DARK_METAL);
-            "rounded"
         }
-    };
-    [size, shape]
+    }
+    [size, k.by_style("ribbed|ribbed|flat|flat|barred|covered|tubular|rounded")]
 }

@@ -1,53 +1,21 @@
 //! Lamps.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
-use avln_scene::Lamp;
 
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 
-/// A lamp that hangs from the ceiling at y = 0 (everything below 0).
-pub(crate) const PENDANT: Make = Make {
-    category: "lighting",
-    noun: "ceiling lamp",
-    styles: 8,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: pendant,
-};
-
-/// A standing lamp.
-pub(crate) const FLOOR_LAMP: Make = Make {
-    category: "lighting",
-    noun: "floor lamp",
-    styles: 5,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: floor_lamp,
-};
-
-/// A lamp for a table or nightstand.
-pub(crate) const TABLE_LAMP: Make = Make {
-    category: "lighting",
-    noun: "table lamp",
-    styles: 5,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: table_lamp,
-};
+/// A ceiling lamp; the ceiling is at y = 0.
+pub(crate) const PENDANT: Make =
+    Make::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, taste::CLOTH);
+pub(crate) const FLOOR_LAMP: Make =
+    Make::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, taste::CLOTH);
+pub(crate) const TABLE_LAMP: Make =
+    Make::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, taste::CLOTH);
 
 /// A wall lamp; lower edge at y = 0, back at z = 0.
-pub(crate) const SCONCE: Make = Make {
-    category: "lighting",
-    noun: "wall lamp",
-    styles: 4,
-    substances: SHADES,
-    colors: taste::CLOTH,
-    draw: sconce,
-};
+pub(crate) const SCONCE: Make = Make::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, taste::CLOTH);
 
-/// Shades in (radius, height), both as shares: a cone, a drum, a bell, a ball.
+/// Shade profiles (radius, height), relative: a cone, a drum, a bell, a ball.
 const PROFILES: [&[[f32; 2]]; 4] = [
     &[[1.0, 0.0], [0.55, 1.0]],
     &[[1.0, 0.0], [1.0, 1.0]],
@@ -60,21 +28,22 @@ const SHAPES: [&str; 4] = ["conical", "cylindrical", "bell-shaped", "spherical"]
 /// Lamp strength per metre of shade radius; see [`Lamp::strength`].
 const STRENGTH_PER_M: f32 = 11.0;
 
-/// The colour of a lamp: a little warm.
+/// Slightly warm lamp colour.
 const LAMPLIGHT: [f32; 3] = [1.0, 0.975, 0.93];
 
-/// Something that shines around the axis at (x, z).
+/// Adds light around the axis at (x, z).
 fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
+    // The lamp radius covers the shade: shades are translucent (docs/decisions/0008).
     let half = 0.5 * (high - low);
     k.m.lamps.push(Lamp {
-        position: Point3::new(x, low + half, z),
+        position: point(x, low + half, z),
         facing: None,
         radius_m: (radius * radius + half * half).sqrt(),
         strength: LAMPLIGHT.map(|channel| channel * STRENGTH_PER_M * radius),
     });
 }
 
-/// A lampshade around the axis at (x, z).
+/// Adds a lampshade around the axis at (x, z).
 fn shade(k: &mut Draft, kind: usize, center: [f32; 2], radius: f32, [low, high]: Span) {
     let profile: Vec<[f32; 2]> =
         PROFILES[kind % 4].iter().map(|[s, y]| [s * radius, low + y * (high - low)]).collect();
@@ -112,8 +81,7 @@ fn pendant(k: &mut Draft) -> Words {
             cord(k, 0.0, 0.0, -drop + 0.1);
             for i in 0..5 {
                 let (sin, cos) = angle::sin_cos(i as f32 * 1.2566);
-                let (hub, tip) =
-                    (Point3::new(0.0, -drop + 0.12, 0.0), Point3::new(0.28 * sin, -drop, 0.28 * cos));
+                let (hub, tip) = (point(0.0, -drop + 0.12, 0.0), point(0.28 * sin, -drop, 0.28 * cos));
                 k.m.rod(hub, tip, 0.012, k.trim);
                 let bulb = [[0.4, 0.0], [1.0, 0.5], [0.8, 1.0]];
                 let profile = bulb.map(|[s, y]| [s * 0.06, -drop + y * 0.1]);
@@ -140,15 +108,15 @@ fn floor_lamp(k: &mut Draft) -> Words {
         3 => {
             for i in 0..3 {
                 let (sin, cos) = angle::sin_cos(i as f32 * 2.094);
-                let foot = Point3::new(0.22 * sin, 0.0, 0.22 * cos);
-                k.m.rod(foot, Point3::new(0.0, h - 0.3, 0.0), 0.015, dark);
+                let foot = point(0.22 * sin, 0.0, 0.22 * cos);
+                k.m.rod(foot, point(0.0, h - 0.3, 0.0), 0.015, dark);
             }
             shade(k, 1, [0.0, 0.0], 0.22, [h - 0.3, h]);
             "three-legged"
         }
         4 => {
             k.m.cylinder([0.0, 0.0], [0.03, h - 0.1], 0.012, 6, dark);
-            k.m.rod(Point3::new(0.0, h - 0.1, 0.0), Point3::new(0.0, h, 0.24), 0.012, dark);
+            k.m.rod(point(0.0, h - 0.1, 0.0), point(0.0, h, 0.24), 0.012, dark);
             shade(k, 2, [0.0, 0.26], 0.15, [h - 0.16, h]);
             "arched"
         }
@@ -167,8 +135,8 @@ fn table_lamp(k: &mut Draft) -> Words {
     let shape = match k.style {
         4 => {
             k.m.lathe([0.0, 0.0], &[[0.08, 0.0], [0.08, 0.02], [0.015, 0.03]], 10, foot);
-            k.m.rod(Point3::new(0.0, 0.02, 0.0), Point3::new(0.0, h - 0.12, -0.08), 0.01, foot);
-            k.m.rod(Point3::new(0.0, h - 0.13, -0.08), Point3::new(0.0, h - 0.05, 0.1), 0.01, foot);
+            k.m.rod(point(0.0, 0.02, 0.0), point(0.0, h - 0.12, -0.08), 0.01, foot);
+            k.m.rod(point(0.0, h - 0.13, -0.08), point(0.0, h - 0.05, 0.1), 0.01, foot);
             shade(k, 2, [0.0, 0.1], 0.09, [h - 0.16, h - 0.04]);
             "jointed"
         }
@@ -183,7 +151,7 @@ fn table_lamp(k: &mut Draft) -> Words {
 
 fn sconce(k: &mut Draft) -> Words {
     k.m.prism_z(&circle([0.0, 0.1], 0.06, 8), [0.0, 0.02], k.trim);
-    k.m.rod(Point3::new(0.0, 0.1, 0.02), Point3::new(0.0, 0.12, 0.12), 0.01, k.trim);
+    k.m.rod(point(0.0, 0.1, 0.02), point(0.0, 0.12, 0.12), 0.01, k.trim);
     let r = k.len(0.08, 0.11);
     let style = k.style;
     shade(k, style, [0.0, 0.13], r, [0.04, 0.24]);

@@ -2,7 +2,12 @@
 
 use super::*;
 
-/// Four square legs under a top, `inset` from its edges.
+/// A point in the piece frame, metres.
+pub(super) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
+    Point3::new(x, y, z)
+}
+
+/// Adds four square legs under a top, `inset` from the edges.
 pub(super) fn legs(
     m: &mut Model,
     [width, depth]: [f32; 2],
@@ -17,17 +22,17 @@ pub(super) fn legs(
     }
 }
 
-/// Four round legs that spread outwards.
+/// Adds four round legs that spread outwards.
 pub(super) fn splayed_legs(m: &mut Model, [width, depth]: [f32; 2], height: f32, radius: f32, paint: Paint) {
     let (x, z) = (width / 2.0 - radius, depth / 2.0 - radius);
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let foot = Point3::new(sx * x, 0.0, sz * z);
-        let top = Point3::new(sx * x * 0.72, height, sz * z * 0.72);
+        let foot = point(sx * x, 0.0, sz * z);
+        let top = point(sx * x * 0.72, height, sz * z * 0.72);
         m.rod(foot, top, radius, paint);
     }
 }
 
-/// Two runners with uprights.
+/// Adds two runners with uprights.
 pub(super) fn sled(m: &mut Model, [w, d]: [f32; 2], height: f32, paint: Paint) {
     let x = [w / 2.0 - 0.025, w / 2.0];
     m.pair(x, [0.0, 0.025], about(0.0, d), paint);
@@ -35,22 +40,22 @@ pub(super) fn sled(m: &mut Model, [w, d]: [f32; 2], height: f32, paint: Paint) {
     m.pair(x, [0.025, height], [d / 2.0 - 0.025, d / 2.0], paint);
 }
 
-/// A round foot with a column.
+/// Adds a round foot with a column.
 pub(super) fn pedestal(m: &mut Model, radius: f32, height: f32, paint: Paint) {
     let profile = [[radius, 0.0], [radius, 0.02], [0.035, 0.05], [0.035, height]];
     m.lathe([0.0, 0.0], &profile, 12, paint);
 }
 
-/// Two crossed bars at both ends in x.
+/// Adds two crossed bars at both ends in x.
 pub(super) fn crossed_legs(m: &mut Model, [w, d]: [f32; 2], height: f32, radius: f32, paint: Paint) {
     for x in [-w / 2.0 + radius, w / 2.0 - radius] {
         let z = d / 2.0 - radius;
-        m.rod(Point3::new(x, 0.0, -z), Point3::new(x, height, z), radius, paint);
-        m.rod(Point3::new(x, 0.0, z), Point3::new(x, height, -z), radius, paint);
+        m.rod(point(x, 0.0, -z), point(x, height, z), radius, paint);
+        m.rod(point(x, 0.0, z), point(x, height, -z), radius, paint);
     }
 }
 
-/// Style of doors and drawers.
+/// Door and drawer style.
 #[derive(Clone, Copy)]
 pub(super) struct Fronts {
     pub(super) panel: Paint,
@@ -70,7 +75,7 @@ impl Fronts {
     }
 }
 
-/// A front with `columns` by `rows` doors or drawers, each with a handle, on the plane z.
+/// Adds `columns` by `rows` doors or drawers with handles on the plane z.
 pub(super) fn fronts(m: &mut Model, x: Span, y: Span, z: f32, [columns, rows]: [usize; 2], looks: &Fronts) {
     let part = |span: Span, count: usize, i: usize| {
         let step = (span[1] - span[0]) / count as f32;
@@ -97,7 +102,7 @@ pub(super) struct Carcass {
     pub(super) doors: bool,
 }
 
-/// Draws a carcass of the main paint.
+/// Adds a carcass in the main paint.
 pub(super) fn carcass(k: &mut Draft, body: &Carcass) {
     let [width, height, depth] = body.size;
     let paint = k.p;
@@ -115,31 +120,31 @@ pub(super) fn carcass(k: &mut Draft, body: &Carcass) {
     fronts(&mut k.m, x, y, depth / 2.0, body.cells, &looks);
 }
 
-/// A paint for handles.
+/// Draws a handle paint.
 pub(super) fn handle(k: &mut Draft) -> Paint {
     let paints = [Paint::STEEL, Paint::DARK_METAL, Paint::BRASS];
-    let some = *k.rng.choose(&paints).expect("not empty");
+    let some = *k.rng.choose(&paints).expect("the list is not empty");
     if k.dark() { some.times(0.7) } else { some }
 }
 
-/// A round pad or top between two heights with a rounded edge.
+/// Adds a round pad or top with a rounded edge between two heights.
 pub(super) fn round_pad(m: &mut Model, radius: f32, [low, high]: Span, sides: usize, paint: Paint) {
     let edge = ((high - low) * 0.3).min(0.03);
     let profile = [[radius - edge, low], [radius, low + edge], [radius, high - edge], [radius - edge, high]];
     m.lathe([0.0, 0.0], &profile, sides, paint);
 }
 
-/// A disc across x around (y, z): a wheel, a weight.
+/// Adds a disc across x around (y, z): a wheel, a weight.
 pub(super) fn wheel(m: &mut Model, x: Span, [y, z]: [f32; 2], radius: f32, paint: Paint) {
     m.prism_x(&circle([-z, y], radius, 14), x, paint);
 }
 
-/// The corners of a regular polygon, counter-clockwise.
+/// Corners of a regular polygon, counter-clockwise.
 pub(super) fn circle([cx, cy]: [f32; 2], radius: f32, sides: usize) -> Vec<[f32; 2]> {
     oval([cx, cy], [radius, radius], sides)
 }
 
-/// The corners of an ellipse, counter-clockwise; flat at the bottom.
+/// Corners of an ellipse, counter-clockwise; flat at the bottom.
 pub(super) fn oval([cx, cy]: [f32; 2], [rx, ry]: [f32; 2], sides: usize) -> Vec<[f32; 2]> {
     let corner = |i: usize| {
         let (sin, cos) = angle::sin_cos(std::f32::consts::TAU * (i as f32 + 0.5) / sides as f32);
@@ -148,7 +153,7 @@ pub(super) fn oval([cx, cy]: [f32; 2], [rx, ry]: [f32; 2], sides: usize) -> Vec<
     (0..sides).map(corner).collect()
 }
 
-/// A rectangle of height `base` with a semicircular top, counter-clockwise.
+/// A rectangle up to `base` with a semicircular top, counter-clockwise.
 pub(super) fn arch(width: f32, base: f32, height: f32) -> Vec<[f32; 2]> {
     let radius = width / 2.0;
     let rise = (height - base).min(radius);

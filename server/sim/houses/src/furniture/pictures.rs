@@ -1,34 +1,18 @@
-//! Pictures and mirrors; the lower edge is on y = 0, the back on z = 0.
+//! Pictures, mirrors, boards and clocks: lower edge at y = 0, back at z = 0.
 
 use super::super::texture::{Art, Medium, Motif};
-use super::parts::*;
 use super::*;
-use Substance::*;
 
-/// A framed picture of the wished width and height.
-pub(crate) const PICTURE: Make = Make {
-    category: "picture",
-    noun: "",
-    styles: 8,
-    substances: &[Paper],
-    colors: taste::CLOTH,
-    draw: picture,
-};
+/// A framed picture with the requested width and height.
+pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[Paper], taste::CLOTH);
 
-/// A mirror of a given size; colour and material are those of the frame.
-pub(crate) const MIRROR: Make = Make {
-    category: "mirror",
-    noun: "",
-    styles: 8,
-    substances: &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
-    colors: &[
-        "brown", "black", "white", "grey", "yellow", "red", "blue", "green", "teal", "orange", "pink",
-        "purple",
-    ],
-    draw: mirror,
-};
+/// A mirror; colour and material are the frame's.
+pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
+    &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
+    "brown black white grey yellow red blue green teal orange pink purple",
+);
 
-/// A frame of `bar` width around an outline, between the wall and `front`.
+/// Adds a frame with width `bar` around an outline, between the wall and `front`.
 fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint) {
     let count = outline.len();
     let middle = outline.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
@@ -43,7 +27,7 @@ fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint
         let share = 1.0 - bar / length;
         [middle[0] + offset[0] * share, middle[1] + offset[1] * share]
     };
-    let at = |[x, y]: [f32; 2], z: f32| Point3::new(x, y, z);
+    let at = |[x, y]: [f32; 2], z: f32| point(x, y, z);
     for i in 0..count {
         let (a, b) = (outline[i], outline[(i + 1) % count]);
         m.quad([at(a, front), at(b, front), at(inner(b), front), at(inner(a), front)], paint);
@@ -54,29 +38,22 @@ fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint
 
 fn picture(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.4, 1.0), k.height(0.4, 0.8));
-    let medium = *k.rng.choose(&Medium::ALL).expect("some");
+    let medium = *k.rng.choose(&Medium::ALL).expect("the list is not empty");
     let motif = Motif::ALL[(k.style + k.rng.below(2) * 4) % 8];
     k.material = medium.word();
     let art = Art { ground: k.tint.rgb, motif, medium, seed: k.rng.next_u64() as u32 };
     let canvas = Paint::plain(medium.surface(), [255; 3]).with(Pattern::Art(art));
     let thin = [Paint::WALNUT, Paint::DARK_METAL];
-    let paint = if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("some") } else { k.trim };
+    let paint =
+        if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("the list is not empty") } else { k.trim };
     let round = matches!(k.style, 6 | 7);
     let outline = match k.style {
         6 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 16),
         7 => circle([0.0, w.min(h) / 2.0], w.min(h) / 2.0, 8),
         _ => rectangle(w, h, h / 2.0),
     };
-    let (bar, front) = [
-        (0.015, 0.018),
-        (0.022, 0.02),
-        (0.006, 0.025),
-        (0.026, 0.02),
-        (0.034, 0.026),
-        (0.012, 0.03),
-        (0.02, 0.02),
-        (0.018, 0.02),
-    ][k.style];
+    let bar = [0.015, 0.022, 0.006, 0.026, 0.034, 0.012, 0.02, 0.018][k.style];
+    let front = [0.018, 0.02, 0.025, 0.02, 0.026, 0.03, 0.02, 0.02][k.style];
     frame(&mut k.m, &outline, bar, front, paint);
     k.m.pictured(&outline, front - 0.006, canvas);
     if k.style == 3 {
@@ -97,7 +74,6 @@ fn picture(k: &mut Draft) -> Words {
 
 fn mirror(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.45, 0.8), k.height(0.5, 1.3));
-    let p = k.p;
     let side = w.min(h);
     let outline = match k.style {
         0 => rectangle(w, h, h / 2.0),
@@ -110,16 +86,104 @@ fn mirror(k: &mut Draft) -> Words {
         _ => circle([0.0, side / 2.0], side * 0.3, 16),
     };
     let bar = [0.04, 0.05, 0.05, 0.045, 0.05, 0.05, 0.1, 0.04][k.style];
-    frame(&mut k.m, &outline, bar, 0.025, p);
+    frame(&mut k.m, &outline, bar, 0.025, k.p);
     k.m.pictured(&outline, 0.012, Paint::MIRROR.with(Pattern::Sheen));
     if k.style == 7 {
         for i in 0..16 {
             let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 16.0);
-            let at = |r: f32| Point3::new(sin * r, side / 2.0 + cos * r, 0.015);
-            k.m.rod(at(side * 0.29), at(side * 0.49), 0.012, p);
+            let at = |r: f32| point(sin * r, side / 2.0 + cos * r, 0.015);
+            k.m.rod(at(side * 0.29), at(side * 0.49), 0.012, k.p);
         }
     }
-    let shape =
-        ["rectangular", "round", "oval", "arched", "octagonal", "hexagonal", "broad-framed", "sunburst"];
-    [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape[k.style]]
+    let shape = k.by_style("rectangular|round|oval|arched|octagonal|hexagonal|broad-framed|sunburst");
+    [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
+}
+
+/// A notice board.
+pub(crate) const BOARD: Make = Make::new("board_panel", "board", 8, board)
+    .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], taste::CLOTH);
+pub(crate) const CLOCK: Make =
+    Make::new("clock", "", 8, clock).made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], taste::CLOTH);
+
+fn board(k: &mut Draft) -> Words {
+    let (w, h) = (k.width(0.6, 1.3), k.height(0.45, 0.9));
+    let p = k.p;
+    let z = [0.0, 0.02];
+    let outline = match k.style {
+        2 => arch(w, 0.0, h),
+        6 => circle([0.0, h / 2.0], h / 2.0, 6),
+        7 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 14),
+        _ => rectangle(w, h, h / 2.0),
+    };
+    k.m.prism_z(&outline, z, p);
+    match k.style {
+        0 | 3 => {
+            let bar = k.trim;
+            k.m.pair([w / 2.0 - 0.025, w / 2.0 + 0.002], [0.0, h], [0.0, 0.03], bar);
+            for y in [[0.0, 0.025], [h - 0.025, h]] {
+                k.m.lid(about(0.0, w), y, [0.0, 0.03], bar);
+            }
+        }
+        1 => k.m.lid(about(0.0, w * 0.6), [0.0, 0.02], [0.02, 0.07], Paint::STEEL),
+        4 => k.m.lid(about(0.0, w), [h - 0.08, h], [0.02, 0.028], p.times(0.8)),
+        _ => {}
+    }
+    let notes = if k.style == 3 { 0 } else { 3 + k.rng.below(3) };
+    for _ in 0..notes {
+        let (x, y) = (k.rng.range(-0.28, 0.28) * w, k.rng.range(0.3, 0.66) * h);
+        let tone = if k.style == 5 {
+            p.times(0.7)
+        } else if k.dark() {
+            p.times(1.7)
+        } else {
+            Paint::plain("paper", [244, 242, 230])
+        };
+        k.m.lid(about(x, 0.07), about(y, 0.09), [0.02, 0.023], tone);
+    }
+    let shape = k.by_style("framed|plain|arched|framed|plain|plain|hexagonal|oval");
+    [size_word(w, 0.8, 1.1, ["small", "large"]), shape]
+}
+
+fn clock(k: &mut Draft) -> Words {
+    let size = k.len(0.22, 0.42);
+    let r = size / 2.0;
+    let face = match k.p.brightness() {
+        bright if bright > 0.4 => Paint::SCREEN,
+        _ if k.dark() => Paint::STEEL.times(0.7),
+        _ => Paint::CHROME,
+    };
+    let outline = match k.style {
+        1 => rectangle(size, size, r),
+        2 => circle([0.0, r], r, 8),
+        3 => circle([0.0, r], r, 6),
+        4 => arch(size, 0.0, size * 1.3),
+        5 => rectangle(size * 0.8, size * 1.6, size * 0.8),
+        6 => oval([0.0, r], [r * 1.3, r], 18),
+        _ => circle([0.0, r], r, 20),
+    };
+    k.m.prism_z(&outline, [0.0, 0.035], k.p);
+    let center = if k.style == 5 { [0.0, size * 1.15] } else { [0.0, r] };
+    if k.style == 7 {
+        for i in 0..12 {
+            let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 12.0);
+            let at = |share: f32| point(sin * r * share, r + cos * r * share, 0.02);
+            k.m.rod(at(0.95), at(1.35), 0.01, k.p);
+        }
+    }
+    for i in 0..12 {
+        let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 12.0);
+        let at = [center[0] + sin * r * 0.7, center[1] + cos * r * 0.7];
+        k.m.lid(about(at[0], 0.02), about(at[1], 0.02), [0.035, 0.038], face);
+    }
+    let hand = |k: &mut Draft, turn: f32, length: f32| {
+        let (sin, cos) = angle::sin_cos(turn);
+        let from = point(center[0], center[1], 0.042);
+        let tip = point(center[0] + sin * length, center[1] + cos * length, 0.042);
+        k.m.rod(from, tip, 0.007, face);
+    };
+    let hour = k.rng.range(0.0, std::f32::consts::TAU);
+    hand(k, hour, r * 0.4);
+    hand(k, hour * 12.0, r * 0.6);
+    let shape = k.by_style("round|square|octagonal|hexagonal|arched|upright|oval|star-shaped");
+    [size_word(size, 0.28, 0.36, ["small", "large"]), shape]
 }

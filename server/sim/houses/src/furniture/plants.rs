@@ -1,29 +1,12 @@
 //! Plants in pots.
 
 use super::*;
-use Substance::*;
 
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
-/// A floor plant with the colour of its leaves and the material of its pot.
-pub(crate) const FLOOR_PLANT: Make = Make {
-    category: "plant",
-    noun: "",
-    styles: 8,
-    substances: POTS,
-    colors: taste::GREENERY,
-    draw: floor_plant,
-};
-
-/// A plant for a table.
-pub(crate) const SMALL_PLANT: Make = Make {
-    category: "plant",
-    noun: "",
-    styles: 8,
-    substances: POTS,
-    colors: taste::GREENERY,
-    draw: small_plant,
-};
+/// Colour words describe the leaves, material words the pot.
+pub(crate) const FLOOR_PLANT: Make = Make::new("plant", "", 8, floor_plant).made_of(POTS, taste::GREENERY);
+pub(crate) const SMALL_PLANT: Make = Make::new("plant", "", 8, small_plant).made_of(POTS, taste::GREENERY);
 
 fn floor_plant(k: &mut Draft) -> Words {
     let scale = k.len(0.75, 1.35);
@@ -33,9 +16,7 @@ fn floor_plant(k: &mut Draft) -> Words {
 
 fn small_plant(k: &mut Draft) -> Words {
     let scale = k.len(0.3, 0.5);
-    plant(k, scale);
-    let shape = ["round", "spiky", "bushy", "columnar", "drooping", "flowering", "broad-leaved", "feathery"];
-    ["small", shape[k.style]]
+    ["small", plant(k, scale)]
 }
 
 fn plant(k: &mut Draft, scale: f32) -> &'static str {
@@ -53,13 +34,13 @@ fn plant(k: &mut Draft, scale: f32) -> &'static str {
         6 => broad(k, span, leaf),
         _ => palm(k, span, leaf),
     }
-    ["round", "spiky", "bushy", "columnar", "drooping", "flowering", "broad-leaved", "feathery"][k.style]
+    k.by_style("round|spiky|bushy|columnar|drooping|flowering|broad-leaved|feathery")
 }
 
-/// A pot in a colour that leaves the leaves their word.
+/// Adds a pot in a neutral colour, so that the leaves determine the colour word.
 fn planter(k: &mut Draft, pot: f32, scale: f32) {
     const TONES: [[u8; 3]; 5] = [[150, 148, 144], [140, 84, 58], [96, 98, 100], [60, 62, 66], [122, 104, 82]];
-    let tone = *k.rng.choose(&TONES).expect("some");
+    let tone = *k.rng.choose(&TONES).expect("the list is not empty");
     let paint = k.substance.paint(Tint { word: "", rgb: tone });
     let paint = if k.dark() { paint.times(0.5) } else { paint.times(0.85) };
     let r = pot * 0.44 * (1.25 - 0.25 * scale.min(1.0));
@@ -75,8 +56,8 @@ fn planter(k: &mut Draft, pot: f32, scale: f32) {
 
 /// A stem with balls of leaves.
 fn crown(k: &mut Draft, [base, top]: Span, r: f32, leaf: Paint) {
-    let foot = Point3::new(0.0, base * 0.8, 0.0);
-    k.m.rod(foot, Point3::new(0.0, top - r, 0.0), 0.012 + 0.01 * top, Paint::WALNUT);
+    let foot = point(0.0, base * 0.8, 0.0);
+    k.m.rod(foot, point(0.0, top - r, 0.0), 0.012 + 0.01 * top, Paint::WALNUT);
     for ball in 0..4 {
         let (sin, cos) = angle::sin_cos(ball as f32 * 2.094 + k.rng.range(0.0, 0.6));
         let (x, z) = if ball == 3 { (0.0, 0.0) } else { (sin * r * 0.55, cos * r * 0.55) };
@@ -88,7 +69,7 @@ fn crown(k: &mut Draft, [base, top]: Span, r: f32, leaf: Paint) {
     }
 }
 
-/// A leaf with two sides as a kite in a vertical plane.
+/// A two-sided leaf as a kite in a vertical plane.
 fn blade(k: &mut Draft, foot: Point3<f32>, tip: Point3<f32>, across: Vector3<f32>, leaf: Paint) {
     let middle = foot + (tip - foot) * 0.4;
     k.m.quad([foot, middle + across, tip, middle - across], leaf);
@@ -101,8 +82,8 @@ fn spears(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let (sin, cos) = angle::sin_cos(i as f32 * 2.4);
         let spread = k.rng.range(0.03, 0.2) * top;
         let height = base + (top - base) * k.rng.range(0.7, 1.0);
-        let tip = Point3::new(sin * spread, height, cos * spread);
-        let foot = Point3::new(sin * 0.02, base, cos * 0.02);
+        let tip = point(sin * spread, height, cos * spread);
+        let foot = point(sin * 0.02, base, cos * 0.02);
         let across = Vector3::new(cos, 0.0, -sin) * (0.04 * top);
         let shade = leaf.times(k.rng.range(0.93, 1.06));
         blade(k, foot, tip, across, shade);
@@ -115,8 +96,7 @@ fn fronds(k: &mut Draft, [base, top]: Span, leaf: Paint, reach: f32) {
         let (sin, cos) = angle::sin_cos(frond as f32 * 2.4);
         let lift = k.rng.range(0.35, 0.8);
         let reach = top * reach * k.rng.range(0.7, 1.0);
-        let point =
-            |out: f32, up: f32| Point3::new(sin * reach * out, base + (top - base) * up, cos * reach * out);
+        let point = |out: f32, up: f32| point(sin * reach * out, base + (top - base) * up, cos * reach * out);
         let knee = point(0.45, lift);
         let shade = leaf.times(k.rng.range(0.93, 1.06));
         k.m.rod(point(0.02, 0.0), knee, 0.006 * top.max(0.5), shade);
@@ -134,14 +114,14 @@ fn columns(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     for (side, low) in [(-1.0, 0.3), (1.0, 0.45)] {
         let y = base + low * (top - base);
         let x = side * r * 2.2;
-        k.m.rod(Point3::new(side * r * 0.8, y, 0.0), Point3::new(x, y + r, 0.0), r * 0.55, leaf);
+        k.m.rod(point(side * r * 0.8, y, 0.0), point(x, y + r, 0.0), r * 0.55, leaf);
         let arm = [[0.5, 0.0], [0.6, 0.2], [0.6, 0.8], [0.0, 1.0]];
         let height = (top - base) * 0.34;
         k.m.lathe([x, 0.0], &arm.map(|[s, up]| [s * r, y + r * 0.6 + up * height]), 8, leaf.times(1.04));
     }
 }
 
-/// Stems with a ball of petals each.
+/// Stems with a petal ball each.
 fn blossoms(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     let stem = leaf.times(0.85);
     for i in 0..5 {
@@ -149,7 +129,7 @@ fn blossoms(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let out = if i == 0 { 0.0 } else { top * k.rng.range(0.08, 0.2) };
         let y = base + (top - base) * k.rng.range(0.6, 0.88);
         let head = [sin * out, cos * out];
-        k.m.rod(Point3::new(0.0, base, 0.0), Point3::new(head[0], y, head[1]), 0.007 + 0.004 * top, stem);
+        k.m.rod(point(0.0, base, 0.0), point(head[0], y, head[1]), 0.007 + 0.004 * top, stem);
         let r = 0.055 * top + 0.02;
         let bloom = [[0.3, -0.7], [1.0, 0.0], [0.7, 0.7], [0.0, 0.9]];
         k.m.lathe(head, &bloom.map(|[s, up]| [s * r, y + up * r]), 6, leaf);
@@ -163,10 +143,10 @@ fn broad(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let (sin, cos) = angle::sin_cos(i as f32 * 2.4);
         let height = base + (top - base) * (0.35 + 0.65 * i as f32 / 8.0);
         let reach = top * k.rng.range(0.12, 0.26);
-        let stalk = Point3::new(sin * reach * 0.5, height * 0.86, cos * reach * 0.5);
+        let stalk = point(sin * reach * 0.5, height * 0.86, cos * reach * 0.5);
         let shade = leaf.times(k.rng.range(0.94, 1.06));
-        k.m.rod(Point3::new(0.0, base, 0.0), stalk, 0.007 * top.max(0.5), stem);
-        let tip = Point3::new(sin * (reach + 0.1 * top), height, cos * (reach + 0.1 * top));
+        k.m.rod(point(0.0, base, 0.0), stalk, 0.007 * top.max(0.5), stem);
+        let tip = point(sin * (reach + 0.1 * top), height, cos * (reach + 0.1 * top));
         let across = Vector3::new(cos, 0.0, -sin) * (0.09 * top);
         blade(k, stalk, tip, across, shade);
     }
@@ -175,16 +155,16 @@ fn broad(k: &mut Draft, [base, top]: Span, leaf: Paint) {
 /// A trunk with a tuft of long leaves.
 fn palm(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     let neck = base + (top - base) * 0.55;
-    k.m.rod(Point3::new(0.0, base, 0.0), Point3::new(0.02, neck, 0.0), 0.018 * top + 0.008, Paint::WALNUT);
+    k.m.rod(point(0.0, base, 0.0), point(0.02, neck, 0.0), 0.018 * top + 0.008, Paint::WALNUT);
     for i in 0..14 {
         let (sin, cos) = angle::sin_cos(i as f32 * 2.4);
         let up = k.rng.range(0.3, 1.0);
         let reach = top * 0.34 * (1.2 - 0.6 * up);
-        let knee = Point3::new(sin * reach * 0.6, neck + (top - neck) * up, cos * reach * 0.6);
+        let knee = point(sin * reach * 0.6, neck + (top - neck) * up, cos * reach * 0.6);
         let shade = leaf.times(k.rng.range(0.94, 1.06));
         let across = Vector3::new(cos, 0.0, -sin) * (0.03 * top);
-        blade(k, Point3::new(0.02, neck, 0.0), knee, across, shade);
-        let tip = Point3::new(sin * reach * 1.2, knee.y - 0.12 * top, cos * reach * 1.2);
+        blade(k, point(0.02, neck, 0.0), knee, across, shade);
+        let tip = point(sin * reach * 1.2, knee.y - 0.12 * top, cos * reach * 1.2);
         k.m.leaf(knee, tip, 0.07 * top, shade);
     }
 }

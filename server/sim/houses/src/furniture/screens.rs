@@ -1,49 +1,25 @@
 //! Televisions and monitors.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
 const CASES: &[Substance] = &[Plastic, Plastic, Metal, Glass, Wood, Ceramic, Bamboo];
 
-/// A television of the wished width on a foot.
-pub(crate) const TV: Make = Make {
-    category: "tv_monitor",
-    noun: "television",
-    styles: 5,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: tv,
-};
+/// A television on a foot.
+pub(crate) const TV: Make = Make::new("tv_monitor", "television", 5, tv).made_of(CASES, taste::DARK);
 
 /// A wall television; lower edge at y = 0, back at z = 0.
-pub(crate) const WALL_TV: Make = Make {
-    category: "tv_monitor",
-    noun: "television",
-    styles: 3,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: wall_tv,
-};
+pub(crate) const WALL_TV: Make =
+    Make::new("tv_monitor", "television", 3, wall_tv).made_of(CASES, taste::DARK);
+pub(crate) const MONITOR: Make = Make::new("tv_monitor", "monitor", 5, monitor).made_of(CASES, taste::DARK);
 
-/// A computer's monitor.
-pub(crate) const MONITOR: Make = Make {
-    category: "tv_monitor",
-    noun: "monitor",
-    styles: 5,
-    substances: CASES,
-    colors: taste::DARK,
-    draw: monitor,
-};
-
-/// A case with a screen; `bar` is the frame width.
+/// Adds a case with a screen; `bar` is the frame width.
 fn screen(k: &mut Draft, w: f32, y: Span, z: Span, bar: f32) {
     k.m.soft(about(0.0, w), y, z, 0.008, k.p);
     let (x, inner) = (about(0.0, w - 2.0 * bar), [y[0] + 1.4 * bar, y[1] - bar]);
     k.m.lid(x, inner, [z[1], z[1] + 0.003], Paint::SCREEN);
     let glow = Paint::plain("glass", [44, 50, 66]);
     let (left, top) = (x[0] + 0.02, inner[1] - 0.02);
-    let p = |x: f32, y: f32| Point3::new(x, y, z[1] + 0.005);
+    let p = |x: f32, y: f32| point(x, y, z[1] + 0.005);
     let long = (y[1] - y[0]) * 0.3;
     k.m.quad(
         [
@@ -64,20 +40,13 @@ fn tv(k: &mut Draft) -> Words {
     let w = k.width(0.8, 1.35);
     let h = w * 0.58;
     let feet = Paint::DARK_METAL;
-    let shape = match k.style {
+    match k.style {
         0 => {
             k.m.block(about(0.0, w * 0.4), [0.0, 0.015], about(0.0, 0.2), feet);
             k.m.block(about(0.0, 0.08), [0.015, 0.09], about(-0.01, 0.03), feet);
-            "flat"
         }
-        1 => {
-            k.m.pair([w * 0.3, w * 0.34], [0.0, 0.07], about(0.0, 0.22), feet);
-            "flat"
-        }
-        2 => {
-            k.m.prism_y(&oval([0.0, 0.0], [w * 0.2, 0.1], 12), [0.0, 0.07], feet);
-            "flat"
-        }
+        1 => k.m.pair([w * 0.3, w * 0.34], [0.0, 0.07], about(0.0, 0.22), feet),
+        2 => k.m.prism_y(&oval([0.0, 0.0], [w * 0.2, 0.1], 12), [0.0, 0.07], feet),
         3 => {
             let (w, h) = (w.min(0.75), w.min(0.75) * 0.8);
             k.m.soft(about(0.0, w * 0.8), [0.04, h - 0.04], [-0.2, -0.05], 0.05, k.p);
@@ -88,11 +57,10 @@ fn tv(k: &mut Draft) -> Words {
             for x in [-w * 0.25, w * 0.25] {
                 k.m.prism_x(&[[-0.1, 0.0], [0.1, 0.0], [0.0, 0.07]], about(x, 0.03), feet);
             }
-            "flat"
         }
-    };
+    }
     screen(k, w, [0.07, 0.07 + h], [-0.025, 0.025], 0.03);
-    [size(w), shape]
+    [size(w), "flat"]
 }
 
 fn wall_tv(k: &mut Draft) -> Words {
@@ -102,7 +70,7 @@ fn wall_tv(k: &mut Draft) -> Words {
     if k.style == 2 {
         k.m.soft(about(0.0, w * 0.7), [-0.11, -0.03], [0.0, 0.07], 0.02, Paint::DARK_METAL);
     }
-    [size(w), ["flat", "framed", "flat"][k.style]]
+    [size(w), k.by_style("flat|framed|flat")]
 }
 
 fn monitor(k: &mut Draft) -> Words {
@@ -116,15 +84,12 @@ fn monitor(k: &mut Draft) -> Words {
         }
         2 => {
             for x in [-0.12, 0.12] {
-                k.m.rod(Point3::new(x, 0.0, 0.08), Point3::new(0.0, 0.14, -0.03), 0.012, k.p);
+                k.m.rod(point(x, 0.0, 0.08), point(0.0, 0.14, -0.03), 0.012, k.p);
             }
-            k.m.rod(Point3::new(0.0, 0.0, -0.1), Point3::new(0.0, 0.14, -0.03), 0.012, k.p);
+            k.m.rod(point(0.0, 0.0, -0.1), point(0.0, 0.14, -0.03), 0.012, k.p);
         }
         _ => k.m.block(about(0.0, w * 0.6), [0.0, 0.1], about(-0.01, 0.06), k.p),
     }
     screen(k, w, [0.1, 0.1 + h], [-0.025, 0.02], 0.03);
-    [
-        size_word(w, 0.5, 0.62, ["small", "large"]),
-        ["round-footed", "", "three-legged", "square", "low"][k.style],
-    ]
+    [size_word(w, 0.5, 0.62, ["small", "large"]), k.by_style("round-footed||three-legged|square|low")]
 }

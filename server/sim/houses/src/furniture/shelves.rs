@@ -1,30 +1,16 @@
 //! Shelves and their contents.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
 /// A free-standing shelf with books.
-pub(crate) const BOOKCASE: Make = Make {
-    category: "shelving",
-    noun: "bookcase",
-    styles: 8,
-    substances: &[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker],
-    colors: taste::WOOD,
-    draw: bookcase,
-};
+pub(crate) const BOOKCASE: Make = Make::new("shelving", "bookcase", 8, bookcase)
+    .made_of(&[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker], taste::WOOD);
 
 /// A wall shelf; base at y = 0.
-pub(crate) const WALL_SHELF: Make = Make {
-    category: "shelving",
-    noun: "wall shelf",
-    styles: 4,
-    substances: &[Wood, Metal, Glass, Bamboo, Plastic, Marble],
-    colors: taste::WOOD,
-    draw: wall_shelf,
-};
+pub(crate) const WALL_SHELF: Make = Make::new("shelving", "wall shelf", 4, wall_shelf)
+    .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], taste::WOOD);
 
-/// A row of books or another object on a board.
+/// Adds books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     let room = x[1] - x[0];
     match k.rng.below(5) {
@@ -51,13 +37,13 @@ fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     }
 }
 
-/// Books as a single block with drawn spines.
+/// Adds books as a single block with drawn spines.
 fn books_row(k: &mut Draft, x: Span, y: f32, z: Span) {
     let height = k.len(0.19, 0.25);
     let spines = Paint::plain("paper", [255; 3]).with(Pattern::Books(k.rng.below(12) as u8));
     let (low, high) = ([z[0] + 0.02, z[1] - 0.05], y + height);
     let pages = Paint::plain("paper", [132, 124, 108]);
-    let p = |px: f32, py: f32, pz: f32| Point3::new(px, py, pz);
+    let p = |px: f32, py: f32, pz: f32| point(px, py, pz);
     let mut m = Model::new();
     m.picture([p(x[0], y, low[1]), p(x[1], y, low[1]), p(x[1], high, low[1]), p(x[0], high, low[1])], spines);
     m.quad(
@@ -77,7 +63,6 @@ fn bookcase(k: &mut Draft) -> Words {
         _ => 3 + k.rng.below(3),
     };
     let h = k.height(0.08 + 0.34 * levels as f32, 0.1 + 0.38 * levels as f32);
-    let p = k.p;
     let size = size_word(h, 1.15, 1.65, ["low", "tall"]);
     let z = about(0.0, d);
     let shelf_at = |level: usize| 0.04 + (h - 0.07) * level as f32 / levels as f32;
@@ -86,21 +71,11 @@ fn bookcase(k: &mut Draft) -> Words {
         4 => {
             for side in [-1.0, 1.0] {
                 let x = side * (w / 2.0 - 0.02);
-                k.m.rod(
-                    Point3::new(x, 0.0, d / 2.0 - 0.02),
-                    Point3::new(x, h, -d / 2.0 + 0.04),
-                    0.02,
-                    k.trim,
-                );
-                k.m.rod(
-                    Point3::new(x, 0.0, -d / 2.0 + 0.02),
-                    Point3::new(x, h, -d / 2.0 + 0.02),
-                    0.02,
-                    k.trim,
-                );
+                k.m.rod(point(x, 0.0, d / 2.0 - 0.02), point(x, h, -d / 2.0 + 0.04), 0.02, k.trim);
+                k.m.rod(point(x, 0.0, -d / 2.0 + 0.02), point(x, h, -d / 2.0 + 0.02), 0.02, k.trim);
             }
         }
-        _ => k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], z, p),
+        _ => k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], z, k.p),
     }
     if !matches!(k.style, 3 | 4 | 6) {
         k.board(about(0.0, w - 0.06), [0.04, h], [-d / 2.0, -d / 2.0 + 0.015]);
@@ -122,12 +97,12 @@ fn bookcase(k: &mut Draft) -> Words {
         }
     }
     if k.style == 1 {
-        k.m.block(about(0.0, w + 0.05), [h - 0.02, h + 0.03], about(0.01, d + 0.04), p);
+        k.m.block(about(0.0, w + 0.05), [h - 0.02, h + 0.03], about(0.01, d + 0.04), k.p);
     }
     if k.style == 7 {
-        k.m.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], p);
+        k.m.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], k.p);
     }
-    [size, ["", "", "low", "framed", "leaning", "cubed", "open", "arched"][k.style]]
+    [size, k.by_style("||low|framed|leaning|cubed|open|arched")]
 }
 
 fn wall_shelf(k: &mut Draft) -> Words {
@@ -135,28 +110,23 @@ fn wall_shelf(k: &mut Draft) -> Words {
     let p = k.p;
     let z = about(0.0, d);
     k.m.soft(about(0.0, w), [0.1, 0.13], z, 0.005, p);
-    let shape = match k.style {
+    match k.style {
         0 => {
             for x in [-w * 0.35, w * 0.35] {
                 k.m.prism_x(&[[d / 2.0, 0.0], [d / 2.0, 0.1], [-d / 4.0, 0.1]], about(x, 0.02), k.trim);
             }
-            "bracketed"
         }
         1 => {
             k.m.pair([w / 2.0 - 0.02, w / 2.0], [0.0, 0.34], z, p);
             k.board(about(0.0, w), [0.34, 0.36], z);
-            "box-shaped"
         }
         2 => {
             k.board(about(0.0, w), [0.4, 0.43], z);
             k.m.pair([w * 0.36, w * 0.38], [0.0, 0.46], [-d / 2.0, -d / 2.0 + 0.02], Paint::DARK_METAL);
-            "double"
         }
-        _ => {
-            k.board(about(0.0, w), [0.0, 0.1], [-d / 2.0, -d / 2.0 + 0.02]);
-            "plain"
-        }
-    };
+        _ => k.board(about(0.0, w), [0.0, 0.1], [-d / 2.0, -d / 2.0 + 0.02]),
+    }
+    let shape = k.by_style("bracketed|box-shaped|double|plain");
     filled(k, [-w / 2.0 + 0.04, w / 2.0 - 0.04], 0.13, z);
     [size_word(w, 0.65, 0.95, ["short", "long"]), shape]
 }

@@ -1,220 +1,171 @@
 //! Gym equipment.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
-const KIT: &[&str] = &[
-    "black", "grey", "red", "blue", "yellow", "green", "purple", "orange", "white", "teal", "pink", "brown",
-];
+const KIT: &str = "black grey red blue yellow green purple orange white teal pink brown";
 
 const BODIES: &[Substance] = &[Metal, Plastic, Rubber, Leather, Wood, Fabric];
 
-/// A large machine: treadmill, bike, rower, cross trainer, weight bench, rack.
-pub(crate) const MACHINE: Make =
-    Make { category: "gym_equipment", noun: "", styles: 8, substances: BODIES, colors: KIT, draw: machine };
+/// A treadmill, bike, rower, cross trainer, weight bench, rack or tower.
+pub(crate) const MACHINE: Make = Make::new("gym_equipment", "", 8, machine).made_of(BODIES, KIT);
 
-/// A small piece: ball, mat, kettlebells, bag.
-pub(crate) const KIT_PIECE: Make = Make {
-    category: "gym_equipment",
-    noun: "",
-    styles: 5,
-    substances: &[Rubber, Plastic, Leather, Fabric, Metal],
-    colors: KIT,
-    draw: kit,
-};
+/// A ball, mat, kettlebell, step or bag.
+pub(crate) const KIT_PIECE: Make =
+    Make::new("gym_equipment", "", 5, kit).made_of(&[Rubber, Plastic, Leather, Fabric, Metal], KIT);
 
 fn machine(k: &mut Draft) -> Words {
-    match k.style {
-        0 => treadmill(k),
-        1 => bike(k),
-        2 => weight_bench(k),
-        3 => dumbbell_rack(k),
-        4 => rower(k),
-        5 => cross_trainer(k),
-        6 => tower(k),
-        _ => steps(k),
-    }
+    let nouns = "treadmill|exercise bike|weight bench|dumbbell rack|\
+                 rowing machine|cross trainer|weight machine|stair climber";
+    k.noun = k.by_style(nouns);
+    let draw = [treadmill, bike, weight_bench, dumbbell_rack, rower, cross_trainer, tower, steps][k.style];
+    draw(k);
+    [
+        k.by_style("large||large|low|large|large|tall|large"),
+        k.by_style("long|wheeled|long|shelved|long|tall|upright|stepped"),
+    ]
 }
 
-/// A treadmill, used towards -z.
-fn treadmill(k: &mut Draft) -> Words {
-    k.noun = "treadmill";
-    let p = k.p;
+/// Used towards -z.
+fn treadmill(k: &mut Draft) {
     k.m.block(about(0.0, 0.5), [0.08, 0.15], about(0.0, 1.5), Paint::RUBBER);
-    k.m.pair([0.25, 0.36], [0.0, 0.18], about(0.0, 1.55), p);
-    k.m.soft(about(0.0, 0.72), [0.0, 0.3], [-0.8, -0.45], 0.04, p);
+    k.m.pair([0.25, 0.36], [0.0, 0.18], about(0.0, 1.55), k.p);
+    k.m.soft(about(0.0, 0.72), [0.0, 0.3], [-0.8, -0.45], 0.04, k.p);
     for side in [-1.0, 1.0] {
-        k.m.rod(Point3::new(side * 0.33, 0.2, -0.62), Point3::new(side * 0.33, 1.2, -0.72), 0.035, p);
-        let grip = [Point3::new(side * 0.33, 1.0, -0.7), Point3::new(side * 0.33, 0.98, -0.3)];
+        k.m.rod(point(side * 0.33, 0.2, -0.62), point(side * 0.33, 1.2, -0.72), 0.035, k.p);
+        let grip = [point(side * 0.33, 1.0, -0.7), point(side * 0.33, 0.98, -0.3)];
         k.m.rod(grip[0], grip[1], 0.022, Paint::DARK_METAL);
     }
-    k.m.soft(about(0.0, 0.72), [1.12, 1.36], [-0.8, -0.68], 0.03, p);
+    k.m.soft(about(0.0, 0.72), [1.12, 1.36], [-0.8, -0.68], 0.03, k.p);
     k.m.lid(about(0.0, 0.4), [1.18, 1.3], [-0.68, -0.675], Paint::SCREEN);
-    ["large", "long"]
 }
 
-/// It faces -z.
-fn bike(k: &mut Draft) -> Words {
-    k.noun = "exercise bike";
-    let p = k.p;
+/// Faces -z.
+fn bike(k: &mut Draft) {
     for z in [[-0.5, -0.42], [0.42, 0.5]] {
-        k.m.block(about(0.0, 0.5), [0.0, 0.06], z, p);
+        k.m.block(about(0.0, 0.5), [0.0, 0.06], z, k.p);
     }
-    k.m.block(about(0.0, 0.06), [0.02, 0.1], about(0.0, 0.9), p);
-    wheel(&mut k.m, [-0.05, 0.05], [0.36, -0.25], 0.27, p);
-    k.m.soft(about(0.0, 0.14), [0.1, 0.5], [-0.1, 0.2], 0.03, p);
-    let at = |y: f32, z: f32| Point3::new(0.0, y, z);
-    k.m.rod(at(0.4, 0.1), at(0.86, 0.24), 0.035, p);
-    k.m.rod(at(0.4, -0.05), at(1.1, -0.3), 0.035, p);
+    k.m.block(about(0.0, 0.06), [0.02, 0.1], about(0.0, 0.9), k.p);
+    wheel(&mut k.m, [-0.05, 0.05], [0.36, -0.25], 0.27, k.p);
+    k.m.soft(about(0.0, 0.14), [0.1, 0.5], [-0.1, 0.2], 0.03, k.p);
+    let at = |y: f32, z: f32| point(0.0, y, z);
+    k.m.rod(at(0.4, 0.1), at(0.86, 0.24), 0.035, k.p);
+    k.m.rod(at(0.4, -0.05), at(1.1, -0.3), 0.035, k.p);
     k.m.soft(about(0.0, 0.2), [0.86, 0.93], [0.12, 0.38], 0.03, Paint::DARK_METAL);
-    k.m.rod(Point3::new(-0.25, 1.1, -0.28), Point3::new(0.25, 1.1, -0.28), 0.025, Paint::DARK_METAL);
+    k.m.rod(point(-0.25, 1.1, -0.28), point(0.25, 1.1, -0.28), 0.025, Paint::DARK_METAL);
     k.m.block(about(0.0, 0.2), [1.12, 1.24], [-0.34, -0.3], Paint::SCREEN);
-    ["", "wheeled"]
 }
 
-fn weight_bench(k: &mut Draft) -> Words {
-    k.noun = "weight bench";
-    let p = k.p;
-    k.m.soft(about(0.0, 0.32), [0.36, 0.48], about(0.1, 1.2), 0.04, p);
-    k.m.soft(about(0.0, 0.3), [0.02, 0.36], about(0.4, 0.3), 0.03, p);
+fn weight_bench(k: &mut Draft) {
+    k.m.soft(about(0.0, 0.32), [0.36, 0.48], about(0.1, 1.2), 0.04, k.p);
+    k.m.soft(about(0.0, 0.3), [0.02, 0.36], about(0.4, 0.3), 0.03, k.p);
     k.m.pair([0.36, 0.42], [0.0, 0.98], [-0.5, -0.44], Paint::STEEL);
     k.m.block(about(0.0, 0.84), [0.0, 0.06], [-0.52, -0.42], Paint::STEEL);
-    k.m.block(about(0.0, 0.1), [0.1, 0.36], about(-0.3, 0.1), p);
-    k.m.rod(Point3::new(-0.6, 1.0, -0.47), Point3::new(0.6, 1.0, -0.47), 0.016, Paint::CHROME);
+    k.m.block(about(0.0, 0.1), [0.1, 0.36], about(-0.3, 0.1), k.p);
+    k.m.rod(point(-0.6, 1.0, -0.47), point(0.6, 1.0, -0.47), 0.016, Paint::CHROME);
     for side in [-0.55_f32, 0.55] {
-        wheel(&mut k.m, about(side, 0.07), [1.0, -0.47], 0.19, p);
+        wheel(&mut k.m, about(side, 0.07), [1.0, -0.47], 0.19, k.p);
     }
-    ["large", "long"]
 }
 
-fn dumbbell_rack(k: &mut Draft) -> Words {
-    k.noun = "dumbbell rack";
-    let p = k.p;
-    k.m.pair([0.42, 0.48], [0.0, 0.8], about(0.0, 0.36), p);
+fn dumbbell_rack(k: &mut Draft) {
+    k.m.pair([0.42, 0.48], [0.0, 0.8], about(0.0, 0.36), k.p);
     for y in [0.25, 0.62] {
-        k.m.block(about(0.0, 0.84), [y, y + 0.03], about(0.0, 0.36), p);
+        k.m.block(about(0.0, 0.84), [y, y + 0.03], about(0.0, 0.36), k.p);
         for i in 0..3 {
             let x = (i as f32 - 1.0) * 0.26;
             let base = y + 0.09;
-            k.m.rod(Point3::new(x, base, -0.12), Point3::new(x, base, 0.12), 0.015, Paint::CHROME);
+            k.m.rod(point(x, base, -0.12), point(x, base, 0.12), 0.015, Paint::CHROME);
             for z in [-0.13, 0.09] {
-                k.m.prism_z(&circle([x, base], 0.06, 6), [z, z + 0.06], p.times(0.92));
+                k.m.prism_z(&circle([x, base], 0.06, 6), [z, z + 0.06], k.p.times(0.92));
             }
         }
     }
-    ["low", "shelved"]
 }
 
-/// It faces -z.
-fn rower(k: &mut Draft) -> Words {
-    k.noun = "rowing machine";
-    let p = k.p;
-    k.m.block(about(0.0, 0.1), [0.22, 0.32], [-0.7, 1.0], p);
-    k.m.block(about(0.0, 0.5), [0.0, 0.24], [0.88, 0.96], p);
-    k.m.block(about(0.0, 0.5), [0.0, 0.1], [-0.72, -0.62], p);
-    wheel(&mut k.m, about(0.0, 0.14), [0.36, -0.66], 0.26, p);
+/// Faces -z.
+fn rower(k: &mut Draft) {
+    k.m.block(about(0.0, 0.1), [0.22, 0.32], [-0.7, 1.0], k.p);
+    k.m.block(about(0.0, 0.5), [0.0, 0.24], [0.88, 0.96], k.p);
+    k.m.block(about(0.0, 0.5), [0.0, 0.1], [-0.72, -0.62], k.p);
+    wheel(&mut k.m, about(0.0, 0.14), [0.36, -0.66], 0.26, k.p);
     k.m.soft(about(0.0, 0.32), [0.34, 0.42], about(0.35, 0.28), 0.03, Paint::DARK_METAL);
-    k.m.rod(Point3::new(-0.22, 0.5, -0.4), Point3::new(0.22, 0.5, -0.4), 0.02, Paint::DARK_METAL);
-    k.m.pair([0.08, 0.2], [0.18, 0.4], [-0.42, -0.36], p);
-    ["large", "long"]
+    k.m.rod(point(-0.22, 0.5, -0.4), point(0.22, 0.5, -0.4), 0.02, Paint::DARK_METAL);
+    k.m.pair([0.08, 0.2], [0.18, 0.4], [-0.42, -0.36], k.p);
 }
 
-/// It faces -z.
-fn cross_trainer(k: &mut Draft) -> Words {
-    k.noun = "cross trainer";
-    let p = k.p;
-    k.m.block(about(0.0, 0.5), [0.0, 0.06], [0.62, 0.7], p);
-    k.m.block(about(0.0, 0.1), [0.0, 0.08], about(0.0, 1.3), p);
-    wheel(&mut k.m, about(0.0, 0.2), [0.36, -0.45], 0.3, p);
-    k.m.block(about(0.0, 0.12), [0.3, 1.3], [-0.56, -0.46], p);
-    k.m.soft(about(0.0, 0.3), [1.3, 1.5], [-0.58, -0.5], 0.02, p);
+/// Faces -z.
+fn cross_trainer(k: &mut Draft) {
+    k.m.block(about(0.0, 0.5), [0.0, 0.06], [0.62, 0.7], k.p);
+    k.m.block(about(0.0, 0.1), [0.0, 0.08], about(0.0, 1.3), k.p);
+    wheel(&mut k.m, about(0.0, 0.2), [0.36, -0.45], 0.3, k.p);
+    k.m.block(about(0.0, 0.12), [0.3, 1.3], [-0.56, -0.46], k.p);
+    k.m.soft(about(0.0, 0.3), [1.3, 1.5], [-0.58, -0.5], 0.02, k.p);
     for side in [-1.0, 1.0] {
-        let at = |y: f32, z: f32| Point3::new(side * 0.24, y, z);
-        k.m.rod(at(0.25, -0.3), at(1.55, -0.2), 0.025, p);
-        k.m.rod(at(0.3, -0.4), at(0.22, 0.5), 0.03, p);
+        let at = |y: f32, z: f32| point(side * 0.24, y, z);
+        k.m.rod(at(0.25, -0.3), at(1.55, -0.2), 0.025, k.p);
+        k.m.rod(at(0.3, -0.4), at(0.22, 0.5), 0.03, k.p);
         k.m.block(about(side * 0.24, 0.14), [0.24, 0.28], about(0.3, 0.34), Paint::RUBBER);
     }
-    ["large", "tall"]
 }
 
-/// A tower with a seat and a stack of weights.
-fn tower(k: &mut Draft) -> Words {
-    k.noun = "weight machine";
-    let p = k.p;
-    k.m.pair([0.4, 0.47], [0.0, 2.0], [-0.5, -0.43], p);
-    k.m.block(about(0.0, 0.94), [1.94, 2.0], [-0.5, -0.43], p);
-    k.m.block(about(0.0, 0.94), [0.0, 0.07], [-0.5, -0.3], p);
+/// A tower with a seat and a weight stack.
+fn tower(k: &mut Draft) {
+    k.m.pair([0.4, 0.47], [0.0, 2.0], [-0.5, -0.43], k.p);
+    k.m.block(about(0.0, 0.94), [1.94, 2.0], [-0.5, -0.43], k.p);
+    k.m.block(about(0.0, 0.94), [0.0, 0.07], [-0.5, -0.3], k.p);
     k.m.soft(about(0.0, 0.3), [0.2, 1.0], [-0.5, -0.34], 0.02, Paint::DARK_METAL);
-    k.m.block(about(0.0, 0.08), [0.0, 0.4], [0.3, 0.38], p);
-    k.m.block(about(0.0, 0.1), [0.0, 0.06], [-0.3, 0.5], p);
-    k.m.soft(about(0.0, 0.36), [0.4, 0.5], [0.05, 0.5], 0.03, p);
-    k.m.soft(about(0.0, 0.32), [0.5, 1.0], [-0.05, 0.04], 0.03, p);
-    k.m.rod(Point3::new(-0.45, 1.7, -0.2), Point3::new(0.45, 1.7, -0.2), 0.02, Paint::CHROME);
-    k.m.rod(Point3::new(0.0, 1.96, -0.46), Point3::new(0.0, 1.7, -0.2), 0.012, Paint::CHROME);
-    ["tall", "upright"]
+    k.m.block(about(0.0, 0.08), [0.0, 0.4], [0.3, 0.38], k.p);
+    k.m.block(about(0.0, 0.1), [0.0, 0.06], [-0.3, 0.5], k.p);
+    k.m.soft(about(0.0, 0.36), [0.4, 0.5], [0.05, 0.5], 0.03, k.p);
+    k.m.soft(about(0.0, 0.32), [0.5, 1.0], [-0.05, 0.04], 0.03, k.p);
+    k.m.rod(point(-0.45, 1.7, -0.2), point(0.45, 1.7, -0.2), 0.02, Paint::CHROME);
+    k.m.rod(point(0.0, 1.96, -0.46), point(0.0, 1.7, -0.2), 0.012, Paint::CHROME);
 }
 
 /// A stair climber.
-fn steps(k: &mut Draft) -> Words {
-    k.noun = "stair climber";
-    let p = k.p;
+fn steps(k: &mut Draft) {
     for i in 0..4 {
         let z = 0.5 - 0.28 * i as f32;
-        k.m.soft(about(0.0, 0.56), [0.0, 0.2 * (i + 1) as f32], [z - 0.28, z], 0.012, p);
+        k.m.soft(about(0.0, 0.56), [0.0, 0.2 * (i + 1) as f32], [z - 0.28, z], 0.012, k.p);
     }
     for side in [-1.0, 1.0] {
-        let at = |y: f32, z: f32| Point3::new(side * 0.32, y, z);
-        k.m.rod(at(0.0, -0.5), at(1.5, -0.6), 0.03, p);
+        let at = |y: f32, z: f32| point(side * 0.32, y, z);
+        k.m.rod(at(0.0, -0.5), at(1.5, -0.6), 0.03, k.p);
         k.m.rod(at(0.8, 0.4), at(1.45, -0.6), 0.025, Paint::DARK_METAL);
-        k.m.rod(at(0.0, 0.4), at(0.85, 0.4), 0.03, p);
+        k.m.rod(at(0.0, 0.4), at(0.85, 0.4), 0.03, k.p);
     }
     k.m.block(about(0.0, 0.6), [1.35, 1.55], [-0.64, -0.58], Paint::SCREEN);
-    ["large", "stepped"]
 }
 
 fn kit(k: &mut Draft) -> Words {
-    let p = k.p;
+    k.noun = k.by_style("exercise ball|exercise mat|kettlebell|step platform|punching bag");
+    let mut size = k.by_style("|small|small|low|tall");
     match k.style {
         0 => {
-            k.noun = "exercise ball";
             let r = k.len(0.26, 0.36);
-            let ball = [[0.35, 0.0], [0.8, 0.2], [1.0, 0.5], [1.0, 1.0], [0.8, 1.6], [0.35, 1.95]];
-            k.m.lathe([0.0, 0.0], &ball.map(|[s, y]| [s * r, y * r]), 16, p);
-            [size_word(r, 0.29, 0.33, ["small", "large"]), "round"]
+            k.turned(&[[0.35, 0.0], [0.8, 0.2], [1.0, 0.5], [1.0, 1.0], [0.8, 1.6], [0.35, 1.95]], r, r, 16);
+            size = size_word(r, 0.29, 0.33, ["small", "large"]);
         }
         1 => {
-            k.noun = "exercise mat";
-            k.m.prism_x(&circle([0.0, 0.07], 0.07, 12), about(0.0, 0.62), p);
-            k.m.lid(about(0.0, 0.05), [0.0, 0.141], [0.06, 0.072], p.times(0.8));
-            ["small", "rolled"]
+            k.m.prism_x(&circle([0.0, 0.07], 0.07, 12), about(0.0, 0.62), k.p);
+            k.m.lid(about(0.0, 0.05), [0.0, 0.141], [0.06, 0.072], k.p.times(0.8));
         }
         2 => {
-            k.noun = "kettlebell";
-            let bell = [[0.5, 0.0], [0.95, 0.25], [1.0, 0.5], [0.7, 0.9], [0.3, 1.0]];
-            k.m.lathe([0.0, 0.0], &bell.map(|[s, y]| [s * 0.11, y * 0.2]), 12, p);
-            let at = |x: f32, y: f32| Point3::new(x, y, 0.0);
-            k.m.rod(at(-0.06, 0.17), at(-0.06, 0.28), 0.016, p);
-            k.m.rod(at(0.06, 0.17), at(0.06, 0.28), 0.016, p);
-            k.m.rod(at(-0.07, 0.28), at(0.07, 0.28), 0.016, p);
-            ["small", "round"]
+            k.turned(&[[0.5, 0.0], [0.95, 0.25], [1.0, 0.5], [0.7, 0.9], [0.3, 1.0]], 0.11, 0.2, 12);
+            let at = |x: f32, y: f32| point(x, y, 0.0);
+            k.m.rod(at(-0.06, 0.17), at(-0.06, 0.28), 0.016, k.p);
+            k.m.rod(at(0.06, 0.17), at(0.06, 0.28), 0.016, k.p);
+            k.m.rod(at(-0.07, 0.28), at(0.07, 0.28), 0.016, k.p);
         }
         3 => {
-            k.noun = "step platform";
-            k.m.soft(about(0.0, 0.8), [0.08, 0.18], about(0.0, 0.34), 0.02, p);
-            k.m.pair([0.26, 0.38], [0.0, 0.08], about(0.0, 0.3), p.times(0.9));
-            ["low", "rectangular"]
+            k.m.soft(about(0.0, 0.8), [0.08, 0.18], about(0.0, 0.34), 0.02, k.p);
+            k.m.pair([0.26, 0.38], [0.0, 0.08], about(0.0, 0.3), k.p.times(0.9));
         }
         _ => {
-            k.noun = "punching bag";
-            k.m.lathe(
-                [0.0, 0.0],
-                &[[0.26, 0.0], [0.26, 0.08], [0.05, 0.2], [0.05, 0.6]],
-                12,
-                Paint::DARK_METAL,
-            );
-            k.m.lathe([0.0, 0.0], &[[0.15, 0.6], [0.19, 0.66], [0.19, 1.6], [0.12, 1.72]], 14, p);
-            ["tall", "cylindrical"]
+            let foot = [[0.26, 0.0], [0.26, 0.08], [0.05, 0.2], [0.05, 0.6]];
+            k.m.lathe([0.0, 0.0], &foot, 12, Paint::DARK_METAL);
+            k.m.lathe([0.0, 0.0], &[[0.15, 0.6], [0.19, 0.66], [0.19, 1.6], [0.12, 1.72]], 14, k.p);
         }
     }
+    [size, k.by_style("round|rolled|round|rectangular|cylindrical")]
 }

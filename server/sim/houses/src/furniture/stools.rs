@@ -1,229 +1,161 @@
 //! Stools and benches.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
-/// A stool to sit on.
-pub(crate) const STOOL: Make = Make {
-    category: "stool",
-    noun: "",
-    styles: 8,
-    substances: &[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric],
-    colors: taste::WOOD,
-    draw: stool,
-};
-
-/// A tall stool for a counter.
-pub(crate) const BAR_STOOL: Make = Make {
-    category: "stool",
-    noun: "bar stool",
-    styles: 5,
-    substances: &[Wood, Leather, Metal, Fabric, Plastic, Velvet],
-    colors: taste::DARK,
-    draw: bar_stool,
-};
-
-/// A padded footstool.
-pub(crate) const FOOTSTOOL: Make = Make {
-    category: "stool",
-    noun: "footstool",
-    styles: 5,
-    substances: &[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked],
-    colors: taste::CLOTH,
-    draw: footstool,
-};
+pub(crate) const STOOL: Make = Make::new("stool", "", 8, stool)
+    .made_of(&[Wood, Metal, Plastic, Wicker, Bamboo, Leather, Fabric], taste::WOOD);
+pub(crate) const BAR_STOOL: Make = Make::new("stool", "bar stool", 5, bar_stool)
+    .made_of(&[Wood, Leather, Metal, Fabric, Plastic, Velvet], taste::DARK);
+pub(crate) const FOOTSTOOL: Make = Make::new("stool", "footstool", 5, footstool)
+    .made_of(&[Fabric, Velvet, Leather, Knit, Corduroy, Quilt, Checked], taste::CLOTH);
 
 /// A bench, pouf or similar seat.
-pub(crate) const SEATING: Make = Make {
-    category: "seating",
-    noun: "bench",
-    styles: 8,
-    substances: &[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped],
-    colors: taste::WOOD,
-    draw: seating,
-};
+pub(crate) const SEATING: Make = Make::new("seating", "bench", 8, seating)
+    .made_of(&[Wood, Fabric, Leather, Wicker, Velvet, Metal, Striped], taste::WOOD);
 
 fn stool(k: &mut Draft) -> Words {
     let (h, r) = (k.len(0.4, 0.5), k.len(0.16, 0.2));
     let size = size_word(h, 0.43, 0.47, ["low", "tall"]);
-    let p = k.p;
     let square = |k: &mut Draft, low: f32| k.pad(about(0.0, 1.9 * r), [low, h], about(0.0, 1.9 * r));
-    let shape = match k.style {
+    match k.style {
         0 => {
-            splayed_legs(&mut k.m, [0.38, 0.38], h - 0.04, 0.022, p);
-            round_pad(&mut k.m, r, [h - 0.05, h], 14, p);
-            "round"
+            splayed_legs(&mut k.m, [0.38, 0.38], h - 0.04, 0.022, k.p);
+            round_pad(&mut k.m, r, [h - 0.05, h], 14, k.p);
         }
         1 => {
-            legs(&mut k.m, [1.9 * r, 1.9 * r], h - 0.05, 0.04, 0.0, p);
+            legs(&mut k.m, [1.9 * r, 1.9 * r], h - 0.05, 0.04, 0.0, k.p);
             square(k, h - 0.06);
-            "square"
         }
         2 => {
             pedestal(&mut k.m, r, h - 0.05, Paint::DARK_METAL);
-            round_pad(&mut k.m, r, [h - 0.08, h], 14, p);
-            "round"
+            round_pad(&mut k.m, r, [h - 0.08, h], 14, k.p);
         }
-        3 => {
-            let drum = [[0.75, 0.0], [1.0, 0.3], [1.0, 0.7], [0.75, 0.97], [0.7, 1.0]];
-            k.m.lathe([0.0, 0.0], &drum.map(|[s, y]| [s * (r + 0.03), y * h]), 16, p);
-            "drum-shaped"
-        }
+        3 => k.turned(&[[0.75, 0.0], [1.0, 0.3], [1.0, 0.7], [0.75, 0.97], [0.7, 1.0]], r + 0.03, h, 16),
         4 => {
             crossed_legs(&mut k.m, [2.0 * r, 2.0 * r], h - 0.04, 0.018, k.trim);
             square(k, h - 0.06);
-            "folding"
         }
         5 => {
-            k.m.prism_y(&circle([0.0, 0.0], r + 0.02, 6), [h - 0.06, h], p);
+            k.m.prism_y(&circle([0.0, 0.0], r + 0.02, 6), [h - 0.06, h], k.p);
             splayed_legs(&mut k.m, [0.36, 0.36], h - 0.05, 0.02, k.trim);
-            "hexagonal"
         }
         6 => {
-            k.m.pair([r - 0.03, r], [0.0, h - 0.04], about(0.0, 1.6 * r), p);
+            k.m.pair([r - 0.03, r], [0.0, h - 0.04], about(0.0, 1.6 * r), k.p);
             k.pad(about(0.0, 2.2 * r), [h - 0.05, h], about(0.0, 1.7 * r));
-            k.m.block(about(0.0, 2.0 * r - 0.06), [0.14, 0.17], about(0.0, 0.06), p);
-            "rectangular"
+            k.m.block(about(0.0, 2.0 * r - 0.06), [0.14, 0.17], about(0.0, 0.06), k.p);
         }
-        _ => {
-            let waist = [[1.0, 0.0], [0.55, 0.5], [1.0, 1.0]];
-            k.m.lathe([0.0, 0.0], &waist.map(|[s, y]| [s * r, y * h]), 16, p);
-            "waisted"
-        }
-    };
+        _ => k.turned(&[[1.0, 0.0], [0.55, 0.5], [1.0, 1.0]], r, h, 16),
+    }
+    let shape = ["round", "square", "round", "drum-shaped", "folding", "hexagonal", "rectangular", "waisted"]
+        [k.style];
     [size, shape]
 }
 
 fn bar_stool(k: &mut Draft) -> Words {
     let (h, r) = (k.len(0.62, 0.76), 0.18);
-    let p = k.p;
     let ring = |k: &mut Draft, paint: Paint| {
         for side in [-1.0, 1.0] {
-            let at = |x: f32| Point3::new(x, 0.24, side * 0.15);
+            let at = |x: f32| point(x, 0.24, side * 0.15);
             k.m.rod(at(-0.15), at(0.15), 0.014, paint);
         }
     };
-    let shape = match k.style {
+    match k.style {
         0 => {
-            splayed_legs(&mut k.m, [0.4, 0.4], h - 0.04, 0.022, p);
-            ring(k, p);
-            round_pad(&mut k.m, r, [h - 0.06, h], 14, p);
-            "round"
+            splayed_legs(&mut k.m, [0.4, 0.4], h - 0.04, 0.022, k.p);
+            ring(k, k.p);
+            round_pad(&mut k.m, r, [h - 0.06, h], 14, k.p);
         }
         1 => {
-            legs(&mut k.m, [0.36, 0.36], h - 0.04, 0.035, 0.0, p);
-            ring(k, p);
+            legs(&mut k.m, [0.36, 0.36], h - 0.04, 0.035, 0.0, k.p);
+            ring(k, k.p);
             k.pad(about(0.0, 0.36), [h - 0.06, h], about(0.0, 0.36));
-            "square"
         }
         2 => {
             pedestal(&mut k.m, 0.21, h - 0.05, Paint::DARK_METAL);
-            round_pad(&mut k.m, r, [h - 0.09, h], 14, p);
-            "round"
+            round_pad(&mut k.m, r, [h - 0.09, h], 14, k.p);
         }
         3 => {
             sled(&mut k.m, [0.4, 0.38], h - 0.04, Paint::DARK_METAL);
             k.pad(about(0.0, 0.4), [h - 0.07, h], about(0.0, 0.38));
             k.pad(about(0.0, 0.4), [h, h + 0.24], [-0.19, -0.15]);
-            "low-backed"
         }
         _ => {
             splayed_legs(&mut k.m, [0.42, 0.42], h - 0.04, 0.02, Paint::DARK_METAL);
-            k.m.prism_y(&circle([0.0, 0.0], 0.2, 8), [h - 0.06, h], p);
-            "octagonal"
+            k.m.prism_y(&circle([0.0, 0.0], 0.2, 8), [h - 0.06, h], k.p);
         }
-    };
-    [size_word(h, 0.66, 0.72, ["low", "tall"]), shape]
+    }
+    [size_word(h, 0.66, 0.72, ["low", "tall"]), k.by_style("round|square|round|low-backed|octagonal")]
 }
 
 fn footstool(k: &mut Draft) -> Words {
     let (size, h) = (k.len(0.4, 0.62), k.len(0.34, 0.45));
-    let (r, p) = (size / 2.0, k.p);
-    let words = |shape| [size_word(size, 0.46, 0.55, ["small", "large"]), shape];
+    let r = size / 2.0;
     match k.style {
         0 => {
             splayed_legs(&mut k.m, [size * 0.8, size * 0.8], 0.14, 0.02, k.trim);
-            round_pad(&mut k.m, r, [0.12, h], 16, p);
-            words("round")
+            round_pad(&mut k.m, r, [0.12, h], 16, k.p);
         }
         1 => {
             legs(&mut k.m, [size, size], 0.12, 0.04, 0.03, k.trim);
-            k.m.soft(about(0.0, size), [0.12, h], about(0.0, size), 0.04, p);
-            words("square")
+            k.m.soft(about(0.0, size), [0.12, h], about(0.0, size), 0.04, k.p);
         }
-        2 => {
-            let ball = [[0.5, 0.0], [0.92, 0.2], [1.0, 0.5], [0.85, 0.85], [0.4, 1.0]];
-            k.m.lathe([0.0, 0.0], &ball.map(|[s, y]| [s * r, y * h]), 16, p);
-            words("round")
-        }
-        3 => {
-            k.m.soft(about(0.0, size * 1.4), [0.0, h], about(0.0, size * 0.8), 0.05, p);
-            words("rectangular")
-        }
+        2 => k.turned(&[[0.5, 0.0], [0.92, 0.2], [1.0, 0.5], [0.85, 0.85], [0.4, 1.0]], r, h, 16),
+        3 => k.m.soft(about(0.0, size * 1.4), [0.0, h], about(0.0, size * 0.8), 0.05, k.p),
         _ => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.06, h], p);
+            k.m.prism_y(&circle([0.0, 0.0], r, 6), [0.06, h], k.p);
             legs(&mut k.m, [size * 0.7, size * 0.7], 0.06, 0.04, 0.0, k.trim);
-            words("hexagonal")
         }
     }
+    [size_word(size, 0.46, 0.55, ["small", "large"]), k.by_style("round|square|round|rectangular|hexagonal")]
 }
 
 fn seating(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.9, 1.45), k.len(0.42, 0.48));
     let d = k.depth(0.36, 0.46);
-    let p = k.p;
-    let shape = match k.style {
+    match k.style {
         0 => {
-            legs(&mut k.m, [w, d], h - 0.04, 0.06, 0.02, p);
+            legs(&mut k.m, [w, d], h - 0.04, 0.06, 0.02, k.p);
             let slat = d / 4.0;
             for i in 0..4 {
                 let z = -d / 2.0 + slat * (i as f32 + 0.5);
                 k.board(about(0.0, w), [h - 0.04, h], about(z, slat - 0.015));
             }
-            "slatted"
         }
         1 => {
             k.board(about(0.0, w), [0.0, h - 0.12], about(0.0, d));
-            k.m.soft(about(0.0, w), [h - 0.12, h], about(0.0, d), 0.03, p.times(1.03));
+            k.m.soft(about(0.0, w), [h - 0.12, h], about(0.0, d), 0.03, k.p.times(1.03));
             k.noun = "storage bench";
-            "box-shaped"
         }
         2 => {
             sled(&mut k.m, [w, d], h - 0.12, Paint::DARK_METAL);
             k.pad(about(0.0, w), [h - 0.14, h], about(0.0, d));
-            ""
         }
         3 => {
-            k.m.soft(about(0.0, w), [0.0, h], about(0.0, d), 0.1, p);
+            k.m.soft(about(0.0, w), [0.0, h], about(0.0, d), 0.1, k.p);
             k.noun = "pouf";
-            "rounded"
         }
         4 => {
             crossed_legs(&mut k.m, [w - 0.2, d], h - 0.1, 0.025, k.trim);
             k.pad(about(0.0, w), [h - 0.12, h], about(0.0, d));
-            "folding"
         }
         5 => {
-            k.m.pair([w / 2.0 - 0.05, w / 2.0], [0.0, h], about(0.0, d), p);
+            k.m.pair([w / 2.0 - 0.05, w / 2.0], [0.0, h], about(0.0, d), k.p);
             k.pad(about(0.0, w - 0.1), [h - 0.08, h - 0.01], about(0.0, d));
             k.board(about(0.0, w - 0.1), [0.12, 0.15], about(0.0, d - 0.04));
-            "rectangular"
         }
         6 => {
             legs(&mut k.m, [w, d], h - 0.06, 0.05, 0.02, k.trim);
             k.pad(about(0.0, w), [h - 0.1, h], about(0.0, d));
             for side in [-1.0, 1.0] {
                 let x = side * (w / 2.0 - 0.05);
-                k.m.prism_z(&circle([x, h + 0.05], 0.07, 8), about(0.0, d), p);
+                k.m.prism_z(&circle([x, h + 0.05], 0.07, 8), about(0.0, d), k.p);
             }
-            "scrolled"
         }
         _ => {
-            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 16), [h - 0.1, h], p);
+            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 16), [h - 0.1, h], k.p);
             splayed_legs(&mut k.m, [w * 0.8, d * 0.9], h - 0.1, 0.025, k.trim);
-            "oval"
         }
-    };
+    }
+    let shape = k.by_style("slatted|box-shaped||rounded|folding|rectangular|scrolled|oval");
     [size_word(w, 1.05, 1.28, ["short", "long"]), shape]
 }

@@ -1,96 +1,55 @@
 //! Tables and desks.
 
-use super::parts::*;
 use super::*;
-use Substance::*;
 
 const TOPS: &[Substance] = &[Wood, Glass, Metal, Marble, Plastic, Bamboo, Wicker, Concrete];
 
-/// A dining table of the wished width and depth; round ones are as wide as wished.
-pub(crate) const DINING_TABLE: Make = Make {
-    category: "table",
-    noun: "dining table",
-    styles: 8,
-    substances: &[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo],
-    colors: taste::WOOD,
-    draw: dining_table,
-};
-
-/// A low table for the front of a sofa.
-pub(crate) const COFFEE_TABLE: Make = Make {
-    category: "table",
-    noun: "coffee table",
-    styles: 8,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: coffee_table,
-};
-
-/// A small table for the side of a sofa or a bath.
-pub(crate) const SIDE_TABLE: Make = Make {
-    category: "table",
-    noun: "side table",
-    styles: 5,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: side_table,
-};
+pub(crate) const DINING_TABLE: Make = Make::new("table", "dining table", 8, dining_table)
+    .made_of(&[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo], taste::WOOD);
+pub(crate) const COFFEE_TABLE: Make =
+    Make::new("table", "coffee table", 8, coffee_table).made_of(TOPS, taste::WOOD);
+pub(crate) const SIDE_TABLE: Make =
+    Make::new("table", "side table", 5, side_table).made_of(TOPS, taste::WOOD);
 
 /// A narrow table for a hallway.
-pub(crate) const CONSOLE: Make = Make {
-    category: "table",
-    noun: "console table",
-    styles: 4,
-    substances: TOPS,
-    colors: taste::WOOD,
-    draw: console,
-};
+pub(crate) const CONSOLE: Make = Make::new("table", "console table", 4, console).made_of(TOPS, taste::WOOD);
+pub(crate) const DESK: Make =
+    Make::new("table", "desk", 5, desk).made_of(&[Wood, Metal, Glass, Plastic, Bamboo, Leather], taste::WOOD);
 
-/// A desk.
-pub(crate) const DESK: Make = Make {
-    category: "table",
-    noun: "desk",
-    styles: 5,
-    substances: &[Wood, Metal, Glass, Plastic, Bamboo, Leather],
-    colors: taste::WOOD,
-    draw: desk,
-};
-
-/// Returns true if a dining table of this style has chairs all around.
+/// Returns true for dining tables with chairs all around.
 fn is_round(style: usize) -> bool {
     matches!(style, 3 | 4)
 }
 
 fn dining_table(k: &mut Draft) -> Words {
     let (w, d, h) = (k.width(1.1, 1.8), k.depth(0.75, 0.95), k.len(0.72, 0.78));
-    let p = k.p;
     let round = is_round(k.style) && (w - d).abs() < 0.3;
     let size = size_word(w, 1.1, 1.6, ["small", "large"]);
     if round {
         let r = w.min(d) / 2.0;
-        round_pad(&mut k.m, r, [h - 0.05, h], 20, p);
+        round_pad(&mut k.m, r, [h - 0.05, h], 20, k.p);
         match k.style {
-            3 => k.m.lathe([0.0, 0.0], &[[0.3, 0.0], [0.27, 0.03], [0.07, 0.1], [0.05, h - 0.04]], 12, p),
-            _ => splayed_legs(&mut k.m, [w * 0.75, w * 0.75], h - 0.05, 0.03, p),
+            3 => k.m.lathe([0.0, 0.0], &[[0.3, 0.0], [0.27, 0.03], [0.07, 0.1], [0.05, h - 0.04]], 12, k.p),
+            _ => splayed_legs(&mut k.m, [w * 0.75, w * 0.75], h - 0.05, 0.03, k.p),
         }
         return [size, "round"];
     }
     if is_round(k.style) {
-        k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], p);
-        legs(&mut k.m, [w * 0.66, d * 0.66], h - 0.04, 0.06 + 0.02 * (k.style - 3) as f32, 0.0, p);
+        k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], k.p);
+        legs(&mut k.m, [w * 0.66, d * 0.66], h - 0.04, 0.06 + 0.02 * (k.style - 3) as f32, 0.0, k.p);
         return [size, "oval"];
     }
-    k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.008, p);
+    k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.008, k.p);
     match k.style {
         0 => {
             k.board(about(0.0, w - 0.16), [h - 0.12, h - 0.04], about(0.0, d - 0.16));
-            legs(&mut k.m, [w, d], h - 0.04, 0.07, 0.03, p);
+            legs(&mut k.m, [w, d], h - 0.04, 0.07, 0.03, k.p);
         }
-        1 => splayed_legs(&mut k.m, [w - 0.08, d - 0.08], h - 0.04, 0.035, p),
+        1 => splayed_legs(&mut k.m, [w - 0.08, d - 0.08], h - 0.04, 0.035, k.p),
         2 => trestle(k, [w, d], h - 0.04),
         5 => crossed_legs(&mut k.m, [w - 0.2, d - 0.1], h - 0.04, 0.03, k.trim),
         6 => {
-            k.m.pair([w / 2.0 - 0.3, w / 2.0 - 0.22], [0.0, h - 0.04], about(0.0, d * 0.6), p);
+            k.m.pair([w / 2.0 - 0.3, w / 2.0 - 0.22], [0.0, h - 0.04], about(0.0, d * 0.6), k.p);
             k.board(about(0.0, w - 0.6), [0.3, 0.36], about(0.0, 0.08));
         }
         _ => sled(&mut k.m, [w - 0.1, d - 0.1], h - 0.04, Paint::DARK_METAL),
@@ -107,104 +66,87 @@ fn trestle(k: &mut Draft, [w, d]: [f32; 2], height: f32) {
 
 fn coffee_table(k: &mut Draft) -> Words {
     let (w, d, h) = (k.width(0.8, 1.2), k.len(0.5, 0.68), k.len(0.36, 0.46));
-    let p = k.p;
-    let top = |k: &mut Draft, low: f32| k.m.soft(about(0.0, w), [low, h], about(0.0, d), 0.008, p);
+    let top = |k: &mut Draft, low: f32| k.m.soft(about(0.0, w), [low, h], about(0.0, d), 0.008, k.p);
     let r = d * 0.6;
-    let shape = match k.style {
+    match k.style {
         0 => {
             top(k, h - 0.04);
             k.board(about(0.0, w - 0.1), [0.12, 0.14], about(0.0, d - 0.1));
-            legs(&mut k.m, [w, d], h - 0.04, 0.05, 0.01, p);
-            "rectangular"
+            legs(&mut k.m, [w, d], h - 0.04, 0.05, 0.01, k.p);
         }
         1 => {
-            round_pad(&mut k.m, r, [h - 0.05, h], 20, p);
+            round_pad(&mut k.m, r, [h - 0.05, h], 20, k.p);
             splayed_legs(&mut k.m, [r * 1.7, r * 1.7], h - 0.04, 0.02, k.trim);
-            "round"
         }
         2 => {
             top(k, h - 0.12);
-            k.m.pair([w / 2.0 - 0.06, w / 2.0], [0.0, h - 0.12], about(0.0, d), p);
-            "rectangular"
+            k.m.pair([w / 2.0 - 0.06, w / 2.0], [0.0, h - 0.12], about(0.0, d), k.p);
         }
         3 => {
-            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], p);
+            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], k.p);
             legs(&mut k.m, [w * 0.62, d * 0.7], h - 0.04, 0.04, 0.0, k.trim);
-            "oval"
         }
         4 => {
-            k.m.soft(about(0.0, w), [0.0, h], about(0.0, d), 0.02, p);
+            k.m.soft(about(0.0, w), [0.0, h], about(0.0, d), 0.02, k.p);
             k.noun = "chest table";
-            "box-shaped"
         }
         5 => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 6), [h - 0.05, h], p);
+            k.m.prism_y(&circle([0.0, 0.0], r, 6), [h - 0.05, h], k.p);
             crossed_legs(&mut k.m, [r, r], h - 0.05, 0.02, Paint::DARK_METAL);
-            "hexagonal"
         }
-        6 => {
-            let drum = [[0.9, 0.0], [1.0, 0.4], [1.0, 0.8], [0.95, 1.0]];
-            k.m.lathe([0.0, 0.0], &drum.map(|[s, y]| [s * r, y * h]), 18, p);
-            "drum-shaped"
-        }
+        6 => k.turned(&[[0.9, 0.0], [1.0, 0.4], [1.0, 0.8], [0.95, 1.0]], r, h, 18),
         _ => {
-            k.m.soft(about(0.0, d * 1.2), [h - 0.05, h], about(0.0, d * 1.2), 0.01, p);
+            k.m.soft(about(0.0, d * 1.2), [h - 0.05, h], about(0.0, d * 1.2), 0.01, k.p);
             sled(&mut k.m, [d, d], h - 0.05, Paint::DARK_METAL);
-            "square"
         }
-    };
+    }
+    let shape =
+        ["rectangular", "round", "rectangular", "oval", "box-shaped", "hexagonal", "drum-shaped", "square"]
+            [k.style];
     [size_word(w, 0.92, 1.08, ["small", "large"]), shape]
 }
 
 fn side_table(k: &mut Draft) -> Words {
     let (size, h) = (k.len(0.38, 0.52), k.len(0.48, 0.64));
-    let (r, p) = (size / 2.0, k.p);
-    let shape = match k.style {
+    let r = size / 2.0;
+    match k.style {
         0 => {
-            round_pad(&mut k.m, r, [h - 0.03, h], 16, p);
+            round_pad(&mut k.m, r, [h - 0.03, h], 16, k.p);
             pedestal(&mut k.m, r * 0.7, h - 0.02, k.trim);
-            "round"
         }
         1 => {
-            k.m.soft(about(0.0, size), [h - 0.03, h], about(0.0, size), 0.006, p);
+            k.m.soft(about(0.0, size), [h - 0.03, h], about(0.0, size), 0.006, k.p);
             k.board(about(0.0, size - 0.06), [0.16, 0.18], about(0.0, size - 0.06));
-            legs(&mut k.m, [size, size], h - 0.03, 0.04, 0.0, p);
-            "square"
+            legs(&mut k.m, [size, size], h - 0.03, 0.04, 0.0, k.p);
         }
         2 => {
-            round_pad(&mut k.m, r, [h - 0.04, h], 16, p);
-            splayed_legs(&mut k.m, [size * 0.9, size * 0.9], h - 0.04, 0.016, p);
-            "round"
+            round_pad(&mut k.m, r, [h - 0.04, h], 16, k.p);
+            splayed_legs(&mut k.m, [size * 0.9, size * 0.9], h - 0.04, 0.016, k.p);
         }
         3 => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 8), [h - 0.03, h], p);
+            k.m.prism_y(&circle([0.0, 0.0], r, 8), [h - 0.03, h], k.p);
             crossed_legs(&mut k.m, [r, r], h - 0.03, 0.016, k.trim);
-            "octagonal"
         }
-        _ => {
-            k.m.soft(about(0.0, size), [0.0, h], about(0.0, size), 0.012, p);
-            "cube-shaped"
-        }
-    };
-    [size_word(h, 0.53, 0.6, ["low", "tall"]), shape]
+        _ => k.m.soft(about(0.0, size), [0.0, h], about(0.0, size), 0.012, k.p),
+    }
+    [size_word(h, 0.53, 0.6, ["low", "tall"]), k.by_style("round|square|round|octagonal|cube-shaped")]
 }
 
 fn console(k: &mut Draft) -> Words {
     let (w, d, h) = (k.width(0.8, 1.25), k.depth(0.26, 0.36), k.len(0.74, 0.86));
-    let p = k.p;
     match k.style {
-        3 => k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 18), [h - 0.04, h], p),
-        _ => k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.006, p),
+        3 => k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 18), [h - 0.04, h], k.p),
+        _ => k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.006, k.p),
     }
     match k.style {
         0 => {
-            legs(&mut k.m, [w, d], h - 0.04, 0.045, 0.0, p);
+            legs(&mut k.m, [w, d], h - 0.04, 0.045, 0.0, k.p);
             k.board(about(0.0, w - 0.04), [0.18, 0.21], about(0.0, d - 0.04));
         }
         1 => {
-            legs(&mut k.m, [w, d], h - 0.04, 0.04, 0.0, p);
+            legs(&mut k.m, [w, d], h - 0.04, 0.04, 0.0, k.p);
             k.board(about(0.0, w - 0.06), [h - 0.16, h - 0.04], about(0.0, d - 0.03));
-            let looks = Fronts { panel: p.times(1.04), handle: Paint::BRASS, doors: false };
+            let looks = Fronts { panel: k.p.times(1.04), handle: Paint::BRASS, doors: false };
             fronts(&mut k.m, about(0.0, w - 0.1), [h - 0.15, h - 0.05], d / 2.0 - 0.015, [2, 1], &looks);
         }
         2 => sled(&mut k.m, [w - 0.04, d], h - 0.04, Paint::DARK_METAL),
@@ -215,14 +157,13 @@ fn console(k: &mut Draft) -> Words {
 
 fn desk(k: &mut Draft) -> Words {
     let (w, d, h) = (k.width(1.1, 1.55), k.depth(0.56, 0.7), k.len(0.72, 0.76));
-    let p = k.p;
-    k.m.soft(about(0.0, w), [h - 0.035, h], about(0.0, d), 0.006, p);
+    k.m.soft(about(0.0, w), [h - 0.035, h], about(0.0, d), 0.006, k.p);
     let back = [-d / 2.0 + 0.02, -d / 2.0 + 0.04];
     let side = if k.rng.chance(0.5) { 1.0 } else { -1.0 };
     let drawers = |k: &mut Draft, side: f32| {
         let x = about(side * (w / 2.0 - 0.2), 0.38);
         k.board(x, [0.05, h - 0.035], [-d / 2.0 + 0.02, d / 2.0 - 0.04]);
-        let looks = Fronts { panel: p.times(1.05), handle: Paint::STEEL, doors: false };
+        let looks = Fronts { panel: k.p.times(1.05), handle: Paint::STEEL, doors: false };
         fronts(&mut k.m, x, [0.06, h - 0.04], d / 2.0 - 0.04, [1, 3], &looks);
     };
     match k.style {
@@ -244,7 +185,7 @@ fn desk(k: &mut Draft) -> Words {
             k.board(about(0.0, w - 0.1), [h - 0.24, h - 0.035], back);
         }
         _ => {
-            k.m.pair([w / 2.0 - 0.05, w / 2.0], [0.0, h - 0.035], about(0.0, d), p);
+            k.m.pair([w / 2.0 - 0.05, w / 2.0], [0.0, h - 0.035], about(0.0, d), k.p);
             k.board(about(0.0, w - 0.1), [0.3, h - 0.035], back);
         }
     }

@@ -1,24 +1,23 @@
-//! Room positions: storeys of arms around hallways, or a single row in the smallest houses.
+//! Room positions: storeys with rooms around hallways, or a single row in the smallest houses.
 
-use super::deal::{self, Piece};
-use super::programme::{self, Unit};
-use super::skeleton::{Frame, Skeleton, Wanted};
+use super::programme::{self, CutRoom, RoomUnit};
+use super::skeleton::{HouseFrame, Skeleton, Wanted};
 use super::{Outline, Rect, Room, RoomKind, WALL_M, around};
 use avln_geom::Rng;
 
-/// The fewest rooms of a house with a hallway.
+/// Smallest room count with a hallway.
 const HALLWAY_FROM: usize = 5;
 
-/// The fewest rooms of a house with an entryway.
+/// Smallest room count with an entryway.
 const ENTRYWAY_FROM: usize = 8;
 
-/// The fewest rooms of a house with two storeys.
+/// Smallest room count with two storeys.
 pub(crate) const STAIRS_FROM: usize = 11;
 
-/// Smallest and largest floor area of the rooms on a storey without hallways, square metres.
+/// Floor area range of a storey's rooms without hallways, square metres.
 const STOREY_M2: [f32; 2] = [46.0, 202.0];
 
-/// Lays out `count` rooms (at least 1) on up to `storeys` storeys; the best of several draws.
+/// Lays out `count` rooms (at least 1) on up to `storeys` storeys; returns the best draw.
 pub(super) fn lay_out(rng: &Rng, count: usize, storeys: usize) -> Vec<Room> {
     const DRAWS: usize = 60;
     if count < HALLWAY_FROM {
@@ -39,7 +38,7 @@ pub(super) fn lay_out(rng: &Rng, count: usize, storeys: usize) -> Vec<Room> {
     best.map_or_else(|| row(&mut rng.fork("row"), count), |(_, rooms)| rooms)
 }
 
-/// Houses without a hallway: a single row of rooms.
+/// Lays out a single row of rooms without a hallway.
 fn row(rng: &mut Rng, count: usize) -> Vec<Room> {
     let kinds = programme::programme(rng, count);
     let depth_m = rng.range(4.0, 4.8);
@@ -54,7 +53,7 @@ fn row(rng: &mut Rng, count: usize) -> Vec<Room> {
     placed(rng, rooms)
 }
 
-/// Houses with hallways.
+/// Lays out rooms along hallways.
 fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
     let wings = wing_count(rng, count, storeys);
     let entry = count >= ENTRYWAY_FROM;
@@ -65,9 +64,10 @@ fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
     if storeys == 2 {
         by_storey = programme::by_storey(rng, by_storey[0].clone());
     }
+    // Without hallways, which come on top: `faults` accepts 60 to 250 square metres per storey.
     by_storey.iter_mut().for_each(|units| programme::fit(units, STOREY_M2[1]));
-    let rooms_m2 = by_storey[0].iter().map(Unit::total_m2).sum::<f32>().max(STOREY_M2[0]);
-    let frame = Frame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
+    let rooms_m2 = by_storey[0].iter().map(RoomUnit::total_m2).sum::<f32>().max(STOREY_M2[0]);
+    let frame = HouseFrame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
     let mut rooms = Vec::new();
     for (storey, units) in by_storey[..storeys].iter().enumerate() {
         let skeleton = frame.storey(if storey == 0 { wings } else { upper_wings }, storey == 0);
@@ -77,7 +77,7 @@ fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
     fit_together(&rooms).then_some(rooms)
 }
 
-/// Returns true if every room has a floor and no room is inside another.
+/// Returns true if every room has a floor and no rooms overlap.
 fn fit_together(rooms: &[Room]) -> bool {
     let apart = |index: usize, room: &Room| {
         let others = rooms[index + 1..].iter().filter(|other| other.storey == room.storey);
@@ -97,13 +97,13 @@ fn wing_count(rng: &mut Rng, count: usize, storeys: usize) -> usize {
     }
 }
 
-/// Adds the rooms of a storey; `None` if there are too few.
+/// Adds a storey's rooms; `None` if there are too few.
 fn fill(
     rng: &mut Rng,
     rooms: &mut Vec<Room>,
     storey: usize,
     skeleton: &Skeleton,
-    units: &[Unit],
+    units: &[RoomUnit],
 ) -> Option<()> {
     if units.len() < skeleton.blocks.len() {
         return None;
@@ -111,9 +111,9 @@ fn fill(
     for &(kind, cell) in &skeleton.passages {
         rooms.push(Room { kind, storey, cells: vec![cell], host: None });
     }
-    let deal = deal::deal(rng, &skeleton.blocks, units);
+    let deal = programme::deal(rng, &skeleton.blocks, units);
     for (block, members) in skeleton.blocks.iter().zip(&deal) {
-        for Piece { kind, cells, host } in deal::cut(rng, block, members, units) {
+        for CutRoom { kind, cells, host } in programme::cut(rng, block, members, units) {
             let host = (host > 0).then(|| rooms.len() - host);
             rooms.push(Room { kind, storey, cells, host });
         }
@@ -121,7 +121,7 @@ fn fill(
     deal.iter().all(|members| !members.is_empty()).then_some(())
 }
 
-/// Shape faults of the rooms; 0 is good.
+/// Rates shape faults; 0 is good.
 fn faults(rooms: &[Room]) -> f32 {
     let storey_m2 = |storey: usize| {
         let cells = rooms.iter().filter(|room| room.storey == storey).flat_map(|room| &room.cells);
@@ -147,13 +147,14 @@ fn room_faults(room: &Room) -> f32 {
     4.0 * narrow + 2.0 * thin + 4.0 * broken
 }
 
-/// Turns and mirrors the rooms at random, in whole centimetres, the middle at the origin.
+/// Turns and mirrors the rooms at random, in whole centimetres, the centre at the origin.
 fn placed(rng: &mut Rng, rooms: Vec<Room>) -> Vec<Room> {
     let (swap, mirror_x, mirror_z) = (rng.chance(0.5), rng.chance(0.5), rng.chance(0.5));
     let cells: Vec<Rect> = rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
     let middle = around(&cells).center();
     let moved = |range: [f32; 2], middle: f32, mirror: bool| {
         let sign = if mirror { -1.0 } else { 1.0 };
+        // Rounding makes common edges exactly equal, which the door search relies on.
         range.map(|value| sign * ((value - middle) * 100.0).round() / 100.0)
     };
     let cell = |cell: &Rect| {
@@ -175,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_do_not_overlap_and_are_as_many_as_were_asked_for() {
+    fn room_count_is_exact_without_overlaps() {
         for (seed, rooms) in houses() {
             assert_eq!(rooms.len(), 5 + seed as usize % 20);
             for (index, room) in rooms.iter().enumerate() {
@@ -188,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_are_well_shaped_and_storeys_are_neither_huts_nor_halls() {
+    fn rooms_have_good_shapes_and_sizes() {
         let mut faulty = 0;
         for (seed, rooms) in houses() {
             faulty += usize::from(faults(&rooms) > 0.0);
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn stairs_lie_above_each_other() {
+    fn stairs_are_aligned_between_storeys() {
         for (seed, rooms) in houses() {
             let stairs: Vec<&Room> = rooms.iter().filter(|room| room.kind == RoomKind::Stairs).collect();
             if rooms.iter().any(|room| room.storey == 1) {

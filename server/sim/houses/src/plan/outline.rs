@@ -1,4 +1,4 @@
-//! Floor and walls of a room from its rectangles.
+//! Room outlines from rectangles: floor and walls.
 
 use crate::rect::{Rect, Side};
 
@@ -14,7 +14,7 @@ pub(crate) struct Face {
 }
 
 impl Face {
-    /// Distance on the floor between a place and this wall.
+    /// Floor distance between a position and this wall.
     pub(crate) fn distance_m(&self, place: [f32; 2]) -> f32 {
         let line = [self.line_m; 2];
         let flat =
@@ -32,7 +32,7 @@ pub(crate) struct Outline {
 }
 
 impl Outline {
-    /// The union of `rects` shrunk by `margin_m` (grown if negative). Parts must be wider than twice the
+    /// Shrinks the union of `rects` by `margin_m` (grows it if negative). Parts must be wider than twice the
     /// margin.
     pub(crate) fn inset(rects: &[Rect], margin_m: f32) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
@@ -41,6 +41,7 @@ impl Outline {
         };
         let holds = |place: [f32; 2]| rects.iter().any(|rect| rect.distance_m(place) < 1e-4);
         Self::filled(lines(|rect| rect.x), lines(|rect| rect.z), |[x, z]| match margin_m > 0.0 {
+            // Inside the shrunk union if all four corners of the margin square are inside the union.
             true => [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
                 .iter()
                 .all(|(i, k)| holds([x + i * margin_m, z + k * margin_m])),
@@ -48,7 +49,7 @@ impl Outline {
         })
     }
 
-    /// `rect` without `holes`.
+    /// Returns `rect` without `holes`.
     pub(crate) fn without(rect: &Rect, holes: &[Rect]) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let [low, high] = axis(rect);
@@ -60,7 +61,7 @@ impl Outline {
         })
     }
 
-    /// The shape without `rect`, whose edges are on the grid.
+    /// Returns the shape without `rect`; the edges must be on the grid.
     pub(crate) fn less(&self, rect: &Rect) -> Self {
         Self::filled(self.x.clone(), self.z.clone(), |place| {
             rect.distance_m(place) > 0.0 && self.contains(place)
@@ -86,7 +87,7 @@ impl Outline {
         on_grid && self.inside[(row * columns + column) as usize]
     }
 
-    /// Rectangles without overlap that cover the shape, the largest first.
+    /// Disjoint rectangles that cover the shape, the largest first.
     pub(crate) fn rects(&self) -> Vec<Rect> {
         let mut rects: Vec<Rect> = Vec::new();
         for row in 0..self.z.len().saturating_sub(1) {
@@ -103,21 +104,13 @@ impl Outline {
         rects
     }
 
-    /// Inside columns of a row, as line ranges.
+    /// Inside columns in a row, as line ranges.
     fn runs(&self, row: usize) -> Vec<[usize; 2]> {
-        let mut runs: Vec<[usize; 2]> = Vec::new();
-        for column in 0..self.x.len() - 1 {
-            if self.holds(column as isize, row as isize) {
-                match runs.last_mut().filter(|run| run[1] == column) {
-                    Some(run) => run[1] = column + 1,
-                    None => runs.push([column, column + 1]),
-                }
-            }
-        }
-        runs
+        let inside = |column: usize| self.holds(column as isize, row as isize);
+        runs_of(&(0..self.x.len() - 1).map(inside).collect::<Vec<bool>>())
     }
 
-    /// The largest rectangle inside the shape; `None` when the shape is empty.
+    /// Largest rectangle inside the shape; `None` if empty.
     pub(crate) fn largest(&self) -> Option<Rect> {
         let mut best: Option<Rect> = None;
         for top in 0..self.z.len().saturating_sub(1) {
@@ -127,6 +120,7 @@ impl Outline {
                 open.iter_mut().enumerate().for_each(|(column, free)| *free &= holds(column));
                 for [from, to] in runs_of(&open) {
                     let rect = Rect::new([self.x[from], self.x[to]], [self.z[top], self.z[row + 1]]);
+                    // Among nearly equal rectangles the first is taken, whatever the rounding.
                     if best.is_none_or(|best| rect.area_m2() > best.area_m2() + 1e-4) {
                         best = Some(rect);
                     }
@@ -136,7 +130,7 @@ impl Outline {
         best
     }
 
-    /// The walls around the shape as seen from inside, in the order of [`Side::ALL`].
+    /// Walls around the shape seen from inside, in the order of [`Side::ALL`].
     pub(crate) fn faces(&self) -> Vec<Face> {
         let mut faces: Vec<Face> = Vec::new();
         for side in Side::ALL {
@@ -161,7 +155,7 @@ impl Outline {
     }
 }
 
-/// Adds a cell side to the faces, extending an existing face if possible.
+/// Adds a cell side to the faces; extends an existing face if possible.
 fn join(faces: &mut Vec<Face>, side: Side, cell: &Rect) {
     let (line_m, along) = (side.line_m(cell), side.span(cell));
     let continued = |face: &&mut Face| {
@@ -204,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn an_l_has_six_walls_and_its_inner_corner_moves_outwards() {
+    fn l_shape_has_six_walls() {
         let room = Outline::inset(&ell(), 0.25);
         let mut faces = room.faces();
         faces.sort_by(|a, b| a.line_m.total_cmp(&b.line_m));
@@ -219,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_cut_out_leaves_an_l() {
+    fn rectangle_without_a_corner_is_an_l() {
         let rest = Outline::without(&Rect::new([0.0, 4.0], [0.0, 5.0]), &[Rect::new([1.0, 4.0], [2.0, 5.0])]);
         assert_eq!(rest.rects(), ell());
         assert_eq!(rest.faces().len(), 6);

@@ -1,64 +1,63 @@
-//! Storey shape: arms of rooms on both sides of a hallway, and the stairs.
+//! Storey shape: rows of rooms on both sides of hallways, and the stairs.
 //!
-//! Coordinates are in the frame of the main hallway, which starts at x = 0; rows of rooms are at smaller z
-//! (row 0) and larger z (row 1).
+//! Coordinates are in the main hallway's frame, which starts at x = 0. Row 0 has smaller z, row 1 larger z.
 
 use super::RoomKind;
 use crate::rect::{Rect, Side};
 use avln_geom::Rng;
 
-/// Width and smallest depth of the stair cell, metres.
+/// Stair cell width and smallest depth, metres.
 const STAIRS_M: [f32; 2] = [2.24, 4.37];
 
-/// Smallest frontage of a room, metres.
+/// Smallest room frontage, metres.
 const LEAST_M: f32 = 2.6;
 
-/// A rectangle to be divided into rooms on its hallway.
+/// A rectangle to be divided into rooms on a hallway.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block {
     pub(super) rect: Rect,
-    /// Side of the hallway.
+    /// Hallway side.
     pub(super) hall: Side,
-    /// Part of that side on the hallway.
+    /// Hallway range on that side.
     pub(super) frontage: [f32; 2],
     /// True for a single room at the end of a hallway.
     pub(super) closes: bool,
 }
 
-/// Hallways, stairs, and the blocks that rooms are cut from.
+/// A storey's hallways, stairs and blocks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Skeleton {
     pub(super) passages: Vec<(RoomKind, Rect)>,
     pub(super) blocks: Vec<Block>,
 }
 
-/// Common dimensions of the storeys, metres.
+/// Dimensions common to all storeys, metres.
 #[derive(Clone, Debug)]
-pub(super) struct Frame {
+pub(super) struct HouseFrame {
     hall: f32,
     rows: [f32; 2],
     length: f32,
-    /// End of the entryway; 0 without.
+    /// Entryway end; 0 without.
     entry: f32,
-    /// End of the main hallway, if a room of row 1 is across it.
+    /// Length of a row-1 room across the end of the main hallway; 0 without.
     stop: f32,
-    /// Start of the stairs in row 0.
+    /// Stairs start in row 0.
     stairs: Option<f32>,
     pub(super) wings: Vec<Wing>,
 }
 
-/// A perpendicular arm.
+/// A perpendicular hallway with rooms.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wing {
-    /// Row cut by its hallway.
+    /// Row cut by the hallway.
     row: usize,
-    /// Position of its hallway on the main hallway.
+    /// Position on the main hallway.
     start: f32,
     hall: f32,
-    /// Depths of the rooms at smaller and larger x; 0 when that side has none.
+    /// Room depths at smaller and larger x; 0 for no rooms.
     sides: [f32; 2],
     length: f32,
-    /// Length of the room across its end; 0 without.
+    /// Length of the room across the end; 0 without.
     end: f32,
 }
 
@@ -76,18 +75,18 @@ impl Wing {
     }
 }
 
-/// Requirements of a frame.
+/// Frame requirements.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
-    /// Floor area of all rooms but the passages, square metres.
+    /// Floor area without passages, square metres.
     pub(super) rooms_m2: f32,
     pub(super) wings: usize,
     pub(super) entry: bool,
     pub(super) stairs: bool,
 }
 
-impl Frame {
-    /// Draws a frame; `None` when the draw does not come out well.
+impl HouseFrame {
+    /// Draws a frame; `None` if the draw is unsuitable.
     pub(super) fn draw(rng: &mut Rng, wanted: Wanted) -> Option<Self> {
         let deep = if wanted.rooms_m2 < 60.0 { [3.3, 4.0] } else { [3.8, 4.8] };
         let mut rows = [rng.range(deep[0], deep[1]), rng.range(deep[0], deep[1])];
@@ -115,6 +114,7 @@ impl Frame {
         for wing in &mut self.wings {
             let own = [&mut wing.start, &mut wing.hall, &mut wing.length, &mut wing.end];
             own.into_iter().chain(&mut wing.sides).for_each(round);
+            // Nearly flush walls become flush, so that they form a single face.
             let flush = wing.span()[1] - self.length;
             wing.start -= if flush.abs() < 0.05 { flush } else { 0.0 };
             let flush = wing.span()[0];
@@ -123,7 +123,7 @@ impl Frame {
         self
     }
 
-    /// The storey with the first `wings` wings; the lowest has the entryway.
+    /// Builds a storey with the first `wings` wings; the lowest has the entryway.
     pub(super) fn storey(&self, wings: usize, lowest: bool) -> Skeleton {
         let mut skeleton = Skeleton::default();
         self.main_hall(&mut skeleton, lowest);
@@ -173,7 +173,7 @@ impl Frame {
     }
 
     fn add_wing(&self, skeleton: &mut Skeleton, wing: &Wing) {
-        // z grows from the main hallway; wings of row 0 are mirrored at the end.
+        // z grows from the main hallway; wings in row 0 are mirrored at the end.
         let outer = if wing.row == 1 { self.row_z(1)[1] } else { self.hall + self.rows[0] };
         let mirrored = |rect: Rect| match wing.row {
             1 => rect,
@@ -183,7 +183,7 @@ impl Frame {
         let hall_x = [wing.start, wing.start + wing.hall];
         let stop = far - wing.end;
         skeleton.passages.push((RoomKind::Hallway, mirrored(Rect::new(hall_x, [self.hall, stop]))));
-        // The end room takes one side of the hallway; the row of the other side continues next to it.
+        // The end room takes one side of the hallway; the row on the other side continues next to it.
         let across = usize::from(wing.sides[1] > wing.sides[0]);
         for (side, x, hall) in [(0, [low, hall_x[0]], Side::East), (1, [hall_x[1], high], Side::West)] {
             if wing.sides[side] > 0.0 {
@@ -206,7 +206,7 @@ fn wing(rng: &mut Rng, wanted: Wanted, index: usize) -> Wing {
     let share = if wanted.wings == 1 { rng.range(0.3, 0.42) } else { rng.range(0.22, 0.3) };
     let depths = [rng.range(3.4, 4.4), rng.range(3.4, 4.4)];
     let area = share * wanted.rooms_m2;
-    // Small arms have rooms on a single side of the hallway.
+    // Small wings have rooms on a single side of the hallway.
     let sides = match (area < 34.0 || rng.chance(0.25), rng.chance(0.5)) {
         (true, true) => [depths[0], 0.0],
         (true, false) => [0.0, depths[1]],
@@ -219,7 +219,7 @@ fn wing(rng: &mut Rng, wanted: Wanted, index: usize) -> Wing {
     Wing { row, start: 0.0, hall, sides, length, end }
 }
 
-/// Positions wings on the main arm: flush with an end, or in between.
+/// Positions wings on the main hallway: flush with an end, or in between.
 fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
     for index in 0..wings.len() {
         let wing = wings[index];
@@ -229,6 +229,7 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
         let fits = |from: &f32| {
             let span = [*from, *from + wing.width()];
             let hall = [span[0] + wing.sides[0], span[0] + wing.sides[0] + wing.hall];
+            // No stretch next to the wing may be too short for a room.
             let whole = |gap: f32| !(1e-3..LEAST_M).contains(&gap);
             whole(hall[0])
                 && whole(length - hall[1])
@@ -243,12 +244,12 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
     Some(())
 }
 
-/// Returns true if a wing hallway is in a range of the main hallway.
+/// Returns true if a wing hallway meets the range.
 fn blocked(wings: &[Wing], from: f32, to: f32) -> bool {
     wings.iter().any(|wing| wing.start + wing.hall > from && wing.start < to)
 }
 
-/// Start of the stairs without leaving a stretch too short for a room.
+/// Draws the stairs start without leaving a stretch too short for a room.
 fn stairs_start(rng: &mut Rng, length: f32, stop: f32) -> Option<f32> {
     let last = length - stop - STAIRS_M[0];
     let free = rng.range(LEAST_M, last.max(LEAST_M + 0.1));

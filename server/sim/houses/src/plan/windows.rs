@@ -1,14 +1,14 @@
-//! Outer walls: windows and the front door.
+//! Windows and the front door in outer walls.
 
 use super::{CEILING_M, Face, Rect, Room, RoomKind, WALL_M, Window, remainder};
 use crate::model::about;
 use avln_geom::Rng;
 
-/// Width of the front door and height of its frame, metres.
+/// Front door width and frame height, metres.
 const DOOR_M: [f32; 2] = [1.1, 2.1];
 
-/// Front door position: centre of the shortest outer wall of the entryway, otherwise of the first room with
-/// an outer wall on the lowest storey.
+/// Positions the front door at the centre of the shortest outer wall: in the entryway, otherwise in the first
+/// ground-floor room with an outer wall.
 pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     let first = rooms.iter().position(|room| room.kind == RoomKind::Entryway);
     let mut order: Vec<usize> = first.into_iter().chain(0..rooms.len()).collect();
@@ -23,7 +23,7 @@ pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     })
 }
 
-/// Windows for all rooms.
+/// Draws windows for all rooms.
 pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> Vec<Window> {
     let mut windows = Vec::new();
     for (index, room) in rooms.iter().enumerate() {
@@ -40,20 +40,22 @@ pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> V
     windows
 }
 
-/// Sill, head and largest width of room windows; `None` without windows.
+/// Sill, head and largest width; `None` without windows.
 fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
     match room.kind {
         RoomKind::Closet => None,
         // The flights are in the way.
         RoomKind::Stairs if room.storey == 0 => None,
+        // Small and high: sinks and machines fit below.
         RoomKind::Bathroom | RoomKind::Laundry | RoomKind::Utility => Some([1.45, 2.1, 0.7]),
         RoomKind::Garage => Some([1.5, 2.1, 0.9]),
+        // Above the counters (0.9 m).
         RoomKind::Kitchen => Some([1.12, 2.1, 1.3]),
         _ => Some([0.92, 2.15, 1.8]),
     }
 }
 
-/// One or two windows in an outer wall, if it is long enough.
+/// Draws one or two windows in an outer wall, if it is long enough.
 fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
     let Some([sill, head, widest]) = kind_of_window(of) else { return vec![] };
     let length = wall.along[1] - wall.along[0];
@@ -73,7 +75,7 @@ fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
     windows.into_iter().filter(|window| window.along[1] - window.along[0] >= 0.3).collect()
 }
 
-/// The parts of a room's walls that have no other room behind them.
+/// Wall stretches without another room behind.
 pub(super) fn outer_walls(rooms: &[Room], index: usize) -> Vec<Face> {
     let room = &rooms[index];
     let others: Vec<&Rect> = rooms
@@ -101,7 +103,7 @@ mod tests {
     use crate::{plan::Plan, rect::Side};
 
     #[test]
-    fn windows_lie_in_outer_walls_of_their_rooms_and_apart() {
+    fn windows_are_apart_in_outer_walls() {
         for seed in 0..60 {
             let plan = Plan::draw(&Rng::new(seed), 5 + seed as usize % 12, 1);
             let door = plan.entrance.expect("a front door");
@@ -125,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_with_a_room_behind_half_of_it_is_outer_for_the_rest() {
+    fn wall_is_outer_where_no_room_is_behind() {
         let room = |x: [f32; 2], z: [f32; 2]| Room {
             kind: RoomKind::Office,
             storey: 0,

@@ -1,7 +1,7 @@
 //! Stairs between two storeys: two parallel flights, a half landing, a wall between the flights.
 //!
-//! Both storeys enter from the same side. In the frame of the stairs, `along` points from that side, `across`
-//! from the first to the second flight, and heights start at the lower floor.
+//! Both storeys enter from the same side. In the stair frame, `along` points from that side, `across` from
+//! the first to the second flight, and heights start at the lower floor.
 
 use super::{Finish, facing_light, flat, upright};
 use crate::assembly::Assembly;
@@ -13,19 +13,20 @@ use crate::rect::{Rect, Side};
 /// Steps per flight; the last is a landing.
 const STEPS: usize = 9;
 
-/// Height of a step, metres.
+/// Step height, metres.
+// 17.3 cm: below the 20 cm climb of a body.
 const RISE_M: f32 = STOREY_M / (2 * STEPS) as f32;
 
-/// Depth of a step, metres.
+/// Step depth, metres.
 const TREAD_M: f32 = 0.25;
 
-/// Depth of the landings at the doors, metres.
+/// Landing depth at the doors, metres.
 const LANDING_M: f32 = 1.1;
 
-/// Width of the wall between the flights, and its height above steps and upper floor, metres.
+/// Wall between the flights: width, and height above steps and upper floor, metres.
 const SPINE_M: [f32; 2] = [0.1, 0.95];
 
-/// Floor of a stairwell and its entry side.
+/// A stairwell's floor and entry side.
 #[derive(Clone, Copy)]
 struct Well {
     floor: Rect,
@@ -33,7 +34,7 @@ struct Well {
 }
 
 impl Well {
-    /// `None` when the stairs have no door.
+    /// `None` if the stairs have no door.
     fn of(plan: &Plan, index: usize) -> Option<Self> {
         let floor = plan.rooms[index].interior();
         let has_door = |side: &Side| plan.openings_on(index, &floor, *side).next().is_some();
@@ -50,7 +51,7 @@ impl Well {
         self.floor.area_m2() / self.width_m()
     }
 
-    /// Ranges of the first and second flight across.
+    /// Ranges across, first and second flight.
     fn flights(&self) -> [[f32; 2]; 2] {
         let (width, flight) = (self.width_m(), (self.width_m() - SPINE_M[0]) / 2.0);
         [[0.0, flight], [width - flight, width]]
@@ -66,7 +67,7 @@ impl Well {
         model.quad(flat(rect.x, rect.z, y), paint);
     }
 
-    /// A vertical face at `along`, towards the door or away from it.
+    /// A vertical face at `along`, towards the door or the back.
     fn riser(&self, model: &mut Model, along: f32, across: [f32; 2], y: [f32; 2], back: bool, paint: Paint) {
         let rect = self.rect([0.0, along], across);
         let far = self.door.opposite();
@@ -87,13 +88,14 @@ impl Well {
     }
 }
 
-/// The part of a stairwell that has a floor on both storeys; `None` when the stairs have no door.
+/// Stairwell floor common to both storeys; `None` if the stairs have no door.
 pub(crate) fn landing(plan: &Plan, index: usize) -> Option<Rect> {
     let well = Well::of(plan, index)?;
+    // Only the landing has a floor on both storeys; the flights are open up to the upper ceiling.
     Some(well.rect([0.0, LANDING_M], [0.0, well.width_m()]))
 }
 
-/// Adds the stairs that start in room `lower`, with heights from its floor.
+/// Adds the stairs that start in room `lower`.
 pub(crate) fn add_stairs(assembly: &mut Assembly, plan: &Plan, lower: usize, finish: &Finish) {
     let Some(well) = Well::of(plan, lower) else { return };
     let mut model = Model::new();
@@ -103,7 +105,7 @@ pub(crate) fn add_stairs(assembly: &mut Assembly, plan: &Plan, lower: usize, fin
     assembly.add_shell(&model, |corner| 0.1 + 0.9 * facing_light(&corner.normal));
 }
 
-/// The flight from the lower landing to the half landing, and that.
+/// Adds the flight up to the half landing, and the half landing.
 fn first_flight(model: &mut Model, well: &Well, finish: &Finish) {
     let across = well.flights()[0];
     for step in 0..STEPS {
@@ -117,7 +119,7 @@ fn first_flight(model: &mut Model, well: &Well, finish: &Finish) {
     }
 }
 
-/// The flight from the half landing to the upper floor, and the edge of that.
+/// Adds the flight up to the upper floor, and the edge of the upper floor.
 fn second_flight(model: &mut Model, well: &Well, finish: &Finish) {
     let across = well.flights()[1];
     let far = LANDING_M + (STEPS - 1) as f32 * TREAD_M;
@@ -134,10 +136,10 @@ fn second_flight(model: &mut Model, well: &Well, finish: &Finish) {
     well.riser(model, LANDING_M, beside, [CEILING_M, STOREY_M], false, finish.ceiling);
 }
 
-/// Thickness and overhang of the rail on the wall between the flights, metres.
+/// Rail thickness and overhang, metres.
 const RAIL_M: [f32; 2] = [0.05, 0.025];
 
-/// Adds the banister wall between the flights, and the railing of the upper floor.
+/// Adds the wall between the flights, and the upper railing.
 fn banisters(model: &mut Model, well: &Well) {
     let paint = Paint::plain("wood", [224, 218, 206]);
     let [first, second] = well.flights();

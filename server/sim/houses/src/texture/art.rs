@@ -1,21 +1,20 @@
-//! Wall pictures: a coloured ground with a motif on less than half of it.
+//! Wall pictures: a coloured ground and a motif.
 
 use super::Texture;
 use avln_geom::{Rng, angle};
 use avln_scene::colors::PALETTE;
 
-/// A picture for a wall.
+/// A wall picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Art {
-    /// Colour of the ground, sRGB.
+    /// Ground colour, sRGB.
     pub(crate) ground: [u8; 3],
     pub(crate) motif: Motif,
     pub(crate) medium: Medium,
-    /// Seed of the shapes.
+    /// Shape seed.
     pub(crate) seed: u32,
 }
 
-/// Motif of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Motif {
     Circles,
@@ -28,7 +27,7 @@ pub(crate) enum Motif {
     Rays,
 }
 
-/// Technique of a picture.
+/// Picture technique.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Medium {
     Oil,
@@ -40,27 +39,22 @@ pub(crate) enum Medium {
 }
 
 impl Motif {
-    pub(crate) const ALL: [Motif; 8] = [
-        Self::Circles,
-        Self::Squares,
-        Self::Lines,
-        Self::Mountains,
-        Self::Portrait,
-        Self::Flowers,
-        Self::Waves,
-        Self::Rays,
-    ];
+    pub(crate) const ALL: [Motif; 8] = {
+        use Motif::*;
+        [Circles, Squares, Lines, Mountains, Portrait, Flowers, Waves, Rays]
+    };
 }
 
 const SIZE: u32 = 64;
 
-/// A share of the picture with y upwards from the middle, both -1 to 1.
+/// Picture coordinates from the centre, y upwards, -1 to 1.
 type Place = [f32; 2];
 
 impl Art {
-    /// Draws the picture; the ground stays visible on more than half of it.
+    /// Draws the picture; more than half of the ground stays visible.
     pub(super) fn draw(self) -> Texture {
         let mut rng = Rng::new(u64::from(self.seed));
+        // The ground stays the largest area: it is the picture's colour word.
         let mut canvas = vec![self.ground; (SIZE * SIZE) as usize];
         let count = match self.motif {
             Motif::Mountains | Motif::Portrait => 1,
@@ -83,7 +77,7 @@ impl Art {
         Texture { width: SIZE, height: SIZE, pixels: pixels.collect() }
     }
 
-    /// A part of the motif: whether a place belongs to it.
+    /// Draws a part of the motif as an inside test.
     fn shape(self, rng: &mut Rng) -> Box<dyn Fn(Place) -> bool> {
         let center = [rng.range(-0.65, 0.65), rng.range(-0.65, 0.65)];
         let size = rng.range(0.16, 0.28);
@@ -137,7 +131,7 @@ fn mountains(shift: f32, size: f32) -> Box<dyn Fn(Place) -> bool> {
     })
 }
 
-/// A darker or lighter variant of `ground`, sometimes another colour of equal brightness.
+/// Draws a darker or lighter variant of `ground`, sometimes another colour with similar brightness.
 fn tone(rng: &mut Rng, ground: [u8; 3]) -> [u8; 3] {
     let mixed = |to: f32, share: f32| {
         ground.map(|value| (f32::from(value) * (1.0 - share) + to * share).round() as u8)
@@ -155,7 +149,7 @@ fn tone(rng: &mut Rng, ground: [u8; 3]) -> [u8; 3] {
 }
 
 impl Medium {
-    /// Word for the technique.
+    /// Technique word.
     pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Oil => "painted",
@@ -181,35 +175,25 @@ impl Medium {
     pub(crate) const ALL: [Medium; 6] =
         [Self::Oil, Self::Print, Self::Weaving, Self::Panel, Self::Plate, Self::Glaze];
 
-    /// RGBA colour of a texel.
+    /// RGBA texel colour.
     fn textured(self, index: u32, rgb: [u8; 3]) -> [u8; 4] {
         let (x, y) = (index % SIZE, index / SIZE);
         let shade = match self {
             Self::Oil => [1.0, 0.96, 0.98, 0.94][((x + y * 3) / 2 % 4) as usize],
             Self::Print => 1.0,
             Self::Weaving => [0.88, 1.0][((x / 2 + y / 2) % 2) as usize],
-            Self::Panel => {
-                if y % 16 == 0 {
-                    0.75
-                } else {
-                    0.97
-                }
-            }
+            Self::Panel if y % 16 == 0 => 0.75,
+            Self::Panel => 0.97,
             Self::Plate => [0.92, 1.0, 0.96][(y % 3) as usize],
-            Self::Glaze => {
-                if x % 16 == 0 || y % 16 == 0 {
-                    0.8
-                } else {
-                    1.0
-                }
-            }
+            Self::Glaze if x % 16 == 0 || y % 16 == 0 => 0.8,
+            Self::Glaze => 1.0,
         };
         let [r, g, b] = rgb.map(|value| (f32::from(value) * shade).round() as u8);
         [r, g, b, 255]
     }
 }
 
-/// The spines of a row of books, upright.
+/// Draws upright book spines in a row.
 pub(super) fn books(seed: u8) -> Texture {
     let mut rng = Rng::new(0xb00c + u64::from(seed));
     let mut columns: Vec<([u8; 3], u32)> = Vec::new();
@@ -238,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ground_covers_more_than_half_whatever_is_shown() {
+    fn ground_covers_more_than_half_of_pictures() {
         for seed in 0..160_u32 {
             let motif = Motif::ALL[seed as usize % 8];
             let art = Art { ground: [246, 226, 52], motif, medium: Medium::Print, seed };

@@ -1,72 +1,70 @@
-//! A tile: header, corners, polygons, links, detail meshes, detail corners and detail triangles.
+//! Detour tiles: header, corners, polygons, links, detail meshes, detail corners and detail triangles.
 
-use super::DetourError;
-use super::bytes::Reader;
+use super::{DetourError, Reader, demand};
 use crate::mesh::Parts;
-use crate::plane::{Lattice, Spot, turn};
-use crate::polygons::{Corner, RawPolygon};
+use crate::plane::{Lattice, LatticePoint, Spot, turn};
+use crate::polygons::{MIN_POLYGON_M2, RawPolygon};
 use avln_geom::Point3;
 
 const TILE_MAGIC: &[u8; 4] = b"VAND";
 const TILE_VERSION: i64 = 7;
 const MAX_COUNT: i64 = 1 << 22;
 const LINK_BYTES: usize = 12;
-/// Indices and neighbours that a polygon has room for.
+/// Corner capacity of a polygon.
 const CORNERS: usize = 6;
 const WALKABLE: u16 = 1;
-/// Marks an edge that leads to another tile.
+/// Flag for an edge into another tile.
 const OUTSIDE: u16 = 0x8000;
-/// Polygons below this area are none to Habitat, square metres.
-const MIN_POLYGON_M2: f64 = 1e-5;
-/// Largest inward turn of a straight corner due to rounding, cells squared.
+// Largest inward turn at a straight corner by f32 rounding, cells squared.
 const SLACK: f64 = 0.5;
 const MAX_SIDE_CELLS: f64 = 60_000.0;
 const MAX_CELLS: f64 = 3.0e7;
-/// Snap distance to a lattice corner, cells: f32 rounding.
+// Largest f32 rounding at a lattice corner, cells. Snapped back, corners coincide with their neighbours.
 const ROUNDING_CELLS: f64 = 2e-3;
 
-struct Header {
+struct Counts {
     polygons: usize,
     corners: usize,
     links: usize,
     details: usize,
     detail_corners: usize,
     detail_triangles: usize,
+}
+
+struct Header {
+    counts: Counts,
     height_m: f32,
     climb_m: f32,
     lattice: Lattice,
 }
 
-/// A polygon as it is stored.
 struct Stored {
     offset: usize,
     corners: Vec<usize>,
     walkable: bool,
 }
-
-/// Range of detail triangles of a polygon.
 struct Part {
     first_corner: usize,
     first_triangle: usize,
     triangles: usize,
 }
 
-pub(super) fn read(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
+pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
     let header = header(&mut reader)?;
     let corners_at = reader.at();
-    let places = corners(&mut reader, "a corner", header.corners)?;
-    check_extent(&reader, corners_at, &places, &header.lattice)?;
+    let places = corners(&mut reader, "a corner", header.counts.corners)?;
+    check_extent(corners_at, &places, &header.lattice)?;
     let stored: Vec<_> =
-        (0..header.polygons).map(|_| polygon(&mut reader, places.len())).collect::<Result<_, _>>()?;
-    reader.take("the links", header.links * LINK_BYTES)?;
-    let parts: Vec<_> = (0..header.details).map(|_| part(&mut reader)).collect::<Result<_, _>>()?;
-    let samples = corners(&mut reader, "a detail corner", header.detail_corners)?;
+        (0..header.counts.polygons).map(|_| polygon(&mut reader, places.len())).collect::<Result<_, _>>()?;
+    reader.take("the links", header.counts.links * LINK_BYTES)?;
+    let parts: Vec<_> = (0..header.counts.details).map(|_| part(&mut reader)).collect::<Result<_, _>>()?;
+    let samples = corners(&mut reader, "a detail corner", header.counts.detail_corners)?;
     let triangles_at = reader.at();
-    let triangles = reader.take("the detail triangles", header.detail_triangles * 4)?;
+    let triangles = reader.take("the detail triangles", header.counts.detail_triangles * 4)?;
     let tile = Tile { header, places, parts, samples, triangles, triangles_at };
     let mut raw = Vec::with_capacity(stored.len());
     for (index, polygon) in stored.iter().enumerate().filter(|(_, polygon)| polygon.walkable) {
-        raw.push(tile.raw(&reader, index, polygon)?);
+        raw.push(tile.raw(index, polygon)?);
     }
     let lattice = tile.header.lattice;
     raw.retain(|polygon| polygon.has_three_sides() && polygon.detail_m2(&lattice) >= MIN_POLYGON_M2);
@@ -77,72 +75,55 @@ pub(super) fn read(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
 }
 
 fn header(reader: &mut Reader<'_>) -> Result<Header, DetourError> {
-    reader.magic("the tile", TILE_MAGIC, ": not a Detour tile")?;
-    reader.within("the version of the tile", TILE_VERSION..=TILE_VERSION)?;
-    reader.take("the place of the tile", 16)?;
+    reader.magic("the tile", TILE_MAGIC, "this is no Detour tile")?;
+    reader.within("the tile version", TILE_VERSION..=TILE_VERSION)?;
+    reader.take("the tile position", 16)?;
     let mut count = |what| reader.within(what, 0..=MAX_COUNT).map(|count| count as usize);
-    let polygons = count("the number of polygons")?;
-    let corners = count("the number of corners")?;
-    let links = count("the number of links")?;
-    let details = count("the number of detail meshes")?;
-    let detail_corners = count("the number of detail corners")?;
-    let detail_triangles = count("the number of detail triangles")?;
-    count("the number of tree nodes")?;
-    count("the number of off-mesh connections")?;
+    let counts = Counts {
+        polygons: count("the polygon count")?,
+        corners: count("the corner count")?,
+        links: count("the link count")?,
+        details: count("the detail mesh count")?,
+        detail_corners: count("the detail corner count")?,
+        detail_triangles: count("the detail triangle count")?,
+    };
+    count("the tree node count")?;
+    count("the off-mesh connection count")?;
     count("the first off-mesh connection")?;
-    let height_m = reader.metres("the height of the body")?;
-    reader.metres("the radius of the body")?;
-    let climb_m = reader.metres("the climb of the body")?;
-    let [x, y, z] = reader.corner("the lower end of the tile")?;
-    reader.corner("the upper end of the tile")?;
+    let height_m = reader.metres("the body height")?;
+    reader.metres("the body radius")?;
+    let climb_m = reader.metres("the body climb")?;
+    let [x, y, z] = reader.corner("the lower tile bound")?;
+    reader.corner("the upper tile bound")?;
     let offset = reader.at();
-    let cells_per_m = reader.metres("the number of cells a metre")?;
+    let cells_per_m = reader.metres("the cells per metre")?;
     let sane = (0.01..=1e4).contains(&cells_per_m);
-    reader.demand(sane, "the number of cells a metre", offset, cells_per_m.to_string(), || {
-        "it must be 0.01 to 10000".into()
-    })?;
+    demand(sane, "the cells per metre", offset, cells_per_m, "it must be 0.01 to 10000")?;
     let cell_m = 1.0 / cells_per_m;
     let lattice = Lattice { origin: Point3::new(x, y, z), cell_m, level_m: cell_m };
-    Ok(Header {
-        polygons,
-        corners,
-        links,
-        details,
-        detail_corners,
-        detail_triangles,
-        height_m,
-        climb_m,
-        lattice,
-    })
+    Ok(Header { counts, height_m, climb_m, lattice })
 }
 
 fn corners(reader: &mut Reader<'_>, what: &'static str, count: usize) -> Result<Vec<[f32; 3]>, DetourError> {
-    // The whole block must be present before memory is reserved.
+    // The whole block must be present before memory is reserved: counts in a damaged file can be huge.
     let mut block = reader.part(what, count * 12)?;
     (0..count).map(|_| block.corner(what)).collect()
 }
 
-/// Refuses corners outside of the tile and tiles larger than any scene may be.
-fn check_extent(
-    reader: &Reader<'_>,
-    offset: usize,
-    places: &[[f32; 3]],
-    lattice: &Lattice,
-) -> Result<(), DetourError> {
+/// Rejects corners outside the tile, and tiles beyond any scene's size.
+fn check_extent(offset: usize, places: &[[f32; 3]], lattice: &Lattice) -> Result<(), DetourError> {
     let mut reach = Spot::origin();
     for (index, &[x, y, z]) in places.iter().enumerate() {
         let spot = lattice.spot(&Point3::new(x, y, z));
-        let found = || format!("({x}, {y}, {z})");
         let inside = spot.x > -1.0 && spot.y > -1.0;
-        reader.demand(inside, "a corner", offset + 12 * index, found(), || {
-            "the tile begins behind it".into()
-        })?;
+        let found = format_args!("({x}, {y}, {z})");
+        demand(inside, "a corner", offset + 12 * index, found, "it must be inside the tile")?;
         reach = reach.sup(&spot);
     }
     let fits = reach.x.max(reach.y) < MAX_SIDE_CELLS && reach.x * reach.y < MAX_CELLS;
-    let expected = || format!("{MAX_SIDE_CELLS} a side and {MAX_CELLS} in all can be read");
-    let found = format!("{:.0} x {:.0} cells", reach.x, reach.y);
-    reader.demand(fits, "the extent of the corners", offset, found, expected)
+    let expected = format_args!("{MAX_SIDE_CELLS} a side and {MAX_CELLS} in all can be read");
+    let found = format_args!("{:.0} x {:.0} cells", reach.x, reach.y);
+    demand(fits, "the corner extent", offset, found, expected)
 }
 
 fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourError> {
@@ -150,39 +131,33 @@ fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourErro
     reader.take("a polygon", 4)?;
     let mut indices = [0; CORNERS];
     for index in &mut indices {
-        *index = usize::from(reader.u16("a corner of a polygon")?);
+        *index = usize::from(reader.u16("a polygon corner")?);
     }
     let mut leaves = false;
     for _ in 0..CORNERS {
-        leaves |= reader.u16("a neighbour of a polygon")? & OUTSIDE != 0;
+        leaves |= reader.u16("a polygon neighbour")? & OUTSIDE != 0;
     }
-    let flags = reader.u16("the flags of a polygon")?;
-    let count = usize::from(reader.u8("the number of a polygon's corners")?);
-    let is_connection = reader.u8("the kind of a polygon")? >> 6 != 0;
-    let used = indices.get(..count).filter(|used| is_connection || used.len() >= 3);
-    let count_found = || format!("that of a polygon with {count} corners");
-    let used = used.ok_or_else(|| DetourError::Value {
-        what: "a polygon",
-        offset,
-        found: count_found(),
-        expected: "3 to 6 can be read".into(),
-    })?;
-    if let Some(index) = used.iter().find(|&&index| index >= corners) {
-        let found = format!("one with corner {index}");
-        let expected = format!("there are {corners} corners");
-        return Err(DetourError::Value { what: "a polygon", offset, found, expected });
+    let flags = reader.u16("the polygon flags")?;
+    let count = usize::from(reader.u8("a polygon's corner count")?);
+    let is_connection = reader.u8("the polygon kind")? >> 6 != 0;
+    let has_place = count <= CORNERS && (is_connection || count >= 3);
+    demand(has_place, "a polygon", offset, format_args!("one with {count} corners"), "3 to 6 can be read")?;
+    let used = &indices[..count];
+    if let Some(unknown) = used.iter().find(|&&index| index >= corners) {
+        let expected = format_args!("there are {corners} corners");
+        demand(false, "a polygon", offset, format_args!("one with corner {unknown}"), expected)?;
     }
-    let whole = || "tiles that lead to others cannot be read".to_owned();
-    reader.demand(!leaves, "a polygon", offset, "one that leads to another tile".into(), whole)?;
+    let whole = "tiles with neighbours cannot be read";
+    demand(!leaves, "a polygon", offset, "one that leads to another tile", whole)?;
     Ok(Stored { offset, corners: used.to_vec(), walkable: flags & WALKABLE != 0 && !is_connection })
 }
 
 fn part(reader: &mut Reader<'_>) -> Result<Part, DetourError> {
     let mut first = |what| reader.within(what, 0..=MAX_COUNT).map(|first| first as usize);
-    let first_corner = first("the first corner of a detail mesh")?;
-    let first_triangle = first("the first triangle of a detail mesh")?;
-    reader.u8("the number of a detail mesh's corners")?;
-    let triangles = usize::from(reader.u8("the number of a detail mesh's triangles")?);
+    let first_corner = first("the first corner in a detail mesh")?;
+    let first_triangle = first("the first triangle in a detail mesh")?;
+    reader.u8("a detail mesh's corner count")?;
+    let triangles = usize::from(reader.u8("a detail mesh's triangle count")?);
     reader.take("a detail mesh", 2)?;
     Ok(Part { first_corner, first_triangle, triangles })
 }
@@ -192,18 +167,17 @@ struct Tile<'a> {
     places: Vec<[f32; 3]>,
     parts: Vec<Part>,
     samples: Vec<[f32; 3]>,
-    /// Three indices and a byte of flags each.
+    /// Three indices and a flag byte per triangle.
     triangles: &'a [u8],
     triangles_at: usize,
 }
 
 impl Tile<'_> {
-    fn raw(&self, reader: &Reader<'_>, index: usize, polygon: &Stored) -> Result<RawPolygon, DetourError> {
+    fn raw(&self, index: usize, polygon: &Stored) -> Result<RawPolygon, DetourError> {
         let corners: Vec<_> =
             polygon.corners.iter().map(|&corner| self.on_lattice(self.places[corner])).collect();
-        let shape = || "its corners must go around it once, turning one way".to_owned();
-        let found = "one that is not convex".to_owned();
-        reader.demand(is_convex(&corners), "a polygon", polygon.offset, found, shape)?;
+        let shape = "its corners must surround it once, turning one way";
+        demand(is_convex(&corners), "a polygon", polygon.offset, "one that is not convex", shape)?;
         let Some(part) = self.parts.get(index) else {
             let detail = (1..corners.len() - 1).map(|i| [corners[0], corners[i], corners[i + 1]]).collect();
             return Ok(RawPolygon { corners, region: 0, detail });
@@ -222,29 +196,29 @@ impl Tile<'_> {
                 bytes.and_then(|bytes| Some([place(bytes[0])?, place(bytes[1])?, place(bytes[2])?]));
             let offset = self.triangles_at + number * 4;
             let found =
-                format!("number {number} of {}, with a corner that is not there", self.triangles.len() / 4);
-            let expected = || format!("polygon {index} needs it");
-            reader.demand(corners.is_some(), "a detail triangle", offset, found, expected)?;
+                format_args!("number {number} of {}, with a missing corner", self.triangles.len() / 4);
+            let expected = format_args!("polygon {index} needs it");
+            demand(corners.is_some(), "a detail triangle", offset, found, expected)?;
             detail.extend(corners);
         }
         Ok(RawPolygon { corners, region: 0, detail })
     }
 
-    fn corner(&self, [x, y, z]: [f32; 3]) -> Corner {
-        Corner { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
+    fn corner(&self, [x, y, z]: [f32; 3]) -> LatticePoint {
+        LatticePoint { spot: self.header.lattice.spot(&Point3::new(x, y, z)), height_m: f64::from(y) }
     }
 
-    /// A corner of a polygon, put back on the lattice that f32 moved it off.
-    fn on_lattice(&self, place: [f32; 3]) -> Corner {
+    /// Returns a polygon corner, snapped to the lattice.
+    fn on_lattice(&self, place: [f32; 3]) -> LatticePoint {
         let corner = self.corner(place);
         let snap =
             |value: f64| if (value - value.round()).abs() < ROUNDING_CELLS { value.round() } else { value };
-        Corner { spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)), ..corner }
+        LatticePoint { spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)), ..corner }
     }
 }
 
-/// Returns true if the outline turns to a single side, except for rounding, and once.
-fn is_convex(corners: &[Corner]) -> bool {
+/// Returns true if the outline turns to one side, once; tolerates rounding.
+fn is_convex(corners: &[LatticePoint]) -> bool {
     let spot = |index: usize| &corners[index % corners.len()].spot;
     let turns: Vec<_> = (0..corners.len()).map(|i| turn(spot(i), spot(i + 1), spot(i + 2))).collect();
     let area: f64 = (2..corners.len()).map(|i| turn(spot(0), spot(i - 1), spot(i))).sum();

@@ -1,4 +1,6 @@
-use crate::build::{Builder, hall, two_rooms};
+//! Steps, distances and grids on a single floor and on two storeys.
+
+use crate::{Builder, hall, two_rooms};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_navmesh::{NavMesh, NavPoint};
 
@@ -14,7 +16,7 @@ fn flat_distance(a: &NavPoint, b: &NavPoint) -> f64 {
 }
 
 #[test]
-fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
+fn area_excludes_a_rim_of_body_radius() {
     let mesh = hall().build();
     let expected = 9.8 * 5.8;
     let island = mesh.largest_island();
@@ -23,9 +25,9 @@ fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
 }
 
 #[test]
-fn furniture_in_the_middle_of_a_room_is_left_out() {
+fn area_excludes_furniture() {
     let mesh = hall().block([3.0, 0.0, 2.0], [5.0, 1.0, 4.0]).block([7.0, 0.0, 3.0], [8.0, 3.0, 4.0]).build();
-    // The hall without its rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
+    // The hall without the rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
     let area_m2 = mesh.island_area_m2(mesh.largest_island());
     assert!((area_m2 - (56.84 - 4.84 - 1.44)).abs() < 1.5, "{area_m2}");
     assert_eq!(mesh.snap(&Point3::new(7.5, 0.0, 3.5), 0.5), None);
@@ -36,7 +38,7 @@ fn furniture_in_the_middle_of_a_room_is_left_out() {
 }
 
 #[test]
-fn distances_around_a_wall_are_those_worked_by_hand() {
+fn distances_around_a_wall_match_hand_computed_values() {
     let mesh = two_rooms();
     // Straight through the doorway.
     let (a, b) = (at(&mesh, 2.0, 3.0), at(&mesh, 8.0, 3.0));
@@ -53,7 +55,7 @@ fn distances_around_a_wall_are_those_worked_by_hand() {
 }
 
 #[test]
-fn a_path_is_as_long_as_its_distance_and_begins_and_ends_right() {
+fn path_length_is_the_distance() {
     let mesh = two_rooms();
     let mut rng = Rng::new(11);
     for _ in 0..200 {
@@ -92,7 +94,7 @@ fn rooms_without_an_opening_are_two_islands() {
 }
 
 #[test]
-fn sliding_along_a_wall_keeps_the_part_along_it() {
+fn sliding_preserves_the_part_parallel_to_the_wall() {
     let mesh = two_rooms();
     let free = mesh.slide(&at(&mesh, 2.0, 2.0), &Vector3::new(0.15, 0.0, -0.2));
     assert!(!free.blocked);
@@ -110,7 +112,7 @@ fn sliding_along_a_wall_keeps_the_part_along_it() {
 }
 
 #[test]
-fn a_random_walk_stays_on_its_island_and_ends_near_where_it_was_bound() {
+fn random_walk_stays_on_its_island() {
     let mesh = two_rooms();
     let mut rng = Rng::new(13);
     let mut here = mesh.sample(&mut rng, 0);
@@ -129,7 +131,7 @@ fn a_random_walk_stays_on_its_island_and_ends_near_where_it_was_bound() {
 }
 
 #[test]
-fn a_field_is_the_least_over_its_seeds() {
+fn field_is_the_minimum_over_seeds() {
     let mesh = two_rooms();
     let mut rng = Rng::new(14);
     let seeds: Vec<_> = (0..7).map(|_| (mesh.sample(&mut rng, 0), rng.unit() * 3.0)).collect();
@@ -188,7 +190,7 @@ fn snapping_finds_the_nearest_floor_within_reach() {
 }
 
 #[test]
-fn roofs_and_tables_are_not_the_island_to_live_on() {
+fn main_island_is_neither_roof_nor_table() {
     let table = hall().block([2.0, 0.7, 2.0], [4.0, 0.75, 4.0]);
     let mesh = table.block([-0.2, 2.5, -0.2], [10.2, 2.7, 6.2]).build();
     let floor = at(&mesh, 8.0, 3.0);
@@ -201,7 +203,7 @@ fn roofs_and_tables_are_not_the_island_to_live_on() {
 }
 
 #[test]
-fn a_body_keeps_its_radius() {
+fn body_stays_a_radius_off_walls() {
     let scene =
         Builder::default().floor([0.0; 3], [10.0, 0.0, 6.0]).walls_around([0.0, 0.0], [10.0, 6.0]).scene();
     let wide = avln_navmesh::Body { radius_m: 0.5, ..Default::default() };
@@ -211,7 +213,7 @@ fn a_body_keeps_its_radius() {
 }
 
 #[test]
-fn many_to_many_is_one_by_one() {
+fn distance_table_equals_single_distances() {
     let mesh = two_rooms();
     let mut rng = Rng::new(16);
     let [from, to] = [12, 9].map(|count| (0..count).map(|_| mesh.sample(&mut rng, 0)).collect::<Vec<_>>());
@@ -224,4 +226,92 @@ fn many_to_many_is_one_by_one() {
             assert!((entry.unwrap() - one).abs() < 1e-9 && *entry == field, "{entry:?} {one}");
         }
     }
+}
+
+const RISE_M: f32 = 0.18;
+const STEPS: usize = 15;
+const UPPER_M: f32 = RISE_M * STEPS as f32;
+
+/// A ground floor of 12 x 4 m with an upper floor. A flight of steps, 0.18 m high and 0.28 m long, rises in
+/// an opening at z = 3 to 4 m from x = 4 m to x = 8.2 m.
+fn two_storeys() -> NavMesh {
+    let mut builder = Builder::default().floor([0.0; 3], [12.0, 0.0, 4.0]);
+    for step in 0..STEPS {
+        let (x, y) = (4.0 + 0.28 * step as f32, RISE_M * (step + 1) as f32);
+        builder = builder.block([x, y - RISE_M, 3.0], [x + 0.28, y, 4.0]);
+    }
+    builder
+        .block([8.2, UPPER_M - 0.1, 0.0], [12.0, UPPER_M, 4.0])
+        .block([0.0, UPPER_M - 0.1, 0.0], [8.2, UPPER_M, 2.9])
+        .build()
+}
+
+fn at_height(mesh: &NavMesh, x: f32, y: f32, z: f32) -> NavPoint {
+    mesh.snap(&Point3::new(x, y, z), 0.3).expect("on a floor")
+}
+
+#[test]
+fn stairs_join_two_storeys() {
+    let mesh = two_storeys();
+    let (below, above) = (at_height(&mesh, 10.0, 0.0, 1.0), at_height(&mesh, 10.0, UPPER_M, 1.0));
+    assert!((below.position().y, above.position().y) == (0.0, UPPER_M), "{below:?} {above:?}");
+    assert_eq!(mesh.island_of(&below), mesh.island_of(&above));
+    let distance = mesh.distance_m(&below, &above).unwrap();
+    // The side of the flight separates it from the adjacent floor from the second step, (4.28, 3.0). The path
+    // passes it at 0.1 m, continues up to the end of the opening at (8.2, 3.0), 0.1 m off, and on:
+    // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + sqrt(3.92^2 + 2.5^2) + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.79, with a rise
+    // of 2.5 m: 2.7 m minus one or two steps.
+    assert!((distance - 13.79).abs() < 0.3, "{distance}");
+    let path = mesh.path(&below, &above).unwrap();
+    assert!(path.iter().any(|corner| corner.x < 4.5), "{path:?}");
+}
+
+#[test]
+fn walking_on_stairs_follows_the_steps() {
+    let mesh = two_storeys();
+    let mut here = at_height(&mesh, 3.5, 0.0, 3.5);
+    for _ in 0..24 {
+        let slide = mesh.slide(&here, &Vector3::new(0.25, 0.0, 0.0));
+        assert!(!slide.blocked);
+        let position = slide.end.position();
+        let step = ((position.x - 4.0) / 0.28).floor().clamp(-1.0, STEPS as f32 - 1.0);
+        assert!((position.y - (step + 1.0) * RISE_M).abs() < RISE_M + 0.01, "{position}");
+        here = slide.end;
+    }
+    assert!((here.position() - Point3::new(9.5, UPPER_M, 3.5)).norm() < 1e-3, "{here:?}");
+}
+
+#[test]
+fn steps_stay_on_their_storey() {
+    let mesh = two_storeys();
+    let mut rng = Rng::new(21);
+    for start in [at_height(&mesh, 10.0, 0.0, 1.0), at_height(&mesh, 10.0, UPPER_M, 1.0)] {
+        for _ in 0..2000 {
+            let asked = Vector3::new(rng.range(-1.0, 1.0), 0.0, rng.range(-0.8, 0.8));
+            let end = mesh.slide(&start, &asked).end;
+            assert!((end.position().y - start.position().y).abs() < 0.03, "{start:?} {end:?}");
+        }
+    }
+}
+
+#[test]
+fn a_grid_has_a_point_on_every_storey() {
+    let mesh = two_storeys();
+    let column = Aabb::new(Point3::new(9.9, -1.0, 0.9), Point3::new(10.1, 5.0, 1.1));
+    let heights: Vec<_> = mesh.grid(&column, 1.0).iter().map(|point| point.position().y).collect();
+    assert_eq!(heights, [0.0, UPPER_M]);
+    let upper = Aabb::new(Point3::new(9.9, 1.0, 0.9), column.max);
+    assert_eq!(mesh.grid(&upper, 1.0).len(), 1);
+}
+
+#[test]
+fn high_steps_do_not_join_floors() {
+    let ledge = |rise: f32| {
+        Builder::default().floor([0.0; 3], [6.0, 0.0, 3.0]).block([3.0, 0.0, 0.0], [6.0, rise, 3.0]).build()
+    };
+    let joined = |mesh: &NavMesh, rise: f32| {
+        mesh.distance_m(&at_height(mesh, 1.0, 0.0, 1.5), &at_height(mesh, 5.0, rise, 1.5)).is_some()
+    };
+    assert!(joined(&ledge(0.15), 0.15) && joined(&ledge(0.2), 0.2));
+    assert!(!joined(&ledge(0.26), 0.26) && !joined(&ledge(0.5), 0.5));
 }

@@ -1,5 +1,5 @@
-//! A scan-like scene: a procedural house with surfaces cut into small triangles with 3 mm noise, under an
-//! atlas of sixteen textures of 1024 by 1024 texels, a centimetre per texel.
+//! A scan-like scene: a procedural house cut into small triangles with 3 mm noise, under an atlas with
+//! sixteen textures, 1024 by 1024 texels, a centimetre per texel.
 
 use avln_geom::{Point2, Point3, Rng, Vector3};
 use avln_houses::{HouseOptions, house};

@@ -1,48 +1,48 @@
-//! Light at the centre of a triangle.
+//! Light at triangle centres.
 
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::{Lamp, Mesh};
 
-/// Offset of ray origins from the surface, metres.
+// Rays start off the surface, so that they do not hit it, metres.
 const OFF_M: f32 = 0.002;
-/// Surfaces within this distance cover the sample, metres.
+/// Nearer surfaces cover the sample, metres.
 const COVER_M: f32 = 0.03;
-/// Surfaces beyond this distance do not reduce indirect light, metres.
+/// Farther surfaces do not reduce indirect light, metres.
 const OPEN_M: f32 = 1.8;
-/// Range of a lamp, metres; its light fades to zero there.
+/// Lamp range, metres; light fades to zero there.
 const REACH_M: f32 = 5.0;
-/// Less light than this is not worth a ray.
+// Less light is invisible and not worth a ray.
 const FAINT: f32 = 0.03;
-/// Rays for the indirect light of a large and of a small triangle.
+/// Rays for large and for small triangles.
 const RAYS: [usize; 2] = [8, 4];
-/// Triangles of at most this area are small, square metres.
+/// Largest area of a small triangle, square metres.
 const SMALL_M2: f32 = 0.004;
-/// Number of ray sets, alternated between neighbouring triangles.
+// Neighbouring triangles alternate between ray sets, so that their errors differ.
 const SETS: usize = 4;
 /// Indirect light in the narrowest corner.
 pub(super) const LEAST: f32 = 0.15;
 
-/// Light sample of a triangle.
+/// A triangle's light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// Unit normal of the visible side; zero for degenerate triangles.
+    /// Unit normal; zero for degenerate triangles.
     pub(super) normal: Vector3<f32>,
-    /// Weight at the corners: uncovered area, square metres.
+    /// Uncovered area, square metres.
     pub(super) weight: f32,
-    /// Red, green and blue light; 1 is the indirect light in the open.
+    /// RGB; 1 is the indirect light in the open.
     pub(super) light: [f32; 3],
 }
 
 struct Gatherer<'a> {
     rays: &'a RayMesh,
-    /// Of the triangles that rays meet.
+    /// By triangle in `rays`.
     normals: Vec<Vector3<f32>>,
     lamps: &'a [Lamp],
-    /// For large and for small triangles: sets of directions on the hemisphere around +Z.
+    /// For large and for small triangles: directions on the hemisphere around +Z.
     directions: [[Vec<Vector3<f32>>; SETS]; 2],
 }
 
-/// Samples for the triangles of `fine`, a subdivision of `coarse`, whose triangles are in `rays`.
+/// Samples the triangles of `fine`, a subdivision of `coarse`; `rays` contains the coarse triangles.
 pub(super) fn samples(coarse: &Mesh, rays: &RayMesh, lamps: &[Lamp], fine: &Mesh) -> Vec<Sample> {
     let normals = coarse.triangles.iter().map(|triangle| area_and_normal(coarse, triangle).1).collect();
     let directions = RAYS.map(|count| std::array::from_fn(|set| hemisphere(count, set)));
@@ -51,7 +51,7 @@ pub(super) fn samples(coarse: &Mesh, rays: &RayMesh, lamps: &[Lamp], fine: &Mesh
     each.map(|(index, triangle)| gatherer.sample(fine, index, triangle)).collect()
 }
 
-/// Area, square metres, and unit normal; a zero normal for a triangle without area.
+/// Returns the area, square metres, and the unit normal; zero for a degenerate triangle.
 fn area_and_normal(mesh: &Mesh, triangle: &[u32; 3]) -> (f32, Vector3<f32>) {
     let [a, b, c] = triangle.map(|corner| mesh.positions[corner as usize]);
     let cross = (b - a).cross(&(c - a));
@@ -59,7 +59,7 @@ fn area_and_normal(mesh: &Mesh, triangle: &[u32; 3]) -> (f32, Vector3<f32>) {
     if length > 1e-12 { (0.5 * length, cross / length) } else { (0.0, Vector3::zeros()) }
 }
 
-/// Cosine-distributed directions around +Z: points on a disc by the golden angle (Vogel 1979), lifted to the
+/// Cosine-distributed directions around +Z: disc points by the golden angle (Vogel 1979), lifted to the
 /// hemisphere (Malley's method).
 fn hemisphere(count: usize, set: usize) -> Vec<Vector3<f32>> {
     const GOLDEN_RAD: f32 = 2.399_963;
@@ -90,7 +90,7 @@ impl Gatherer<'_> {
         Sample { normal, weight: area_m2 * seen, light }
     }
 
-    /// Openness in front of a surface, 0 to 1, and the uncovered share.
+    /// Returns the openness in front of a surface, 0 to 1, and the uncovered share.
     fn openness(&self, origin: &Point3<f32>, normal: &Vector3<f32>, set: &[Vector3<f32>]) -> (f32, f32) {
         let (right, up) = axes(normal);
         let (mut open, mut seen) = (0.0, 0.0);
@@ -122,7 +122,7 @@ impl Gatherer<'_> {
         }
     }
 
-    /// Returns true if the lamp is visible, ignoring its own body.
+    /// Returns true if the lamp is visible, ignoring the lamp's body.
     fn sees(&self, origin: &Point3<f32>, lamp: &Lamp) -> bool {
         let offset = lamp.position - origin;
         let distance_m = offset.norm();
@@ -136,8 +136,8 @@ fn indirect(open: f32, normal: &Vector3<f32>) -> f32 {
     (0.9 + 0.1 * normal.y) * (LEAST + (1.0 - LEAST) * open * open)
 }
 
-/// Unoccluded share of a lamp's strength on a surface: inverse square, with the cosines at the surface and at
-/// a flat lamp. `None` if either faces away.
+/// Unoccluded share of a lamp's strength: inverse square, with the cosines at the surface and at a flat lamp.
+/// `None` if either has its back to the other.
 fn falling(lamp: &Lamp, origin: &Point3<f32>, normal: &Vector3<f32>) -> Option<f32> {
     let offset = lamp.position - origin;
     let distance2 = offset.norm_squared();
@@ -153,7 +153,7 @@ fn falling(lamp: &Lamp, origin: &Point3<f32>, normal: &Vector3<f32>) -> Option<f
     (leaving > 0.0).then(|| along * inverse * leaving * fading * fading / near)
 }
 
-/// Two unit vectors that make a right-handed frame with the unit vector `z` (Duff and others 2017).
+/// Returns two unit vectors for a right-handed frame with `z` (Duff and others 2017).
 fn axes(z: &Vector3<f32>) -> (Vector3<f32>, Vector3<f32>) {
     let sign = 1.0_f32.copysign(z.z);
     let a = -1.0 / (sign + z.z);

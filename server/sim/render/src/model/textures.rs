@@ -1,20 +1,20 @@
-//! Textures in ever smaller sizes, their texels stored in blocks so that neighbours share a line of the processor's cache.
+//! Textures with mipmaps, in blocks, so that neighbouring texels share a cache line.
 
 use avln_scene::Texture;
 
-/// Texels per block side: 16 texels of 4 bytes fill a cache line.
+// 16 texels of 4 bytes fill a cache line.
 pub(crate) const BLOCK: usize = 4;
 
-/// Bits for the level count of a texture; the rest is the first level.
+/// Bits for a texture's level count; the others are the first level.
 pub(crate) const LEVEL_BITS: u32 = 5;
 
-/// The white texture (level 0) for untextured surfaces.
+/// White texture (level 0) for untextured surfaces.
 pub(crate) const NO_TEXTURE: u32 = 1;
 
-/// Texels in a row or column, at most: more would not fit the arithmetic of sampling.
+// More texels per side would not fit the sampling arithmetic.
 const LARGEST: usize = 16_384;
 
-/// Textures of a model.
+/// A model's textures.
 pub(super) struct Textures {
     pub(super) levels: Vec<super::Level>,
     pub(super) texels: Vec<u32>,
@@ -28,14 +28,13 @@ struct Level {
 }
 
 impl Textures {
-    /// No textures but [`NO_TEXTURE`].
     pub(super) fn new() -> Self {
         Self { levels: vec![[0, 1 | 1 << 16]], texels: vec![u32::MAX; BLOCK * BLOCK] }
     }
 
-    /// Adds a texture and its mipmaps down to one texel. Returns the first level with the level count in the
-    /// low [`LEVEL_BITS`] bits. [`NO_TEXTURE`] for an empty image, more than 16,384 texels per side, a wrong
-    /// byte count, or more than 2^32 texels in total.
+    /// Adds a texture with mipmaps. Returns the first level with the level count in the low [`LEVEL_BITS`]
+    /// bits; [`NO_TEXTURE`] for an empty image, more than 16,384 texels per side, a wrong byte count, or 2^32
+    /// texels in total.
     pub(super) fn add(&mut self, texture: &Texture) -> u32 {
         let first = self.levels.len() as u32;
         let mut level = Level::full(texture);
@@ -63,7 +62,7 @@ impl Level {
         fits.then(|| Self { width, height, texels: texels.to_vec() })
     }
 
-    /// Appends the texels block by block; blocks across the border repeat its texels.
+    /// Appends the texels block by block; blocks across the border repeat border texels.
     fn store(&self, texels: &mut Vec<u32>) {
         for (top, left) in (0..self.height)
             .step_by(BLOCK)
@@ -77,7 +76,7 @@ impl Level {
         }
     }
 
-    /// Half the size, each texel the mean of four; `None` for a single texel.
+    /// Returns half the size, by means of four texels; `None` for a single texel.
     fn halved(&self) -> Option<Self> {
         if self.texels.len() == 1 {
             return None;
@@ -96,7 +95,7 @@ impl Level {
     }
 }
 
-/// The mean colour of four texels, of which clear ones count less, and their mean alpha.
+/// Returns the mean colour, weighted by alpha, and the mean alpha.
 fn mean_of(texels: [[u8; 4]; 4]) -> [u8; 4] {
     let sum = |channel: usize| texels.iter().map(|texel| u32::from(texel[channel])).sum::<u32>();
     let alpha = sum(3);
@@ -125,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_shrink_to_one_texel_and_blocks_repeat_the_border() {
+    fn mipmaps_end_with_one_texel_and_blocks_are_padded() {
         let pixels = (0..5 * 3).flat_map(|i| [i, 0, 0, 255]).collect();
         let mut textures = Textures::new();
         assert_eq!(textures.add(&Texture { width: 5, height: 3, pixels }), 1 << LEVEL_BITS | 3);
@@ -136,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_a_wrong_size_have_no_levels() {
+    fn invalid_images_have_no_levels() {
         let mut textures = Textures::new();
         for (width, height, bytes) in [(2, 2, 3), (2, 2, 12), (0, 0, 0), (0, 5, 0), (20_000, 1, 80_000)] {
             let texture = Texture { width, height, pixels: vec![0; bytes] };

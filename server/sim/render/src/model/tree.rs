@@ -1,37 +1,35 @@
-//! A binary box tree over a mesh with clusters of up to 64 triangles as leaves.
+//! A binary box tree with clusters of up to 64 triangles as leaves.
 
 use avln_geom::{Aabb, Point3};
 
-/// Triangles of a cluster, at most.
+/// Triangle limit of a cluster.
 pub(crate) const CLUSTER: usize = 64;
 
-/// Bins that an axis is divided into when a split is sought.
+/// Split candidates per axis.
 const BINS: usize = 16;
 
 /// Cost of entering a cluster, in triangles.
 const CLUSTER_COST: usize = 24;
 
-/// A box of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Node {
     pub(crate) bounds: Aabb,
     pub(crate) content: Content,
 }
 
-/// Content of a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Content {
-    /// Index of the left child; the right child follows.
+    /// Left child; the right child follows.
     Pair(u32),
-    /// The number of a cluster.
+    /// Cluster index.
     Cluster(u32),
 }
 
-/// The tree; node 0 is the root. Empty without triangles.
+/// A box tree; node 0 is the root. Empty without triangles.
 #[derive(Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node>,
-    /// Triangles per cluster, one to [`CLUSTER`].
+    /// One to [`CLUSTER`] triangles each.
     pub(crate) clusters: Vec<Vec<u32>>,
 }
 
@@ -42,7 +40,7 @@ struct Open {
     end: usize,
 }
 
-/// A split of an axis: triangles with centres in bins below `bin` go left.
+/// A split: triangles with centres in bins below `bin` go left.
 struct Split {
     axis: usize,
     bin: usize,
@@ -91,7 +89,7 @@ impl Tree {
     }
 }
 
-/// Partitions the triangles into left and right; returns the left count. `None` if they fit into a cluster.
+/// Partitions the triangles; returns the left count. `None` if they fit into a cluster.
 fn divide(boxes: &[Aabb], members: &mut [u32]) -> Option<usize> {
     if members.len() <= CLUSTER {
         return None;
@@ -103,7 +101,7 @@ fn divide(boxes: &[Aabb], members: &mut [u32]) -> Option<usize> {
     })
 }
 
-/// The cheapest split by the surface area heuristic; `None` if all centres coincide.
+/// Returns the cheapest split by the surface area heuristic; `None` if all centres coincide.
 fn best_split(boxes: &[Aabb], members: &[u32], centers: &Aabb) -> Option<Split> {
     let mut best: Option<Split> = None;
     for axis in (0..3).filter(|&axis| centers.max[axis] > centers.min[axis]) {
@@ -151,12 +149,12 @@ impl Bin {
     }
 }
 
-/// Cost of drawing `count` triangles, in triangles.
+/// Drawing cost, in triangles.
 fn cost(count: usize) -> f32 {
     (count + CLUSTER_COST * count.div_ceil(CLUSTER)) as f32
 }
 
-/// Bin of a box centre on an axis.
+/// Returns the bin of a box centre.
 #[inline]
 fn bin_of(bounds: &Aabb, centers: &Aabb, axis: usize) -> usize {
     let scale = BINS as f32 / (centers.max[axis] - centers.min[axis]);
@@ -216,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn every_triangle_is_in_one_cluster_and_within_all_boxes_above_it() {
+    fn clusters_partition_the_triangles_inside_all_parent_boxes() {
         for count in [1, 2, 63, 64, 65, 700, 5000] {
             let boxes = random_boxes(count);
             let tree = Tree::new(&boxes, (0..count as u32).collect());
@@ -244,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_in_one_place_are_divided_too() {
+    fn coinciding_boxes_are_divided_too() {
         let one = Aabb { min: Point3::origin(), max: Point3::new(1.0, 0.0, 0.0) };
         let tree = Tree::new(&[one; 300], (0..300).collect());
         assert_eq!(tree.clusters.iter().map(Vec::len).sum::<usize>(), 300);

@@ -1,30 +1,29 @@
-//! Depth buffer: the nearest hit per pixel, and the farthest of these per tile.
+//! Depth buffer: the nearest hit by pixel, and the farthest of these by tile.
 
-/// Pixels per vector, and pixels per tile side.
+/// Pixels per vector and per tile side.
 pub(crate) const SIDE: usize = 8;
 
-/// Pixels row by row. Rows are padded to whole tiles plus a tile, so that eight pixels can be read from any
-/// position.
+// Rows are padded to whole tiles plus a tile, so that eight pixels can be read from any position.
 #[derive(Default)]
 pub(crate) struct Screen {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Pixels from a row to the next.
+    /// Row stride, pixels.
     pub(crate) stride: usize,
-    /// Reciprocal planar depth of the nearest hit, 1/metres; 0 for none.
+    /// Reciprocal planar depth, 1/metres; 0 without a hit.
     pub(crate) nearness: Vec<f32>,
-    /// Shading record of the hit triangle; undefined without a hit.
-    pub(crate) swatch: Vec<u32>,
-    /// Tiles in a row.
+    /// Shading record; undefined without a hit.
+    pub(crate) record: Vec<u32>,
+    /// Tiles per row.
     columns: usize,
-    /// Per tile: lower bound of the reciprocal depth of its farthest hit; 0 while a pixel is empty.
+    /// Lower bound on the nearness in a tile; 0 while a pixel is empty.
     far: Vec<f32>,
     /// Tiles with a possibly outdated `far`, without duplicates.
     stale: Vec<u32>,
     is_stale: Vec<bool>,
 }
 
-/// Some pixels: the first column and row, and those after the last.
+/// A pixel rectangle: first column and row, and the end after the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PixelRect {
     pub(crate) first: [u32; 2],
@@ -32,7 +31,7 @@ pub(crate) struct PixelRect {
 }
 
 impl Screen {
-    /// Forgets everything, and takes this size.
+    /// Empties and resizes the buffer.
     pub(crate) fn clear(&mut self, width: usize, height: usize) {
         let rows = height.next_multiple_of(SIDE);
         (self.width, self.height) = (width, height);
@@ -43,7 +42,7 @@ impl Screen {
         for row in self.nearness.chunks_exact_mut(self.stride).take(height) {
             row[..width].fill(0.0);
         }
-        self.swatch.resize(rows * self.stride, 0);
+        self.record.resize(rows * self.stride, 0);
         let tiles = self.columns * (rows / SIDE);
         self.far.clear();
         self.far.resize(tiles, 0.0);
@@ -67,13 +66,12 @@ impl Screen {
         false
     }
 
-    /// Returns true if a surface at this reciprocal depth may be visible in a tile.
     #[inline(always)]
     pub(crate) fn tile_shows(&self, column: usize, row: usize, nearness: f32) -> bool {
         self.far[row * self.columns + column] < nearness
     }
 
-    /// Remembers that pixels of a tile changed.
+    /// Marks a changed tile.
     #[inline(always)]
     pub(crate) fn touch(&mut self, column: usize, row: usize) {
         let tile = row * self.columns + column;
@@ -83,7 +81,7 @@ impl Screen {
         }
     }
 
-    /// Updates the farthest hits of changed tiles.
+    /// Updates `far` for changed tiles.
     #[inline(always)]
     pub(crate) fn settle(&mut self) {
         while let Some(tile) = self.stale.pop() {
@@ -102,14 +100,13 @@ impl Screen {
     }
 }
 
-/// Some tiles: the first column and row, and those after the last.
+/// A tile rectangle: first column and row, and the end after the last.
 pub(super) struct TileRect {
     pub(super) first: [usize; 2],
     pub(super) end: [usize; 2],
 }
 
 impl PixelRect {
-    /// Tiles of the pixels.
     #[inline(always)]
     pub(super) fn tiles(&self) -> TileRect {
         let ([left, top], [right, bottom]) = (self.first, self.end);
@@ -119,8 +116,8 @@ impl PixelRect {
         }
     }
 
-    /// Pixels of an image of this size with centres between `min` and `max`, relative to the centre of the
-    /// first pixel; `None` if empty.
+    /// Returns the image pixels with centres between `min` and `max`, relative to the first pixel's centre;
+    /// `None` if empty.
     #[inline(always)]
     pub(crate) fn between(min: [f32; 2], max: [f32; 2], size: [usize; 2]) -> Option<Self> {
         let (mut first, mut after) = ([0; 2], [0; 2]);
@@ -143,7 +140,7 @@ impl PixelRect {
     }
 }
 
-/// Rounding margin of projections, pixels.
+// Rounding can move a projection by less than this, pixels.
 pub(crate) const SLACK_PX: f32 = 0.02;
 
 #[cfg(test)]
@@ -151,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rectangle_holds_the_pixels_whose_centres_lie_between_its_corners() {
+    fn rectangle_contains_pixels_by_their_centres() {
         let between = |min, max| PixelRect::between(min, max, [20, 10]);
         let rect = |first, end| Some(PixelRect { first, end });
         assert_eq!(between([-99.0, -99.0], [99.0, 1e30]), rect([0, 0], [20, 10]));
@@ -165,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_is_full_when_all_its_pixels_in_the_picture_are() {
+    fn tile_is_full_when_all_image_pixels_are() {
         let mut screen = Screen::default();
         screen.clear(11, 9);
         assert_eq!((screen.stride, screen.nearness.len()), (24, 16 * 24));

@@ -1,6 +1,5 @@
 use super::{
-    runner::{Quirk, ToyRunner},
-    soon,
+    soon, {Quirk, ToyRunner},
 };
 use avln_challenge::{
     Account, Charge, EpisodeOutcome, MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState,

@@ -374,7 +374,7 @@ fn missing_image_is_a_warning_and_checker() {
     });
     std::fs::write(&path, document.to_string()).unwrap();
     let mut report = ImportReport::default();
-    let scene = import(&path, &mut report).unwrap();
+    let scene = import(&path, &ImportOptions::default(), &mut report).unwrap();
     assert_eq!(scene.textures, [images::checker()]);
     assert!(report.warnings[0].contains("gone/wood.jpg"), "{:?}", report.warnings);
     std::fs::write(
@@ -382,7 +382,8 @@ fn missing_image_is_a_warning_and_checker() {
         "version https://git-lfs.github.com/spec/v1\noid sha256:1\n",
     )
     .unwrap();
-    let error = import(&path, &mut ImportReport::default()).unwrap_err().to_string();
+    let error =
+        import(&path, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("git lfs pull"), "{error}");
 }
 

@@ -1,0 +1,90 @@
+"""Runs start once despite lost answers, and no unusable run remains."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from server import PHASE
+
+import avln
+from avln.client import begin_run
+from avln.errors import LostError, SensorsError
+
+if TYPE_CHECKING:
+    from conftest import Endpoint
+
+TOO_SMALL = avln.Sensors.square(63)
+
+
+def open_runs(client: avln.Client, method: str) -> list[str]:
+    return [run.id for run in client.runs(PHASE) if run.method == method and run.state in ("created", "running")]
+
+
+def test_sensors_that_no_run_could_have_begin_none(endpoint: Endpoint, client: avln.Client) -> None:
+    with pytest.raises(SensorsError, match="63 x 63"):
+        avln.begin(endpoint.url, endpoint.token, PHASE, "too small", sensors=TOO_SMALL)
+    assert not [run for run in client.runs(PHASE) if run.method == "too small"]
+
+
+def test_a_run_whose_stream_cannot_be_opened_is_cancelled(
+    endpoint: Endpoint, client: avln.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise avln.Error("this stream is refused by the test")
+
+    monkeypatch.setattr(avln.Client, "play", refuse)
+    with pytest.raises(avln.Error, match="refused by the test"):
+        avln.begin(endpoint.url, endpoint.token, PHASE, "unopened")
+    runs = [run for run in client.runs(PHASE) if run.method == "unopened"]
+    assert len(runs) == 1
+    assert not open_runs(client, "unopened")
+
+
+def test_a_lost_answer_is_asked_for_again_and_begins_one_run(
+    client: avln.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask = client._ask_once
+    asked: list[str] = []
+
+    def lose_twice(attempted: str, method: str, request: Any) -> Any:
+        answer = ask(attempted, method, request)
+        if method.endswith("StartRun"):
+            asked.append(request.client_request_id)
+            if len(asked) < 3:
+                raise LostError(attempted, "UNAVAILABLE")
+        return answer
+
+    monkeypatch.setattr(client, "_ask_once", lose_twice)
+    run = client.start_run(PHASE, "lost and found", "ordered")  # type: ignore[arg-type]
+    assert len(asked) == 3
+    assert len(set(asked)) == 1
+    assert open_runs(client, "lost and found") == [run.id]
+    client.cancel_run(run.id)
+
+
+def test_patience_ends(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    with avln.connect(endpoint.url, endpoint.token, avln.ConnectOptions(patience_s=0.2)) as client:
+        asked: list[str] = []
+
+        def lose(attempted: str, method: str, _: Any) -> Any:
+            asked.append(method)
+            raise LostError(attempted, "UNAVAILABLE")
+
+        monkeypatch.setattr(client, "_ask_once", lose)
+        with pytest.raises(LostError, match="whose token"):
+            client.whoami()
+        assert len(asked) > 1
+
+
+def test_words_that_are_no_order_begin_nothing(endpoint: Endpoint) -> None:
+    with pytest.raises(ValueError, match="sideways"):
+        begin_run(endpoint.url, endpoint.token, PHASE, "sideways", "sideways")  # type: ignore[arg-type]
+
+
+def test_a_play_tells_the_token_that_plays_it_on(endpoint: Endpoint) -> None:
+    play = avln.begin(endpoint.url, endpoint.token, PHASE, "crashed", sensors=avln.Sensors.square(64))
+    token = play.token
+    play.close()
+    with avln.begin(endpoint.url, token, "", "", sensors=avln.Sensors.square(64)) as again:
+        assert again.run == play.run

@@ -1,0 +1,305 @@
+//! Parts of the rules: success regions, sound schedule, and world options.
+
+use avln_episode::{self as episode, Action, DistanceRule, Rules, Sensors, SoundingRule};
+use avln_truth::Target;
+use avln_world::{
+    Camera, CameraView, DepthNoise, DistanceField, Head, InstanceId, Motion, NavPoint, Noise, RgbNoise, Rng,
+    SceneAssets, World, WorldOptions,
+};
+
+/// Picture side for the pixel test in the authors' rule.
+const LOOK_SIDE_PX: u32 = 128;
+/// Largest snap distance from a stored point to the mesh, metres.
+const SNAP_M: f32 = 0.5;
+
+/// Test for success regions.
+pub(crate) struct SuccessTest {
+    rule: DistanceRule,
+    /// Per target: walking distance to the success region.
+    to_region: Vec<DistanceField>,
+    /// Per target: walking distance to the viewpoints.
+    to_viewpoint: Vec<DistanceField>,
+}
+
+impl SuccessTest {
+    pub(crate) fn new(assets: &SceneAssets, targets: &[Target], rules: &Rules) -> Self {
+        let field = |places: &mut dyn Iterator<Item = avln_episode::Point3<f32>>| {
+            let seeds: Vec<(NavPoint, f64)> = places
+                .filter_map(|place| assets.navmesh.snap(&place, SNAP_M))
+                .map(|point| (point, 0.0))
+                .collect();
+            assets.navmesh.field(&seeds)
+        };
+        Self {
+            rule: rules.success_distance,
+            to_region: targets.iter().map(|t| field(&mut t.region.iter().copied())).collect(),
+            to_viewpoint: targets
+                .iter()
+                .map(|t| field(&mut t.viewpoints.iter().map(|v| v.position)))
+                .collect(),
+        }
+    }
+
+    /// Returns the distance to `goal` by the rules' measure, if the body is in the success region.
+    pub(crate) fn distance_within(
+        &self,
+        world: &World,
+        goal: usize,
+        target: &Target,
+        rules: &Rules,
+    ) -> Option<f64> {
+        match self.rule {
+            DistanceRule::CameraToBox => {
+                let assets = world.assets();
+                let sees =
+                    |eye: &_, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
+                target.distance_within_region(&world.pose().position, rules, sees)
+            }
+            DistanceRule::BaseToViewpoint => {
+                let distance_m =
+                    self.to_viewpoint[goal].distance_m(&world.assets().navmesh, &world.standing())?;
+                let near = distance_m < f64::from(rules.success_radius_m);
+                (near && in_picture(world, target, rules)).then_some(distance_m)
+            }
+        }
+    }
+
+    /// Returns whether the body is within the success radius and in sight of another instance in the target's category.
+    /// Measured from camera to box under every rule set.
+    pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
+        let assets = world.assets();
+        let base = world.pose().position;
+        let distractors =
+            assets.scene.objects.iter().filter(|object| {
+                object.category == target.category && object.id != InstanceId(target.instance)
+            });
+        distractors.into_iter().any(|object| {
+            let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
+            // Its floor is unknown. Anything visible within the radius is on the body's floor.
+            let it = Target {
+                instance: object.id.0,
+                bounds: object.bounds,
+                floor_y_m: base.y,
+                region: Vec::new(),
+                viewpoints: Vec::new(),
+                category: String::new(),
+                ..*target
+            };
+            it.distance_within_region(&base, rules, sees).is_some()
+        })
+    }
+
+    /// Returns the walking distance from the body to the goal's success region, metres.
+    pub(crate) fn walk_m(&self, world: &World, goal: usize) -> Option<f64> {
+        self.to_region[goal].distance_m(&world.assets().navmesh, &world.standing())
+    }
+}
+
+fn in_picture(world: &World, target: &Target, rules: &Rules) -> bool {
+    let camera = Camera {
+        eye: world.eye(),
+        world_from_camera: world.pose().rotation(),
+        width: LOOK_SIDE_PX,
+        height: LOOK_SIDE_PX,
+        hfov_rad: 2.0 * Rules::HALF_VIEW_RAD,
+        depth_max_m: rules.depth_max_m,
+    };
+    world.assets().render(&camera).instances.contains(&InstanceId(target.instance))
+}
+
+/// Sounding schedule: a function of seed, rules and completion steps.
+#[derive(Clone, Debug)]
+pub(crate) struct Schedule {
+    turn: Turn,
+    window_steps: u32,
+}
+
+#[derive(Clone, Debug)]
+enum Turn {
+    /// Cycles through a drawn order; skips silent targets.
+    Drawn { order: Vec<usize>, place: usize, steps_left: u32 },
+    /// Cycles through all goals in order; counts only moves and turns.
+    Goals { count: usize, moves: u32 },
+}
+
+impl Schedule {
+    pub(crate) fn new(rules: &Rules, goal_count: usize, rng: &mut Rng) -> Self {
+        let window_steps = rules.sounding_window_steps.max(1);
+        let turn = match rules.sounding {
+            SoundingRule::UnfinishedInDrawnOrder => {
+                let mut order: Vec<_> = (0..goal_count).collect();
+                rng.shuffle(&mut order);
+                Turn::Drawn { order, place: 0, steps_left: window_steps }
+            }
+            SoundingRule::AllInGoalOrder => Turn::Goals { count: goal_count, moves: 0 },
+        };
+        Self { turn, window_steps }
+    }
+
+    /// Returns the sounding target for the next observation; `None` if all are silent. `moved` is true for moves and turns.
+    pub(crate) fn next(&mut self, silent: &[bool], moved: bool) -> Option<usize> {
+        match &mut self.turn {
+            Turn::Drawn { order, place, steps_left } => {
+                if silent.iter().all(|&silent| silent) {
+                    return None;
+                }
+                if *steps_left == 0 || silent[order[*place]] {
+                    *place = next_place(order, *place, silent);
+                    *steps_left = self.window_steps;
+                }
+                *steps_left -= 1;
+                Some(order[*place])
+            }
+            Turn::Goals { count, moves } => {
+                *moves += u32::from(moved);
+                Some((moves.saturating_sub(1) / self.window_steps) as usize % *count)
+            }
+        }
+    }
+}
+
+/// Returns the next place in the cycle with a sounding target; at least one exists.
+fn next_place(order: &[usize], place: usize, silent: &[bool]) -> usize {
+    let cycle = (1..=order.len()).map(|ahead| (place + ahead) % order.len());
+    cycle.into_iter().find(|&next| !silent[order[next]]).unwrap_or(place)
+}
+
+pub(crate) fn motion_of(action: Action) -> Motion {
+    match action {
+        Action::MoveForward => Motion::Forward,
+        Action::TurnLeft => Motion::Left,
+        Action::TurnRight => Motion::Right,
+        Action::Submit | Action::Stop => Motion::Stay,
+    }
+}
+
+pub(crate) fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
+    let view = CameraView { width: sensors.width, height: sensors.height, hfov_rad: sensors.hfov_rad };
+    WorldOptions {
+        forward_m: rules.forward_m,
+        turn_deg: rules.turn_deg,
+        camera_height_m: rules.camera_height_m,
+        ear_height_m: rules.ear_height_m,
+        depth_max_m: rules.depth_max_m,
+        samples_per_step: rules.samples_per_step() as usize,
+        view: (sensors.rgb || sensors.depth).then_some(view),
+        audio: sensors.audio,
+        head: Head::default(),
+        noise: Noise::default(),
+    }
+}
+
+pub(crate) fn noise(rules: &Rules, seed: u64) -> Noise {
+    let depth = match rules.depth_noise {
+        episode::DepthNoise::None => DepthNoise::None,
+        episode::DepthNoise::Redwood => DepthNoise::Redwood,
+    };
+    let rgb = match rules.rgb_noise {
+        episode::RgbNoise::None => RgbNoise::None,
+        episode::RgbNoise::Gaussian => RgbNoise::Gaussian,
+    };
+    Noise { depth, rgb, seed }
+}
+
+pub(crate) fn scaled(mut depth: Vec<f32>, divisor: f32) -> Vec<f32> {
+    if divisor != 1.0 {
+        depth.iter_mut().for_each(|metres| *metres /= divisor);
+    }
+    depth
+}
+
+/// Appends silence per ear up to `length` samples.
+pub(crate) fn padded(audio: &[f32], length: usize) -> Vec<f32> {
+    let samples = audio.len() / Sensors::AUDIO_CHANNELS as usize;
+    let mut out = vec![0.0; length.max(samples) * Sensors::AUDIO_CHANNELS as usize];
+    for (ear, heard) in out.chunks_mut(length.max(samples)).zip(audio.chunks(samples.max(1))) {
+        ear[..heard.len()].copy_from_slice(heard);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(rules: &Rules, silent_from: [u32; 3], steps: u32) -> Vec<usize> {
+        let mut schedule = Schedule::new(rules, 3, &mut Rng::new(4));
+        (0..steps).filter_map(|step| schedule.next(&silent_from.map(|from| step >= from), step > 0)).collect()
+    }
+
+    #[test]
+    fn unfinished_targets_take_turns_of_one_window() {
+        let heard = run(&Rules::paper(), [u32::MAX; 3], 150);
+        let turns: Vec<_> = heard.chunks(25).map(|turn| turn[0]).collect();
+        assert!(heard.chunks(25).all(|turn| turn.iter().all(|&target| target == turn[0])));
+        assert_eq!(turns[..3], turns[3..]);
+        let mut once = turns[..3].to_vec();
+        once.sort_unstable();
+        assert_eq!(once, [0, 1, 2]);
+    }
+
+    #[test]
+    fn found_target_falls_silent_in_the_same_step() {
+        let first = run(&Rules::paper(), [u32::MAX; 3], 1)[0];
+        let mut silent_from = [u32::MAX; 3];
+        silent_from[first] = 10;
+        let heard = run(&Rules::paper(), silent_from, 200);
+        assert!(heard[..10].iter().all(|&target| target == first));
+        assert!(heard[10..].iter().all(|&target| target != first));
+    }
+
+    #[test]
+    fn silence_after_all_targets_are_found() {
+        assert_eq!(run(&Rules::paper(), [5; 3], 30).len(), 5);
+    }
+
+    #[test]
+    fn authors_schedule_switches_at_observation_26() {
+        let heard = run(&Rules::authors(), [0; 3], 52);
+        assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
+    }
+
+    /// Success rate for guessing the sounding target from the step number, learnt from other episodes; and the episode
+    /// count.
+    fn guessed(rules: &Rules) -> (f64, f64) {
+        const EPISODES: u64 = 4000;
+        const STEPS: usize = 300;
+        let mut rng = Rng::new(8);
+        let mut episode = |_| {
+            let silent_from: [u32; 3] = std::array::from_fn(|_| rng.below(3 * STEPS) as u32);
+            let mut schedule = Schedule::new(rules, 3, &mut Rng::new(rng.next_u64()).fork("schedule"));
+            let next = |step| schedule.next(&silent_from.map(|from| step >= from), step > 0);
+            (0..STEPS as u32).map(next).collect::<Vec<_>>()
+        };
+        let episodes: Vec<_> = (0..EPISODES).map(&mut episode).collect();
+        let (known, unknown) = episodes.split_at(episodes.len() / 2);
+        let count = |step: usize, goal| known.iter().filter(|heard| heard[step] == Some(goal)).count();
+        let guesses: Vec<_> = (0..STEPS).map(|step| (0..3).max_by_key(|&goal| count(step, goal))).collect();
+        let right = |step: usize| {
+            unknown.iter().filter(|heard| heard[step].is_some() && heard[step] == guesses[step]).count()
+        };
+        let sounding = unknown.iter().flatten().flatten().count();
+        ((0..STEPS).map(right).sum::<usize>() as f64 / sounding as f64, unknown.len() as f64)
+    }
+
+    #[test]
+    fn step_number_reveals_no_sounding_target() {
+        let (right, episodes) = guessed(&Rules::paper());
+        let chance: f64 = 1.0 / 3.0;
+        let deviation = (chance * (1.0 - chance) / episodes).sqrt();
+        assert!(right <= chance + 3.0 * deviation, "{right} are right, {chance} by chance");
+        let (right, _) = guessed(&Rules::authors());
+        assert_eq!(right, 1.0, "this test sees a leak");
+    }
+
+    #[test]
+    fn first_target_is_uniform() {
+        let first = |seed| {
+            Schedule::new(&Rules::paper(), 4, &mut Rng::new(seed).fork("schedule")).next(&[false; 4], false)
+        };
+        let mut counts = [0; 4];
+        (0..4000).filter_map(first).for_each(|goal| counts[goal] += 1);
+        // Three standard deviations of a draw of one in four.
+        assert!(counts.iter().all(|count| (918..=1082).contains(count)), "{counts:?}");
+    }
+}

@@ -1,0 +1,238 @@
+//! Sound over time: continuity, switches, superposition.
+
+use crate::common::{free_field, listener, noise, point, two_rooms};
+use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, SAMPLE_RATE_HZ};
+use avln_geom::{Point3, Rng};
+
+const STEP: usize = 4000;
+
+fn emitter(house: &Acoustics, position: Point3<f32>, seed: u64) -> Emitter {
+    Emitter { source: house.source(&position), clip: noise(seed, 20_011), offset_samples: 17 }
+}
+
+/// Left ear of several steps, joined.
+fn left(steps: &[Vec<f32>]) -> Vec<f32> {
+    steps.iter().flat_map(|step| step[..step.len() / 2].to_vec()).collect()
+}
+
+fn energy(samples: &[f32]) -> f64 {
+    samples.iter().map(|sample| f64::from(sample * sample)).sum()
+}
+
+#[test]
+fn standing_still_is_one_long_convolution() {
+    let emitter = emitter(&two_rooms(true), point(2.5, 1.0, 3.4), 1);
+    let place = listener(6.0, 3.0, 30.0);
+    let response = emitter.source.impulse_response(&place);
+    let clip = emitter.clip.samples.clone();
+    let mut ears = Ears::new(vec![emitter], STEP);
+    let heard = left(&(0..100).map(|_| ears.hear(&place, Some(0))).collect::<Vec<_>>());
+    let mut rng = Rng::new(2);
+    let fade = |t: usize| ((t as f32 + 0.5) / 160.0).min(1.0);
+    for _ in 0..3000 {
+        let now = rng.below(heard.len());
+        let reach = response.left.len().min(now + 1);
+        let tap = |k: usize| f64::from(response.left[k] * fade(now - k) * clip[(17 + now - k) % clip.len()]);
+        let expected: f64 = (0..reach).map(tap).sum();
+        assert!(
+            (expected - f64::from(heard[now])).abs() < 1e-6,
+            "sample {now}: {} not {expected}",
+            heard[now]
+        );
+    }
+}
+
+#[test]
+fn steps_of_any_size_make_the_same_sound() {
+    let house = two_rooms(true);
+    let place = listener(5.0, 1.5, 0.0);
+    let hear = |size: usize| {
+        let mut ears = Ears::new(vec![emitter(&house, point(1.0, 1.0, 1.0), 3)], size);
+        left(&(0..12_000 / size).map(|_| ears.hear(&place, Some(0))).collect::<Vec<_>>())
+    };
+    let whole = hear(12_000);
+    for size in [4000, 1000, 250] {
+        assert!(hear(size).iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-5), "steps of {size}");
+    }
+    assert!(Ears::new(vec![emitter(&house, point(1.0, 1.0, 1.0), 3)], 0).hear(&place, Some(0)).is_empty());
+}
+
+#[test]
+fn moving_and_turning_makes_no_clicks() {
+    let house = two_rooms(true);
+    let tone: Vec<f32> = (0..16_000).map(|n| (std::f32::consts::TAU * n as f32 / 16.0).sin()).collect();
+    for samples in [tone.into(), noise(4, 16_000).samples] {
+        let mut emitter = emitter(&house, point(2.5, 1.0, 1.4), 0);
+        emitter.clip.samples = samples;
+        let mut ears = Ears::new(vec![emitter], STEP);
+        let pose = |step: usize| match step % 2 {
+            0 => listener(1.0 + 0.125 * step as f32, 1.5, 30.0 * step as f32),
+            _ => listener(0.875 + 0.125 * step as f32, 1.5, 30.0 * step as f32),
+        };
+        let heard = left(&(0..40).map(|step| ears.hear(&pose(step), Some(0))).collect::<Vec<_>>());
+        let bend = |n: usize| (heard[n - 1] - 2.0 * heard[n] + heard[n + 1]).abs();
+        for border in (2 * STEP..39 * STEP).step_by(STEP) {
+            let mut inside: Vec<f32> =
+                (border - 3000..border + 3000).filter(|n| n.abs_diff(border) > 8).map(bend).collect();
+            inside.sort_by(f32::total_cmp);
+            let worst = (border - 2..=border + 2).map(bend).fold(0.0, f32::max);
+            assert!(
+                worst <= 1.5 * inside[inside.len() * 999 / 1000],
+                "a click of {worst} at sample {border}"
+            );
+        }
+    }
+}
+
+/// Lag of the left ear, samples, by plain correlation.
+fn lag(left: &[f32], right: &[f32]) -> i32 {
+    let similarity = |lag: i32| -> f32 {
+        let pairs = 20..left.len() as i32 - 20;
+        pairs.map(|n| left[n as usize] * right[(n - lag) as usize]).sum()
+    };
+    (-14..=14).max_by(|a, b| similarity(*a).total_cmp(&similarity(*b))).unwrap_or(0)
+}
+
+#[test]
+fn a_switch_is_heard_from_the_new_side_at_once() {
+    let house = free_field();
+    let sides = [point(3.0, 1.0, -0.5), point(-3.0, 1.0, -0.5)];
+    let emitters = vec![emitter(&house, sides[0], 5), emitter(&house, sides[1], 6)];
+    let mut ears = Ears::new(emitters, STEP);
+    let place = listener(0.0, 0.0, 0.0);
+    for step in 0..12 {
+        let sounding = step / 3 % 2;
+        let heard = ears.hear(&place, Some(sounding));
+        // 3.04 m: 142 samples of travel; the fade of the old source is over 160 samples after its switch.
+        let (left, right) = (&heard[400..STEP], &heard[STEP + 400..]);
+        let expected = if sounding == 0 { 10 } else { -10 };
+        assert!((lag(left, right) - expected).abs() <= 2, "step {step}: {}", lag(left, right));
+        if step == 0 {
+            assert!(heard[..100].iter().all(|sample| sample.abs() < 1e-3), "sound before it can arrive");
+        }
+    }
+}
+
+#[test]
+fn a_silenced_source_rings_out_and_then_there_is_nothing() {
+    let house = two_rooms(true);
+    let place = listener(7.0, 3.0, 0.0);
+    let source = emitter(&house, point(1.0, 1.0, 3.0), 7);
+    let tail = source.source.impulse_response(&place).len();
+    let mut ears = Ears::new(vec![source], 500);
+    let before = energy(&(0..4).flat_map(|_| ears.hear(&place, Some(0))).collect::<Vec<_>>()[3000..]);
+    let ringing = ears.hear(&place, None);
+    assert!(energy(&ringing) > 0.1 * before / 2.0 && tail > 300, "the way is {tail} samples long");
+    let silent_after = (160 + tail).div_ceil(500) - 1;
+    for step in 0..80 {
+        let heard = ears.hear(&place, if step % 2 == 0 { None } else { Some(99) });
+        assert!(step < silent_after || heard.iter().all(|sample| *sample == 0.0), "step {step}");
+    }
+}
+
+#[test]
+fn two_sources_together_are_the_sum_of_each_alone() {
+    let house = two_rooms(true);
+    let emitters = [emitter(&house, point(1.0, 1.0, 3.0), 8), emitter(&house, point(7.0, 0.5, 0.5), 9)];
+    let schedule = [Some(0), Some(1), Some(1), None, Some(0), Some(1)];
+    let pose = |step: usize| listener(5.0 + 0.1 * step as f32, 2.0, 30.0 * step as f32);
+    let mut both = Ears::new(emitters.to_vec(), STEP);
+    let mut alone = emitters.map(|emitter| Ears::new(vec![emitter], STEP));
+    for (step, sounding) in schedule.into_iter().enumerate() {
+        let together = both.hear(&pose(step), sounding);
+        let parts: Vec<_> = (0..2)
+            .map(|index| alone[index].hear(&pose(step), (sounding == Some(index)).then_some(0)))
+            .collect();
+        for (n, sample) in together.iter().enumerate() {
+            assert!((sample - parts[0][n] - parts[1][n]).abs() <= 1e-5);
+        }
+    }
+}
+
+#[test]
+fn clips_run_on_while_they_are_not_heard() {
+    let house = free_field();
+    let place = listener(0.0, 0.0, 0.0);
+    let hear = |schedule: &[Option<usize>]| {
+        let mut ears = Ears::new(vec![emitter(&house, point(0.0, 1.0, -2.0), 10)], STEP);
+        schedule.iter().map(|sounding| ears.hear(&place, *sounding)).next_back().expect("a step")
+    };
+    let (always, paused) = (hear(&[Some(0); 4]), hear(&[Some(0), None, Some(0), Some(0)]));
+    assert!(always.iter().zip(&paused).all(|(a, b)| (a - b).abs() < 1e-6));
+}
+
+#[test]
+fn the_same_episode_has_the_same_bits_and_leaves_no_trace() {
+    let house = two_rooms(true);
+    let bank: Vec<_> = Bank::default().clips().take(2).collect();
+    let run = || {
+        let emitters = [point(1.0, 0.4, 1.0), point(7.0, 0.8, 3.2)].into_iter().zip(&bank);
+        let emitters = emitters.map(|(position, clip)| Emitter {
+            source: house.source(&position),
+            clip: clip.clone(),
+            offset_samples: usize::MAX - 3,
+        });
+        let mut ears = Ears::new(emitters.collect(), STEP);
+        let mut rng = Rng::new(12);
+        let walk = (0..20).map(|step| {
+            let place = Listener {
+                position: point(rng.range(0.5, 7.5), 1.0, rng.range(0.5, 3.5)),
+                heading_rad: rng.range(-4.0, 4.0),
+            };
+            ears.hear(&place, Some(step / 5 % 2))
+        });
+        walk.flatten().collect::<Vec<_>>()
+    };
+    let first = run();
+    assert!(first.iter().all(|sample| sample.is_finite()) && energy(&first) > 1.0);
+    let bits = |samples: &[f32]| samples.iter().map(|sample| sample.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&first), bits(&run()));
+    let threads: Vec<_> = std::thread::scope(|scope| {
+        let running: Vec<_> = (0..2).map(|_| scope.spawn(run)).collect();
+        running.into_iter().map(|thread| thread.join().expect("no panic")).collect()
+    });
+    assert!(threads.iter().all(|other| bits(other) == bits(&first)));
+}
+
+#[test]
+fn a_clip_at_one_metre_has_its_own_level() {
+    let house = free_field();
+    let emitter = Emitter {
+        source: house.source(&point(0.0, 1.0, -1.0)),
+        clip: Bank::default().clip(0).expect("a clip"),
+        offset_samples: 0,
+    };
+    let mut ears = Ears::new(vec![emitter], SAMPLE_RATE_HZ as usize);
+    let place = listener(0.0, 0.0, 0.0);
+    let heard: Vec<f32> = (0..12).flat_map(|_| ears.hear(&place, Some(0))).collect();
+    let level = (energy(&heard) / heard.len() as f64).sqrt();
+    // The head weighs the bands; 0.05 within 3 dB.
+    assert!((0.035..0.071).contains(&level), "{level}");
+}
+
+#[test]
+fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
+    let house = two_rooms(true);
+    let place = |heading_deg: f32| listener(3.0, 1.5, heading_deg);
+    let mut ears = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    let mut still = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    for ears in [&mut ears, &mut still] {
+        (0..2).for_each(|_| drop(ears.hear(&place(0.0), Some(0))));
+        ears.hear(&place(0.0), None);
+    }
+    // A quarter of a second after the end only the tail remains.
+    for step in 1..4 {
+        let (turning, standing) =
+            (ears.hear(&place(30.0 * step as f32), None), still.hear(&place(0.0), None));
+        assert_eq!(turning, standing);
+        assert!(energy(&turning) > 0.0, "step {step} is silent");
+    }
+    let mut fresh = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    (0..6).for_each(|_| drop(fresh.hear(&place(90.0), None)));
+    let again = ears.hear(&place(90.0), Some(0));
+    let new = fresh.hear(&place(90.0), Some(0));
+    // After the fade the sound has the new heading, plus the rest of the old tail.
+    let (late, new) = (&again[2000..STEP], &new[2000..STEP]);
+    let rest: Vec<f32> = late.iter().zip(new).map(|(a, b)| a - b).collect();
+    assert!(energy(&rest) < 0.05 * energy(new), "{} of {}", energy(&rest), energy(new));
+}

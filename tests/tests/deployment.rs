@@ -1,0 +1,413 @@
+//! Containers, Compose and systemd units.
+
+/// Scripts and commands of the compose file, in order, without an engine.
+mod containers {
+    use avln_tests::{
+        repository::{root, text},
+        server::Server,
+    };
+    use std::{
+        fs,
+        os::unix::{fs::symlink, process::CommandExt},
+        path::{Path, PathBuf},
+        process::{Child, Command},
+        time::{Duration, Instant},
+    };
+    use tempfile::TempDir;
+    use yaml_rust2::YamlLoader;
+
+    const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
+    /// Script folder in images.
+    const SCRIPTS: &str = "/usr/local/lib/avln";
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// A container's folder.
+    struct Container {
+        folder: TempDir,
+    }
+
+    impl Container {
+        fn new() -> Self {
+            let folder = TempDir::new().expect("a folder");
+            fs::create_dir(folder.path().join("bin")).expect("a folder");
+            symlink(PROGRAM, folder.path().join("bin/avln")).expect("a link");
+            Self { folder }
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.folder.path().join(name)
+        }
+
+        /// A command with the image's path and data folder.
+        fn command(&self, words: &[String]) -> Command {
+            let local = |word: &String| word.replace(SCRIPTS, &root().join("docker").display().to_string());
+            let words: Vec<String> = words.iter().map(local).collect();
+            let path = std::env::var("PATH").unwrap_or_default();
+            let mut command = Command::new(&words[0]);
+            command.args(&words[1..]).env("PATH", format!("{}:{path}", self.path("bin").display()));
+            command.env("AVLN_DATA", self.path("data")).env_remove("AVLN_TOKEN").env_remove("AVLN_CA");
+            command.env("AVLN_TOKEN_FILE", self.path("token"));
+            command
+        }
+
+        fn succeeds(&self, mut command: Command) -> String {
+            let output = command.output().expect("it starts");
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert!(
+                output.status.success(),
+                "{command:?}: {text}{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
+            text
+        }
+    }
+
+    /// A service's command in the compose file.
+    fn command_of(service: &str) -> Vec<String> {
+        let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
+        let command = &documents[0]["services"][service]["command"];
+        command
+            .as_vec()
+            .expect("words")
+            .iter()
+            .map(|word| word.as_str().expect("a word").to_owned())
+            .collect()
+    }
+
+    /// The agent image's entry point.
+    fn entry() -> String {
+        let file = text("docker/agents.Dockerfile");
+        let entry = file.lines().find_map(|line| line.strip_prefix("ENTRYPOINT [\"")).expect("an entry");
+        entry.trim_end_matches("\"]").to_owned()
+    }
+
+    #[test]
+    fn a_trial_is_set_up_once_and_its_agent_plays_by_the_token_in_the_file() {
+        let container = Container::new();
+        let setup = || container.succeeds(container.command(&command_of("trial-setup")));
+        assert!(setup().contains("phase practice is open"));
+        let token = fs::read_to_string(container.path("token")).expect("a token");
+        assert!(setup().is_empty(), "a second start finds it");
+        assert_eq!(fs::read_to_string(container.path("token")).expect("a token"), token);
+
+        let server = Server::start(PROGRAM, &container.path("data"));
+        let words = [vec![entry()], command_of("trial-random")].concat();
+        let mut agent = container.command(&words);
+        agent.env("AVLN_SERVER", format!("http://{}", server.grpc));
+        assert!(container.succeeds(agent).contains("6 of 6 episodes, complete"));
+    }
+
+    /// Backups in `folder`.
+    fn backups(folder: &Path) -> Vec<PathBuf> {
+        let files = fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+        files.filter(|file| file.extension().is_some_and(|end| end == "tar")).collect()
+    }
+
+    fn wait(what: &str, until: impl Fn() -> bool) {
+        let begun = Instant::now();
+        while !until() {
+            assert!(begun.elapsed() < PATIENCE, "not within {PATIENCE:?}: {what}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Ends a script and its children.
+    fn end(mut script: Child) {
+        let group = format!("-{}", script.id());
+        assert!(Command::new("kill").args(["-KILL", "--", &group]).status().expect("kill").success());
+        script.wait().expect("it is gone");
+    }
+
+    #[test]
+    fn the_latest_backups_are_kept() {
+        let container = Container::new();
+        let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
+        container.succeeds(container.command(&words("avln challenge team add Ada")));
+        let folder = container.path("backups");
+        fs::create_dir(&folder).expect("a folder");
+        let mut known = Vec::new();
+        for _ in 0..3 {
+            let mut script = container.command(&command_of("challenge-backup"));
+            script.env("BACKUPS", &folder).env("KEEP", "2").process_group(0);
+            let script = script.spawn().expect("it starts");
+            wait("a backup is made", || backups(&folder).iter().any(|file| !known.contains(file)));
+            known.extend(backups(&folder));
+            known.sort();
+            known.dedup();
+            wait("what is too old goes", || backups(&folder).len() <= 2);
+            // File names have a resolution of a second.
+            std::thread::sleep(Duration::from_secs(1));
+            end(script);
+        }
+        assert_eq!(known.len(), 3, "{known:?}");
+        let mut kept = backups(&folder);
+        kept.sort();
+        assert_eq!(kept, known[1..]);
+        let restored = container.path("restored");
+        let mut restore = container.command(&words("avln data db restore"));
+        restore.arg(&kept[1]).env("AVLN_DATA", &restored);
+        assert!(container.succeeds(restore).contains("1 teams"));
+    }
+}
+
+/// Privileges of containers; a sealed agent reaches only its server.
+mod packages {
+    use avln_tests::{
+        repository::{root, text},
+        skipped::skipped,
+    };
+    use std::{
+        io::Write,
+        process::{Command, Output, Stdio},
+    };
+    use yaml_rust2::{Yaml, YamlLoader, yaml::Hash};
+
+    const PROFILES: [&str; 3] = ["trial", "challenge", "sealed"];
+
+    /// A mapping with resolved `<<` keys; own keys have priority.
+    fn merged(value: &Yaml) -> Yaml {
+        match value {
+            Yaml::Hash(entries) => {
+                let key = Yaml::String("<<".into());
+                let base = entries.get(&key).map(merged);
+                let mut whole = base.map_or_else(Hash::new, |base| base.into_hash().expect("a mapping"));
+                for (name, value) in entries.iter().filter(|(name, _)| **name != key) {
+                    whole.replace(name.clone(), merged(value));
+                }
+                Yaml::Hash(whole)
+            }
+            Yaml::Array(list) => Yaml::Array(list.iter().map(merged).collect()),
+            other => other.clone(),
+        }
+    }
+
+    fn compose() -> Yaml {
+        let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
+        assert_eq!(documents.len(), 1);
+        merged(&documents[0])
+    }
+
+    /// Mapping entries; empty if absent.
+    fn entries(value: &Yaml) -> Vec<(String, Yaml)> {
+        let entries = value.as_hash().into_iter().flatten();
+        entries.map(|(name, value)| (name.as_str().expect("a name").to_owned(), value.clone())).collect()
+    }
+
+    /// List items; empty if absent.
+    fn words(value: &Yaml) -> Vec<&str> {
+        value.as_vec().into_iter().flatten().map(|word| word.as_str().expect("a word")).collect()
+    }
+
+    fn services() -> Vec<(String, Yaml)> {
+        let services = entries(&compose()["services"]);
+        assert!(services.len() > 5, "{services:?}");
+        services
+    }
+
+    fn service(name: &str) -> Yaml {
+        compose()["services"][name].clone()
+    }
+
+    fn is_agent(service: &Yaml) -> bool {
+        service["image"].as_str().expect("an image").contains("avln-agents")
+    }
+
+    #[test]
+    fn each_container_may_do_next_to_nothing() {
+        for (name, service) in services() {
+            assert_eq!(service["user"].as_str(), Some("10001:10001"), "{name}");
+            assert_eq!(service["read_only"].as_bool(), Some(true), "{name}");
+            assert_eq!(words(&service["cap_drop"]), ["ALL"], "{name}");
+            assert_eq!(words(&service["security_opt"]), ["no-new-privileges:true"], "{name}");
+            assert!(service["pids_limit"].as_i64().is_some_and(|limit| limit > 0), "{name}");
+            for wider in ["privileged", "cap_add", "devices", "pid", "ipc", "userns_mode", "volumes_from"] {
+                assert!(service[wider].is_badvalue(), "{name}: {wider}");
+            }
+            let network = service["network_mode"].as_str();
+            assert!(network.is_none() || network == Some("none"), "{name}: {network:?}");
+            assert!(words(&service["volumes"]).iter().all(|volume| !volume.contains(".sock")), "{name}");
+        }
+    }
+
+    #[test]
+    fn each_service_is_of_the_profile_in_its_name() {
+        for (name, service) in services() {
+            let [profile] = words(&service["profiles"])[..] else { panic!("{name} is of one profile") };
+            assert!(PROFILES.contains(&profile) && name.starts_with(&format!("{profile}-")), "{name}");
+            for (other, _) in entries(&service["depends_on"]) {
+                assert!(other.starts_with(&format!("{profile}-")), "{name} waits for {other}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_needs_a_server_waits_until_it_is_well() {
+        assert!(text("docker/server.Dockerfile").contains("HEALTHCHECK"));
+        for profile in PROFILES {
+            let server = format!("{profile}-server");
+            assert!(service(&server)["healthcheck"].is_badvalue(), "{server} has that of its image");
+            let waits = |(_, service): &(String, Yaml)| {
+                service["depends_on"][server.as_str()]["condition"].as_str() == Some("service_healthy")
+            };
+            assert!(services().iter().any(waits), "something waits for {server}");
+        }
+        for (name, service) in services().iter().filter(|(_, service)| is_agent(service)) {
+            let profile = words(&service["profiles"])[0];
+            let condition = &service["depends_on"][format!("{profile}-server").as_str()]["condition"];
+            assert_eq!(condition.as_str(), Some("service_healthy"), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_sealed_agent_reaches_nothing_but_its_server() {
+        let agent = service("sealed-agent");
+        assert_eq!(words(&agent["networks"]), ["cell"]);
+        for way in ["ports", "volumes", "secrets", "configs", "extra_hosts", "dns", "links", "network_mode"] {
+            assert!(agent[way].is_badvalue(), "{way}");
+        }
+        let cell = &compose()["networks"]["cell"];
+        assert_eq!(cell["internal"].as_bool(), Some(true));
+        for mode in ["gateway_mode_ipv4", "gateway_mode_ipv6"] {
+            let gateway = &cell["driver_opts"][format!("com.docker.network.bridge.{mode}").as_str()];
+            assert_eq!(gateway.as_str(), Some("isolated"), "{mode}");
+        }
+        let inside = |(_, service): &(String, Yaml)| words(&service["networks"]).contains(&"cell");
+        let inside: Vec<_> = services().into_iter().filter(inside).map(|(name, _)| name).collect();
+        assert_eq!(inside, ["sealed-server", "sealed-agent"]);
+        let server = service("sealed-server");
+        assert_eq!(words(&server["networks"]), ["cell"]);
+        assert!(words(&server["command"]).contains(&"127.0.0.1:8080"), "only the gRPC server is reachable");
+    }
+
+    #[test]
+    fn agents_are_kept_from_the_truth() {
+        let agents: Vec<_> = services().into_iter().filter(|(_, service)| is_agent(service)).collect();
+        assert_eq!(agents.len(), 3, "{agents:?}");
+        for (name, agent) in agents {
+            let volumes = words(&agent["volumes"]);
+            assert!(volumes.is_empty() || volumes == ["trial-token:/token:ro"], "{name}: {volumes:?}");
+        }
+    }
+
+    #[test]
+    fn plain_text_is_for_this_machine() {
+        for (name, service) in services() {
+            let secure = !service["environment"]["AVLN_TLS_CERT"].is_badvalue();
+            for port in words(&service["ports"]) {
+                assert!(secure || port.starts_with("127.0.0.1:"), "{name}: {port}");
+            }
+        }
+        let challenge = service("challenge-server");
+        assert_eq!(words(&challenge["ports"]).len(), 2);
+        assert!(challenge["environment"]["AVLN_ALLOW_PLAIN_TEXT"].is_badvalue());
+    }
+
+    #[test]
+    fn secrets_come_from_files() {
+        let known = compose();
+        for (name, service) in services() {
+            let secrets = words(&service["secrets"]);
+            assert!(secrets.iter().all(|secret| !known["secrets"][*secret]["file"].is_badvalue()), "{name}");
+            for (variable, value) in entries(&service["environment"]) {
+                let value = value.as_str().expect("a text");
+                if let Some(secret) = value.strip_prefix("/run/secrets/") {
+                    assert!(secrets.contains(&secret), "{name}: {variable}");
+                }
+                let is_token = variable == "AVLN_TOKEN";
+                assert!(!is_token || value == "${AVLN_TOKEN:-}", "{name}: a token in the file");
+            }
+            for volume in words(&service["volumes"]) {
+                let source = volume.split(':').next().unwrap_or_default();
+                assert!(
+                    source.starts_with("./") || !known["volumes"][source].is_badvalue(),
+                    "{name}: {volume}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn images_are_built_by_the_script_and_run_as_nobody() {
+        for image in ["docker/server.Dockerfile", "docker/agents.Dockerfile"] {
+            let file = text(image);
+            assert!(file.contains("    docker/build.sh /built\n"), "{image}");
+            assert!(!file.contains("cargo build"), "{image}");
+            let user = file.lines().rev().find_map(|line| line.strip_prefix("USER "));
+            assert_eq!(user, Some("10001:10001"), "{image}");
+            let copied = file.lines().filter_map(|line| line.strip_prefix("COPY docker/"));
+            let copied: Vec<_> =
+                copied.flat_map(str::split_whitespace).filter(|word| !word.starts_with('/')).collect();
+            assert!(!copied.is_empty(), "{image}");
+            for script in copied {
+                let script = root().join("docker").join(script.trim_start_matches("docker/"));
+                assert!(script.is_file(), "{image}: {}", script.display());
+            }
+        }
+        let compose = compose();
+        for (name, service) in entries(&compose["services"]) {
+            if let Some(file) = service["build"]["dockerfile"].as_str() {
+                assert!(root().join(file).is_file(), "{name}: {file}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_command_has_a_page_and_each_shell_completions() {
+        let folder = tempfile::TempDir::new().expect("a folder for temporary files");
+        let program = env!("CARGO_BIN_EXE_avln_under_test");
+        let output = Command::new(program).arg("manual").arg(folder.path()).output().expect("it starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        for line in text("docs/CLI.md").lines().filter_map(|line| line.strip_prefix("## avln")) {
+            let page = folder.path().join("man1").join(format!("avln{}.1", line.replace(' ', "-")));
+            assert!(page.is_file(), "{}", page.display());
+        }
+        for file in ["avln.bash", "_avln", "avln.fish"] {
+            let completions = std::fs::read_to_string(folder.path().join("completions").join(file));
+            assert!(completions.is_ok_and(|text| text.contains("pag-nav")), "{file}");
+        }
+    }
+
+    /// Docker Compose as a plugin or as a separate program.
+    fn installed_compose() -> Option<Command> {
+        let forms: [&[&str]; 2] = [&["docker", "compose"], &["docker-compose"]];
+        forms.into_iter().find_map(|form| {
+            let command = || {
+                let mut command = Command::new(form[0]);
+                command.args(&form[1..]);
+                command
+            };
+            let found = command().arg("version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+            found.is_ok_and(|status| status.success()).then(command)
+        })
+    }
+
+    /// Services listed by Compose. Version 1 has no project names and lists services in all profiles.
+    fn services_of_profile(mut compose: Command, profile: &str) -> Output {
+        let folder = root().join("docker");
+        compose.args(["--profile", profile, "--project-name", "avln", "--project-directory"]).arg(folder);
+        compose.args(["--file", "-", "config", "--services"]);
+        let file = text("docker/compose.yaml").replace("name: avln\n", "");
+        let pipes = compose.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut process = pipes.spawn().expect("Compose starts");
+        process.stdin.take().expect("a pipe").write_all(file.as_bytes()).expect("Compose reads");
+        process.wait_with_output().expect("Compose ends")
+    }
+
+    #[test]
+    fn compose_reads_each_profile() {
+        for profile in PROFILES {
+            let Some(compose) = installed_compose() else {
+                skipped(
+                    "compose_reads_each_profile",
+                    "install Docker Compose, such as: apt-get install docker-compose",
+                );
+                return;
+            };
+            let output = services_of_profile(compose, profile);
+            let names = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert!(output.status.success(), "{profile}: {}", String::from_utf8_lossy(&output.stderr));
+            let of_profile = names.lines().filter(|name| name.starts_with(profile)).count();
+            assert!(of_profile > 1, "{profile}: {names}");
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Verification and rescoring of run logs.
+
+/// `avln run verify` relies only on the run log. Teams download it; the check runs with and without the
+/// organiser's data, and detects every forgery with valid hashes.
+mod verification {
+    use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
+    use avln_client::{Client, RunOptions};
+    use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
+    use std::{
+        fs,
+        path::{Path, PathBuf},
+        process::Command,
+    };
+    use tempfile::TempDir;
+
+    /// A server, a finished run, and its downloaded log.
+    struct Played {
+        server: TestServer,
+        files: TempDir,
+        log: PathBuf,
+        key: String,
+    }
+
+    impl Played {
+        async fn new() -> Self {
+            let server = TestServer::open(&TestSetup::default()).await;
+            let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+            let open = client.start_run(RunOptions::new(PHASE, "idle")).await.expect("a run").id;
+            let early = http::get(server.servers.web, &format!("/api/v1/runs/{open}/log")).await;
+            assert_eq!(early.status, 400, "the run is not over: {}", early.body);
+            let run = play_script(&server.agents_url(), &server.token, "walker").await;
+            let answer = http::get(server.servers.web, &format!("/api/v1/runs/{run}/log")).await;
+            assert_eq!(answer.status, 200, "{}", answer.body);
+            let status = http::get(server.servers.web, "/api/v1/status").await;
+            let status: serde_json::Value = serde_json::from_str(&status.body).expect("JSON");
+            let files = TempDir::new().expect("a folder for temporary files");
+            let log = files.path().join("fetched.log");
+            fs::write(&log, answer.body).expect("a copy");
+            Self { server, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
+        }
+
+        /// Runs `avln run verify` with the organiser's data; returns success and output.
+        fn verify(&self, log: &Path, more: &[&str]) -> (bool, String) {
+            verify(self.server.folder.path(), log, more)
+        }
+
+        fn refused(&self, log: &Path, more: &[&str], words: &str) {
+            let (content, text) = self.verify(log, more);
+            assert!(!content && text.contains(words), "'{words}' in: {text}");
+        }
+
+        /// The log with other entries, in a chain that fits.
+        fn forged(&self, forge: impl FnOnce(&mut Vec<Entry>)) -> PathBuf {
+            let mut entries = History::read(&self.log).expect("the log").entries;
+            forge(&mut entries);
+            let folder = TempDir::new_in(self.files.path()).expect("a folder").keep();
+            let logs = RunLogs::at(&folder);
+            let mut entries = entries.into_iter();
+            let first = entries.next().expect("a first line");
+            let log = logs.open("forged", || first).expect("a log");
+            entries.for_each(|entry| log.write(&entry).expect("a line"));
+            logs.path("forged")
+        }
+    }
+
+    fn verify(data: &Path, log: &Path, more: &[&str]) -> (bool, String) {
+        let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+        let output = verify
+            .arg("--data")
+            .arg(data)
+            .args(["run", "verify"])
+            .arg(log)
+            .args(more)
+            .output()
+            .expect("the program runs");
+        let text =
+            String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+        (output.status.success(), text)
+    }
+
+    /// Removes signatures, so that only the replay can detect a forgery.
+    fn unsign(entries: &mut Vec<Entry>) {
+        entries.retain(|entry| !matches!(entry, Entry::Signed { .. }));
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_log_is_checked_with_the_organisers_data_and_without() {
+        let played = Played::new().await;
+        let (content, text) = played.verify(&played.log, &["--key", &played.key]);
+        assert!(content, "{text}");
+        for words in ["episodes   2 played again: all 82 actions", "metrics    2 recomputed", &played.key] {
+            assert!(text.contains(words), "'{words}' in: {text}");
+        }
+        let nowhere = played.files.path().join("nowhere");
+        for (data, more) in [(nowhere.as_path(), &[][..]), (played.server.folder.path(), &["--log-only"])] {
+            let (content, text) = verify(data, &played.log, more);
+            assert!(content && text.contains("2 with 82 actions, not played again"), "{text}");
+            assert!(
+                text.contains("none changed, left out or put in") && text.contains(&played.key),
+                "{text}"
+            );
+        }
+        assert!(!nowhere.exists(), "looking makes no folder");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn forgeries_are_found() {
+        let played = Played::new().await;
+        let text = fs::read_to_string(&played.log).expect("the log");
+        let spoiled = played.files.path().join("spoiled.log");
+        fs::write(&spoiled, text.replacen("\"thought_us\":", "\"thought_us\":1", 1)).expect("a copy");
+        played.refused(&spoiled, &[], "its hash does not fit");
+
+        let action = played.forged(|entries| {
+            unsign(entries);
+            let act = entries.iter_mut().find_map(|entry| match entry {
+                Entry::Acted { step: 9, action, .. } => Some(action),
+                _ => None,
+            });
+            *act.expect("a ninth step") = serde_json::from_str("\"TurnRight\"").expect("an action");
+        });
+        played.refused(&action, &["--key", &played.key], "not signed");
+        played.refused(&action, &[], "step 9");
+
+        let worth = played.forged(|entries| {
+            unsign(entries);
+            for entry in entries {
+                if let Entry::Ended { metrics, .. } = entry {
+                    metrics.sr = 1.0;
+                }
+            }
+        });
+        played.refused(&worth, &[], "is recorded as worth");
+        let other = SigningKey::at(&played.files.path().join("other.key")).expect("a key");
+        RunLogs::at(worth.parent().expect("a folder")).sign("forged", &other).expect("a signature");
+        played.refused(&worth, &["--key", &played.key], "not by");
+        let (content, text) = played.verify(&worth, &["--log-only"]);
+        assert!(content && text.contains(&other.public()) && !text.contains(&played.key), "{text}");
+
+        let signature = played.forged(|entries| {
+            if let Some(Entry::Signed { signature, .. }) = entries.last_mut() {
+                let flipped = if signature.starts_with('0') { "1" } else { "0" };
+                signature.replace_range(..1, flipped);
+            }
+        });
+        played.refused(&signature, &["--log-only"], "the signature does not fit");
+
+        let longer = played.forged(|entries| {
+            let again = entries.iter().find(|entry| matches!(entry, Entry::Ended { .. })).cloned();
+            entries.extend(again);
+        });
+        played.refused(&longer, &["--log-only"], "lines come after the signature");
+    }
+}
+
+/// Rescoring from the log: the same scorer results in the same bits, another scorer's result is stored
+/// separately.
+mod rescoring {
+    use avln_arena::{
+        data::DataFolder,
+        rescoring::{Scorer, rescore},
+    };
+    use avln_store::Store;
+    use avln_tests::{PHASE, TestServer, TestSetup, http, scripted_run::play_script};
+    use std::{path::Path, process::Command};
+
+    /// Runs `avln run rescore`; returns the exit code and output.
+    fn avln_rescore(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+        let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+        let output = avln
+            .arg("--data")
+            .arg(folder)
+            .args(["run", "rescore"])
+            .args(arguments)
+            .output()
+            .expect("the program runs");
+        let text =
+            String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+        (output.status.code(), text)
+    }
+
+    /// A different scorer: no goal is found, a collision counts twice.
+    const STRICT: Scorer = Scorer {
+        version: "9.0.0",
+        score: |truth, record, rules| {
+            let mut metrics = (Scorer::OURS.score)(truth, record, rules);
+            metrics.collisions *= 2;
+            metrics
+        },
+    };
+
+    async fn store(server: &TestServer) -> Store {
+        DataFolder::open(server.folder.path()).expect("the folder").store().await.expect("its database")
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
+        let server = TestServer::open(&TestSetup::default()).await;
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let folder = server.folder.path();
+        for arguments in [&[run.as_str()][..], &["--phase", PHASE]] {
+            let (code, text) = avln_rescore(folder, arguments);
+            assert_eq!(code, Some(0), "{text}");
+            assert!(text.contains("nothing changed") && text.contains("1 run scored by benchmark"), "{text}");
+        }
+        let (code, json) = avln_rescore(folder, &[&run, "--json"]);
+        let output: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        assert_eq!(
+            (code, &output[0]["is_kept"], &output[0]["episodes"]),
+            (Some(0), &false.into(), &2.into())
+        );
+
+        let page = async |path: &str| http::get(server.servers.web, path).await.body;
+        let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await;
+        let store = store(&server).await;
+        let row = store.run(&run).await.expect("the run");
+        let compared = rescore(&store, &row, &STRICT, 77).await.expect("records");
+        assert!(compared.is_kept && !compared.contradicts());
+        let (before, after) = (compared.before.expect("a summary"), compared.after.expect("a summary"));
+        assert!(before.collisions > 0.0, "the scripted run collides");
+        assert_eq!(after.collisions, 2.0 * before.collisions);
+        assert_eq!(after.sr, before.sr);
+        assert_eq!(
+            page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await,
+            board,
+            "boards show the first scores"
+        );
+        assert!(board.contains(&format!("\"scorer\":\"{}\"", row.scorer())), "{board}");
+        let shown = page(&format!("/runs/{run}")).await;
+        assert!(shown.contains("Rescoring") && shown.contains("9.0.0"), "{shown}");
+        assert!(page(&format!("/leaderboard/{PHASE}?order=unordered")).await.contains("Scored by benchmark"));
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_version_that_says_two_things_and_a_run_without_records_are_told() {
+        let server = TestServer::open(&TestSetup::default()).await;
+        let run = play_script(&server.agents_url(), &server.token, "walker").await;
+        let store = store(&server).await;
+        let row = store.run(&run).await.expect("the run");
+        let forged = Scorer { version: Scorer::OURS.version, ..STRICT };
+        let compared = rescore(&store, &row, &forged, 77).await.expect("records");
+        assert!(compared.contradicts() && !compared.is_kept && !compared.changed.is_empty());
+
+        let (code, text) = avln_rescore(server.folder.path(), &["run_of_nobody"]);
+        assert!(code == Some(3) && text.contains("run_of_nobody"), "{text}");
+        let (code, text) = avln_rescore(server.folder.path(), &[]);
+        assert!(code == Some(2) && text.contains("--phase"), "{text}");
+        let note = avln_store::AuditNote::default();
+        store.prune_records(i64::MAX, note, 78).await.expect("records go");
+        let (code, text) = avln_rescore(server.folder.path(), &[&run]);
+        assert!(code == Some(3) && text.contains("the records of 2 episodes"), "{text}");
+    }
+}
