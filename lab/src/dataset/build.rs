@@ -2,7 +2,7 @@
 
 use super::check;
 use crate::{internal, parallel};
-use avln_arena::dataset::files::{self, DatasetFiles, cannot};
+use avln_arena::dataset::{self, DatasetFiles};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::format::{DATASET_VERSION, digest_of};
 use avln_dataset::{BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene};
@@ -45,7 +45,7 @@ impl Builder {
             Some(known) if known == builder.recipe => {}
             Some(_) => return Err(builder.conflict("another recipe")),
             None if is_complete => return Err(builder.conflict("no recipe")),
-            None => files::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
+            None => dataset::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
         }
         Ok(builder)
     }
@@ -84,19 +84,19 @@ impl Builder {
 
     fn write_scene(&self, job: Job, built: BuiltScene) -> Result<(), Failure> {
         let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
-        files::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
-        files::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
+        dataset::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
+        dataset::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
         // The note comes last: a killed process leaves no note, and the next call repeats the scene.
         let note = FinishedScene { line: built.line, statistics: built.statistics };
-        files::write_whole(&self.note_path(job), &json(&note)?)
+        dataset::write_whole(&self.note_path(job), &json(&note)?)
     }
 
     /// Returns a finished scene's note if its files match their digests.
     fn finished(&self, job: Job) -> Option<FinishedScene> {
         let split = &self.recipe.splits[job.split].name;
-        let note: FinishedScene = serde_json::from_slice(&files::read(&self.note_path(job)).ok()?).ok()?;
+        let note: FinishedScene = serde_json::from_slice(&dataset::read(&self.note_path(job)).ok()?).ok()?;
         let is_same =
-            |path: PathBuf, digest: &str| files::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
+            |path: PathBuf, digest: &str| dataset::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
         let is_complete = is_same(self.files.missions_path(split, &note.line.name), &note.line.public)
             && is_same(self.files.sealed_path(split, &note.line.name), &note.line.sealed);
         is_complete.then_some(note)
@@ -131,7 +131,7 @@ impl Builder {
             splits: lines,
         })?;
         let building = self.building();
-        std::fs::remove_dir_all(&building).map_err(|error| cannot("remove", &building, &error))?;
+        std::fs::remove_dir_all(&building).map_err(|error| Failure::file("remove", &building, error))?;
         Ok(numbers)
     }
 
@@ -149,7 +149,7 @@ impl Builder {
         if !path.exists() {
             return Ok(None);
         }
-        let recipe = serde_json::from_slice(&files::read(&path)?);
+        let recipe = serde_json::from_slice(&dataset::read(&path)?);
         recipe.map(Some).map_err(|error| {
             Failure::new(FailureKind::Data, format!("{} is not a recipe: {error}", path.display()))
                 .hinted("delete the folder and build again")

@@ -1,7 +1,7 @@
 //! Split export in other formats, and the facts that may be published.
 
 use avln_arena::data::DataFolder;
-use avln_arena::dataset::{SplitFolder, files::write_whole};
+use avln_arena::dataset::{SplitFolder, write_whole};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{SceneLine, SceneSource};
 use avln_episode::Rules;

@@ -8,7 +8,7 @@ mod record;
 pub use record::CATEGORIES;
 
 use crate::{internal, parallel};
-use avln_arena::dataset::files::{cannot, write_whole};
+use avln_arena::dataset::write_whole;
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
@@ -106,7 +106,7 @@ impl Purpose {
 /// If the split does not fit the purpose or has fewer houses, or the folder cannot be written.
 pub fn take(options: &FrameOptions, folder: &Path, mut on_house: impl FnMut()) -> Result<(), Failure> {
     let split = allowed_split(options)?;
-    std::fs::create_dir_all(folder).map_err(|error| cannot("make", folder, &error))?;
+    std::fs::create_dir_all(folder).map_err(|error| Failure::file("make", folder, error))?;
     let houses: Vec<LabelledHouse> =
         (0..options.houses).map(|scene| house(options, Job { split, scene })).collect::<Result<_, _>>()?;
     let rules = options.recipe.rules()?;

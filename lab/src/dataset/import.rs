@@ -1,6 +1,6 @@
 //! Mission import from other data sets.
 
-use avln_arena::dataset::files::{DatasetFiles, cannot, read, write_whole};
+use avln_arena::dataset::{DatasetFiles, read, write_whole};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
@@ -167,7 +167,7 @@ fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 fn collect(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
-    let entries = std::fs::read_dir(folder).map_err(|error| cannot("read", folder, &error))?;
+    let entries = std::fs::read_dir(folder).map_err(|error| Failure::file("read", folder, error))?;
     let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     paths.sort();
     for path in paths {

@@ -7,10 +7,7 @@ mod record;
 
 use crate::suite::Oracle;
 use crate::{internal, parallel};
-use avln_arena::dataset::{
-    SplitFolder,
-    files::{cannot, check_plain, write_whole},
-};
+use avln_arena::dataset::{SplitFolder, check_plain, write_whole};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{EpisodeSpec, SceneLine};
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
@@ -138,7 +135,7 @@ impl RolloutOptions<'_> {
                     .hinted("choose another folder with --out, or repeat the first call's options"))
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => write_whole(&path, &text),
-            Err(error) => Err(cannot("read", &path, &error)),
+            Err(error) => Err(Failure::file("read", &path, error)),
         }
     }
 

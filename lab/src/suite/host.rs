@@ -5,8 +5,8 @@ use crate::{dataset::build::Builder, internal};
 use avln_arena::data::DataFolder;
 use avln_arena::dataset::{DatasetFiles, SplitFolder};
 use avln_arena::servers::RunningServers;
-use avln_arena::setup::admit;
-use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, now_unix_ms, register};
+use avln_arena::setup::{self, admit};
+use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, now_unix_ms};
 use avln_dataset::{EpisodeSpec, Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
@@ -87,7 +87,7 @@ impl SuiteFolder {
         })?;
         let data = DataFolder::open(&folder.join("data"))?;
         let split = build_split(&folder.join("dataset"), &data, size)?;
-        let mut rules = register::rules_of(TEAM, &split)?;
+        let mut rules = setup::rules_of(TEAM, &split)?;
         rules.sounds = if size.practice { Sounds::Train } else { Sounds::Validation };
         Ok(Self { folder: folder.to_owned(), data, size, split: Arc::new(split), rules, _lock: lock })
     }
@@ -98,7 +98,7 @@ impl SuiteFolder {
 
     /// Returns all missions: every house's first, then every house's second, and so on.
     pub(super) fn episodes(&self) -> Result<Vec<PhaseEpisode>, Failure> {
-        let mut episodes = register::phase_episodes(&self.split)?;
+        let mut episodes = setup::phase_episodes(&self.split)?;
         let number =
             |episode: &PhaseEpisode| episode.episode.rsplit_once('-').map(|(_, number)| number.to_owned());
         episodes.sort_by_key(|episode| (number(episode), episode.scene.clone()));
@@ -124,7 +124,7 @@ impl SuiteFolder {
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
-        register::register_split(&store, &name, &self.split, &[]).await?;
+        setup::register_split(&store, &name, &self.split, &[]).await?;
         let mut phases = Vec::with_capacity(batches.len());
         for Batch { phase, episodes, .. } in batches {
             phases.push(Phase::new(phase, &name, self.rules.clone(), episodes.clone()));
@@ -155,7 +155,7 @@ pub(super) async fn serve(
     let live = Arc::new(LiveEpisodes::default());
     let watching = live.clone();
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
-    let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
+    let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
     Ok((RunningServers::local_for(arena, store).await?, live))
 }
 

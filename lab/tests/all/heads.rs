@@ -120,7 +120,7 @@ async fn a_phase_keeps_its_head() {
     bytes[last] ^= 1;
     fs::write(&kept, &bytes).expect("writable");
     let refused = reopened(&data, &store).await.expect_err("changed");
-    assert!(refused.contains(digest) && refused.contains("changed it"), "{refused}");
+    assert!(refused.contains(digest) && refused.contains("was changed"), "{refused}");
     fs::remove_file(&kept).expect("there");
     let refused = reopened(&data, &store).await.expect_err("gone");
     assert!(refused.contains(digest), "{refused}");

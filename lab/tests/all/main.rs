@@ -213,7 +213,7 @@ async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &Ne
     let path = folder.path().display().to_string();
     let refused =
         open_phase(data, store, &by(&path, "lh-avln-distinct-v1")).await.expect_err("one clip").to_string();
-    assert!(refused.contains("need") && refused.contains("the folder has 1"), "{refused}");
+    assert!(refused.contains("need") && refused.contains("the bank has 1"), "{refused}");
     let phase = open_phase(data, store, &by(&path, "lh-avln-v1")).await.expect("one clip is enough");
     drop(folder);
     assert_eq!(data.bank(&phase.rules.sounds).expect("kept").len(), 1);
