@@ -118,7 +118,11 @@ impl BaselinesRunArgs {
     fn options(&self) -> SuiteOptions {
         let processors = || thread::available_parallelism().map_or(1, NonZero::get).min(16) as u32;
         SuiteOptions {
-            agents: if self.agents.is_empty() { AgentVariant::ALL.to_vec() } else { self.agents.clone() },
+            agents: if self.agents.is_empty() {
+                AgentVariant::value_variants().to_vec()
+            } else {
+                self.agents.clone()
+            },
             orders: match self.orders {
                 OrderChoice::Both => vec![Order::Ordered, Order::Unordered],
                 OrderChoice::Ordered => vec![Order::Ordered],

@@ -1,6 +1,12 @@
 //! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
-use avln_arena::{Arena, Failure, SCENE_MEMORY_MIB, actions::{Attribution, self}, challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor}, data::DataFolder, setup::{NewSplit, admit, make_split}};
+use avln_arena::{
+    Arena, Failure, SCENE_MEMORY_MIB,
+    actions::{self, Attribution},
+    challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
+    data::DataFolder,
+    setup::{NewSplit, admit, make_split},
+};
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_episode::Order;
 use avln_grpc::{Host, Reason, RunRequest};
