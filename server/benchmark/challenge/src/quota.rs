@@ -99,8 +99,7 @@ impl Span {
     }
 }
 
-/// Returns a team's quotas in all limited windows and in the whole phase. `runs` are the team's runs in the
-/// phase, oldest first.
+/// Returns a team's quotas in all limited windows and the whole phase. `runs` are the team's runs there, oldest first.
 pub fn quotas(
     phase: &str,
     limits: &QuotaLimits,

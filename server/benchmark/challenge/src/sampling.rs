@@ -1,4 +1,4 @@
-//! Episode draws: a pure function of secret and run id, which anybody can repeat after publication of the secret.
+//! Episode draws: a pure function of secret and run id. Everyone can repeat it once the secret is published.
 
 use avln_episode::Modality;
 use serde::{Deserialize, Serialize};

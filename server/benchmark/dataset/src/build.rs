@@ -2,192 +2,14 @@
 
 use crate::{
     format::{SceneFacts, SceneLine, write_scene},
-    mission::{EpisodeSpec, MissionOptions, StepGoal, sample_missions},
-    split::{DatasetError, SceneSource, SceneSpec},
+    recipe::{Recipe, SceneChoice, SplitRecipe},
+    split::{DatasetError, DrawnScene, SceneSource},
     stats::Statistics,
-    survey::{SurveyOptions, ThresholdsOnly, survey_with},
 };
-use avln_episode::Rules;
 use avln_geom::Rng;
 use avln_houses::Pool;
-use avln_world::{Cache, SceneAssets};
-use serde::{Deserialize, Serialize};
-use std::{path::PathBuf, sync::Arc};
-
-/// Recipe for a data set. Equal recipes give equal bytes on any thread count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Recipe {
-    /// Data set name: 1 to 24 letters, digits, `-` and `_`; prefix for scenes and missions.
-    pub name: String,
-    /// Rule set name for regions and references.
-    pub rules: String,
-    /// Random seed.
-    pub seed: u64,
-    /// Mission constraints.
-    pub missions: MissionRules,
-    /// Survey thresholds.
-    #[serde(default)]
-    pub survey: SurveyOptions,
-    /// Splits in build order. Scenes are disjoint.
-    pub splits: Vec<SplitRecipe>,
-}
-
-/// Mission constraints.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MissionRules {
-    /// Minimum and maximum goal count, 1 to 8, uniform.
-    pub goals: [usize; 2],
-    /// Least walking distance from the start to a success region, metres.
-    pub min_start_m: f64,
-    /// Least walking distance between two success regions of a mission, metres.
-    pub min_separation_m: f64,
-    /// Minimum and maximum distractor count in the scene, 0 to 255.
-    pub distractors: [u8; 2],
-    /// Wanted mission length; unconstrained if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub steps: Option<StepGoal>,
-}
-
-/// Recipe for a split.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SplitRecipe {
-    /// Split name: 1 to 24 letters, digits, `-` and `_`.
-    pub name: String,
-    /// Scene source.
-    pub scenes: SceneChoice,
-    /// Missions per scene, 1 to 9999.
-    pub missions_per_scene: usize,
-    /// Mission constraints, if different.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub missions: Option<MissionRules>,
-}
-
-/// Scene source of a split.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum SceneChoice {
-    /// Procedural houses.
-    Houses {
-        /// House count.
-        count: u32,
-        /// Minimum and maximum rooms.
-        rooms: [u8; 2],
-        /// Minimum and maximum storeys.
-        storeys: [u8; 2],
-        /// Furniture pool: `train`, `validation` or `test`.
-        pool: String,
-    },
-    /// Files or folders.
-    Files(Vec<PathBuf>),
-}
-
-impl Recipe {
-    /// Embedded recipes by name.
-    pub const EMBEDDED: [(&str, &str); 2] =
-        [("paper", include_str!("../recipes/paper.json")), ("mini", include_str!("../recipes/mini.json"))];
-
-    /// Most scenes per split.
-    const MAX_SCENES: usize = 100_000;
-    /// Most missions per scene: numbers have four digits.
-    const MAX_MISSIONS: usize = 9_999;
-
-    /// Parses a JSON recipe.
-    ///
-    /// # Errors
-    /// If the JSON is invalid or a value is out of range.
-    pub fn from_json(text: &str) -> Result<Self, DatasetError> {
-        let recipe: Self = serde_json::from_str(text).map_err(|error| refused(format!("{error}")))?;
-        recipe.check()?;
-        Ok(recipe)
-    }
-
-    /// Returns the rule set.
-    ///
-    /// # Errors
-    /// If this version has no such rule set.
-    pub fn rules(&self) -> Result<Rules, DatasetError> {
-        Rules::named(&self.rules).map_err(|error| refused(format!("`rules`: {error}")))
-    }
-
-    /// Returns the mission constraints for `split`.
-    pub fn mission_rules<'a>(&'a self, split: &'a SplitRecipe) -> &'a MissionRules {
-        split.missions.as_ref().unwrap_or(&self.missions)
-    }
-
-    fn check(&self) -> Result<(), DatasetError> {
-        self.rules()?;
-        check_name("name", &self.name)?;
-        if self.splits.is_empty() {
-            return Err(refused("`splits` is empty; list at least one".to_owned()));
-        }
-        self.missions.check()?;
-        self.survey.check().map_err(refused)?;
-        for (index, split) in self.splits.iter().enumerate() {
-            check_name("splits.name", &split.name)?;
-            if self.splits[..index].iter().any(|other| other.name == split.name) {
-                return Err(refused(format!("two splits are called '{}'", split.name)));
-            }
-            limit("missions_per_scene", split.missions_per_scene, 1, Self::MAX_MISSIONS)?;
-            limit("scenes", split.scene_count(), 1, Self::MAX_SCENES)?;
-            split.scenes.check()?;
-            split.missions.as_ref().map_or(Ok(()), MissionRules::check)?;
-        }
-        Ok(())
-    }
-}
-
-impl SplitRecipe {
-    /// Returns the scene count.
-    pub fn scene_count(&self) -> usize {
-        match &self.scenes {
-            SceneChoice::Houses { count, .. } => *count as usize,
-            SceneChoice::Files(files) => files.len(),
-        }
-    }
-}
-
-impl SceneChoice {
-    fn check(&self) -> Result<(), DatasetError> {
-        let Self::Houses { rooms, storeys, pool, .. } = self else { return Ok(()) };
-        if Pool::from_name(pool).is_none() {
-            return Err(refused(format!("`pool` is '{pool}'; use train, validation or test")));
-        }
-        range("rooms", rooms[0].into(), rooms[1].into(), 1, 64)?;
-        range("storeys", storeys[0].into(), storeys[1].into(), 1, 4)
-    }
-}
-
-impl MissionRules {
-    /// Returns the options for `episodes` missions.
-    pub fn options(&self, episodes: usize, seed: u64) -> MissionOptions {
-        MissionOptions {
-            episodes,
-            goals: self.goals[0]..=self.goals[1],
-            min_start_m: self.min_start_m,
-            min_separation_m: self.min_separation_m,
-            distractors: self.distractors[0]..=self.distractors[1],
-            steps: self.steps,
-            seed,
-        }
-    }
-
-    fn check(&self) -> Result<(), DatasetError> {
-        range("goals", self.goals[0], self.goals[1], 1, 8)?;
-        range("distractors", self.distractors[0].into(), self.distractors[1].into(), 0, 255)?;
-        metres("min_start_m", self.min_start_m)?;
-        metres("min_separation_m", self.min_separation_m)?;
-        let Some(steps) = &self.steps else { return Ok(()) };
-        let fits = (1.0..=1e6).contains(&steps.mean) && (0.0..=1.0).contains(&steps.spread);
-        if !fits || !(1..=1000).contains(&steps.draws) {
-            let message = "`steps` needs a mean of 1 to 1000000, a spread of 0 to 1 and 1 to 1000 draws";
-            return Err(refused(message.to_owned()));
-        }
-        Ok(())
-    }
-}
+use avln_world::Cache;
+use std::sync::Arc;
 
 /// Build job for a scene, independent of other jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -244,7 +66,7 @@ impl Recipe {
         let split = &self.splits[job.split];
         let SceneChoice::Houses { rooms, storeys, pool, .. } = &split.scenes else {
             let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
-            return Err(DatasetError::Recipe { reason });
+            return Err(DatasetError::Recipe(reason));
         };
         // A generator per attempt: the number of attempts in this scene changes no other scene.
         let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
@@ -268,7 +90,7 @@ impl Recipe {
 /// in `cache`.
 ///
 /// # Errors
-/// If the scene is unusable or has too few missions: files need at least one; houses are redrawn until one has all.
+/// If the scene is unusable, a file has no mission, or all draws of a house have too few.
 ///
 /// # Panics
 /// If the recipe has no such split.
@@ -278,22 +100,26 @@ pub fn build_scene(
     cache: Option<&Arc<dyn Cache>>,
 ) -> Result<BuiltScene, DatasetError> {
     let split = &recipe.splits[job.split];
-    let (name, rules) = (recipe.scene_name(job), recipe.rules()?);
-    let maker = Maker { recipe, split, rules, cache };
+    let name = recipe.scene_name(job);
+    let rules = recipe.rules()?;
+    let build = |source, missions_seed, least| {
+        let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
+        let drawn = DrawnScene::new(&name, source, &rules, &recipe.survey, &options, cache)?;
+        if drawn.episodes.len() < least { Err(drawn.no_mission()) } else { finish(&drawn) }
+    };
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
             // A file cannot be redrawn, so any mission count above 0 is accepted.
-            let missions_seed = recipe.scene_rng(job).fork("missions").next_u64();
-            maker.build(&name, source, missions_seed, 1)
+            build(source, recipe.scene_rng(job).fork("missions").next_u64(), 1)
         }
         SceneChoice::Houses { .. } => {
             let house = |attempt: u32| {
                 let (source, missions_seed) = recipe.drawn(job, attempt)?;
-                maker.build(&name, source, missions_seed, split.missions_per_scene)
+                build(source, missions_seed, split.missions_per_scene)
             };
-            // A house can lack instances for all missions, and only the survey can tell. Another draw is cheaper than a
-            // search for the limits of each house.
+            // A house can lack instances for all missions, which only the survey detects. Another draw is cheaper than a
+            // search for suitable limits.
             let mut last = house(0);
             for attempt in 1..Recipe::HOUSE_DRAWS {
                 if last.is_ok() {
@@ -306,87 +132,17 @@ pub fn build_scene(
     }
 }
 
-/// Shared state for scenes in a split.
-struct Maker<'a> {
-    recipe: &'a Recipe,
-    split: &'a SplitRecipe,
-    rules: Rules,
-    cache: Option<&'a Arc<dyn Cache>>,
-}
-
-impl Maker<'_> {
-    /// Builds the scene from `source`; fails with fewer than `least` missions.
-    fn build(
-        &self,
-        name: &str,
-        source: SceneSource,
-        missions_seed: u64,
-        least: usize,
-    ) -> Result<BuiltScene, DatasetError> {
-        let Self { recipe, split, rules, cache } = self;
-        let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = spec.prepare(scene, rules, *cache)?;
-        let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
-        let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
-        let episodes = sample_missions(&assets, &instances, rules, &options);
-        if episodes.len() < least {
-            let objects = assets.scene.objects.len();
-            let (scene, instances) = (name.to_owned(), instances.len());
-            return Err(DatasetError::NoMission { scene, instances, objects });
-        }
-        finish(&assets, spec, instances.len(), &episodes)
-    }
-}
-
-fn finish(
-    assets: &SceneAssets,
-    spec: SceneSpec,
-    instances: usize,
-    episodes: &[EpisodeSpec],
-) -> Result<BuiltScene, DatasetError> {
+fn finish(drawn: &DrawnScene) -> Result<BuiltScene, DatasetError> {
+    let DrawnScene { spec, assets, instances, episodes } = drawn;
     let storeys = assets.scene.regions.iter().map(|region| region.storey).max().map_or(1, |top| top + 1);
     let facts = SceneFacts {
         regions: assets.scene.regions.len() as u32,
         storeys: u32::from(storeys),
         objects: assets.scene.objects.len() as u32,
-        instances: instances as u32,
+        instances: *instances as u32,
         area_m2: assets.navmesh.area_m2(),
     };
     let statistics = Statistics::of_scene(Some(facts), episodes);
-    let written = write_scene(&spec, Some(facts), episodes)?;
+    let written = write_scene(spec, Some(facts), episodes)?;
     Ok(BuiltScene { line: written.line, missions: written.missions, sealed: written.sealed, statistics })
-}
-
-fn refused(reason: String) -> DatasetError {
-    DatasetError::Recipe { reason }
-}
-
-fn check_name(field: &str, name: &str) -> Result<(), DatasetError> {
-    let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
-    if (1..=24).contains(&name.len()) && name.chars().all(fits) {
-        return Ok(());
-    }
-    let name = name.escape_debug();
-    Err(refused(format!("`{field}` is '{name}'; use 1 to 24 letters, digits, - and _")))
-}
-
-fn limit(field: &str, value: usize, least: usize, most: usize) -> Result<(), DatasetError> {
-    if (least..=most).contains(&value) {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is {value}; {least} to {most} are possible")))
-}
-
-fn range(field: &str, low: usize, high: usize, least: usize, most: usize) -> Result<(), DatasetError> {
-    if least <= low && low <= high && high <= most {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is [{low}, {high}]; use [fewest, most] between {least} and {most}")))
-}
-
-fn metres(field: &str, value_m: f64) -> Result<(), DatasetError> {
-    if (0.0..=1000.0).contains(&value_m) {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is {value_m}; 0 to 1000 metres are possible")))
 }

@@ -1,4 +1,5 @@
-use crate::describe::Claims;
+//! Goal cues, and the claims of sentences.
+
 use avln_episode::{GoalCue, Modality, RgbImage, Rules};
 use avln_geom::Pose;
 use avln_truth::Target;
@@ -41,7 +42,6 @@ pub struct CueView {
 }
 
 impl CueView {
-    /// Renders the picture.
     pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> CameraImage {
         let mut eye = self.pose.position;
         eye.y += rules.camera_height_m;
@@ -71,7 +71,6 @@ impl CueSpec {
         }
     }
 
-    /// Returns the cue for the agent.
     pub(crate) fn present(&self, assets: &SceneAssets, rules: &Rules, target: &Target) -> GoalCue {
         match self {
             Self::Category => GoalCue::Category(target.category.clone()),
@@ -82,4 +81,70 @@ impl CueSpec {
             }
         }
     }
+}
+
+/// Machine-readable content of a sentence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claims {
+    pub(crate) head: Name,
+    pub(crate) list: Vec<Claim>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Claim {
+    Size(String),
+    Shape(String),
+    Color(String),
+    Material(String),
+    Room(String),
+    /// Location relative to landmarks.
+    Place(Relation, Vec<Landmark>),
+}
+
+/// Spatial relation, from a viewer on the floor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Relation {
+    /// Carries another object.
+    Holds,
+    /// Rests on another object.
+    On,
+    /// Between table legs.
+    Under,
+    /// Hangs above another object.
+    Above,
+    /// Below a hanging object.
+    Below,
+    /// Left of a landmark on the same wall, for a viewer facing the wall.
+    LeftOf,
+    /// Right of a landmark on the same wall, for a viewer facing the wall.
+    RightOf,
+    Between,
+    /// Closer than an arm's length.
+    NextTo,
+    /// Within a step.
+    Near,
+    /// Across the room, wall to wall.
+    Opposite,
+    Corner,
+    /// Back against a wall.
+    AgainstWall,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Landmark {
+    pub(crate) name: Name,
+    pub(crate) color: Option<String>,
+    /// True if the noun is unique in the room.
+    pub(crate) only: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Name {
+    pub(crate) noun: String,
+    pub(crate) category: String,
 }

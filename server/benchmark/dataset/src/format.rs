@@ -7,13 +7,183 @@
 //! DIR/SPLIT/sealed/SCENE.jsonl      hidden: targets, success regions, picture views, reference tours
 //! ```
 
-mod lines;
 mod read;
 mod write;
 
-pub use lines::{
-    DATASET_VERSION, FormatCause, FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine,
-    SplitLine,
-};
 pub use read::{File, read_manifest, read_missions, read_scene, read_scenes};
 pub use write::{WrittenScene, digest_of, manifest_bytes, scenes_bytes, write_scene};
+
+use crate::{
+    cue::{Claims, CueView},
+    mission::ReferenceTour,
+    recipe::Recipe,
+    split::{SceneSource, SceneSpec},
+};
+use avln_geom::Pose;
+use avln_truth::Target;
+use serde::{Deserialize, Serialize};
+
+/// Layout version written and read by this code.
+pub const DATASET_VERSION: u32 = 1;
+
+/// Contents of `dataset.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Always `avln-dataset`.
+    pub format: String,
+    /// Version of the layout.
+    pub version: u32,
+    /// Name of the data set.
+    pub name: String,
+    /// Rule set name for regions and references.
+    pub rules: String,
+    /// Recipe, for data sets built by recipe.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recipe: Option<Recipe>,
+    /// Splits.
+    pub splits: Vec<SplitLine>,
+}
+
+/// Split entry in `dataset.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitLine {
+    /// Split name; also the folder name.
+    pub name: String,
+    /// Scene count.
+    pub scenes: usize,
+    /// Mission count.
+    pub missions: usize,
+    /// BLAKE3 of `scenes.jsonl`, hex; covers the whole split.
+    pub digest: String,
+}
+
+/// Line in `scenes.jsonl`: source and digests for a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneLine {
+    /// Scene name; also the file stem.
+    pub name: String,
+    /// Scene source.
+    pub source: SceneSource,
+    /// Content digest, checked on every open.
+    pub digest: String,
+    /// Size, if recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facts: Option<SceneFacts>,
+    /// Mission count.
+    pub missions: usize,
+    /// BLAKE3 of the missions file, hex.
+    pub public: String,
+    /// BLAKE3 of the sealed file, hex.
+    pub sealed: String,
+}
+
+/// Scene size.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFacts {
+    /// Rooms.
+    pub regions: u32,
+    /// Storeys.
+    pub storeys: u32,
+    /// Labelled objects.
+    pub objects: u32,
+    /// Potential targets.
+    pub instances: u32,
+    /// Walkable area, square metres.
+    pub area_m2: f64,
+}
+
+/// Public part of a mission: a line in a missions file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublicMission {
+    /// Id inside the data set: scene name and number.
+    pub id: String,
+    /// Start pose.
+    pub start: Pose,
+    /// Goals in order.
+    pub goals: Vec<PublicGoal>,
+}
+
+/// Public part of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PublicGoal {
+    /// Category label.
+    Category(String),
+    /// A sentence.
+    Description(String),
+    /// Picture, rendered at episode start. The sealed file has the view.
+    Image,
+}
+
+/// First line of a missions or sealed file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Header {
+    /// `avln-missions` or `avln-sealed`.
+    pub(super) format: String,
+    pub(super) version: u32,
+    pub(super) scene: String,
+    pub(super) missions: usize,
+    /// Target count; sealed files only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) targets: Option<usize>,
+    /// BLAKE3 of the missions file, hex; sealed files only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) public: Option<String>,
+}
+
+/// Target in a sealed file. Modality and start distance belong to goals and are neutral here.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SealedTarget {
+    pub(super) target: Target,
+    pub(super) distractors: u8,
+}
+
+/// Hidden part of a mission: a line in a sealed file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SealedMission {
+    pub(super) id: String,
+    pub(super) seed: u64,
+    pub(super) goals: Vec<SealedGoal>,
+    pub(super) ordered: ReferenceTour,
+    pub(super) unordered: ReferenceTour,
+}
+
+/// Hidden part of a goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SealedGoal {
+    pub(super) instance: u32,
+    /// Walking distance from the start to the success region, metres.
+    pub(super) start_distance_m: f64,
+    /// View for the reference picture; image goals only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) view: Option<CueView>,
+    /// Claims in the sentence; description goals only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) claims: Option<Claims>,
+}
+
+impl Manifest {
+    /// File kind of `dataset.json`.
+    pub const FORMAT: &str = "avln-dataset";
+}
+
+impl Header {
+    pub(super) const MISSIONS: &str = "avln-missions";
+    pub(super) const SEALED: &str = "avln-sealed";
+}
+
+impl SceneLine {
+    /// Returns the scene specification.
+    pub fn spec(&self) -> SceneSpec {
+        SceneSpec { name: self.name.clone(), source: self.source.clone(), digest: self.digest.clone() }
+    }
+}

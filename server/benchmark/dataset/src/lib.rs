@@ -2,7 +2,7 @@
 //!
 //! In reading order: [`survey()`] finds potential targets in a scene, [`sample_missions`] draws missions, and a [`Split`]
 //! has missions for several scenes in memory. [`build_scene`] runs the pipeline for a scene in a [`Recipe`] and returns
-//! its files in the [`mod@format`]; [`check_scene`] verifies them independently.
+//! files in the [`mod@format`]; [`check_scene`] verifies them independently.
 //!
 //! *Never*: depends on a clock or on hash order; puts hidden data into public files; touches a disk.
 
@@ -12,19 +12,22 @@ mod cue;
 mod describe;
 pub mod format;
 mod mission;
+mod recipe;
 mod reference;
 mod split;
 mod stats;
 mod survey;
 
-pub use build::{BuiltScene, Job, MissionRules, Recipe, SceneChoice, SplitRecipe, build_scene};
+pub use build::{BuiltScene, Job, build_scene};
 pub use check::{Constraint, Depth, Fault, check_scene};
-pub use cue::{CueSpec, CueView, Description};
-pub use describe::Claims;
-pub use format::{FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
+pub use cue::{Claims, CueSpec, CueView, Description};
+pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
 pub use mission::{
     EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
 };
-pub use split::{DatasetError, SceneSource, SceneSpec, Split};
+pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
+pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
-pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with, target_at};
+pub use survey::{
+    Instance, SurveyOptions, ThresholdsOnly, Verifier, distractors, survey, survey_with, target_at,
+};

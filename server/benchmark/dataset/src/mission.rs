@@ -1,13 +1,14 @@
-//! Missions and their constraints.
+//! Missions: data, constraints, and random draws. Less used instances and modalities come first.
 
-mod draw;
-
-use crate::cue::CueSpec;
-use avln_episode::{Mission, Order, Rules};
-use avln_geom::{Point3, Pose};
+use crate::{
+    cue::CueSpec,
+    reference::{Atlas, Departure, Tour, ordered, reference_steps, unordered},
+    survey::Instance,
+};
+use avln_episode::{Mission, Modality, Order, Rules};
+use avln_geom::{Point3, Pose, Rng};
 use avln_truth::{EpisodeTruth, Target};
-use avln_world::SceneAssets;
-pub use draw::{reference_tours, sample_missions};
+use avln_world::{NavPoint, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -47,7 +48,7 @@ pub struct GoalSpec {
 pub struct ReferenceTour {
     /// Length, metres.
     pub length_m: f64,
-    /// Actions: moves, turns and one claim per goal. Turns connect the headings closest to the legs.
+    /// Actions: moves, turns and a claim per goal. Turns connect the headings closest to the legs.
     #[serde(default)]
     pub steps: u32,
     /// Corners on the floor.
@@ -101,7 +102,7 @@ pub struct MissionOptions {
 
 /// Wanted reference steps in ordered missions.
 ///
-/// Each mission is drawn several times, and the draw closest to a wanted step count is kept. That count is `mean` for
+/// Every mission is drawn several times; the draw closest to a wanted step count wins. That count is `mean` for
 /// the middle goal count, proportional for others, and uniform within `spread`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -127,4 +128,301 @@ impl MissionOptions {
             seed,
         }
     }
+}
+
+/// Attempts per start and per mission before giving up.
+const ATTEMPTS: usize = 40;
+/// Relative step deviation for immediate acceptance.
+const NEAR_ENOUGH: f64 = 0.04;
+/// Largest distance from a sampled point to the mesh, metres.
+const SNAP_M: f32 = 0.1;
+
+/// Random shift in the use order, uses.
+const CHANCE_USES: f64 = 2.0;
+/// Weight for an instance's own modality count against the scene total.
+const OWN_WEIGHT: f64 = 4.0;
+/// Random shift in the modality choice.
+const CHANCE_MODALITY: f64 = 3.0;
+const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
+
+/// Draws missions in a scene; fewer than requested if the scene has no more.
+///
+/// Every mission has at least two modalities and distinct categories. Targets are reachable, and apart from the start
+/// and from each other. Rarely used instances and modalities come first. Ids are `SCENE-NUMBER`.
+pub fn sample_missions(
+    assets: &SceneAssets,
+    instances: &[Instance],
+    rules: &Rules,
+    options: &MissionOptions,
+) -> Vec<EpisodeSpec> {
+    let mut sampler = Sampler::new(assets, instances, rules, options);
+    let rng = Rng::new(options.seed).fork("missions");
+    (0..options.episodes)
+        .map_while(|number| {
+            // A generator per mission: a longer list with the same seed begins with the same missions.
+            let mut episode = sampler.mission(&mut rng.fork(&format!("mission {number}")))?;
+            episode.id = format!("{}-{number:04}", assets.scene.name);
+            Some(episode)
+        })
+        .collect()
+}
+
+struct Sampler<'a> {
+    assets: &'a SceneAssets,
+    rules: &'a Rules,
+    options: &'a MissionOptions,
+    atlas: Atlas<'a>,
+    pool: CandidatePool<'a>,
+}
+
+struct Draft {
+    start: Pose,
+    departure: Departure,
+    chosen: Vec<usize>,
+    tour: Tour,
+    steps: u32,
+}
+
+impl<'a> Sampler<'a> {
+    fn new(
+        assets: &'a SceneAssets,
+        instances: &'a [Instance],
+        rules: &'a Rules,
+        options: &'a MissionOptions,
+    ) -> Self {
+        let fits = |instance: &&Instance| options.distractors.contains(&instance.distractors);
+        let instances: Vec<_> = instances.iter().filter(fits).collect();
+        let points = |instance: &&Instance| -> Vec<NavPoint> {
+            let snap = |place| assets.navmesh.snap(place, SNAP_M);
+            instance.target.region.iter().filter_map(snap).collect()
+        };
+        let regions: Vec<_> = instances.iter().map(points).collect();
+        let atlas = Atlas::new(&assets.navmesh, &regions, options.min_separation_m);
+        Self { assets, rules, options, atlas, pool: CandidatePool::new(instances) }
+    }
+
+    /// Draws the next mission; `None` after too many attempts.
+    fn mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
+        (0..ATTEMPTS).find_map(|_| self.try_mission(rng))
+    }
+
+    /// Draws a mission; `None` without matching targets or with a single modality.
+    fn try_mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
+        let goals = &self.options.goals;
+        let count = goals.start() + rng.below(goals.end() - goals.start() + 1);
+        let draft = match &self.options.steps {
+            None => self.attempts(count, rng).next(),
+            Some(steps) => self.draw_near(steps, count, rng),
+        };
+        // A small house may not fit the drawn goal count. Any allowed count is better than a scene without missions.
+        let draft = draft.or_else(|| goals.clone().find_map(|count| self.attempts(count, rng).next()))?;
+        let modalities = self.pool.modalities(&draft.chosen, rng)?;
+        let episode = self.finish(&draft, &modalities, rng)?;
+        self.pool.note(&draft.chosen, &modalities);
+        Some(episode)
+    }
+
+    /// Returns the draft closest to the wanted step count.
+    fn draw_near(&self, steps: &StepGoal, count: usize, rng: &mut Rng) -> Option<Draft> {
+        let goals = &self.options.goals;
+        let middle = 0.5 * (goals.start() + goals.end()) as f64;
+        let share = 1.0 + steps.spread * (2.0 * rng.unit() - 1.0);
+        // More goals need longer tours: without the proportion, missions with few goals would rarely match.
+        let wanted = steps.mean * share * count as f64 / middle;
+        let off = |draft: &Draft| (f64::from(draft.steps) - wanted).abs();
+        let mut best: Option<Draft> = None;
+        for draft in self.attempts(count, rng).take(steps.draws.max(1) as usize) {
+            if best.as_ref().is_none_or(|best| off(&draft) < off(best)) {
+                best = Some(draft);
+            }
+            // Later draws would only cost time: the spread of the wanted counts is much wider than this tolerance.
+            if best.as_ref().is_some_and(|best| off(best) < NEAR_ENOUGH * wanted) {
+                break;
+            }
+        }
+        best
+    }
+
+    fn attempts(&self, count: usize, rng: &mut Rng) -> impl Iterator<Item = Draft> {
+        (0..ATTEMPTS).filter_map(move |_| self.attempt(count, rng))
+    }
+
+    fn attempt(&self, count: usize, rng: &mut Rng) -> Option<Draft> {
+        let navmesh = &self.assets.navmesh;
+        let point = navmesh.sample(rng, navmesh.largest_island());
+        // Headings are multiples of a turn, so that reference steps count whole turns.
+        let turns = rng.below(360 / self.rules.turn_deg.max(1) as usize) as f32;
+        let start = Pose::new(point.position(), (turns * self.rules.turn_deg as f32).to_radians());
+        let departure = self.atlas.departure(&point);
+        let chosen = self.pool.targets(&self.atlas, &departure, self.options, count, rng)?;
+        let tour = ordered(&self.atlas, &departure, &chosen)?;
+        let steps = self.steps(&start, &tour, count);
+        Some(Draft { start, departure, chosen, tour, steps })
+    }
+
+    fn steps(&self, start: &Pose, tour: &Tour, goals: usize) -> u32 {
+        reference_steps(self.rules, start, &tour.path, tour.length_m, goals)
+    }
+
+    fn finish(&self, draft: &Draft, modalities: &[Modality], rng: &mut Rng) -> Option<EpisodeSpec> {
+        let Draft { start, departure, chosen, tour, steps } = draft;
+        let goal = |(&index, &modality): (&usize, &Modality)| {
+            let instance = self.pool.instances[index];
+            let start_distance_m = self.atlas.start_m(departure, index);
+            let target = Target { modality, start_distance_m, ..instance.target.clone() };
+            let cue = self.pool.cue(index, modality, rng)?;
+            Some(GoalSpec { target, cue, distractors: instance.distractors })
+        };
+        let goals = chosen.iter().zip(modalities).map(goal).collect::<Option<_>>()?;
+        let free = unordered(&self.atlas, departure, chosen)?;
+        let free_steps = self.steps(start, &free, chosen.len());
+        Some(EpisodeSpec {
+            id: String::new(),
+            scene: self.assets.scene.name.clone(),
+            seed: rng.next_u64(),
+            start: *start,
+            goals,
+            ordered: reference(tour.clone(), *steps),
+            unordered: reference(free, free_steps),
+        })
+    }
+}
+
+fn reference(tour: Tour, steps: u32) -> ReferenceTour {
+    ReferenceTour { length_m: tour.length_m, steps, path: tour.path }
+}
+
+/// Returns the reference tours of an imported mission, ordered and unordered; `None` if no path leads through all goals.
+pub fn reference_tours(
+    assets: &SceneAssets,
+    rules: &Rules,
+    pose: &Pose,
+    start: NavPoint,
+    goals: &[GoalSpec],
+) -> Option<[ReferenceTour; 2]> {
+    let snap = |place| assets.navmesh.snap(place, SNAP_M);
+    let regions: Vec<Vec<NavPoint>> =
+        goals.iter().map(|goal| goal.target.region.iter().filter_map(snap).collect()).collect();
+    let atlas = Atlas::new(&assets.navmesh, &regions, 0.0);
+    let departure = atlas.departure(&start);
+    let all: Vec<usize> = (0..goals.len()).collect();
+    let with_steps = |tour: Tour| {
+        let steps = reference_steps(rules, pose, &tour.path, tour.length_m, goals.len());
+        reference(tour, steps)
+    };
+    let ordered = ordered(&atlas, &departure, &all).map(with_steps)?;
+    let unordered = unordered(&atlas, &departure, &all).map(with_steps)?;
+    Some([ordered, unordered])
+}
+
+struct CandidatePool<'a> {
+    instances: Vec<&'a Instance>,
+    uses: Vec<u32>,
+    /// Uses per instance and modality.
+    asked: Vec<[u32; 3]>,
+}
+
+impl<'a> CandidatePool<'a> {
+    fn new(instances: Vec<&'a Instance>) -> Self {
+        let count = instances.len();
+        Self { instances, uses: vec![0; count], asked: vec![[0; 3]; count] }
+    }
+
+    /// Counts a mission with `chosen` targets and `modalities`.
+    fn note(&mut self, chosen: &[usize], modalities: &[Modality]) {
+        for (&index, modality) in chosen.iter().zip(modalities) {
+            self.uses[index] += 1;
+            self.asked[index][*modality as usize] += 1;
+        }
+    }
+
+    /// Chooses `count` targets with distinct categories, apart from the start and other targets.
+    fn targets(
+        &self,
+        atlas: &Atlas,
+        start: &Departure,
+        options: &MissionOptions,
+        count: usize,
+        rng: &mut Rng,
+    ) -> Option<Vec<usize>> {
+        // Strict order by use would pair the same instances in every mission; the random shift mixes them.
+        let uses = self.uses.iter().map(|&uses| f64::from(uses) + CHANCE_USES * rng.unit());
+        let mut candidates: Vec<(f64, usize)> = uses.zip(0..).collect();
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let category = |index: usize| self.instances[index].target.category.as_str();
+        let mut chosen: Vec<usize> = Vec::with_capacity(count);
+        for (_, index) in candidates {
+            let new_category = chosen.iter().all(|&other| category(other) != category(index));
+            let apart = |&other: &usize| within(atlas.apart_m(other, index), options.min_separation_m);
+            if new_category
+                && chosen.iter().all(apart)
+                && within(atlas.start_m(start, index), options.min_start_m)
+            {
+                chosen.push(index);
+            }
+            if chosen.len() == count {
+                // Choice order follows use; goal order must not.
+                rng.shuffle(&mut chosen);
+                return Some(chosen);
+            }
+        }
+        None
+    }
+
+    /// Assigns modalities: at least two, rarely used ones first.
+    fn modalities(&self, chosen: &[usize], rng: &mut Rng) -> Option<Vec<Modality>> {
+        let totals =
+            self.asked.iter().fold([0_u32; 3], |sum, asked| std::array::from_fn(|m| sum[m] + asked[m]));
+        let least = totals.iter().copied().min().unwrap_or(0);
+        let mut best: Option<(f64, Vec<Modality>)> = None;
+        for choice in choices(chosen.iter().map(|&index| available(self.instances[index])).collect()) {
+            // The paper requires at least two modalities per mission.
+            if choice.iter().all(|modality| *modality == choice[0]) {
+                continue;
+            }
+            let weight = |(&index, &modality): (&usize, &Modality)| {
+                let own = self.asked[index][modality as usize];
+                f64::from(totals[modality as usize] - least) + OWN_WEIGHT * f64::from(own)
+            };
+            let cost = chosen.iter().zip(&choice).map(weight).sum::<f64>() + CHANCE_MODALITY * rng.unit();
+            if best.as_ref().is_none_or(|best| cost < best.0) {
+                best = Some((cost, choice));
+            }
+        }
+        best.map(|best| best.1)
+    }
+
+    fn cue(&self, index: usize, modality: Modality, rng: &mut Rng) -> Option<CueSpec> {
+        let instance = self.instances[index];
+        match modality {
+            Modality::Category => Some(CueSpec::Category),
+            Modality::Description => rng.choose(&instance.sentences).cloned().map(CueSpec::Description),
+            Modality::Image => rng.choose(&instance.images).copied().map(CueSpec::Image),
+        }
+    }
+}
+
+/// True if the distance is finite and long enough.
+fn within(distance_m: f64, least_m: f64) -> bool {
+    distance_m.is_finite() && distance_m >= least_m
+}
+
+fn available(instance: &Instance) -> Vec<Modality> {
+    let can = |modality: &Modality| match modality {
+        Modality::Category => true,
+        Modality::Description => !instance.sentences.is_empty(),
+        Modality::Image => !instance.images.is_empty(),
+    };
+    MODALITIES.into_iter().filter(can).collect()
+}
+
+/// All combinations with an entry per list.
+fn choices(lists: Vec<Vec<Modality>>) -> Vec<Vec<Modality>> {
+    lists.into_iter().fold(vec![Vec::new()], |begun, list| {
+        let longer = |begin: &Vec<Modality>| {
+            let begin = begin.clone();
+            list.iter().map(move |&modality| [begin.as_slice(), &[modality]].concat()).collect::<Vec<_>>()
+        };
+        begun.iter().flat_map(longer).collect()
+    })
 }

@@ -1,4 +1,7 @@
-use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
+use crate::{
+    mission::{EpisodeSpec, MissionOptions, sample_missions},
+    survey::{ThresholdsOnly, look::SurveyOptions, survey_with},
+};
 use avln_episode::Rules;
 use avln_formats::open::open;
 use avln_houses::{HouseOptions, Pool};
@@ -94,21 +97,27 @@ pub enum DatasetError {
         /// Recorded digest.
         expected: String,
     },
-    /// Invalid recipe.
-    #[error("invalid recipe: {reason}")]
-    Recipe {
-        /// Field, value and allowed range.
-        reason: String,
-    },
+    /// Invalid recipe: field, value and allowed range.
+    #[error("invalid recipe: {0}")]
+    Recipe(String),
     /// Invalid data set file.
     #[error(transparent)]
-    Format(#[from] crate::format::FormatError),
+    Format(#[from] FormatError),
     /// Invalid split file.
-    #[error("invalid split file: {reason}")]
-    Malformed {
-        /// Cause.
-        reason: String,
-    },
+    #[error("invalid split file: {0}")]
+    Malformed(String),
+}
+
+/// Error in a data set file.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[error("{file}{}: {cause}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
+pub struct FormatError {
+    /// File name.
+    pub file: String,
+    /// Line number from 1; `None` for the whole file.
+    pub line: Option<usize>,
+    /// Cause.
+    pub cause: String,
 }
 
 impl SceneSpec {
@@ -152,7 +161,6 @@ impl SceneSpec {
         self.prepare(scene, rules, cache)
     }
 
-    /// Prepares an opened `scene` for the rules.
     pub(crate) fn prepare(
         &self,
         scene: Scene,
@@ -163,6 +171,40 @@ impl SceneSpec {
         let cached = cache.map(|cache| Cached { cache: Arc::clone(cache), name: self.digest.clone() });
         SceneAssets::prepare_cached(scene, &body, cached)
             .map_err(|source| DatasetError::Prepare { scene: self.name.clone(), source })
+    }
+}
+
+/// A prepared scene with drawn missions.
+pub(crate) struct DrawnScene {
+    pub(crate) spec: SceneSpec,
+    pub(crate) assets: SceneAssets,
+    pub(crate) instances: usize,
+    pub(crate) episodes: Vec<EpisodeSpec>,
+}
+
+impl DrawnScene {
+    /// Builds or reads a scene, surveys it, and draws missions, possibly none.
+    pub(crate) fn new(
+        name: &str,
+        source: SceneSource,
+        rules: &Rules,
+        survey: &SurveyOptions,
+        missions: &MissionOptions,
+        cache: Option<&Arc<dyn Cache>>,
+    ) -> Result<Self, DatasetError> {
+        let (spec, scene) = SceneSpec::new(name, source)?;
+        let assets = spec.prepare(scene, rules, cache)?;
+        let instances = survey_with(&assets, rules, survey, &ThresholdsOnly);
+        let episodes = sample_missions(&assets, &instances, rules, missions);
+        Ok(Self { spec, assets, instances: instances.len(), episodes })
+    }
+
+    pub(crate) fn no_mission(&self) -> DatasetError {
+        DatasetError::NoMission {
+            scene: self.spec.name.clone(),
+            instances: self.instances,
+            objects: self.assets.scene.objects.len(),
+        }
     }
 }
 
@@ -201,21 +243,13 @@ impl Split {
         options: &MissionOptions,
         cache: Option<&Arc<dyn Cache>>,
     ) -> Result<SceneAssets, DatasetError> {
-        let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = spec.prepare(scene, rules, cache)?;
-        let instances = survey(&assets, rules);
-        let episodes = sample_missions(&assets, &instances, rules, options);
-        if episodes.is_empty() {
-            let objects = assets.scene.objects.len();
-            return Err(DatasetError::NoMission {
-                scene: name.to_owned(),
-                instances: instances.len(),
-                objects,
-            });
+        let drawn = DrawnScene::new(name, source, rules, &SurveyOptions::default(), options, cache)?;
+        if drawn.episodes.is_empty() {
+            return Err(drawn.no_mission());
         }
-        self.scenes.push(spec);
-        self.episodes.extend(episodes);
-        Ok(assets)
+        self.scenes.push(drawn.spec);
+        self.episodes.extend(drawn.episodes);
+        Ok(drawn.assets)
     }
 
     /// Returns the scene called `name`.

@@ -139,18 +139,8 @@ impl Statistics {
         add(&mut self.categories, &other.categories);
         add(&mut self.distractors, &other.distractors);
         add(&mut self.uses, &other.uses);
-        let theirs = [
-            &other.regions,
-            &other.area_m2,
-            &other.instances,
-            &other.ordered_m,
-            &other.unordered_m,
-            &other.ordered_steps,
-            &other.unordered_steps,
-            &other.start_m,
-            &other.words,
-        ];
-        self.spreads().into_iter().zip(theirs).for_each(|(mine, theirs)| mine.add(theirs));
+        let mut other = other.clone();
+        self.spreads().into_iter().zip(other.spreads()).for_each(|(mine, theirs)| mine.add(theirs));
     }
 
     fn spreads(&mut self) -> [&mut Spread; 9] {
@@ -226,9 +216,7 @@ impl Spread {
         self.max = if self.count == 0 { other.max } else { self.max.max(other.max) };
         self.count += other.count;
         self.sum += other.sum;
-        for (bin, count) in &other.bins {
-            *self.bins.entry(*bin).or_default() += count;
-        }
+        add(&mut self.bins, &other.bins);
     }
 
     /// Returns the mean; 0 if empty.
@@ -306,17 +294,8 @@ pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
 
 /// Escapes text for HTML. Categories of imported data sets are arbitrary text.
 fn escaped(text: &str) -> String {
-    let mut html = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => html.push_str("&amp;"),
-            '<' => html.push_str("&lt;"),
-            '>' => html.push_str("&gt;"),
-            '"' => html.push_str("&quot;"),
-            _ => html.push(letter),
-        }
-    }
-    html
+    // The ampersand first: it begins the other replacements.
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn per(count: u64, of: u64) -> f64 {

@@ -58,24 +58,17 @@ pub struct Sensors {
 }
 
 /// Sensor subscription outside the limits.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SensorsError {
     /// Picture size outside the limits.
     #[error("a camera with {width} x {height} pixels is outside the limits of {min} to {max} per side; request another size", min = Sensors::MIN_SIDE, max = Sensors::MAX_SIDE)]
-    Size {
-        /// Requested pixels per row.
-        width: u32,
-        /// Requested rows.
-        height: u32,
-    },
+    Size { width: u32, height: u32 },
     /// Field of view outside the limits.
     #[error(
         "hfov {hfov_rad} rad is outside the limits of 0.35 to 2.4 rad (20 to 137 degrees); request another"
     )]
-    FieldOfView {
-        /// Requested radians.
-        hfov_rad: f32,
-    },
+    FieldOfView { hfov_rad: f32 },
 }
 
 impl Sensors {

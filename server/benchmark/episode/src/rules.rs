@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn old_stored_rules_have_no_noise_and_all_sounds() {
+    fn old_rules_have_no_noise_and_all_sounds() {
         let mut stored = serde_json::to_value(Rules::paper()).expect("JSON");
         let fields = stored.as_object_mut().expect("an object");
         assert_eq!(fields.remove("depth_noise"), Some("none".into()));

@@ -1,10 +1,7 @@
 //! Reader for the LH-AVLN authors' layout: an index, and a file per scene with episodes and instances.
 
 use crate::{
-    InterchangeError,
-    foreign::{
-        ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, Loss, scene_name,
-    },
+    foreign::{ForeignCue, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError, Loss},
     json::Cursor,
 };
 use avln_geom::{Aabb, Point3, Vector3};
@@ -48,16 +45,10 @@ fn episode(
     foreign: &mut ForeignFile,
 ) -> Result<(), InterchangeError> {
     cursor.get("episode_id")?.whole()?;
-    let scene_path = cursor.get("scene_id")?.text()?.to_owned();
     let total = |key| cursor.find(key).map(|length| length.number()).transpose();
-    let mut episode = ForeignEpisode {
-        id: cursor.get("episode_id")?.id()?,
-        scene: scene_name(&scene_path),
-        scene_path,
-        start: cursor.start()?,
-        goals: Vec::new(),
-        stated_m: [total("ordered_total_geodesic_distance")?, total("unordered_total_geodesic_distance")?],
-    };
+    let mut episode = cursor.episode()?;
+    episode.stated_m =
+        [total("ordered_total_geodesic_distance")?, total("unordered_total_geodesic_distance")?];
     let goals = match cursor.find("tasks") {
         Some(tasks) => tasks,
         None => cursor.get("goals")?,

@@ -1,7 +1,22 @@
-//! Foreign episodes.
+//! Foreign episodes, and errors in foreign files.
 
 use avln_geom::{Aabb, Point3, Pose};
 use std::collections::BTreeMap;
+
+/// Error while reading or writing a foreign file, with file and cause.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct InterchangeError(pub(crate) String);
+
+impl InterchangeError {
+    pub(crate) fn malformed(file: &str, place: &str, cause: &str) -> Self {
+        Self(format!("{file}, at {place}: {cause}"))
+    }
+
+    pub(crate) fn unwritable(file: &str, cause: &impl std::fmt::Display) -> Self {
+        Self(format!("cannot write {file}: {cause}"))
+    }
+}
 
 /// Contents of a foreign file.
 #[derive(Clone, Debug, Default, PartialEq)]

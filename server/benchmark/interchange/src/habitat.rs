@@ -1,9 +1,9 @@
 //! Readers for Habitat layouts: ObjectNav and InstanceImageNav for HM3D, GOAT-Bench, MultiON.
 
 use crate::{
-    InterchangeError,
     foreign::{
-        ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, Loss, scene_name,
+        ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError,
+        Loss,
     },
     json::Cursor,
 };
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Default field of view, degrees.
 const HFOV_DEG: f64 = 42.0;
 
-/// Goals by key: instance lists, or one instance.
+/// Goals by key: instance lists, or single instances.
 type Goals<'a> = BTreeMap<&'a str, Cursor<'a>>;
 
 fn goals<'a>(root: &Cursor<'a>, key: &str) -> Result<Goals<'a>, InterchangeError> {
@@ -29,22 +29,13 @@ fn read(
 ) -> Result<ForeignFile, InterchangeError> {
     let mut foreign = ForeignFile::default();
     for cursor in root.episodes()? {
-        let scene_path = cursor.get("scene_id")?.text()?.to_owned();
-        let mut episode = ForeignEpisode {
-            id: cursor.get("episode_id")?.id()?,
-            scene: scene_name(&scene_path),
-            scene_path,
-            start: cursor.start()?,
-            goals: Vec::new(),
-            stated_m: [None; 2],
-        };
+        let mut episode = cursor.episode()?;
         goals_of(&cursor, &mut episode, &mut foreign)?;
         foreign.episodes.push(episode);
     }
     Ok(foreign)
 }
 
-/// Scene file name: the prefix for goal keys.
 fn scene_file(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
@@ -59,16 +50,12 @@ pub(crate) fn object_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError>
             foreign.losses.push(Loss::goal(episode, category, format!("the file has no goals {key}")));
             return Ok(());
         };
-        let instances = list.list()?.iter().map(instance).collect::<Result<Vec<_>, _>>()?;
-        if instances.len() > 1 {
-            foreign.note("category goals with several instances: the nearest is the target");
-        }
-        episode.goals.push(ForeignGoal { name: category.to_owned(), instances, cue: ForeignCue::Category });
-        Ok(())
+        let goals = list.list()?;
+        push_goal(episode, foreign, category.to_owned(), ForeignCue::Category, goals.iter())
     })
 }
 
-/// Reads InstanceImageNav: one instance picture per episode.
+/// Reads InstanceImageNav: an instance picture per episode.
 pub(crate) fn image_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     let all = goals(root, "goals")?;
     read(root, |cursor, episode, foreign| {
@@ -87,6 +74,22 @@ pub(crate) fn image_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError> 
     })
 }
 
+/// Adds a goal that any of the instances completes.
+fn push_goal<'a, 'b: 'a>(
+    episode: &mut ForeignEpisode,
+    foreign: &mut ForeignFile,
+    name: String,
+    cue: ForeignCue,
+    goals: impl Iterator<Item = &'a Cursor<'b>>,
+) -> Result<(), InterchangeError> {
+    let instances = goals.map(instance).collect::<Result<Vec<_>, _>>()?;
+    if instances.len() > 1 {
+        foreign.note("category goals with several instances: the nearest is the target");
+    }
+    episode.goals.push(ForeignGoal { name, instances, cue });
+    Ok(())
+}
+
 fn push_image(
     episode: &mut ForeignEpisode,
     foreign: &mut ForeignFile,
@@ -95,14 +98,12 @@ fn push_image(
     index: i64,
 ) -> Result<(), InterchangeError> {
     let images = goal.find("image_goals").map(|images| images.list()).transpose()?.unwrap_or_default();
-    let image = usize::try_from(index).ok().and_then(|index| images.get(index));
-    match image {
-        Some(image) => {
-            let cue = ForeignCue::Image(view(image)?);
-            episode.goals.push(ForeignGoal { name: name.to_owned(), instances: vec![instance(goal)?], cue });
-        }
-        None => foreign.losses.push(Loss::goal(episode, name, format!("no picture {index}"))),
-    }
+    let Some(image) = usize::try_from(index).ok().and_then(|index| images.get(index)) else {
+        foreign.losses.push(Loss::goal(episode, name, format!("no picture {index}")));
+        return Ok(());
+    };
+    let cue = ForeignCue::Image(view(image)?);
+    episode.goals.push(ForeignGoal { name: name.to_owned(), instances: vec![instance(goal)?], cue });
     Ok(())
 }
 
@@ -168,12 +169,7 @@ fn goat_task(
         }
         _ => ForeignCue::Category,
     };
-    let instances = chosen.into_iter().map(instance).collect::<Result<Vec<_>, _>>()?;
-    if instances.len() > 1 {
-        foreign.note("category goals with several instances: the nearest is the target");
-    }
-    episode.goals.push(ForeignGoal { name, instances, cue });
-    Ok(())
+    push_goal(episode, foreign, name, cue, chosen.into_iter())
 }
 
 /// Number in an id: `chair_41` and `41` are the same object.

@@ -1,6 +1,6 @@
 //! Data sets in other formats: import of foreign missions, export of ours.
 //!
-//! [`read`] parses the bytes of one file, gzip or plain, to [`ForeignEpisode`]s; [`Importer`] finds their goals in an opened
+//! [`read`] parses a file, gzip or plain, to [`ForeignEpisode`]s; [`Importer`] finds the goals in an opened
 //! scene and makes missions. Goals that cannot be imported are reported as [`Loss`]es.
 //! [`authors_index`] and [`authors_scene`] write the layout of the LH-AVLN authors, [`Tables`] write Parquet.
 //!
@@ -12,11 +12,13 @@ mod foreign;
 mod habitat;
 mod importer;
 mod json;
-mod parquet;
 mod tables;
 
 pub use authors_export::{ExportedFile, SceneMissions, authors_index, authors_scene};
-pub use foreign::{ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, Loss};
+pub use foreign::{
+    ForeignCue, ForeignEpisode, ForeignFile, ForeignGoal, ForeignInstance, ForeignView, InterchangeError,
+    Loss,
+};
 pub use importer::{Imported, Importer, MAX_GOALS};
 pub use tables::Tables;
 
@@ -25,7 +27,7 @@ use json::Cursor;
 /// Foreign data set format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// LH-AVLN as published by its authors.
+    /// LH-AVLN as published by the authors.
     Authors,
     /// GOAT-Bench.
     Goat,
@@ -35,39 +37,6 @@ pub enum Format {
     InstanceImageNav,
     /// MultiON.
     MultiOn,
-}
-
-/// Error while reading or writing a foreign file.
-#[derive(Debug, thiserror::Error)]
-pub enum InterchangeError {
-    /// Malformed value.
-    #[error("{file}, at {place}: {cause}")]
-    Malformed {
-        /// File.
-        file: String,
-        /// Path to the value.
-        place: String,
-        /// Cause.
-        cause: String,
-    },
-    /// Unknown format.
-    #[error("{file} has no known format: its keys are {keys}; name the format if it is one of {known}")]
-    Unknown {
-        /// File.
-        file: String,
-        /// Keys in the file.
-        keys: String,
-        /// Known formats.
-        known: String,
-    },
-    /// Unwritable file.
-    #[error("cannot write {file}: {cause}")]
-    Unwritable {
-        /// File.
-        file: String,
-        /// Cause.
-        cause: String,
-    },
 }
 
 impl Format {
@@ -115,7 +84,7 @@ impl Format {
     }
 }
 
-/// Parses a file, named `file` in errors. Without a `format` its keys decide. An index file, which only refers to scene
+/// Parses a file, named `file` in errors. Without a `format` the keys decide. An index file, which only refers to scene
 /// files, has no episodes.
 ///
 /// # Errors
@@ -133,8 +102,10 @@ pub fn read(
     }
     let Some(format) = format.or_else(|| Format::recognise(&root)) else {
         let keys: Vec<&str> = root.entries()?.into_iter().map(|(key, _)| key).take(8).collect();
-        let known = Format::ALL.map(Format::name).join(", ");
-        return Err(InterchangeError::Unknown { file: file.to_owned(), keys: keys.join(", "), known });
+        let (keys, known) = (keys.join(", "), Format::ALL.map(Format::name).join(", "));
+        return Err(InterchangeError(format!(
+            "{file} has no known format: its keys are {keys}; name the format if it is one of {known}"
+        )));
     };
     let foreign = match format {
         Format::Authors => authors::read(&root),

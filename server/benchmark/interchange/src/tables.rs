@@ -1,15 +1,24 @@
 //! Export of a split as Parquet tables.
 
 use crate::{
-    InterchangeError,
     authors_export::{ExportedFile, SceneMissions},
-    parquet::{Column, ParquetFile, Values},
+    foreign::InterchangeError,
 };
 use avln_dataset::{CueSpec, CueView, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour};
 use avln_episode::Modality;
 use avln_geom::{Point3, Pose};
 use avln_truth::Target;
-use std::collections::BTreeMap;
+use parquet::{
+    basic::{Compression, GzipLevel, LogicalType, Repetition, Type as PhysicalType},
+    data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int32Type},
+    errors::ParquetError,
+    file::{
+        properties::WriterProperties,
+        writer::{SerializedFileWriter, SerializedRowGroupWriter},
+    },
+    schema::types::Type,
+};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// Tables for a split: missions and goals; with ground truth also targets, places and tours. A scene is a row group.
 pub struct Tables {
@@ -71,24 +80,27 @@ impl Tables {
     }
 }
 
+fn column<T>(name: &'static str, kind: fn(Vec<T>) -> Values, values: impl Iterator<Item = T>) -> Column {
+    let values: Vec<T> = values.collect();
+    Column { name, rows: values.len(), values: kind(values) }
+}
+
 fn text<'a>(name: &'static str, values: impl Iterator<Item = &'a str>) -> Column {
-    Column { name, values: Values::Text(values.map(str::to_owned).collect()) }
+    column(name, Values::Text, values.map(str::to_owned))
 }
 
 fn whole(name: &'static str, values: impl Iterator<Item = usize>) -> Column {
-    let limited = |value| i32::try_from(value).unwrap_or(i32::MAX);
-    Column { name, values: Values::Whole(values.map(limited).collect()) }
+    column(name, Values::Whole, values.map(|value| i32::try_from(value).unwrap_or(i32::MAX)))
 }
 
 fn single(name: &'static str, values: impl Iterator<Item = f32>) -> Column {
-    Column { name, values: Values::Single(values.collect()) }
+    column(name, Values::Single, values)
 }
 
 fn double(name: &'static str, values: impl Iterator<Item = f64>) -> Column {
-    Column { name, values: Values::Double(values.collect()) }
+    column(name, Values::Double, values)
 }
 
-/// Three columns for points.
 fn place(names: [&'static str; 3], places: &[Point3<f32>]) -> [Column; 3] {
     let along = |axis: usize| single(names[axis], places.iter().map(move |place| place[axis]));
     [0, 1, 2].map(along)
@@ -223,4 +235,167 @@ fn tours(episodes: &[EpisodeSpec]) -> Vec<Column> {
     ];
     columns.extend(place(["x_m", "y_m", "z_m"], &at));
     columns
+}
+
+/// A named column without missing values.
+struct Column {
+    name: &'static str,
+    rows: usize,
+    values: Values,
+}
+
+enum Values {
+    Text(Vec<String>),
+    Whole(Vec<i32>),
+    Single(Vec<f32>),
+    Double(Vec<f64>),
+}
+
+/// A file under construction, compressed by gzip, with a row group per [`append`](Self::append).
+struct ParquetFile {
+    name: String,
+    writer: Option<SerializedFileWriter<Vec<u8>>>,
+}
+
+impl ParquetFile {
+    fn new(name: &str) -> Self {
+        Self { name: name.to_owned(), writer: None }
+    }
+
+    /// Appends rows. Names and types of the columns must agree between calls, and their lengths within a call.
+    fn append(&mut self, columns: &[Column]) -> Result<(), InterchangeError> {
+        self.try_append(columns).map_err(|error| InterchangeError::unwritable(&self.name, &error))
+    }
+
+    fn try_append(&mut self, columns: &[Column]) -> Result<(), ParquetError> {
+        if self.writer.is_none() {
+            self.writer = Some(writer(columns)?);
+        }
+        // A table without rows still has a schema.
+        let has_rows = columns.first().is_some_and(|column| column.rows > 0);
+        if let Some(writer) = self.writer.as_mut().filter(|_| has_rows) {
+            let mut group = writer.next_row_group()?;
+            columns.iter().try_for_each(|column| write(&mut group, &column.values))?;
+            group.close()?;
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Result<Vec<u8>, InterchangeError> {
+        match self.writer {
+            Some(writer) => {
+                writer.into_inner().map_err(|error| InterchangeError::unwritable(&self.name, &error))
+            }
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+fn writer(columns: &[Column]) -> Result<SerializedFileWriter<Vec<u8>>, ParquetError> {
+    let fields =
+        columns.iter().map(|column| Ok(Arc::new(field(column)?))).collect::<Result<_, ParquetError>>()?;
+    let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
+    // The default creator names the version of the library: equal values must give equal bytes across updates.
+    let properties = WriterProperties::builder()
+        .set_created_by("avln".to_owned())
+        .set_compression(Compression::GZIP(GzipLevel::default()))
+        .build();
+    SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))
+}
+
+fn field(column: &Column) -> Result<Type, ParquetError> {
+    let (physical, logical) = match column.values {
+        Values::Text(_) => (PhysicalType::BYTE_ARRAY, Some(LogicalType::String)),
+        Values::Whole(_) => (PhysicalType::INT32, None),
+        Values::Single(_) => (PhysicalType::FLOAT, None),
+        Values::Double(_) => (PhysicalType::DOUBLE, None),
+    };
+    Type::primitive_type_builder(column.name, physical)
+        .with_repetition(Repetition::REQUIRED)
+        .with_logical_type(logical)
+        .build()
+}
+
+fn write(group: &mut SerializedRowGroupWriter<'_, Vec<u8>>, values: &Values) -> Result<(), ParquetError> {
+    match values {
+        Values::Text(texts) => {
+            let bytes: Vec<ByteArray> = texts.iter().map(|text| text.as_str().into()).collect();
+            write_typed::<ByteArrayType>(group, &bytes)
+        }
+        Values::Whole(values) => write_typed::<Int32Type>(group, values),
+        Values::Single(values) => write_typed::<FloatType>(group, values),
+        Values::Double(values) => write_typed::<DoubleType>(group, values),
+    }
+}
+
+fn write_typed<T: DataType>(
+    group: &mut SerializedRowGroupWriter<'_, Vec<u8>>,
+    values: &[T::T],
+) -> Result<(), ParquetError> {
+    if let Some(mut column) = group.next_column()? {
+        column.typed::<T>().write_batch(values, None, None)?;
+        column.close()?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use std::path::Path;
+
+    fn columns(texts: &[&str]) -> [Column; 4] {
+        let half = |text: &&str| if text.is_empty() { f32::NAN } else { text.len() as f32 / 2.0 };
+        [
+            text("name", texts.iter().copied()),
+            whole("length", texts.iter().map(|text| text.len())),
+            single("half", texts.iter().map(half)),
+            double("tenth", texts.iter().map(|text| text.len() as f64 / 10.0)),
+        ]
+    }
+
+    fn example() -> Vec<u8> {
+        let mut file = ParquetFile::new("a");
+        file.append(&columns(&["one", "three", "three", ""])).unwrap();
+        file.append(&columns(&[])).unwrap();
+        file.append(&columns(&["größer"])).unwrap();
+        file.finish().unwrap()
+    }
+
+    fn rows(bytes: Vec<u8>) -> Vec<String> {
+        let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).unwrap();
+        reader.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect()
+    }
+
+    fn golden(name: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+    }
+
+    #[test]
+    fn equal_values_give_the_golden_bytes() {
+        let path = golden("example.parquet");
+        if std::env::var_os("AVLN_BLESS").is_some() {
+            std::fs::write(&path, example()).unwrap();
+        }
+        assert!(example() == std::fs::read(&path).unwrap(), "{} has other bytes", path.display());
+    }
+
+    #[test]
+    fn files_of_the_former_writer_have_equal_rows() {
+        // Written before the crate `parquet` was used: a page per column, without statistics.
+        let old = rows(std::fs::read(golden("former-writer.parquet")).unwrap());
+        assert_eq!(old.len(), 5);
+        assert!(old[4].contains("größer"), "{old:?}");
+        assert_eq!(rows(example()), old);
+    }
+
+    #[test]
+    fn table_without_rows_has_a_schema() {
+        let mut file = ParquetFile::new("a");
+        file.append(&columns(&[])).unwrap();
+        let reader = SerializedFileReader::new(bytes::Bytes::from(file.finish().unwrap())).unwrap();
+        let schema = reader.metadata().file_metadata().schema_descr();
+        assert_eq!((schema.num_columns(), reader.metadata().num_row_groups()), (4, 0));
+    }
 }

@@ -5,7 +5,7 @@ use crate::{
     sounds::{self, TooFewClips},
 };
 use avln_episode::{
-    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Pose, PoseFrame, Rules,
+    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame, Rules,
     Sensors, SensorsError, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
@@ -13,62 +13,33 @@ use avln_world::{Bank, Head, Motion, Rng, SceneAssets, Senses, StartError, World
 use std::sync::Arc;
 
 /// Error at the start or during an episode.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum RefereeError {
     /// Action after the episode's end.
     #[error("the episode ended after {steps} steps ({}); request the next episode", reason.as_str())]
-    Over {
-        /// End reason.
-        reason: EndReason,
-        /// Steps taken.
-        steps: u32,
-    },
+    Over { reason: EndReason, steps: u32 },
     /// Different state in a replay.
     #[error(
         "step {step} now leads to state {replayed:016x} instead of {recorded:016x}; the scene, the rules or the program changed"
     )]
-    Diverged {
-        /// Step number from 1.
-        step: u32,
-        /// Recorded state hash.
-        recorded: u64,
-        /// Replayed state hash.
-        replayed: u64,
-    },
+    Diverged { step: u32, recorded: u64, replayed: u64 },
     /// Sensors outside the limits.
     #[error(transparent)]
     Sensors(#[from] SensorsError),
     /// Different goal counts in mission and truth.
     #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
-    Mismatch {
-        /// Episode id.
-        episode: String,
-        /// Goals in the mission.
-        goals: usize,
-        /// Targets in the truth.
-        targets: usize,
-    },
+    Mismatch { episode: String, goals: usize, targets: usize },
     /// Start pose outside the walkable floor.
     #[error("episode {episode}: {source}")]
-    Start {
-        /// Episode id.
-        episode: String,
-        /// Cause.
-        source: StartError,
-    },
+    Start { episode: String, source: StartError },
     /// Too few clips in the bank.
     #[error("episode {episode}: {source}")]
-    Sounds {
-        /// Episode id.
-        episode: String,
-        /// Cause.
-        source: TooFewClips,
-    },
+    Sounds { episode: String, source: TooFewClips },
 }
 
-/// Referee for an episode: applies the rules to a world, from the first observation to the sealed record.
-///
-/// Synchronous and CPU-bound: every step moves, renders images and renders audio.
+/// Referee for an episode: applies the rules to a world, from the first observation to the sealed record. Every step simulates
+/// motion, images and sound on the calling thread.
 pub struct Referee {
     rules: Rules,
     sensors: Sensors,
@@ -231,9 +202,8 @@ impl Referee {
         if let Some(first) = &self.first {
             return first.clone();
         }
-        let sounding = self.schedule.next(&self.silent(), false);
-        self.sounding = sounding;
-        let senses = self.world.sense(sounding);
+        self.sounding = self.schedule.next(&self.silent(), false);
+        let senses = self.world.sense(self.sounding);
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
         first
@@ -244,21 +214,21 @@ impl Referee {
     /// # Errors
     /// If the episode has ended.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
-        let (feedback, sounding) = self.act(action)?;
-        let senses = self.world.sense(sounding);
+        let feedback = self.act(action)?;
+        let senses = self.world.sense(self.sounding);
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
     }
 
-    /// Repeats an interrupted episode's recorded actions with their state hashes. Reaches the same state and
-    /// observation as [`Referee::step`], but renders only the last picture. Returns `None` without actions.
+    /// Repeats an interrupted episode's actions with recorded state hashes, and returns the outcome of the last action. Only its
+    /// picture is rendered.
     ///
     /// # Errors
     /// If a state differs from the record, or the episode ends before the last action.
     pub fn replay(&mut self, taken: &[(Action, u64)]) -> Result<Option<StepOutcome>, RefereeError> {
         let Some((&(last, after), before)) = taken.split_last() else { return Ok(None) };
         for &(action, state_hash) in before {
-            let (_, sounding) = self.act(action)?;
-            self.world.hear(sounding);
+            self.act(action)?;
+            self.world.hear(self.sounding);
             self.check_replayed(state_hash)?;
         }
         let outcome = self.step(last)?;
@@ -275,7 +245,7 @@ impl Referee {
     }
 
     /// Moves the body and applies the rules. The caller must sense exactly once afterwards.
-    fn act(&mut self, action: Action) -> Result<(Feedback, Option<usize>), RefereeError> {
+    fn act(&mut self, action: Action) -> Result<Feedback, RefereeError> {
         if let Some(reason) = self.end {
             return Err(RefereeError::Over { reason, steps: self.steps() });
         }
@@ -288,20 +258,19 @@ impl Referee {
             Action::Submit | Action::Stop => self.submit(action),
             _ => Feedback::None,
         };
-        let sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
-        self.sounding = sounding;
+        self.sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
         self.steps.push(StepFacts {
             action,
             pose: self.world.pose(),
             collided: moved.collided,
             in_region: self.regions_entered(),
-            sounding: sounding.map(|goal| goal as u8),
+            sounding: self.sounding.map(|goal| goal as u8),
             state_hash: self.state_hash(),
         });
         if self.end.is_none() && self.steps() >= self.rules.max_steps {
             self.end = Some(EndReason::StepLimit);
         }
-        Ok((feedback, sounding))
+        Ok(feedback)
     }
 
     /// Ends the episode from outside. No effect after the end.
@@ -336,7 +305,7 @@ impl Referee {
             // A claim that completes a goal is not wrong, even with a distractor nearby. The distractor is looked up before
             // the goal is skipped: the fact is about the goal claimed now.
             wrong_instance = self.goal_of_a_distractor();
-            if self.skips_on_failure() {
+            if self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal {
                 skipped = self.open_goals().next();
             }
         }
@@ -395,10 +364,6 @@ impl Referee {
         self.goals.iter().enumerate().filter(|(_, state)| **state == GoalState::Open).map(|(goal, _)| goal)
     }
 
-    fn skips_on_failure(&self) -> bool {
-        self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal
-    }
-
     fn submit_limit(&self) -> u32 {
         self.goals.len() as u32 - 1
     }
@@ -431,18 +396,13 @@ impl Referee {
             rgb: rgb.filter(|_| self.sensors.rgb),
             depth: depth.filter(|_| self.sensors.depth).map(|depth| scaled(depth, self.rules.depth_divisor)),
             audio: senses.audio.map(|audio| padded(&audio, self.rules.audio_samples as usize)),
-            pose: self.observed_pose(),
+            pose: match self.rules.pose_frame {
+                PoseFrame::Start => self.world.pose().relative_to(&self.truth.start),
+                PoseFrame::World => self.world.pose(),
+            },
             remaining_steps: self.rules.max_steps.saturating_sub(self.steps()),
             remaining_submits: self.submit_limit().saturating_sub(self.submits_used),
             feedback,
-        }
-    }
-
-    fn observed_pose(&self) -> Pose {
-        let pose = self.world.pose();
-        match self.rules.pose_frame {
-            PoseFrame::Start => pose.relative_to(&self.truth.start),
-            PoseFrame::World => pose,
         }
     }
 }

@@ -136,9 +136,7 @@ impl Schedule {
         Self { turn, window_steps }
     }
 
-    /// Returns the sounding target for the next observation; `None` if all are silent.
-    ///
-    /// `silent[goal]` marks finished sounds; `moved` is true for moves and turns.
+    /// Returns the sounding target for the next observation; `None` if all are silent. `moved` is true for moves and turns.
     pub(crate) fn next(&mut self, silent: &[bool], moved: bool) -> Option<usize> {
         match &mut self.turn {
             Turn::Drawn { order, place, steps_left } => {

@@ -55,10 +55,9 @@ pub fn best_first(summaries: &[&Summary], key: Key) -> Vec<usize> {
     order
 }
 
-/// Sorts `entries` by `key`, best first, with standings for competing entries.
-///
-/// Entries equal in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above it
-/// unless the 95 % interval for its paired difference in `key` to the group's first entry excludes 0.
+/// Sorts `entries` by `key`, best first, with standings for competing entries. Entries equal in the key and in SR, ISR, SPL,
+/// SoftSPL and OSR share a rank. An entry joins the tie group above it unless the 95 % interval for its paired difference in
+/// `key` to the group's first entry excludes 0.
 pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     let summaries: Vec<&Summary> = entries.iter().map(|entry| entry.summary).collect();
     let order = best_first(&summaries, key);

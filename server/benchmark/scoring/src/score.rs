@@ -5,20 +5,15 @@ use avln_geom::SplitMix64;
 use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
-/// Episode metrics. Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
+/// Episode metrics, explained by [`METRICS`](crate::METRICS). Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
+#[expect(missing_docs, reason = "METRICS explains the fields")]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Metrics {
-    /// Goals in the mission.
     pub goals: u32,
-    /// Goals found.
     pub found: u32,
-    /// Success: 1 if every goal was found, else 0.
     pub sr: f64,
-    /// Goal share found.
     pub isr: f64,
-    /// Goal share found or with a visited success region.
     pub osr: f64,
-    /// 1 if `osr` is 1, else 0.
     pub osr_all: f64,
     /// `sr × reference / max(reference, path)` (Anderson et al. 2018).
     pub spl: f64,
@@ -26,17 +21,11 @@ pub struct Metrics {
     pub soft_spl: f64,
     /// `sr × fewest actions / max(fewest actions, actions)` (Chen et al. 2020).
     pub sna: f64,
-    /// Actions, all five kinds.
     pub steps: u32,
-    /// Path length, metres.
     pub path_m: f64,
-    /// Reference tour length, metres.
     pub reference_m: f64,
-    /// Actions blocked by an obstacle.
     pub collisions: u32,
-    /// Submits and Stops that completed no goal.
     pub wrong_submits: u32,
-    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: u32,
     /// Per goal: step number from 1, if found.
@@ -69,38 +58,25 @@ pub struct Estimate {
     pub high: f64,
 }
 
-/// Metrics for a set of episodes. Plain numbers are means over episodes.
+/// Metrics for a set of episodes, explained by [`METRICS`](crate::METRICS). Plain numbers are means over episodes.
+#[expect(missing_docs, reason = "METRICS explains the fields")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Summary {
-    /// Episode count.
     pub episodes: u32,
-    /// Scene count.
     pub scenes: u32,
-    /// Success rate.
     pub sr: Estimate,
-    /// Goal share found, mean over episodes.
     pub isr: Estimate,
     /// Goal share found, over all goals in all episodes.
     pub isr_by_goal: f64,
-    /// Goal share with a visited region, mean over episodes.
     pub osr: Estimate,
-    /// Episode share with all regions visited.
     pub osr_all: f64,
-    /// Success weighted by path length.
     pub spl: Estimate,
-    /// Goal share found, weighted by path length.
     pub soft_spl: Estimate,
-    /// Success weighted by action count.
     pub sna: Estimate,
-    /// Actions.
     pub steps: f64,
-    /// Path length, metres.
     pub path_m: f64,
-    /// Collisions.
     pub collisions: f64,
-    /// Submits and Stops that completed no goal.
     pub wrong_submits: f64,
-    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: f64,
     /// Steps to a goal, mean over found goals; `None` without any.
@@ -109,9 +85,7 @@ pub struct Summary {
     pub final_distance_m: Option<f64>,
 }
 
-/// Computes episode metrics from facts. An episode without goals scores 0.
-///
-/// Episodes with [`avln_episode::EndReason::ServerFault`] have metrics too; callers exclude them from means.
+/// Computes episode metrics from facts; 0 without goals. Callers exclude episodes with a server fault from means.
 pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
     let goals = truth.targets.len();
     let steps_to_goal = record.found_at(goals);
@@ -200,9 +174,7 @@ fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
     (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }
 
-/// Returns means and intervals over `scores`; `None` for an empty slice.
-///
-/// The result depends on scores and seed, not on slice order.
+/// Returns means and intervals over `scores`, in any order; `None` for an empty slice.
 pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
     let scores = sorted(scores);
     if scores.is_empty() {

@@ -3,7 +3,7 @@
 use crate::{refusal::Refusal, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
-use parking_lot::{Mutex, MutexGuard};
+use parking_lot::Mutex;
 use std::{
     collections::BTreeMap,
     sync::Arc,
@@ -165,10 +165,6 @@ impl Histogram {
 }
 
 impl Control {
-    fn statistics(&self) -> MutexGuard<'_, Statistics> {
-        self.0.statistics.lock()
-    }
-
     /// Returns the watchdog over simulations.
     pub fn watchdog(&self) -> &Watchdog {
         &self.0.watchdog
@@ -176,7 +172,7 @@ impl Control {
 
     /// Records a slot's step count and time accounts. Step 0 starts an episode.
     pub(crate) fn stepped(&self, run: &str, slot: u32, step: u32, spent: TimeSpent) {
-        let mut statistics = self.statistics();
+        let mut statistics = self.0.statistics.lock();
         let slot = statistics.slots.entry((run.to_owned(), slot)).or_default();
         if step > slot.step || slot.first.is_none() {
             slot.replied(step);
@@ -195,7 +191,7 @@ impl Control {
     }
 
     pub(crate) fn ended(&self, run: &str, slot: u32, reason: EndReason) {
-        let mut statistics = self.statistics();
+        let mut statistics = self.0.statistics.lock();
         statistics.slots.remove(&(run.to_owned(), slot));
         *statistics.ends.entry(reason.as_str()).or_default() += 1;
         self.0.busy.send_replace(statistics.slots.len());
@@ -203,16 +199,16 @@ impl Control {
 
     /// Records an open run and the client's connection state.
     pub(crate) fn opened(&self, run: &str, is_there: bool) {
-        self.statistics().sessions.insert(run.to_owned(), is_there);
+        self.0.statistics.lock().sessions.insert(run.to_owned(), is_there);
     }
 
     pub(crate) fn closed(&self, run: &str) {
-        self.statistics().sessions.remove(run);
+        self.0.statistics.lock().sessions.remove(run);
     }
 
     /// Returns a run's live state; `None` without a session.
     pub fn session(&self, run: &str) -> Option<SessionState> {
-        let statistics = self.statistics();
+        let statistics = self.0.statistics.lock();
         let is_there = *statistics.sessions.get(run)?;
         let slots = statistics.slots.range((run.to_owned(), 0)..=(run.to_owned(), u32::MAX));
         Some(SessionState { is_there, slots: slots.map(slot_state).collect() })
@@ -220,7 +216,7 @@ impl Control {
 
     /// Returns statistics since server start.
     pub fn snapshot(&self) -> Snapshot {
-        let statistics = self.statistics();
+        let statistics = self.0.statistics.lock();
         let names = ["simulation", "encoding", "queue", "thinking"];
         Snapshot {
             slots: statistics.slots.iter().map(slot_state).collect(),
@@ -233,25 +229,25 @@ impl Control {
 
     /// Sets the announcement to agents; an empty text removes it.
     pub fn announce(&self, text: &str) {
-        self.statistics().notice = text.to_owned();
+        self.0.statistics.lock().notice = text.to_owned();
     }
 
     /// Returns the drain's reason or the announcement; empty without either.
     pub fn announcement(&self) -> String {
-        self.draining().map_or_else(|| self.statistics().notice.clone(), |drain| drain.reason)
+        self.draining().map_or_else(|| self.0.statistics.lock().notice.clone(), |drain| drain.reason)
     }
 
     /// Ends a run's session after a cancellation outside gRPC, which the caller must have stored.
     pub fn leave(&self, run: &str) {
         // If the session ended first, with the run's last episode, the run would count as completed.
-        self.statistics().cancelled.push(run.to_owned());
+        self.0.statistics.lock().cancelled.push(run.to_owned());
         self.0.cancelling.notify_one();
     }
 
     /// Waits for runs that were cancelled outside gRPC, and returns them.
     pub(crate) async fn cancelled_runs(&self) -> Vec<String> {
         loop {
-            let cancelled = std::mem::take(&mut self.statistics().cancelled);
+            let cancelled = std::mem::take(&mut self.0.statistics.lock().cancelled);
             if !cancelled.is_empty() {
                 return cancelled;
             }

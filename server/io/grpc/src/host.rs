@@ -10,9 +10,8 @@ use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensor
 use avln_referee::{RefereeError, StepOutcome};
 use std::{io, time::Duration};
 
-/// The application behind the gRPC server. `Arena` implements it.
-///
-/// Methods are called concurrently. A panic ends only the call, with a server fault. Heavy work belongs on a blocking thread.
+/// The application behind the gRPC server. Methods are called concurrently. A panic ends only the call, with a server fault. Heavy
+/// work belongs on a blocking thread.
 #[tonic::async_trait]
 pub trait Host: Send + Sync + 'static {
     /// The application's episode type.
@@ -47,9 +46,7 @@ pub trait Host: Send + Sync + 'static {
         slot: u32,
         sensors: &Sensors,
     ) -> Result<Option<HostedEpisode<Self::Episode>>, Refusal>;
-    /// Stores an episode. Returns the result if the phase shows results to agents.
-    ///
-    /// An episode without an end reason broke down and counts as a server fault.
+    /// Stores an episode; without an end reason it counts as a server fault. Returns the result if the phase shows it to agents.
     async fn conclude(
         &self,
         run: &str,
@@ -201,9 +198,8 @@ pub struct Digests {
     pub config: String,
 }
 
-/// A running episode: the agent-visible part of a [`Referee`](avln_referee::Referee).
-///
-/// `start`, `step` and `truncate` are called on simulation threads and may panic, which ends only this episode.
+/// A running episode: the agent-visible part of a [`Referee`](avln_referee::Referee). `start`, `step` and `truncate` are called on
+/// simulation threads and may panic, which ends only this episode.
 pub trait Episode: Send + 'static {
     /// Returns the mission.
     fn mission(&self) -> &Mission;

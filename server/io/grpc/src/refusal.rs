@@ -12,9 +12,7 @@ use tracing::Instrument;
 /// A result with [`Failure`] by default.
 pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
 
-/// A request that the server refuses.
-///
-/// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
+/// A refused request. The message is logged and not sent for [`Reason::Internal`] and [`Reason::SimFault`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Refusal {
@@ -163,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn details_of_a_server_fault_stay_in_the_log() {
+    fn server_fault_details_stay_in_the_log() {
         let status = Status::from(Failure::from(Refusal::internal("target 17 is a sofa")));
         assert_eq!(status.code(), Code::Internal);
         assert!(!status.message().contains("sofa"), "{}", status.message());
@@ -171,7 +169,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_panic_of_the_host_is_a_server_fault() {
+    async fn host_panics_are_server_faults() {
         let failure =
             call_host::<_, (), _>("test", &Arc::new(()), |_| async { panic!("secret") }).await.unwrap_err();
         assert_eq!(failure.reason, Reason::Internal);

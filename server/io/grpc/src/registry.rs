@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_session_that_does_not_end_costs_a_bounded_wait() {
+    async fn waiting_for_a_stuck_session_is_bounded() {
         let registry = registry(4);
         let _first = registry.enter("run_a", StopReason::Superseded).await.unwrap();
         let before = Instant::now();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_late_cleanup_spares_a_session_that_is_handed_over_again() {
+    async fn late_cleanup_spares_sessions_handed_over_again() {
         let registry = registry(4);
         let session = Arc::new(());
         let (first, _) = registry.enter("run_a", StopReason::Resumed).await.unwrap();

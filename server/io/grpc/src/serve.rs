@@ -79,7 +79,16 @@ pub async fn serve<H: Host>(
     for guard in context.claim_interrupted().await {
         tokio::spawn(context.clone().restore(guard));
     }
-    let mut accept = AcceptLoop::new(listener, accept_limits(&limits));
+    let accept_limits = AcceptLimits {
+        max_connections: limits.max_connections,
+        max_connections_per_address: limits.max_connections_per_address,
+        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
+        waits_when_full: false,
+        handshake: limits.first_request,
+        failure_pause: ACCEPT_PAUSE,
+        max_failures: None,
+    };
+    let mut accept = AcceptLoop::new(listener, accept_limits);
     tokio::select! {
         error = accept.run({
             let limits = limits.clone();
@@ -104,18 +113,6 @@ pub async fn serve<H: Host>(
         tracing::warn!("connections were cut at the end of the drain time");
     }
     Ok(())
-}
-
-fn accept_limits(limits: &Limits) -> AcceptLimits {
-    AcceptLimits {
-        max_connections: limits.max_connections,
-        max_connections_per_address: limits.max_connections_per_address,
-        // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
-        waits_when_full: false,
-        handshake: limits.first_request,
-        failure_pause: ACCEPT_PAUSE,
-        max_failures: None,
-    }
 }
 
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.

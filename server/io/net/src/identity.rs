@@ -23,34 +23,18 @@ use tokio_rustls::{
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Certificate or key error.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read as PEM.
     #[error("{what} {}: {problem}; give a PEM file", path.display())]
-    File {
-        /// Expected content.
-        what: &'static str,
-        /// Path of the file.
-        path: PathBuf,
-        /// Problem with it.
-        problem: String,
-    },
+    File { what: &'static str, path: PathBuf, problem: String },
     /// Certificate and key do not match.
     #[error("the key in {} is not that of the certificate in {}; give the two that were issued together", key.display(), certificate.display())]
-    WrongPair {
-        /// File of the certificate.
-        certificate: PathBuf,
-        /// File of the key.
-        key: PathBuf,
-    },
+    WrongPair { certificate: PathBuf, key: PathBuf },
     /// The certificate is unsuitable for a server.
     #[error("the certificate in {}: {problem}; have another issued", certificate.display())]
-    Certificate {
-        /// File of the certificate.
-        certificate: PathBuf,
-        /// Problem with it.
-        problem: String,
-    },
+    Certificate { certificate: PathBuf, problem: String },
 }
 
 /// TLS identity: certificate and key.

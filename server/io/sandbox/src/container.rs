@@ -52,11 +52,6 @@ impl Engine {
             |engine: &Self| std::env::split_paths(path).any(|dir| dir.join(engine.program()).is_file());
         Self::ALL.into_iter().find(is_there)
     }
-
-    /// Returns the engine arguments that kill a container.
-    pub fn kill(name: &str) -> [&str; 2] {
-        ["kill", name]
-    }
 }
 
 impl Container {
@@ -72,13 +67,9 @@ impl Container {
 
     /// Returns the engine arguments that run the container. The token is in the environment.
     pub fn arguments(&self, engine: Engine) -> Vec<String> {
-        let mut arguments: Vec<String> =
-            ["run", "--rm", "--interactive=false", "--network", "none", "--read-only"]
-                .map(String::from)
-                .into();
+        let fixed = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges";
+        let mut arguments: Vec<String> = fixed.split(' ').map(String::from).collect();
         let mut add = |flag: &str, value: String| arguments.extend([flag.to_owned(), value]);
-        add("--cap-drop", "ALL".to_owned());
-        add("--security-opt", "no-new-privileges".to_owned());
         add("--pids-limit", PROCESSES.to_string());
         if let Some(mib) = self.memory_mib {
             add("--memory", format!("{mib}m"));

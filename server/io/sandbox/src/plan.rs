@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -44,29 +44,20 @@ pub struct MissingRestriction {
 }
 
 /// A sandbox error.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum SandboxError {
     /// The plan cannot be read or written.
     #[error(
         "cannot use the sandbox plan {path}: {problem}; check the disk and the permissions of its folder"
     )]
-    Plan {
-        /// The file.
-        path: PathBuf,
-        /// The problem.
-        problem: String,
-    },
+    Plan { path: PathBuf, problem: String },
     /// The ground truth would be accessible to the agent.
     #[error(
         "an agent could read the ground truth in {hidden}: {why}; use another machine, or move the data folder away from \
          the folders that the agent may read"
     )]
-    Exposed {
-        /// The data folder.
-        hidden: PathBuf,
-        /// MissingRestriction features.
-        why: String,
-    },
+    Exposed { hidden: PathBuf, why: String },
     /// The process on the other side of the control socket has ended.
     #[error("the sandbox was abandoned: {0}; start the run again")]
     GivenUp(String),
@@ -74,12 +65,7 @@ pub enum SandboxError {
     #[error(
         "cannot start the agent '{program}': {problem}; check the command after --, and name folders that it needs with --read"
     )]
-    Command {
-        /// The program.
-        program: String,
-        /// The system error.
-        problem: String,
-    },
+    Command { program: String, problem: String },
     /// The system supports no sandbox feature.
     #[error("sealed runs need Linux; use a Linux machine")]
     Unsupported,
@@ -107,11 +93,12 @@ impl SandboxPlan {
     /// If the folder cannot be written.
     pub fn write(&self) -> Result<PathBuf, SandboxError> {
         let path = self.folder.join("plan.json");
-        let wrong = |problem: String| SandboxError::Plan { path: path.clone(), problem };
-        let text = serde_json::to_vec(self).map_err(|error| wrong(error.to_string()))?;
-        fs::create_dir_all(Self::scratch(&self.folder)).map_err(|error| wrong(error.to_string()))?;
-        fs::write(&path, text).map_err(|error| wrong(error.to_string()))?;
-        Ok(path)
+        let written = fs::create_dir_all(Self::scratch(&self.folder))
+            .and_then(|()| fs::write(&path, serde_json::to_vec(self).map_err(io::Error::from)?));
+        match written {
+            Ok(()) => Ok(path),
+            Err(error) => Err(SandboxError::Plan { path, problem: error.to_string() }),
+        }
     }
 
     /// Reads a plan.
@@ -119,9 +106,8 @@ impl SandboxPlan {
     /// # Errors
     /// If it is missing or damaged.
     pub fn read(path: &Path) -> Result<Self, SandboxError> {
-        let wrong = |problem: String| SandboxError::Plan { path: path.to_owned(), problem };
-        let text = fs::read(path).map_err(|error| wrong(error.to_string()))?;
-        serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))
+        let plan = fs::read(path).and_then(|text| serde_json::from_slice(&text).map_err(io::Error::from));
+        plan.map_err(|error| SandboxError::Plan { path: path.to_owned(), problem: error.to_string() })
     }
 }
 
@@ -163,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn written_plans_are_read_back_and_damage_is_named() {
+    fn plans_round_trip_and_damage_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = plan(folder.path()).write().unwrap();
         assert_eq!(SandboxPlan::read(&path).unwrap(), plan(folder.path()));

@@ -21,7 +21,7 @@ use std::{
         process::{CommandExt, ExitStatusExt},
     },
     path::Path,
-    process::{Command, ExitStatus},
+    process::Command,
 };
 
 // Restrictions in the report, which results record.
@@ -55,12 +55,8 @@ pub(crate) fn supervise(plan: &Path, program: &Path, child_arguments: &[String])
         program: program.display().to_string(),
         problem: error.to_string(),
     })?;
-    Ok(code(status))
-}
-
-fn code(status: ExitStatus) -> u8 {
     let code = status.code().unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
-    u8::try_from(code).unwrap_or(u8::MAX)
+    Ok(u8::try_from(code).unwrap_or(u8::MAX))
 }
 
 /// Creates namespaces of all kinds. Later processes are root inside them.

@@ -105,8 +105,7 @@ const NAMESPACES: [i32; 7] = [
     libc::CLONE_NEWCGROUP,
 ];
 
-/// `ioctl` requests that inject keystrokes into a terminal, TIOCSTI and TIOCLINUX; their type depends on the
-/// C library.
+/// `ioctl` requests TIOCSTI and TIOCLINUX, which inject keystrokes; their type depends on the C library.
 const KEYSTROKES: [u64; 2] = [0x5412, 0x541C];
 
 type CallRules = BTreeMap<i64, Vec<SeccompRule>>;

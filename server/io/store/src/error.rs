@@ -5,70 +5,40 @@ use std::path::PathBuf;
 pub type Result<T, E = StoreError> = std::result::Result<T, E>;
 
 /// A store error, with a next step in the message.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The file or folder cannot be used.
     #[error(
         "cannot open the database {path}: {reason}; check that its folder exists, is writable and has free space, or choose another data folder"
     )]
-    CannotOpen {
-        /// The file.
-        path: PathBuf,
-        /// The operating system's or SQLite's error.
-        reason: String,
-    },
+    CannotOpen { path: PathBuf, reason: String },
     /// The file is no LH-AVLN Arena database.
     #[error("{path} is not an LH-AVLN Arena database; move it or choose another data folder")]
-    NotOurs {
-        /// The file.
-        path: PathBuf,
-    },
+    NotOurs { path: PathBuf },
     /// The file has a newer schema.
     #[error(
         "the database {path} has schema version {found}, but this program supports up to {known}; use the newer program or another data folder"
     )]
-    Newer {
-        /// The file.
-        path: PathBuf,
-        /// File schema version.
-        found: i64,
-        /// Newest supported version.
-        known: i64,
-    },
+    Newer { path: PathBuf, found: i64, known: i64 },
     /// A migration failed.
     #[error("cannot migrate the database {path}: {reason}; restore a backup or choose another data folder")]
-    Migration {
-        /// The file.
-        path: PathBuf,
-        /// The failure.
-        reason: String,
-    },
+    Migration { path: PathBuf, reason: String },
     /// Another process locks the database.
     #[error("the database is locked by another program; stop that program, then try again")]
     Busy,
     /// A row with this name does not exist.
     #[error("there is no {what} '{name}'; check the name")]
-    Unknown {
-        /// Row kind.
-        what: &'static str,
-        /// Requested name.
-        name: String,
-    },
+    Unknown { what: &'static str, name: String },
     /// A different row has this name.
     #[error("{what} '{name}' exists already and differs; choose another name")]
-    Taken {
-        /// Row kind.
-        what: &'static str,
-        /// Name.
-        name: String,
-    },
+    Taken { what: &'static str, name: String },
     /// The phase is closed.
     #[error("phase '{0}' is closed; choose an open phase")]
     PhaseClosed(String),
     /// The phase is not open yet.
     #[error("phase '{phase}' opens at {}; choose an open phase, or try again then", rfc3339(*opens_unix_ms))]
     PhaseNotOpen {
-        /// The phase.
         phase: String,
         /// Opening time, milliseconds since 1970-01-01 UTC.
         opens_unix_ms: i64,
@@ -80,12 +50,7 @@ pub enum StoreError {
     PhaseSealed(String),
     /// The phase is paused.
     #[error("phase '{phase}' is paused: {reason}; started runs can continue")]
-    PhasePaused {
-        /// The phase.
-        phase: String,
-        /// Reason given by the organiser.
-        reason: String,
-    },
+    PhasePaused { phase: String, reason: String },
     /// The phase is not closed, so the secret cannot be published.
     #[error(
         "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
@@ -94,7 +59,6 @@ pub enum StoreError {
     /// Runs continue, so the secret cannot be published.
     #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
     StillPlayed {
-        /// The phase.
         phase: String,
         /// Latest deadline, milliseconds since 1970-01-01 UTC.
         until_unix_ms: i64,
@@ -103,40 +67,16 @@ pub enum StoreError {
     #[error(
         "phase '{phase}' is not visible to team '{team}'; ask the organiser, or choose a phase of ListPhases"
     )]
-    PhaseNotVisible {
-        /// The phase.
-        phase: String,
-        /// The team.
-        team: String,
-    },
+    PhaseNotVisible { phase: String, team: String },
     /// The team is not admitted to the phase.
     #[error("team '{team}' may not play in phase '{phase}': {why}; ask the organiser")]
-    TeamNotApproved {
-        /// The phase.
-        phase: String,
-        /// The team.
-        team: String,
-        /// Reason.
-        why: &'static str,
-    },
+    TeamNotApproved { phase: String, team: String, why: &'static str },
     /// The person is in another team in this phase.
     #[error("'{person}' is in team '{team}' of phase '{phase}'; remove the person from that team first")]
-    InAnotherTeam {
-        /// The person.
-        person: String,
-        /// The phase.
-        phase: String,
-        /// The other team.
-        team: String,
-    },
+    InAnotherTeam { person: String, phase: String, team: String },
     /// The phase does not allow this mission order.
     #[error("phase '{phase}' does not allow {order} missions; choose the other order")]
-    OrderNotAllowed {
-        /// The phase.
-        phase: String,
-        /// Requested order.
-        order: &'static str,
-    },
+    OrderNotAllowed { phase: String, order: &'static str },
     /// A team quota is used up.
     #[error("{}", quota_message(.0))]
     QuotaUsed(Box<Quota>),
@@ -144,31 +84,16 @@ pub enum StoreError {
     #[error(
         "run '{run}' was rescored by benchmark {scorer} before, with a different result; the two programs differ despite the equal version"
     )]
-    ScoresDiffer {
-        /// The run.
-        run: String,
-        /// Benchmark version.
-        scorer: String,
-    },
+    ScoresDiffer { run: String, scorer: String },
     /// The run is over.
     #[error("run '{run}' is {state}; start another run")]
-    RunOver {
-        /// The run.
-        run: String,
-        /// Run state.
-        state: &'static str,
-    },
+    RunOver { run: String, state: &'static str },
     /// The run is open, so it cannot be verified.
     #[error("run '{0}' is not over; verify it after its end")]
     RunOpen(String),
     /// A stored value is invalid.
     #[error("the database contains a damaged {what}: {reason}; restore a backup")]
-    Damaged {
-        /// Value kind.
-        what: String,
-        /// The fault.
-        reason: String,
-    },
+    Damaged { what: String, reason: String },
     /// SQLite failed.
     #[error("the database failed: {0}; check disk space and file permissions")]
     Database(#[source] sqlx::Error),

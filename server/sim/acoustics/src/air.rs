@@ -1,4 +1,4 @@
-//! The air of a building on a grid: open cells and unobstructed steps between them.
+//! Air cells of a building, and unobstructed steps between them.
 
 pub(crate) mod grid;
 
@@ -8,22 +8,20 @@ use grid::Grid;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Smallest volume of room air, cubic metres, counting cells with six air neighbours. Smaller connected air
-/// is the inside of a wall, a slab or furniture.
+// Smaller connected air is the inside of a wall, a slab or furniture. Only cells with six air neighbours count.
 const MIN_ROOM_M3: f32 = 0.8;
 
-/// The air of a building in which sound travels.
 pub(crate) struct Air {
-    rays: Arc<RayMesh>,
-    grid: Grid,
+    pub(crate) rays: Arc<RayMesh>,
+    pub(crate) grid: Grid,
     /// Per cell: true if the centre is room air.
-    in_room: Vec<bool>,
+    pub(crate) in_room: Vec<bool>,
     /// Per cell: true if the step to the next cell in x, y, z is free.
     free_steps: Vec<[bool; 3]>,
 }
 
 impl Air {
-    /// Scans the surfaces of `scene`; `rays` must be built over the same triangles.
+    /// Scans the surfaces in `scene`; `rays` must contain the same triangles.
     pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>) -> Self {
         let grid = Grid::new(scene.bounds());
         let mut open = vec![true; grid.len()];
@@ -38,25 +36,11 @@ impl Air {
         air
     }
 
-    /// Bytes of the cell data.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
     }
 
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    pub(crate) fn rays(&self) -> &RayMesh {
-        &self.rays
-    }
-
-    /// Returns true if the centre of `cell` is room air.
-    pub(crate) fn in_room(&self, cell: usize) -> bool {
-        self.in_room[cell]
-    }
-
-    /// Returns the open cells reachable from `cell` in a single free step.
+    /// Returns the room cells reachable from `cell` in a single free step.
     pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
         let position = self.grid.cell(cell);
         (0..3).flat_map(move |axis| {
@@ -86,7 +70,7 @@ impl Air {
         }
     }
 
-    /// Marks all cells connected to `seed` and counts cells with six air neighbours.
+    /// Marks the cells connected to `seed`; returns how many have six air neighbours.
     fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
         let mut stack = vec![seed];
         let mut count = 0;
@@ -117,7 +101,7 @@ impl Air {
         Vec::new()
     }
 
-    /// Returns the room cell for a point enclosed by furniture or outside: the nearest cell behind a single
+    /// Returns the room cell for a point inside furniture or outside: the nearest cell behind a single
     /// surface, otherwise the cell behind the fewest surfaces. `None` without room air.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
         const REACH_M: f32 = 1.2;
@@ -133,12 +117,9 @@ impl Air {
                 break;
             }
         }
-        best.map(|(_, cell)| cell).or_else(|| self.nearest_of_all(point))
-    }
-
-    fn nearest_of_all(&self, point: &Point3<f32>) -> Option<usize> {
+        let distance = |cell: &usize| self.distance_to(point, *cell);
         let rooms = (0..self.grid.len()).filter(|cell| self.in_room[*cell]);
-        rooms.min_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)))
+        best.map(|(_, cell)| cell).or_else(|| rooms.min_by(|a, b| distance(a).total_cmp(&distance(b))))
     }
 
     fn room_cells(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
@@ -169,11 +150,13 @@ impl Air {
     }
 }
 
-/// Cell centres within this distance of a surface belong to the surface, metres.
+/// Corners of a triangle.
+type Triangle = [Point3<f32>; 3];
+
+/// Cells with a centre this close to a surface are closed, metres.
 const SKIN_M: f32 = 0.04;
 
-/// Closes the cells with a centre within the skin of the triangle.
-fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) {
+fn close_cells_near(grid: &Grid, corners: &Triangle, open: &mut [bool]) {
     let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
     let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
     for z in zs {
@@ -186,8 +169,8 @@ fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) 
     }
 }
 
-/// Blocks the steps between neighbouring centres cut by the triangle.
-fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
+/// Blocks the steps between neighbouring centres that the triangle cuts.
+fn block_steps_through(grid: &Grid, corners: &Triangle, free_steps: &mut [[bool; 3]]) {
     for axis in 0..3 {
         let across = [(axis + 1) % 3, (axis + 2) % 3];
         let (Some(us), Some(vs)) =
@@ -203,11 +186,10 @@ fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut
     }
 }
 
-/// Blocks the cut steps in a row of centres in direction `axis`; `column` contains the indices on the
-/// following two axes.
+/// Blocks the cut steps in a row on `axis`; `column` is the row position on the next two axes.
 fn block_column(
     grid: &Grid,
-    corners: &[Point3<f32>; 3],
+    corners: &Triangle,
     axis: usize,
     column: [usize; 2],
     free_steps: &mut [[bool; 3]],
@@ -226,24 +208,19 @@ fn block_column(
     }
 }
 
-/// Barycentric weights of the origin in a flat triangle; `None` outside. Edges are inside with a small
-/// tolerance, so that no gap opens between adjacent triangles.
+/// Barycentric weights for the origin in a flat triangle; `None` outside.
 fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
     let [a, b, c] = *corners;
     let areas = [cross(b, c), cross(c, a), cross(a, b)];
     let total: f32 = areas.iter().sum();
     let weights = areas.map(|area| area / total);
+    // A tolerance at the edges, so that no gap opens between adjacent triangles.
     (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
 }
 
-/// Returns the index range on `axis` within `margin_m` of the triangle's extent.
-fn span(
-    grid: &Grid,
-    corners: &[Point3<f32>; 3],
-    axis: usize,
-    margin_m: f32,
-) -> Option<RangeInclusive<usize>> {
+/// Returns the index range on `axis` within `margin_m` around the triangle.
+fn span(grid: &Grid, corners: &Triangle, axis: usize, margin_m: f32) -> Option<RangeInclusive<usize>> {
     let [a, b, c] = corners.map(|corner| corner[axis]);
     let position = |at: f32| (at - grid.first_center[axis]) / grid.cell_m;
     let low = position(a.min(b).min(c) - margin_m).ceil().max(0.0);
@@ -252,7 +229,7 @@ fn span(
 }
 
 /// Squared distance from `point` to the triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
-fn distance_squared(point: &Point3<f32>, corners: &[Point3<f32>; 3]) -> f32 {
+fn distance_squared(point: &Point3<f32>, corners: &Triangle) -> f32 {
     let [a, b, c] = corners;
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(&ac);
@@ -278,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_to_a_triangle_by_hand() {
+    fn triangle_distances_match_hand_computed_values() {
         let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]].map(Point3::from);
         for (point, squared) in [
             ([0.5, 0.5, 3.0], 9.0),
@@ -291,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_through_a_shared_edge_is_blocked_by_one_of_the_two() {
+    fn shared_edges_have_no_gap() {
         let (a, b) = ([[-1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]], [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]);
         assert!(weights_at_origin(&a).is_some() || weights_at_origin(&b).is_some());
         assert!(weights_at_origin(&[[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]]).is_none());

@@ -1,38 +1,30 @@
-//! Octave bands, propagation losses and short filters that realise them.
+//! Octave bands, propagation losses, and short filters with these losses.
 
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use std::f32::consts::{LN_10, PI};
 use std::sync::OnceLock;
 
-/// Number of octave bands.
 pub(crate) const BANDS: usize = 7;
-
-/// Centres of the bands, hertz.
 pub(crate) const BAND_HZ: [f32; BANDS] = [125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
-
-/// Taps of a loss filter.
 pub(crate) const LOSS_TAPS: usize = 48;
 
-/// Loss per band in decibels; 0 is no loss.
+/// Loss per band, decibels.
 pub(crate) type BandLoss = [f32; BANDS];
 
-/// Loss of a silent band, decibels.
 pub(crate) const SILENT_DB: f32 = 100.0;
 
-/// Absorption of air at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels a metre (ISO 9613-1).
+/// Air absorption at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels per metre (ISO 9613-1).
 const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297, 0.105];
 
-/// Asymptotic detour, metres: diffraction removes 25 dB from the 4 kHz band there, less from lower bands.
+/// Largest effective detour, metres: 25 dB diffraction loss at 4 kHz, less in lower bands.
 const MAX_DETOUR_M: f32 = 0.68;
 
-/// Absorption of `length_m` metres of air.
 pub(crate) fn air_loss(length_m: f32) -> BandLoss {
     AIR_DB_PER_M.map(|db| db * length_m)
 }
 
-/// Diffraction loss of a path with a detour of `detour_m`, decibels: 5 dB at the shadow boundary, more in
-/// deeper shadows and higher bands. Deep shadows approach 25 dB at 4 kHz; the difference between bands never
-/// shrinks.
+/// Diffraction loss for a detour in metres: 5 dB at the shadow boundary, more in deeper shadows and higher
+/// bands, at most 25 dB at 4 kHz.
 ///
 /// Source: Kurze and Anderson (1971), "Sound attenuation by barriers", Applied Acoustics 4.
 pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
@@ -48,22 +40,19 @@ pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
     })
 }
 
-/// Sum of two losses.
 pub(crate) fn both(first: &BandLoss, second: &BandLoss) -> BandLoss {
     std::array::from_fn(|band| first[band] + second[band])
 }
 
 /// Returns the minimum-phase filter with magnitude `loss`, linear in decibels over log frequency.
-///
-/// The log magnitude is linear in the losses, and so is the minimum-phase cepstrum. The cepstra of the bands
-/// are precomputed; the filter follows from their sum by the recursion of Oppenheim and Schafer,
-/// "Discrete-Time Signal Processing", chapter 13: `n h[n] = sum over k of k c[k] h[n - k]`.
 pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
+    // The log magnitude is linear in the losses, and so is the minimum-phase cepstrum.
     let mut cepstrum = [0.0_f32; LOSS_TAPS];
     for (db, known) in loss.iter().zip(band_cepstra()) {
         let nepers = -db * LN_10 / 20.0;
         cepstrum.iter_mut().zip(known).for_each(|(sum, value)| *sum += nepers * value);
     }
+    // Oppenheim and Schafer, "Discrete-Time Signal Processing", chapter 13: n h[n] = sum over k of k c[k] h[n - k].
     let mut taps = [0.0; LOSS_TAPS];
     taps[0] = libm::expf(cepstrum[0]);
     for n in 1..LOSS_TAPS {
@@ -73,7 +62,6 @@ pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
     taps
 }
 
-/// Minimum-phase cepstra of one neper per band.
 fn band_cepstra() -> &'static [[f32; LOSS_TAPS]; BANDS] {
     static CEPSTRA: OnceLock<[[f32; LOSS_TAPS]; BANDS]> = OnceLock::new();
     CEPSTRA.get_or_init(|| std::array::from_fn(band_cepstrum))
@@ -94,7 +82,7 @@ fn band_cepstrum(band: usize) -> [f32; LOSS_TAPS] {
     })
 }
 
-/// Weight of `band` at `frequency_hz`: a triangle over octaves, flat below the centre of the first band.
+/// Weight for `band` at `frequency_hz`: a triangle over octaves, flat below the first centre.
 fn band_share(band: usize, frequency_hz: f64) -> f64 {
     let octaves = libm::log2(frequency_hz.max(f64::from(BAND_HZ[0])) / f64::from(BAND_HZ[band]));
     (1.0 - octaves.abs()).max(0.0)
@@ -120,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_filter_takes_what_it_should_in_every_band() {
+    fn loss_filters_match_the_loss_in_every_band() {
         for loss in [
             diffraction_loss(0.02),
             diffraction_loss(1.5),
@@ -135,8 +123,9 @@ mod tests {
     }
 
     #[test]
-    fn air_absorbs_what_the_standard_says() {
-        // ISO 9613-1, equations 3 to 5, at the reference temperature and pressure; molar share of water in per cent.
+    fn air_absorption_matches_the_standard() {
+        // ISO 9613-1, equations 3 to 5, at the reference temperature and pressure; molar water share in per
+        // cent.
         let water = 50.0 * libm::exp10(-6.8346 * libm::pow(273.16 / 293.15, 1.261) + 4.6151);
         let oxygen_hz = 24.0 + 4.04e4 * water * (0.02 + water) / (0.391 + water);
         let nitrogen_hz = 9.0 + 280.0 * water;
@@ -153,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shadow_begins_with_five_decibels_and_deepens_with_frequency() {
+    fn diffraction_starts_at_five_decibels_and_grows() {
         assert_eq!(diffraction_loss(0.0), [5.0; BANDS]);
         // N = 2 x 0.1715 x 1000 / 343 = 1: x = 2.5066, tanh x = 0.9868, 5 + 20 lg 2.540 = 13.10 dB.
         assert!((diffraction_loss(0.1715)[3] - 13.10).abs() < 0.02);

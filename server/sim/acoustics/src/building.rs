@@ -1,4 +1,4 @@
-//! A building prepared for sound, and the settings of the simulation.
+//! A building prepared for sound, and the simulation settings.
 
 use crate::air::Air;
 use crate::cache::VERSION;
@@ -11,16 +11,16 @@ use avln_geom::{RayMesh, Vector3};
 use avln_scene::Scene;
 use std::sync::Arc;
 
-/// Scope and resolution of the acoustic simulation. Equal settings give equal bits.
+/// Scope and resolution. Equal settings give equal bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Length of impulse responses, seconds; later sound is dropped.
+    /// Impulse response length, seconds; later sound is dropped.
     pub response_s: f32,
-    /// Rays that carry the late energy of a source.
+    /// Rays per source for late energy.
     pub ray_count: usize,
-    /// Highest order of discrete reflections, 0 to 3; 0 leaves all reflections to the late energy.
+    /// Highest order of discrete reflections, 0 to 3; all others are late energy.
     pub reflection_order: usize,
-    /// Head model; [`Source::with_head`](crate::Source::with_head) changes it later.
+    /// Head model; [`Source::with_head`](crate::Source::with_head) replaces it.
     pub head: Head,
 }
 
@@ -31,24 +31,22 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Samples of the longest impulse response.
     pub(crate) fn response_samples(&self) -> usize {
         (self.response_s.max(0.0) * SAMPLE_RATE_HZ as f32) as usize
     }
 
-    /// The name under which a source at a place is kept, in a building called `building`.
+    /// Cache name for the source at a position (as bits) in the building named `building`.
     pub(crate) fn source_name(&self, building: &str, [x, y, z]: [u32; 3]) -> String {
         let (samples, rays, order) = (self.response_samples(), self.ray_count, self.reflection_order);
         format!("{building}-{x:08x}{y:08x}{z:08x}-{samples}-{rays}-{order}-{VERSION}")
     }
 
-    /// The farthest that sound comes from within a response, metres.
+    /// Longest path within a response, metres.
     pub(crate) fn reach_m(&self) -> f32 {
         self.response_s.max(0.0) * SPEED_OF_SOUND_M_S
     }
 }
 
-/// Precomputed data of a building.
 pub(crate) struct Building {
     pub(crate) air: Air,
     pub(crate) planes: Planes,

@@ -1,9 +1,8 @@
-//! A persistent cache of source data, and its binary format: lists of numbers with length prefixes,
-//! little-endian.
+//! A persistent cache for source data in a binary format: little-endian number lists with length prefixes.
 
 use std::sync::Arc;
 
-/// A persistent cache of source data between runs of the program.
+/// A persistent cache for source data between program runs.
 pub trait SoundCache: Send + Sync {
     /// Returns the bytes stored as `name`, if present and intact.
     fn load_sound(&self, name: &str) -> Option<Vec<u8>>;
@@ -11,19 +10,18 @@ pub trait SoundCache: Send + Sync {
     fn store_sound(&self, name: &str, bytes: &[u8]);
 }
 
-/// The part of a cache for the sources of a building.
+/// A building's part in a cache.
 #[derive(Clone)]
 pub struct BuildingCache {
-    /// The shelf.
+    /// The cache.
     pub cache: Arc<dyn SoundCache>,
-    /// A name that only buildings with the same content and surfaces have.
+    /// Building name, unique per content and surfaces.
     pub name: String,
 }
 
-/// Changes whenever equal places in equal buildings would give other bytes.
+// Increment whenever equal positions in equal buildings would give different bytes.
 pub(crate) const VERSION: u32 = 4;
 
-/// A writer of lists.
 #[derive(Default)]
 pub(crate) struct Writer {
     pub(crate) bytes: Vec<u8>,
@@ -45,7 +43,7 @@ impl Writer {
     }
 }
 
-/// A reader of lists; `None` if the bytes end too early.
+/// A list reader; `None` if the bytes end too early.
 pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
 }
@@ -65,7 +63,6 @@ impl<'a> Reader<'a> {
         Some(halves.collect())
     }
 
-    /// Returns true if everything was read.
     pub(crate) fn is_at_end(&self) -> bool {
         self.bytes.is_empty()
     }
@@ -84,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_come_back_and_bytes_that_end_too_soon_do_not() {
+    fn lists_round_trip_and_truncated_bytes_fail() {
         let mut writer = Writer::default();
         writer.words(&[7, u32::MAX]);
         writer.halves(&[]);

@@ -1,7 +1,7 @@
-//! Sound clips: synthesised, with equal bits on every machine, or from recordings.
+//! Sound clips: synthesised, with equal bits on every machine, or recorded.
 //!
-//! Every synthesised clip is localisable: broadband, with several onsets per second and no long gap. All
-//! clips are equally loud, so that level depends on distance only.
+//! Synthesised clips are localisable: broadband, with several onsets per second and no long gap. All clips
+//! are equally loud, so that level depends on distance only.
 
 mod families;
 mod mastering;
@@ -19,95 +19,97 @@ use synthesis::CLIP_SAMPLES;
 /// A seamless sound loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
-    /// Family and number, `pink-bursts-0`, or the name of a recording.
+    /// Family and number, `pink-bursts-0`, or a recording name.
     pub name: String,
-    /// Pressure at 1 m, mono, at [`SAMPLE_RATE_HZ`](crate::SAMPLE_RATE_HZ); the first sample follows the
-    /// last.
+    /// Mono pressure at 1 m, at [`SAMPLE_RATE_HZ`](crate::SAMPLE_RATE_HZ).
     pub samples: Arc<[f32]>,
 }
 
-/// A share of the synthesised clips. The shares for training, validation and test are disjoint, and every
-/// family has clips in all three.
+/// A share of the synthesised clips. The three disjoint pools have clips from every family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipPool {
-    /// All 100.
+    /// All 100 clips.
     All,
     /// 70 clips.
     Train,
-    /// 15 further clips.
+    /// 15 other clips.
     Validation,
-    /// The remaining 15.
+    /// The remaining 15 clips.
     Test,
 }
 
-/// A set of clips to draw from.
+/// A clip list.
 #[derive(Clone, Debug)]
-pub struct Bank(Content);
+pub struct Bank(Arc<[Entry]>);
 
 #[derive(Clone, Debug)]
-enum Content {
-    /// Indices of synthesised clips.
-    Synthesized(Arc<[usize]>),
-    Given(Arc<[Clip]>),
+enum Entry {
+    Synthesized(usize),
+    Given(Clip),
 }
 
 impl Bank {
-    /// Returns the clips of `pool`: 6 s long, in ten families. A clip is synthesised on first use and cached.
+    /// Returns the clips in `pool`: 6 s long, from ten families. Clips are synthesised on first use and cached.
     pub fn of(pool: ClipPool) -> Self {
-        Self(Content::Synthesized((0..COUNT).filter(|&index| pool.holds(index)).collect()))
+        Self((0..COUNT).filter(|&index| pool.contains(index)).map(Entry::Synthesized).collect())
     }
 
-    /// A bank of `clips`, in their order.
+    /// Creates a bank with `clips` in the given order.
     pub fn from_clips(clips: Vec<Clip>) -> Self {
-        Self(Content::Given(clips.into()))
+        Self(clips.into_iter().map(Entry::Given).collect())
     }
 
     /// Number of clips.
     pub fn len(&self) -> usize {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.len(),
-            Content::Given(clips) => clips.len(),
-        }
+        self.0.len()
     }
 
-    /// Returns true if the bank is empty.
+    /// Returns true without clips.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.0.is_empty()
     }
 
     /// Returns the clip at `index`; `None` if out of range.
     pub fn clip(&self, index: usize) -> Option<Clip> {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.get(index).map(|&index| clip(index).clone()),
-            Content::Given(clips) => clips.get(index).cloned(),
-        }
+        self.0.get(index).map(Entry::clip)
     }
 
-    /// Names of all clips, in order, without synthesis.
+    /// Returns all names in order, without synthesis.
     pub fn names(&self) -> Vec<String> {
-        match &self.0 {
-            Content::Synthesized(indices) => indices.iter().map(|&index| name(index)).collect(),
-            Content::Given(clips) => clips.iter().map(|clip| clip.name.clone()).collect(),
+        self.0.iter().map(Entry::name).collect()
+    }
+
+    /// Returns all clips in order.
+    pub fn clips(&self) -> impl Iterator<Item = Clip> {
+        self.0.iter().map(Entry::clip)
+    }
+}
+
+impl Entry {
+    fn clip(&self) -> Clip {
+        match self {
+            Self::Synthesized(index) => clip(*index).clone(),
+            Self::Given(clip) => clip.clone(),
         }
     }
 
-    /// All clips, in order.
-    pub fn clips(&self) -> impl Iterator<Item = Clip> {
-        (0..self.len()).filter_map(|index| self.clip(index))
+    fn name(&self) -> String {
+        match self {
+            Self::Synthesized(index) => name(*index),
+            Self::Given(clip) => clip.name.clone(),
+        }
     }
 }
 
 impl Default for Bank {
-    /// [`ClipPool::All`].
     fn default() -> Self {
         Self::of(ClipPool::All)
     }
 }
 
 impl ClipPool {
-    /// Returns true if the pool contains the synthesised clip at `index`. Of ten clips per family, seven are
-    /// for training; validation and test share the other three, with the larger part in turn.
-    fn holds(self, index: usize) -> bool {
+    fn contains(self, index: usize) -> bool {
+        // Seven clips per family are for training; validation and test share three, with the larger part in turn.
         let (family, number) = (index / CLIPS_PER_FAMILY, index % CLIPS_PER_FAMILY);
         let validation_end = 8 + family % 2;
         match self {
@@ -119,30 +121,20 @@ impl ClipPool {
     }
 }
 
-/// Clips per family.
 const CLIPS_PER_FAMILY: usize = 10;
-
-/// Total number of clips.
 const COUNT: usize = FAMILIES.len() * CLIPS_PER_FAMILY;
-
-/// Seed of all clips.
 const SEED: u64 = 0x61_766c_6e01;
 
-/// Returns the clip at `index`, family by family, synthesised on first use.
-///
-/// # Panics
-/// If `index` is out of range.
+/// Returns the clip at `index`, synthesised on first use.
 fn clip(index: usize) -> &'static Clip {
     static CLIPS: [OnceLock<Clip>; COUNT] = [const { OnceLock::new() }; COUNT];
     CLIPS[index].get_or_init(|| synthesize(index))
 }
 
-/// Name of the clip at `index`: family and number.
 fn name(index: usize) -> String {
     format!("{}-{}", FAMILIES[index / CLIPS_PER_FAMILY].name, index % CLIPS_PER_FAMILY)
 }
 
-/// Synthesises the clip at `index`.
 fn synthesize(index: usize) -> Clip {
     static MASTERING: OnceLock<Mastering> = OnceLock::new();
     let family = &FAMILIES[index / CLIPS_PER_FAMILY];
@@ -158,7 +150,7 @@ mod tests {
     use crate::SAMPLE_RATE_HZ;
     use realfft::{RealFftPlanner, num_complex::Complex32};
 
-    /// Energies of 10 ms frames.
+    /// Mean square per 10 ms frame.
     fn frames(clip: &Clip) -> Vec<f32> {
         let mean_square =
             |frame: &[f32]| frame.iter().map(|sample| sample * sample).sum::<f32>() / frame.len() as f32;
@@ -176,7 +168,7 @@ mod tests {
         bins.iter().map(|bin| bin.norm_sqr()).sum()
     }
 
-    /// Energy share of a spectrum that ends at 8 kHz.
+    /// Energy share between two frequencies in a spectrum up to 8 kHz.
     fn share_of_energy(spectrum: &[Complex32], from_hz: f32, to_hz: f32) -> f32 {
         let bin = |frequency_hz: f32| (frequency_hz / 8000.0 * (spectrum.len() - 1) as f32) as usize;
         energy(&spectrum[bin(from_hz)..bin(to_hz)]) / energy(spectrum)
@@ -196,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_a_hundred_clips_with_different_names_and_sounds() {
+    fn bank_has_a_hundred_distinct_clips() {
         let bank = bank();
         assert_eq!((bank.len(), families::FAMILIES.len()), (100, 10));
         for (index, clip) in bank.iter().enumerate() {
@@ -210,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn pools_share_no_clip_and_every_family_is_in_each() {
+    fn pools_are_disjoint_and_contain_every_family() {
         let names = |pool| Bank::of(pool).clips().map(|clip| clip.name).collect::<Vec<_>>();
         let pools = [ClipPool::Train, ClipPool::Validation, ClipPool::Test].map(names);
         assert_eq!(pools.each_ref().map(Vec::len), [70, 15, 15]);
@@ -226,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn all_clips_are_equally_loud_and_without_sharp_peaks() {
+    fn clips_are_equally_loud_with_limited_peaks() {
         let mut power = 0.0;
         for clip in bank() {
             let mean_square = frames(&clip).iter().sum::<f32>() / frames(&clip).len() as f32;
@@ -246,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn every_clip_has_lows_and_highs_and_is_more_than_three_octaves_wide() {
+    fn clips_are_more_than_three_octaves_wide() {
         for clip in bank() {
             let spectrum = spectrum(&clip);
             let (low, high) =
@@ -259,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_clip_has_onsets_and_no_long_gap() {
+    fn clips_have_onsets_and_no_long_gap() {
         for clip in bank() {
             let frames = frames(&clip);
             let around = |index: usize| frames[index % frames.len()];
@@ -278,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_clip_leads_into_its_start() {
+    fn clips_loop_without_a_step() {
         for clip in bank() {
             let last = clip.samples.len() - 1;
             let mut bends: Vec<f32> =

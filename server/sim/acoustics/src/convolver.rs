@@ -1,46 +1,35 @@
-//! Partitioned overlap-save convolution. Spectra of the input are shared by all filters, spectra of a filter
-//! by all steps.
-//!
-//! The two ears are the real and the imaginary part of a signal, so a single transform serves both.
+//! Partitioned overlap-save convolution. All filters share input spectra; all steps share filter spectra.
 
 use crate::transform::{Complexes, Transform};
 use std::collections::VecDeque;
 
-/// Fast convolution of real signals with pairs of filters, a block of samples at a time.
+/// Fast convolution of real signals with filter pairs, block by block.
 pub(crate) struct Convolver {
     block: usize,
     window: usize,
     transform: Transform,
     sum: Complexes,
-    /// Spectra for reuse.
     spare: Vec<Complexes>,
 }
 
-/// The recent past of a signal.
+/// A signal's recent past.
 pub(crate) struct Input {
-    /// The newest window, newest sample last.
+    /// Newest window, newest sample last.
     recent: Vec<f32>,
-    /// Spectra of the present window and of windows one, two … blocks earlier; `None` for silence.
+    /// Window spectra, newest first, a block apart; `None` for silence.
     past: VecDeque<Option<Complexes>>,
-    /// Number of stored spectra.
+    /// Limit on `past`.
     max_spectra: usize,
-    /// Number of silent samples at the end.
-    silent: usize,
+    pub(crate) silent: usize,
 }
 
-/// A filter pair for the two ears, and the spectra of its parts used so far.
+/// A filter pair for two ears, with all part spectra used before.
 pub(crate) struct Filter {
     taps: [Vec<f32>; 2],
     parts: Vec<Option<Complexes>>,
 }
 
 impl Input {
-    /// Number of silent samples at the end.
-    pub(crate) fn silent_samples(&self) -> usize {
-        self.silent
-    }
-
-    /// Returns true if the stored past is silent.
     pub(crate) fn is_silent(&self) -> bool {
         self.past.iter().all(Option::is_none)
     }
@@ -62,32 +51,28 @@ fn bytes_of<'a>(spectra: impl Iterator<Item = &'a Complexes>) -> usize {
 }
 
 impl Convolver {
-    /// Creates a convolver for blocks of `block` samples, at least 1.
+    /// Plans blocks with `block` samples, at least 1.
     pub(crate) fn new(block: usize) -> Self {
         let window = (2 * block).next_power_of_two();
-        let (transform, sum) = (Transform::new(window), Complexes::zero(window));
-        Self { block, window, transform, sum, spare: Vec::new() }
+        let transform = Transform::new(window);
+        Self { block, window, transform, sum: Complexes::zero(window), spare: Vec::new() }
     }
 
     pub(crate) fn byte_count(&self) -> usize {
         self.transform.byte_count() + self.sum.byte_count() + bytes_of(self.spare.iter())
     }
 
-    /// Upper limit of the bytes of an input with the two filters of a cross-fade.
+    /// Upper bound in bytes for an input and the two filters in a cross-fade.
     pub(crate) fn max_bytes(&self, input: &Input) -> usize {
         let (spectrum, taps) = (self.sum.byte_count(), 2 * input.max_spectra * self.block * size_of::<f32>());
         size_of_val(input.recent.as_slice()) + 3 * input.max_spectra * spectrum + 2 * taps
     }
 
-    /// Returns a silent input for filters of up to `longest` taps.
+    /// Returns a silent input for filters with up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let max_spectra = longest.div_ceil(self.block).max(1);
-        Input {
-            recent: vec![0.0; self.window],
-            past: VecDeque::with_capacity(max_spectra + 1),
-            max_spectra,
-            silent: 0,
-        }
+        let past = VecDeque::with_capacity(max_spectra + 1);
+        Input { recent: vec![0.0; self.window], past, max_spectra, silent: 0 }
     }
 
     pub(crate) fn filter(&self, taps: [Vec<f32>; 2]) -> Filter {
@@ -95,12 +80,10 @@ impl Convolver {
         Filter { taps, parts: vec![None; longest.div_ceil(self.block)] }
     }
 
-    /// Recycles the buffers of a filter.
     pub(crate) fn recycle(&mut self, filter: Filter) {
         self.spare.extend(filter.parts.into_iter().flatten());
     }
 
-    /// Appends a block to an input.
     pub(crate) fn feed(&mut self, input: &mut Input, block: &[f32]) {
         input.recent.copy_within(block.len().., 0);
         let now = input.recent.len() - block.len();
@@ -112,9 +95,10 @@ impl Convolver {
         self.spare.extend(input.past.drain(input.max_spectra.min(input.past.len())..).flatten());
     }
 
-    /// Returns the newest block of an input through both filters. Exactly zero if the filters reach no sound.
+    /// Returns the newest block through both filters; exactly zero if the filters reach no sound.
     pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> [Vec<f32>; 2] {
-        self.sum.fill(0.0);
+        self.sum.re.fill(0.0);
+        self.sum.im.fill(0.0);
         let mut is_silent = true;
         for (index, past) in input.past.iter().enumerate().take(filter.parts.len()) {
             let Some(past) = past else { continue };
@@ -136,7 +120,6 @@ impl Convolver {
         ears
     }
 
-    /// Spectrum of a part of both filters, pre-scaled.
     fn part(&mut self, taps: &[Vec<f32>; 2], index: usize) -> Complexes {
         let scale = 1.0 / self.window as f32;
         let part = |taps: &Vec<f32>| -> Vec<f32> {
@@ -144,10 +127,11 @@ impl Convolver {
             taps.iter().map(|tap| tap * scale).collect()
         };
         let [left, right] = taps.each_ref().map(part);
+        // Both ears share a transform, as the real and imaginary part.
         self.spectrum([&left, &right])
     }
 
-    /// Spectrum of the window that starts with the given real and imaginary values; the rest is zero.
+    /// Spectrum of a window that starts with the given real and imaginary values; the rest is zero.
     fn spectrum(&mut self, [re, im]: [&[f32]; 2]) -> Complexes {
         let mut values = self.spare.pop().unwrap_or_else(|| Complexes::zero(self.window));
         for (part, given) in [(&mut values.re, re), (&mut values.im, im)] {
@@ -189,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_out_of_reach_of_the_input_is_exact() {
+    fn output_beyond_the_filter_is_exactly_zero() {
         let mut convolver = Convolver::new(100);
         let (mut input, mut filter) = (convolver.input(250), convolver.filter([vec![1.0; 250], vec![]]));
         let mut click = vec![0.0; 100];

@@ -1,4 +1,4 @@
-//! The signals at two ears of a moving listener with alternating sources.
+//! Signals at two ears for a moving listener and alternating sources.
 
 use crate::SAMPLE_RATE_HZ;
 use crate::clip::Clip;
@@ -6,23 +6,22 @@ use crate::convolver::{Convolver, Filter, Input};
 use crate::impulse::{ImpulseResponse, Listener};
 use crate::source::{Heard, Source};
 
-/// Cross-fade between two impulse responses of an emitter, samples: 50 ms.
+/// Cross-fade between two impulse responses, samples: 50 ms.
 const CROSSFADE_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 
-/// Fade of the dry signal when an emitter starts or stops, samples: 10 ms.
+/// Fade when an emitter starts or stops, samples: 10 ms.
 const SWITCH_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 100;
 
-/// Sound emitted longer ago than this only has a diffuse tail and uses the previous response, regardless of
-/// head motion. Samples: 0.2 s.
+/// Age after which only a diffuse tail remains, samples: 0.2 s.
 const RINGING_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 5;
 
 /// A source that plays a clip.
 ///
-/// The clip position follows simulated time even while silent: at sample `t` since the first call of
-/// [`Ears::hear`] it is `(offset_samples + t) mod length`.
+/// The clip position follows simulated time even in silence: at sample `t` since the first [`Ears::hear`] it
+/// is `(offset_samples + t) mod length`.
 #[derive(Clone)]
 pub struct Emitter {
-    /// Position and cached acoustics of the source.
+    /// Position with precomputed paths.
     pub source: Source,
     /// Repeated clip.
     pub clip: Clip,
@@ -30,7 +29,7 @@ pub struct Emitter {
     pub offset_samples: usize,
 }
 
-/// The two ears of a listener during an episode, with the ringing sound.
+/// Two ears during an episode, with the ringing sound.
 pub struct Ears {
     channels: Vec<Channel>,
     samples_per_step: usize,
@@ -38,19 +37,17 @@ pub struct Ears {
     convolver: Convolver,
 }
 
-/// The path from an emitter to the ears.
+/// Signal path from an emitter to the ears.
 struct Channel {
     emitter: Emitter,
     /// Emitted signal, as long as an impulse response.
     dry: Input,
     sounding: bool,
-    /// Listener state of the previous step.
     previous: Option<Previous>,
 }
 
 struct Previous {
     listener: Listener,
-    /// Arrivals at that position.
     heard: Heard,
     filter: Filter,
 }
@@ -67,7 +64,7 @@ impl Ears {
         Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
-    /// Bytes of the ringing sound and the filters, without sources and clips.
+    /// Bytes in ringing sound and filters, without sources and clips.
     pub fn resident_bytes(&self) -> usize {
         let channel = |channel: &Channel| {
             channel.dry.byte_count() + channel.previous.as_ref().map_or(0, |p| p.filter.byte_count())
@@ -75,7 +72,7 @@ impl Ears {
         self.convolver.byte_count() + self.channels.iter().map(channel).sum::<usize>()
     }
 
-    /// Upper limit of the bytes.
+    /// Upper bound for [`Ears::resident_bytes`].
     pub fn max_bytes(&self) -> usize {
         let channels = self.channels.iter().map(|channel| self.convolver.max_bytes(&channel.dry));
         self.convolver.byte_count() + channels.sum::<usize>()
@@ -83,10 +80,9 @@ impl Ears {
 
     /// Returns the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], left ear first.
     ///
-    /// `listener` is the head pose during the whole step; after a change of pose, the first 50 ms cross-fade.
-    /// Only the emitter `sounding` is fed (none for `None` or an unknown index); it starts and stops within
-    /// 10 ms, and earlier sound rings out. Amplitude: a clip of unit pressure at 1 m in the free field,
-    /// without normalisation, so that level depends on distance only.
+    /// `listener` is the pose during the whole step; a new pose cross-fades in during the first 50 ms. Only
+    /// emitter `sounding` plays (none for `None` or an unknown index). It starts and stops within 10 ms;
+    /// earlier sound rings out. A clip with unit pressure at 1 m has gain 1 in the free field.
     pub fn hear(&mut self, listener: &Listener, sounding: Option<usize>) -> Vec<f32> {
         let count = self.samples_per_step;
         let mut heard = vec![0.0; 2 * count];
@@ -113,7 +109,7 @@ impl Ears {
 }
 
 impl Channel {
-    /// Appends a step of the clip, or silence, to the dry signal.
+    /// Appends a clip step, or silence, to the dry signal.
     fn feed(&mut self, start: usize, count: usize, sounding: bool, convolver: &mut Convolver) {
         let was_sounding = std::mem::replace(&mut self.sounding, sounding);
         if !sounding && !was_sounding && self.dry.is_silent() {
@@ -129,16 +125,12 @@ impl Channel {
         convolver.feed(&mut self.dry, &block);
     }
 
-    /// Renders this step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let only_rings = self.dry.silent_samples() >= count + RINGING_SAMPLES;
-        let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
+        let only_rings = self.dry.silent >= count + RINGING_SAMPLES;
         let (mut now, before) = match self.previous.take() {
-            Some(before) if is_as_before(&before) => (before, None),
-            Some(before) => self.turn(listener, before, convolver),
-            None => {
-                (self.listen(listener, self.emitter.source.heard_at(&listener.position), convolver), None)
-            }
+            // A diffuse tail without direct sound does not change audibly with the pose.
+            Some(before) if only_rings || before.listener == *listener => (before, None),
+            before => self.turn(listener, before, convolver),
         };
         let mut ears = convolver.output(&self.dry, &mut now.filter);
         if let Some(mut filter) = before {
@@ -152,26 +144,26 @@ impl Channel {
         ears
     }
 
-    /// Updates the filter for a new pose and returns the previous filter. Arrivals are computed once per
-    /// position.
+    /// Returns the state for a new pose, and the previous filter.
     fn turn(
         &self,
         listener: &Listener,
-        before: Previous,
+        before: Option<Previous>,
         convolver: &Convolver,
     ) -> (Previous, Option<Filter>) {
-        let stays = before.listener.position == listener.position;
-        let heard = if stays { before.heard } else { self.emitter.source.heard_at(&listener.position) };
-        (self.listen(listener, heard, convolver), Some(before.filter))
-    }
-
-    fn listen(&self, listener: &Listener, heard: Heard, convolver: &Convolver) -> Previous {
-        let ImpulseResponse { left, right } = self.emitter.source.response(listener, &heard);
-        Previous { listener: *listener, heard, filter: convolver.filter([left, right]) }
+        let source = &self.emitter.source;
+        let (heard, old) = match before {
+            Some(before) if before.listener.position == listener.position => {
+                (before.heard, Some(before.filter))
+            }
+            before => (source.heard_at(&listener.position), before.map(|before| before.filter)),
+        };
+        let ImpulseResponse { left, right } = source.response(listener, &heard);
+        (Previous { listener: *listener, heard, filter: convolver.filter([left, right]) }, old)
     }
 }
 
-/// Factor on the dry signal `offset` samples into a step.
+/// Gain on the dry signal `offset` samples into a step.
 fn switch_gain(offset: usize, was_sounding: bool, sounding: bool) -> f32 {
     let share = ((offset as f32 + 0.5) / SWITCH_SAMPLES as f32).min(1.0);
     match (was_sounding, sounding) {
@@ -196,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_switch_fades_over_ten_milliseconds() {
+    fn switches_fade_within_ten_milliseconds() {
         assert_eq!(SWITCH_SAMPLES, 160);
         assert_eq!(switch_gain(0, false, true) + switch_gain(0, true, false), 1.0);
         assert!((switch_gain(79, false, true) - 0.496_875).abs() < 1e-6);
@@ -205,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn ears_may_move_between_threads() {
+    fn ears_are_send() {
         fn movable<T: Send + 'static>() {}
         movable::<Ears>();
     }

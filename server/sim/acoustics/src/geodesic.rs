@@ -1,7 +1,6 @@
-//! Shortest any-angle paths of sound through the air from a source to every cell.
+//! Shortest any-angle paths through the air from a source to every cell.
 //!
-//! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal, so that cells are expanded in order
-//! of distance.
+//! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal: cells expand by increasing distance.
 
 use crate::air::Air;
 use crate::cache::{Reader, Writer};
@@ -9,17 +8,16 @@ use avln_geom::{Point3, RayMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Separation of last bends below which two paths count as one, metres; from twice this they count as two.
+/// Paths with last bends closer than this count as one, metres; beyond twice this, as two.
 pub(crate) const APART_M: f32 = 0.5;
 
-/// Longest detour of a second path relative to the shortest, metres.
+/// Longest excess over the shortest path for a second path, metres.
 pub(crate) const LONGER_M: f32 = 3.0;
 
-/// Shortest paths from a source.
 pub(crate) struct GeodesicField {
-    /// Corners of the paths, source first.
+    /// Path corners, source first.
     corners: Vec<Corner>,
-    /// Per cell: the last corner of its path, [`UNREACHED`] without a path.
+    /// Last path corner per cell, [`UNREACHED`] without a path.
     last_corner: Vec<u32>,
 }
 
@@ -29,26 +27,23 @@ const UNREACHED: u32 = u32::MAX;
 struct Corner {
     point: Point3<f32>,
     distance_m: f32,
-    /// The previous corner; the source is its own predecessor.
+    /// Previous corner; the source points to itself.
     before: u32,
 }
 
-/// A path through the air: listener, corners, source; two points if straight.
+/// A path through the air: listener, corners, source.
 pub(crate) type AirPath = Vec<Point3<f32>>;
 
-/// Length of a path, metres.
 pub(crate) fn length_m(path: &[Point3<f32>]) -> f32 {
     path.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
 }
 
-/// Horizontal distance of two points, metres.
 pub(crate) fn horizontal_m(one: &Point3<f32>, other: &Point3<f32>) -> f32 {
     let offset = one - other;
     (offset.x * offset.x + offset.z * offset.z).sqrt()
 }
 
 impl GeodesicField {
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.corners.as_slice()) + size_of_val(self.last_corner.as_slice())
     }
@@ -71,14 +66,14 @@ impl GeodesicField {
             before,
         };
         let corners: Vec<_> = words.as_chunks().0.iter().map(|words| corner(*words)).collect();
-        // Every chain of corners must end at the source.
+        // Every corner chain must end at the source.
         let is_chained = |(index, corner): (usize, &Corner)| corner.before < (index as u32).max(1);
         let is_known = |last: &u32| *last == UNREACHED || (*last as usize) < corners.len();
-        let fits = last_corner.len() == air.grid().len() && last_corner.iter().all(is_known);
+        let fits = last_corner.len() == air.grid.len() && last_corner.iter().all(is_known);
         (fits && corners.iter().enumerate().all(is_chained)).then_some(Self { corners, last_corner })
     }
 
-    /// Explores the air around `source` from the cells `seeds`, which must be visible from it.
+    /// Explores the air around `source` from cells visible from it.
     pub(crate) fn new(air: &Air, source: &Point3<f32>, seeds: &[usize]) -> Self {
         let mut search = Search::new(air, source);
         for seed in seeds {
@@ -88,37 +83,43 @@ impl GeodesicField {
         Self { corners: search.corners, last_corner: search.parent }
     }
 
-    /// Returns the shortest path from `listener` to the source, tight to 1 or 2 cm; `None` if unreachable.
-    /// `near_cells` must be visible from the listener.
+    /// Returns the shortest path from `listener`, tight to 1 or 2 cm; `None` if unreachable. `near_cells`
+    /// must be visible from the listener.
     pub(crate) fn path(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<AirPath> {
         let options = near_cells.iter().filter_map(|cell| self.path_through(air, listener, *cell));
         let (_, mut path) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        tighten(air.rays(), &mut path);
+        tighten(&air.rays, &mut path);
         Some(path)
     }
 
-    /// Returns the shortest tight path that passes obstacles on a different side than `first` and arrives
-    /// from a different direction. `None` within a few additional metres.
+    /// Returns the shortest tight path on the other side of an obstacle than `first`, from a different
+    /// direction and at most a few metres longer.
     pub(crate) fn second_path(&self, air: &Air, first: &[Point3<f32>]) -> Option<AirPath> {
         const MAX_TRIED: usize = 32;
         const MAX_TIGHTENED: usize = 3;
         let mut bends: Vec<_> = self.other_bends(first).collect();
         bends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut tried: Vec<u32> = Vec::new();
-        let new = bends.into_iter().map(|(_, bend)| bend).filter(|bend| {
-            let known = tried.iter().any(|other| self.are_in_line(*bend, *other));
-            let new = !known && self.chain(*bend).all(|point| horizontal_m(point, &first[1]) > APART_M);
-            tried.extend(new.then_some(*bend));
-            new
-        });
-        let other = new.take(MAX_TRIED).filter(|bend| self.is_other(air.rays(), first, *bend));
-        let paths = other.take(MAX_TIGHTENED).map(|bend| {
-            let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
-            tighten(air.rays(), &mut path);
-            path
-        });
-        let mut paths = paths;
-        paths.find(|path| path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M)
+        let mut tightened = 0;
+        for (_, bend) in bends {
+            let known = tried.iter().any(|other| self.are_in_line(bend, *other));
+            if known || !self.chain(bend).all(|point| horizontal_m(point, &first[1]) > APART_M) {
+                continue;
+            }
+            if tried.len() == MAX_TRIED || tightened == MAX_TIGHTENED {
+                break;
+            }
+            tried.push(bend);
+            if self.is_other(&air.rays, first, bend) {
+                tightened += 1;
+                let mut path: AirPath = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
+                tighten(&air.rays, &mut path);
+                if path.len() > 2 && horizontal_m(&path[1], &first[1]) > APART_M {
+                    return Some(path);
+                }
+            }
+        }
+        None
     }
 
     /// Returns true if two corners are on a vertical line.
@@ -127,8 +128,7 @@ impl GeodesicField {
         one.x == other.x && one.z == other.z
     }
 
-    /// Returns true if the path by `bend` is free, bends around an edge, and has an obstacle between itself
-    /// and `first`.
+    /// Returns true if the path by `bend` is free and bent, and an obstacle separates it from `first`.
     fn is_other(&self, rays: &RayMesh, first: &[Point3<f32>], bend: u32) -> bool {
         let (listener, near) = (&first[0], &first[1]);
         let corner = &self.corners[bend as usize];
@@ -144,7 +144,7 @@ impl GeodesicField {
             && !nothing_between()
     }
 
-    /// Corners off the path `first`, with the path lengths in metres.
+    /// Corners off the path `first`, with path lengths in metres.
     fn other_bends<'a>(&'a self, first: &'a [Point3<f32>]) -> impl Iterator<Item = (f32, u32)> + 'a {
         let (listener, shortest_m) = (first[0], length_m(first));
         let ahead = (first[1] - listener).normalize();
@@ -158,30 +158,29 @@ impl GeodesicField {
         })
     }
 
-    /// The corners from `last` back to the source.
+    /// Points from corner `last` back to the source.
     fn chain(&self, last: u32) -> impl Iterator<Item = &Point3<f32>> {
         let before = |corner: &u32| (*corner != SOURCE).then(|| self.corners[*corner as usize].before);
         std::iter::successors(Some(last), before).map(|corner| &self.corners[corner as usize].point)
     }
 
-    /// The path through a cell and its length, metres.
+    /// Length in metres and path through a cell.
     fn path_through(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, AirPath)> {
         let last = self.last_corner[cell];
         let corner = *self.corners.get(last as usize)?;
         let mut path = vec![*listener];
-        if !air.rays().is_clear(listener, &corner.point) {
-            path.push(air.grid().center(cell));
+        if !air.rays.is_clear(listener, &corner.point) {
+            path.push(air.grid.center(cell));
         }
         path.extend(self.chain(last));
         Some((length_m(&path), path))
     }
 }
 
-/// Cosine of 4 degrees: minimum angle between first and second path.
+/// Smallest angle between first and second path: 4 degrees, as a cosine.
 const COS_ASIDE: f32 = 0.997_6;
 
-/// Returns true if the path from `before` by `corner` to `after` bends around an edge: pulling it straight by
-/// more than a cell is blocked.
+/// Returns true if the path bends around an edge: pulling it straight by more than a cell is blocked.
 fn is_taut(rays: &RayMesh, [before, corner, after]: [&Point3<f32>; 3]) -> bool {
     const PULL_M: f32 = 0.3;
     let leg = after - before;
@@ -191,14 +190,12 @@ fn is_taut(rays: &RayMesh, [before, corner, after]: [&Point3<f32>; 3]) -> bool {
     !(rays.is_clear(before, &pulled) && rays.is_clear(&pulled, after))
 }
 
-/// Index of the source among the corners.
 const SOURCE: u32 = 0;
 
-/// The state of the exploration.
 struct Search<'a> {
     air: &'a Air,
     corners: Vec<Corner>,
-    /// Per cell: its corner index, once a path bends there.
+    /// Corner index per cell, once a path bends there.
     corner_of: Vec<u32>,
     distance_m: Vec<f32>,
     parent: Vec<u32>,
@@ -207,13 +204,13 @@ struct Search<'a> {
     /// Per cell: true if the parent is known to be visible.
     verified: Vec<bool>,
     closed: Vec<bool>,
-    /// Smallest distance first (bits of positive floats sort like the floats), then smallest cell.
+    // Positive floats sort like their bits; equal distances sort by cell.
     queue: BinaryHeap<Reverse<(u32, usize)>>,
 }
 
 impl<'a> Search<'a> {
     fn new(air: &'a Air, source: &Point3<f32>) -> Self {
-        let cells = air.grid().len();
+        let cells = air.grid.len();
         Self {
             air,
             corners: vec![Corner { point: *source, distance_m: 0.0, before: SOURCE }],
@@ -241,15 +238,14 @@ impl<'a> Search<'a> {
     }
 
     fn sees(&self, cell: usize, corner: u32) -> bool {
-        self.air.rays().is_clear(&self.corners[corner as usize].point, &self.air.grid().center(cell))
+        self.air.rays.is_clear(&self.corners[corner as usize].point, &self.air.grid.center(cell))
     }
 
     fn distance_by(&self, cell: usize, corner: u32) -> f32 {
         let corner = &self.corners[corner as usize];
-        corner.distance_m + (self.air.grid().center(cell) - corner.point).norm()
+        corner.distance_m + (self.air.grid.center(cell) - corner.point).norm()
     }
 
-    /// Offers a straight path to `cell` from `corner`.
     fn offer(&mut self, cell: usize, corner: u32, verified: bool) {
         let distance_m = self.distance_by(cell, corner);
         if distance_m < self.distance_m[cell] {
@@ -271,8 +267,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Replaces an invisible parent of `cell` by the best neighbour already reached, where the path then
-    /// bends.
+    /// Replaces an invisible parent by the best reached neighbour, where the path then bends.
     fn fall_back(&mut self, cell: usize) {
         self.rejected[cell] = self.parent[cell];
         self.distance_m[cell] = f32::INFINITY;
@@ -289,7 +284,7 @@ impl<'a> Search<'a> {
         if self.corner_of[cell] == UNREACHED {
             self.corner_of[cell] = self.corners.len() as u32;
             self.corners.push(Corner {
-                point: self.air.grid().center(cell),
+                point: self.air.grid.center(cell),
                 distance_m: self.distance_m[cell],
                 before: self.parent[cell],
             });
@@ -299,10 +294,6 @@ impl<'a> Search<'a> {
 }
 
 /// Shortens `path` in place until it touches the edges, to 1 or 2 cm; both ends stay.
-///
-/// Redundant corners are dropped; the others move towards the line between their neighbours until they touch
-/// an obstacle, and on towards the next corner. A corner around two edges (the jambs of a thick wall) is
-/// split.
 fn tighten(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
     sweep(rays, path);
     let mut corner = 1;
@@ -328,15 +319,15 @@ fn sweep(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
     }
 }
 
-/// Moves a corner towards the next, as far as it is visible from the previous corner: the path then leaves
-/// the previous corner exactly past the hiding edge.
+/// Moves a corner towards the next while the previous corner sees it.
 fn slide(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
+    // The path then leaves the previous corner exactly past the hiding edge.
     let (before, from) = (path[corner - 1], path[corner]);
     let leg = path[corner + 1] - from;
     path[corner] = from + leg * largest_share(|share| rays.is_clear(&before, &(from + leg * share)));
 }
 
-/// Moves a corner towards the line between its neighbours, first vertically, then freely.
+/// Moves a corner towards the line between the neighbours, first vertically, then freely.
 fn pull(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     let (before, after) = (path[corner - 1], path[corner + 1]);
     let leg = after - before;
@@ -355,7 +346,7 @@ fn pull(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     }
 }
 
-/// Two mutually visible points on the legs before and after a corner, as far from it as possible.
+/// The outermost mutually visible points on the legs before and after a corner.
 fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32>; 2] {
     let shorter_m = (before - corner).norm().min((after - corner).norm());
     let towards = |end: &Point3<f32>, share: f32| {
@@ -370,7 +361,7 @@ fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32
     ends(share)
 }
 
-/// The largest share, to one part in 64, accepted by `fits`; 0 is assumed to fit.
+/// Largest share that `fits`, to one part in 64; 0 is assumed to fit.
 fn largest_share(fits: impl Fn(f32) -> bool) -> f32 {
     if fits(1.0) {
         return 1.0;
@@ -403,9 +394,9 @@ mod tests {
     }
 
     #[test]
-    fn a_slack_way_comes_to_lie_against_one_edge_or_two() {
+    fn slack_paths_tighten_around_one_or_two_edges() {
         let (from, to) = (Point3::new(-2.0, 4.0, 1.5), Point3::new(2.5, 4.0, 2.0));
-        // Around the edge at x = 0, and with a second one at x = 0.5.
+        // Around the edge at x = 0, then around another edge at x = 0.5.
         for (thick_m, taut_m) in [(0.001, 2.5 + 3.2016), (0.5, 2.5 + 0.5 + 2.8284)] {
             let mut path = vec![from, Point3::new(0.1, 4.3, -0.3), to];
             tighten(&wall(thick_m), &mut path);
@@ -418,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bend_around_nothing_is_straightened() {
+    fn bends_without_an_obstacle_are_straightened() {
         let mut path =
             vec![Point3::new(-2.0, 1.0, -1.0), Point3::new(0.0, 3.0, -4.0), Point3::new(2.0, 1.0, -1.0)];
         tighten(&wall(0.2), &mut path);

@@ -1,4 +1,4 @@
-//! Head models: the response of each ear to a wave by direction and range.
+//! Head models: ear responses to a wave by direction and range.
 
 pub(crate) mod filter;
 mod measured;
@@ -11,7 +11,7 @@ pub use sofa::HeadError;
 use crate::late::diffuse::HeardField;
 use avln_geom::Vector3;
 use filter::{EarResponse, FAR_M};
-use sphere::{ear_axes, sphere_table};
+use sphere::{ear_axes, ear_response};
 use std::sync::{Arc, OnceLock};
 
 /// A head model.
@@ -27,8 +27,7 @@ pub enum Head {
 }
 
 impl Head {
-    /// Computes the response to diffuse sound in advance (about 0.1 s), which otherwise delays the first late
-    /// energy.
+    /// Computes the response to diffuse sound in advance; otherwise the first late energy takes 0.1 s longer.
     pub fn prepare(&self) {
         self.heard_field();
     }
@@ -45,13 +44,11 @@ impl Head {
         field.get_or_init(|| HeardField::new(|direction| self.ears(direction, 0.0, FAR_M)))
     }
 
-    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame) with an
-    /// origin `range_m` (at least 0.1) away.
+    /// Returns both ear responses to a wave from `direction` (unit vector, world frame) at `range_m`, at
+    /// least 0.1.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
         match self {
-            Self::Sphere => {
-                ear_axes(heading_rad).map(|axis| sphere_table().ear(axis.dot(direction), range_m))
-            }
+            Self::Sphere => ear_axes(heading_rad).map(|axis| ear_response(axis.dot(direction), range_m)),
             Self::Omni => [EarResponse::free_field(), EarResponse::free_field()],
             Self::Measured(measured) => measured.ears(direction, heading_rad),
         }

@@ -1,8 +1,7 @@
-//! Specular reflections as discrete waves: mirror images of a source in the planes of a building.
+//! Specular reflections as discrete waves: mirror images of a source in the building's planes.
 //!
 //! Source: Vorländer (1989), "Simulation of the transient and steady-state sound propagation in rooms using a
-//! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the existing sequences
-//! of planes, so that only those are evaluated.
+//! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the plane sequences.
 
 use crate::bands::{BANDS, BandLoss, SILENT_DB, air_loss, both};
 use crate::building::Building;
@@ -15,22 +14,23 @@ use avln_geom::{Aabb, Point3, Vector3, angle};
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
 
-/// Largest number of bounces in a sequence.
+/// Largest bounce count in a sequence.
 pub(crate) const MAX_ORDER: usize = 3;
 
 /// Rays that search for sequences.
 const RAYS: usize = 32_768;
 
-/// Sequences hits by fewer rays are left to the late energy.
+/// Sequences with fewer rays remain in the late energy.
 const MIN_RAYS: u32 = 8;
 
-/// Largest number of returned waves, strongest first.
+/// Wave limit per position, strongest first.
 const MAX_ARRIVALS: usize = 40;
 
-/// Mirror planes of a ray, in order from the source.
+/// A ray's mirror planes, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
 
-/// All mirror images of a source.
+type Sequences = BTreeMap<Sequence, RayHits>;
+
 pub(crate) struct Images {
     outlet: Point3<f32>,
     /// Sorted by sequence.
@@ -39,29 +39,29 @@ pub(crate) struct Images {
 
 struct Image {
     sequence: Sequence,
-    /// Position of the source in the last mirror.
+    /// Source position in the last mirror.
     position: Point3<f32>,
-    /// Per mirror: bounds of the ray hits, including gaps between rays.
+    /// Per mirror: bounds around the ray hits, including gaps between rays.
     lit: [Aabb; MAX_ORDER],
 }
 
-/// Ray statistics of a sequence.
+/// Ray statistics for a sequence.
 struct RayHits {
     rays: u32,
-    /// Per mirror: bounds of the hits, and the longest path to them, metres.
+    /// Per mirror: bounds around the hits, and the longest path to them in metres.
     hits: [(Aabb, f32); MAX_ORDER],
 }
 
 impl Default for RayHits {
     fn default() -> Self {
-        let nowhere =
-            Aabb { min: Point3::from([f32::INFINITY; 3]), max: Point3::from([f32::NEG_INFINITY; 3]) };
+        let [min, max] = [f32::INFINITY, f32::NEG_INFINITY].map(|at| Point3::from([at; 3]));
+        let nowhere = Aabb { min, max };
         Self { rays: 0, hits: [(nowhere, 0.0); MAX_ORDER] }
     }
 }
 
 impl RayHits {
-    /// Adds a ray: its hit on every mirror and the path length in metres.
+    /// Adds a ray: per mirror the hit and the path length in metres.
     fn add(&mut self, bounces: &[(Point3<f32>, f32)]) {
         self.rays += 1;
         for ((lit, farthest_m), (point, path_m)) in self.hits.iter_mut().zip(bounces) {
@@ -72,12 +72,13 @@ impl RayHits {
 }
 
 impl Images {
-    /// Finds the images of a source at `outlet` up to the order in the settings, at most three.
+    /// Finds the images up to the order in the settings, at most three.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>) -> Self {
-        let order = building.settings.reflection_order.min(MAX_ORDER);
-        let mut found = BTreeMap::new();
-        for ray in 0..if order == 0 { 0 } else { RAYS } {
-            follow(building, outlet, angle::spread_direction(ray, RAYS), order, &mut found);
+        let mut found = Sequences::new();
+        if building.settings.reflection_order > 0 {
+            for ray in 0..RAYS {
+                follow(building, outlet, angle::spread_direction(ray, RAYS), &mut found);
+            }
         }
         let hits = found.into_iter().filter(|(_, found)| found.rays >= MIN_RAYS);
         let images = hits.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
@@ -89,20 +90,18 @@ impl Images {
         writer.words(words.as_flattened());
     }
 
-    /// Reads the output of [`Images::write`] for a source at `outlet`; `None` if it does not fit the
-    /// building.
+    /// Reads the output of [`Images::write`]; `None` if it does not fit the building.
     pub(crate) fn read(reader: &mut Reader, building: &Building, outlet: &Point3<f32>) -> Option<Self> {
         let words = reader.words()?;
         let images = words.as_chunks().0.iter().map(|words| Image::read(words, building));
         Some(Self { outlet: *outlet, images: images.collect::<Option<_>>()? })
     }
 
-    /// Bytes of the list.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.images.as_slice())
     }
 
-    /// Returns true if rays mirrored exactly in this sequence of planes are among the images.
+    /// Returns true if these mirrors, in this order, form an image.
     pub(crate) fn contains(&self, planes: &[PlaneId]) -> bool {
         if planes.is_empty() || planes.len() > MAX_ORDER {
             return false;
@@ -111,8 +110,8 @@ impl Images {
         self.images.binary_search_by(|image| image.sequence.cmp(&sequence)).is_ok()
     }
 
-    /// Returns the reflections at `listener`, strongest first. At the edge of a mirror they fade over half a
-    /// metre, except those negligible compared with `others`, the waves without a mirror.
+    /// Returns the reflections at `listener`, strongest first. Reflections fade over half a metre at a
+    /// mirror's edge, unless negligible compared with `others`, the unreflected waves.
     pub(crate) fn arrivals(
         &self,
         building: &Building,
@@ -121,12 +120,12 @@ impl Images {
     ) -> Vec<Arrival> {
         let reach_m = building.settings.reach_m();
         let lit = self.images.iter().filter(|image| image.may_reach(building, listener, reach_m));
-        let around = places_around(building, listener);
+        let places = places_around(building, listener);
         let loudest_db = others.iter().map(strength_db).fold(f32::NEG_INFINITY, f32::max);
         let heard = lit.filter_map(|image| {
             let most_db = -10.0 * libm::log10f((image.position - listener).norm_squared());
-            let around = if most_db < loudest_db - FAINT_DB { &[] } else { around.as_slice() };
-            image.blurred(building, &self.outlet, listener, around)
+            let count = if most_db < loudest_db - FAINT_DB { 1 } else { places.len() };
+            image.blurred(building, &self.outlet, &places[..count])
         });
         let mut arrivals: Vec<_> = heard.collect();
         arrivals.sort_by(|a, b| strength_db(b).total_cmp(&strength_db(a)));
@@ -140,27 +139,27 @@ fn strength_db(arrival: &Arrival) -> f32 {
     -arrival.loss[3] - 20.0 * libm::log10f(arrival.length_m.max(0.1))
 }
 
-/// Waves weaker than the others by this may start and end without a fade, decibels.
+/// Waves weaker than the others by this need no fade, decibels.
 const FAINT_DB: f32 = 12.0;
 
-/// Radius of the disc that blurs the edge of a reflection, metres.
+/// Blur radius at a reflection's edge, metres.
 const BLUR_M: f32 = 0.25;
 
-/// Points on the rim of that disc. If all of them and the centre agree, no further points are tested.
+// If all rim points and the centre agree, no further points are tested.
 const RIM: usize = 4;
 
-/// Points spread evenly over a horizontal disc around the listener, limited by obstacles; the rim first.
+/// The listener, then points spread over a horizontal disc around it, limited by obstacles; the rim first.
 fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
     const PLACES: usize = 14;
     let place = |index: usize| {
         let [cos, sin, radius_m] = disc_point(index, PLACES, BLUR_M);
         listener + Vector3::new(cos, 0.0, sin) * radius_m
     };
-    let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
-    (0..PLACES).rev().map(place).filter(clear).collect()
+    let clear = |place: &Point3<f32>| building.air.rays.is_clear(listener, place);
+    std::iter::once(*listener).chain((0..PLACES).rev().map(place).filter(clear)).collect()
 }
 
-/// Serialised words of an image.
+/// Serialised words per image.
 const WORDS: usize = MAX_ORDER + 3 + 6 * MAX_ORDER;
 
 impl Image {
@@ -177,28 +176,25 @@ impl Image {
         let point = |index: usize| Point3::from([0, 1, 2].map(|axis| f32::from_bits(rest[3 * index + axis])));
         let is_known = |mirror: &u32| *mirror as usize <= building.planes.len();
         let plane = |mirror: u32| mirror.checked_sub(1).map(|plane| PlaneId(plane as u16));
-        mirrors.iter().all(is_known).then(|| Self {
+        let lit = |bounce: usize| Aabb { min: point(2 * bounce + 1), max: point(2 * bounce + 2) };
+        let known = mirrors.iter().all(is_known);
+        known.then(|| Self {
             sequence: mirrors.map(plane),
             position: point(0),
-            lit: std::array::from_fn(|bounce| Aabb {
-                min: point(2 * bounce + 1),
-                max: point(2 * bounce + 2),
-            }),
+            lit: std::array::from_fn(lit),
         })
     }
-}
 
-impl Image {
     fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &RayHits) -> Self {
-        let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
-        // Approximate spacing of neighbouring rays; larger at grazing incidence.
+        let mirrors = sequence.iter().flatten().map(|id| building.planes.plane(*id));
+        let position = mirrors.fold(*outlet, |point, plane| plane.mirrored(&point));
+        // Approximate spacing between neighbouring rays; larger at grazing incidence.
         let spread = 2.0 * (2.0 * TAU / RAYS as f32).sqrt();
         let lit = found.hits.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
         Self { sequence, position, lit }
     }
 
-    /// Cheap rejection test: returns true if the line from the image to `listener` crosses the lit parts of
-    /// the mirrors.
+    /// Rejects cheaply: returns true if the line from the image to `listener` crosses the lit mirror parts.
     fn may_reach(&self, building: &Building, listener: &Point3<f32>, reach_m: f32) -> bool {
         let (mut seen, mut from) = (self.position, *listener);
         let mut passes = |(id, lit): (&PlaneId, &Aabb)| {
@@ -209,54 +205,35 @@ impl Image {
             point.is_some()
         };
         let near = (self.position - listener).norm_squared() < reach_m * reach_m;
-        near && self
-            .sequence
-            .iter()
-            .zip(&self.lit)
-            .rev()
-            .filter_map(|(id, lit)| Some((id.as_ref()?, lit)))
-            .all(&mut passes)
+        let mut mirrors =
+            self.sequence.iter().zip(&self.lit).rev().filter_map(|(id, lit)| Some((id.as_ref()?, lit)));
+        near && mirrors.all(&mut passes)
     }
 
-    /// Returns the wave, scaled by the energy share at the points around the listener.
-    fn blurred(
-        &self,
-        building: &Building,
-        outlet: &Point3<f32>,
-        listener: &Point3<f32>,
-        around: &[Point3<f32>],
-    ) -> Option<Arrival> {
-        let loss_at = |place: &Point3<f32>| self.mirrors_loss(building, outlet, place);
-        let (rim, rest) = around.split_at(around.len().min(RIM));
-        let mut losses: Vec<_> = std::iter::once(listener).chain(rim).filter_map(loss_at).collect();
+    /// Returns the wave to the first place, scaled by the energy share at all places.
+    fn blurred(&self, building: &Building, outlet: &Point3<f32>, places: &[Point3<f32>]) -> Option<Arrival> {
+        let loss_at = |place: &Point3<f32>| self.path_loss(building, outlet, place);
+        let (near, rest) = places.split_at(places.len().min(1 + RIM));
+        let mut losses: Vec<_> = near.iter().filter_map(loss_at).collect();
         let mirrors = losses.first().copied()?;
         let mut share = 1.0;
-        if losses.len() <= rim.len() {
+        if losses.len() < near.len() {
             losses.extend(rest.iter().filter_map(loss_at));
-            share = losses.len() as f32 / (1 + around.len()) as f32;
+            share = losses.len() as f32 / places.len() as f32;
         }
-        let offset = self.position - listener;
+        let offset = self.position - places[0];
         let length_m = offset.norm();
         let other_db = air_loss(length_m).map(|db| db - 10.0 * libm::log10f(share));
         let loss = both(&mirrors, &other_db);
         let heard = loss.iter().any(|db| *db < SILENT_DB);
-        heard.then(|| Arrival {
-            direction: offset / length_m,
-            length_m,
-            loss: loss.map(|db| db.min(SILENT_DB)),
-        })
+        let loss = loss.map(|db| db.min(SILENT_DB));
+        heard.then(|| Arrival { direction: offset / length_m, length_m, loss })
     }
 
-    /// Returns the mirror losses of the wave to `listener`, if rays confirm every mirror and find no
-    /// obstacle.
-    fn mirrors_loss(
-        &self,
-        building: &Building,
-        outlet: &Point3<f32>,
-        listener: &Point3<f32>,
-    ) -> Option<BandLoss> {
+    /// Returns the mirror losses, if rays confirm every mirror and find no obstacle.
+    fn path_loss(&self, building: &Building, outlet: &Point3<f32>, place: &Point3<f32>) -> Option<BandLoss> {
         let mut loss = [0.0; BANDS];
-        let (mut seen, mut from) = (self.position, *listener);
+        let (mut seen, mut from) = (self.position, *place);
         for id in self.sequence.iter().rev().flatten() {
             let plane = building.planes.plane(*id);
             let point = crossing(plane, &from, &seen)?;
@@ -266,23 +243,17 @@ impl Image {
             from = point + plane.normal * (side * (plane.slack_m + 1e-3));
             seen = plane.mirrored(&seen);
         }
-        building.air.rays().is_clear(&from, outlet).then_some(loss)
+        building.air.rays.is_clear(&from, outlet).then_some(loss)
     }
 }
 
-fn mirrors<'a>(building: &'a Building, sequence: &'a Sequence) -> impl Iterator<Item = &'a Plane> {
-    sequence.iter().flatten().map(|id| building.planes.plane(*id))
-}
-
-/// Intersection of the line between two points on different sides of `plane`.
 fn crossing(plane: &Plane, from: &Point3<f32>, to: &Point3<f32>) -> Option<Point3<f32>> {
     let (here, there) = (plane.height_m(from), plane.height_m(to));
     let apart = (here > 0.0 && there < 0.0) || (here < 0.0 && there > 0.0);
     apart.then(|| from + (to - from) * (here / (here - there)))
 }
 
-/// Returns the triangle of plane `id` hit first on the line to `point` on that plane; `None` if another
-/// surface is hit.
+/// Returns the first triangle on the line to `point` on plane `id`; `None` if another surface is hit.
 fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3<f32>) -> Option<u32> {
     let offset = point - from;
     let length_m = offset.norm();
@@ -290,34 +261,27 @@ fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3
     let plane = building.planes.plane(id);
     let steepness = plane.normal.dot(&direction).abs().max(0.02);
     let slack_m = (plane.slack_m + 1e-3) / steepness;
-    let hit = building.air.rays().cast(from, &direction, length_m + slack_m)?;
+    let hit = building.air.rays.cast(from, &direction, length_m + slack_m)?;
     (building.planes.of(hit.triangle) == Some(id)).then_some(hit.triangle)
 }
 
-/// Loss of a bounce: all energy not reflected specularly.
+/// Loss at a bounce: all energy not reflected specularly.
 fn mirror_loss(surface: &Surface) -> BandLoss {
     std::array::from_fn::<_, BANDS, _>(|band| {
         let band = band.min(SURFACE_BANDS - 1);
-        let back = 1.0 - surface.absorption[band] - surface.transmission[band];
-        let share = (back * (1.0 - surface.scattering[band])).clamp(0.0, 1.0);
+        let share = (surface.reflected(band) * (1.0 - surface.scattering[band])).clamp(0.0, 1.0);
         if share < 1e-10 { SILENT_DB } else { -10.0 * libm::log10f(share) }
     })
 }
 
-/// Adds the sequences hits by a ray.
-fn follow(
-    building: &Building,
-    outlet: &Point3<f32>,
-    mut direction: Vector3<f32>,
-    order: usize,
-    found: &mut BTreeMap<Sequence, RayHits>,
-) {
+/// Adds all sequences of a ray.
+fn follow(building: &Building, outlet: &Point3<f32>, mut direction: Vector3<f32>, found: &mut Sequences) {
     let mut sequence = [None; MAX_ORDER];
     let mut bounces = [(*outlet, 0.0); MAX_ORDER];
     let (mut from, mut path_m) = (*outlet, 0.0);
-    for bounce in 0..order {
+    for bounce in 0..building.settings.reflection_order.min(MAX_ORDER) {
         let reach_m = building.settings.reach_m() - path_m;
-        let Some(hit) = building.air.rays().cast(&from, &direction, reach_m) else { return };
+        let Some(hit) = building.air.rays.cast(&from, &direction, reach_m) else { return };
         let Some(id) = building.planes.of(hit.triangle) else { return };
         if bounce > 0 && sequence[bounce - 1] == Some(id) {
             return;
@@ -349,7 +313,7 @@ mod tests {
         fixtures::building(soup, SURFACE, Settings { reflection_order, ..Settings::default() })
     }
 
-    /// Offsets from the listener to all images of `source` in a box room up to `order`, nearest first (Allen and
+    /// Distances and bounce counts for all images in a box room up to `order`, nearest first (Allen and
     /// Berkley 1979).
     fn images_of_a_box(size: [f32; 3], source: [f32; 3], listener: [f32; 3], order: i32) -> Vec<(f32, i32)> {
         let along = |axis: usize| {
@@ -371,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_room_has_the_images_of_theory() {
+    fn box_rooms_have_the_theoretical_images() {
         let size = [6.0, 2.7, 5.0];
         let (source, listener) = ([1.3, 1.1, 3.9], [4.4, 1.0, 1.7]);
         for (pieces, order) in [(1, 1), (1, 2), (9, 2), (1, 3)] {
@@ -400,7 +364,7 @@ mod tests {
         }
     }
 
-    /// A floor of 8 x 8 m without a corner of 4 x 4 m, walls around it.
+    /// An L-shaped room: 8 x 8 m without a corner of 4 x 4 m.
     fn l_shaped_room() -> Soup {
         let plan = [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]];
         let mut soup = Soup::default();
@@ -416,11 +380,12 @@ mod tests {
     }
 
     #[test]
-    fn around_a_corner_only_mirrors_that_see_both_ends_reflect() {
+    fn only_mirrors_visible_from_both_ends_reflect() {
         let building = building(&l_shaped_room(), 1);
         let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
         // The paths by the walls z = 0 and x = 0 pass the corner at (4, 4) at x = 3.59 for z = 4 and at z =
-        // 3.60 for x = 4; from the second position, at x = 4.79, which is behind it, and at z = 3.57.
+        // 3.60 for x = 4. From the second position the first path passes at x = 4.79, behind the corner, the
+        // other at z = 3.57.
         for (listener, lengths_m) in
             [([2.0, 1.2, 6.8], &[10.121_27, 10.2][..]), ([3.5, 1.2, 7.5], &[11.853_27])]
         {
@@ -432,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_of_any_listener_meet_sequences_that_are_known() {
+    fn images_contain_their_plane_sequences() {
         let building = building(&l_shaped_room(), 2);
         let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
         let floor = building.planes.of(12).expect("a floor");
@@ -444,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn without_mirrors_nothing_is_reflected() {
+    fn order_zero_has_no_reflections() {
         let building = building(&Soup::room([6.0, 2.7, 5.0], 1), 0);
         let images = Images::new(&building, &Point3::new(1.0, 1.0, 1.0));
         assert!(images.arrivals(&building, &Point3::new(4.0, 1.0, 2.0), &[]).is_empty());

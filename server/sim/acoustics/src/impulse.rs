@@ -1,4 +1,4 @@
-//! Conversion of arriving waves into an impulse response per ear.
+//! Impulse response per ear from arriving waves.
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
 use crate::building::Settings;
@@ -7,25 +7,25 @@ use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::{Point3, Vector3};
 use std::f32::consts::PI;
 
-/// Smallest source distance, metres; closer sources use it.
+/// Smallest effective path length, metres.
 const MIN_DISTANCE_M: f32 = 0.1;
 
-/// Half the taps of the fractional delay filter.
+/// Half the taps in the fractional delay filter.
 const DELAY_HALF_TAPS: usize = 16;
 
-/// A head.
+/// A head pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Listener {
-    /// Its centre, world frame, metres.
+    /// Head centre, world frame, metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
+    /// Rotation about +Y, radians; 0 faces -Z, left is positive.
     pub heading_rad: f32,
 }
 
 /// A wave at the listener.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Arrival {
-    /// Unit vector from the listener towards the origin of the wave, world frame.
+    /// Unit vector from the listener towards the wave's origin, world frame.
     pub(crate) direction: Vector3<f32>,
     /// Path length, metres: determines delay, 1/r level and wave-front curvature.
     pub(crate) length_m: f32,
@@ -34,7 +34,6 @@ pub(crate) struct Arrival {
 }
 
 impl Arrival {
-    /// Effective path length, metres.
     fn heard_length_m(&self) -> f32 {
         self.length_m.max(MIN_DISTANCE_M)
     }
@@ -45,20 +44,18 @@ impl Arrival {
     }
 }
 
-/// The effect of a source on the two ears of a listener: a filter per ear.
+/// A filter per ear from a source to a listener.
 ///
-/// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has
-/// gain 1.
+/// Index 0 is the emission; samples at [`SAMPLE_RATE_HZ`]. A source with unit pressure at 1 m has gain 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImpulseResponse {
-    /// Left ear; limited by the settings, not padded to the length of the right ear.
+    /// Left ear; lengths may differ.
     pub left: Vec<f32>,
     /// Right ear.
     pub right: Vec<f32>,
 }
 
 impl ImpulseResponse {
-    /// Returns the response of both ears to all `arrivals`.
     pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {
@@ -67,7 +64,7 @@ impl ImpulseResponse {
         response
     }
 
-    /// Samples of the longer ear.
+    /// Longer ear, samples.
     pub fn len(&self) -> usize {
         self.left.len().max(self.right.len())
     }
@@ -83,23 +80,23 @@ impl ImpulseResponse {
         let responses = settings.head.ears(&arrival.direction, listener.heading_rad, distance_m);
         for (ear, response) in [&mut self.left, &mut self.right].into_iter().zip(responses) {
             let delay_s = arrival.delay_s() + response.delay_s;
-            let taps = convolve(&response.filter, &loss);
+            let taps: [f32; HEAD_TAPS + LOSS_TAPS - 1] = convolve(&response.filter, &loss);
             let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
             add_delayed(ear, &taps, start, settings.response_samples());
         }
     }
 }
 
-fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TAPS + LOSS_TAPS - 1] {
-    let mut taps = [0.0; HEAD_TAPS + LOSS_TAPS - 1];
-    for (offset, factor) in loss.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+/// Convolution, cut to `N` taps.
+pub(crate) fn convolve<const N: usize>(filter: &[f32; HEAD_TAPS], factors: &[f32]) -> [f32; N] {
+    let mut taps = [0.0; N];
+    for (offset, factor) in factors.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
         taps[offset..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += factor * tap);
     }
     taps
 }
 
-/// Adds `taps` to `ear` from sample `start`, which may be fractional or negative (the run-up of a
-/// band-limited pulse before 0 is cut).
+/// Adds `taps` to `ear` from sample `start`, which may be fractional or negative.
 fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
@@ -108,8 +105,8 @@ fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, max_samples: usize)
     add_convolved(ear, &kernel, taps, first, end.clamp(0, max_samples as i64) as usize);
 }
 
-/// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, which may be negative, after
-/// extending `ear` to `end` samples. Samples outside of `ear` are dropped.
+/// Adds the convolution of `factors` and `taps` to `ear` from sample `first`, after extending `ear` to `end`
+/// samples. Samples outside are dropped.
 pub(crate) fn add_convolved(ear: &mut Vec<f32>, factors: &[f32], taps: &[f32], first: i64, end: usize) {
     if ear.len() < end {
         ear.resize(end, 0.0);
@@ -122,7 +119,7 @@ pub(crate) fn add_convolved(ear: &mut Vec<f32>, factors: &[f32], taps: &[f32], f
     }
 }
 
-/// A windowed sinc that delays by [`DELAY_HALF_TAPS`] - 1 samples and `fraction` (0 to 1) of a sample.
+/// A windowed sinc that delays by [`DELAY_HALF_TAPS`] - 1 samples plus `fraction` (0 to 1).
 fn delay_kernel(fraction: f32) -> [f32; 2 * DELAY_HALF_TAPS] {
     let sin_fraction = libm::sinf(PI * fraction);
     std::array::from_fn(|tap| {
@@ -141,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fractions_of_a_sample_are_delayed_to_a_microsecond() {
+    fn fractional_delays_are_accurate_to_a_microsecond() {
         for fraction in [0.0, 0.1, 0.37, 0.5, 0.93] {
             let mut ear = Vec::new();
             add_delayed(&mut ear, &[1.0], 40.0 + fraction, 1000);
@@ -159,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_arrive_before_zero_or_after_the_end_is_cut() {
+    fn taps_outside_of_the_response_are_dropped() {
         let mut ear = Vec::new();
         add_delayed(&mut ear, &[1.0; 4], -3.0, 1000);
         assert!((ear[0] - 1.0).abs() < 1e-6 && ear.len() < 40);

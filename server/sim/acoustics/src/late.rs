@@ -1,7 +1,6 @@
-//! Late energy of a source in the whole building: all reflections without a discrete direction.
+//! Late energy in the whole building: all reflections without a discrete direction.
 
 pub(crate) mod cells;
-mod decorrelation;
 pub(crate) mod diffuse;
 mod noise;
 pub(crate) mod slices;
@@ -16,40 +15,37 @@ use crate::images::Images;
 use crate::surfaces::SURFACE_BANDS;
 use avln_geom::{Point3, Rng, Vector3};
 use cells::NO_CELL;
-use slices::{CHANNELS, Echo, Slice};
+use slices::{CHANNELS, Slice};
 use trace::{Tally, trace};
 
-/// Salt of the random draws for late energy.
 const SALT: u64 = 0x5d0_1a7e;
 
-/// Energy by cell, slice of time, band and direction.
+/// Energy by cell, time slice, band and direction.
 pub(crate) struct LateField {
-    /// Per cell: its row in `values`, [`NO_CELL`] without energy.
+    /// Row in `values` per cell, [`NO_CELL`] without energy.
     row_of: Vec<u32>,
-    /// `rows × slices × channels`: energy per cubic metre times metres, in the upper half of a 32-bit float.
+    /// `rows × slices × channels`: energy per cubic metre times metres, as upper float halves.
     values: Vec<u16>,
-    /// Per slice and band: the energy share after air absorption.
+    /// Per slice and band: energy share after air absorption.
     air: Vec<[f32; BANDS]>,
-    /// Energy share lost through holes of the building, 0 to 1.
-    lost_share: f32,
+    /// Energy share lost through holes, 0 to 1.
+    pub(crate) lost_share: f32,
 }
 
 impl LateField {
-    /// Traces the rays of a source whose sound enters the air at `outlet`, which must be finite.
-    ///
-    /// Excludes discrete waves: the direct wave, and those of `images`.
+    /// Traces rays from `outlet`, a finite position, without discrete waves: the direct wave and `images`.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>, images: &Images) -> Self {
         Self::with_key(building, outlet, images, key_of(outlet))
     }
 
     pub(super) fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
         let count = slices::count(building.settings.response_s);
-        let mut tally = trace(building, outlet, images, key, count);
+        let mut tally = trace(building, outlet, images, key);
         divide_by_volumes(building, &mut tally);
         Self {
             values: tally.sums.iter().map(|value| to_half(*value)).collect(),
             row_of: tally.row_of,
-            air: air_leaves(count),
+            air: air_shares(count),
             lost_share: tally.lost_share,
         }
     }
@@ -68,21 +64,14 @@ impl LateField {
         let is_known = |row: &u32| *row == NO_CELL || (*row as usize) < rows;
         let fits = row_of.len() == building.cells.len() && row_of.iter().all(is_known);
         let lost_share = f32::from_bits(*lost_share.first()?);
-        fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
+        fits.then(|| Self { row_of, values, air: air_shares(count), lost_share })
     }
 
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.values.as_slice()) + size_of_val(self.row_of.as_slice())
     }
 
-    /// Energy share lost through holes of the building, 0 to 1.
-    pub(crate) fn lost_share(&self) -> f32 {
-        self.lost_share
-    }
-
-    /// Returns the late energy at `listener`.
-    pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Echo {
+    pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Vec<Slice> {
         let width = self.air.len() * CHANNELS;
         let mut sums = vec![0.0_f32; width];
         for (cell, weight) in building.cells.around(&building.air, listener) {
@@ -92,13 +81,11 @@ impl LateField {
                 sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * from_half(*value));
             }
         }
-        let slices = sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air));
-        Echo { slices: slices.collect() }
+        sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air)).collect()
     }
 }
 
-/// Per slice and band: energy share after air absorption.
-fn air_leaves(count: usize) -> Vec<[f32; BANDS]> {
+fn air_shares(count: usize) -> Vec<[f32; BANDS]> {
     let leaves =
         |bin| air_loss(slices::middle_s(bin) * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0));
     (0..count).map(leaves).collect()
@@ -122,12 +109,12 @@ fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     }
 }
 
-/// Key of the random draws of a source: the bits of its position.
+// Random draws depend on the position only, so that results do not depend on earlier queries.
 fn key_of(outlet: &Point3<f32>) -> u64 {
     outlet.iter().fold(SALT, |key, coordinate| Rng::word(key, u64::from(coordinate.to_bits())))
 }
 
-/// The upper half of a float, rounded: 0.4 % steps over the whole range.
+/// Upper half of a float, rounded: 0.4 % steps over the whole range.
 fn to_half(value: f32) -> u16 {
     ((value.to_bits() + 0x8000) >> 16) as u16
 }

@@ -1,10 +1,10 @@
-//! Sound: propagation through a building, the ears of a listener, and sound clips.
+//! Sound propagation through a building, ears and sound clips.
 //!
-//! Start reading at [`Acoustics`] (a building), [`Source`] (cached acoustics of a position) and [`Ears`] (the
-//! received signal, step by step). The effect of a source on a listener is an impulse response per ear and
-//! pose ([`ImpulseResponse`]); every further propagation effect adds taps to it.
+//! Entry points: [`Acoustics`] (a building), [`Source`] (precomputed paths from a position) and [`Ears`]
+//! (signals per step). A source reaches an ear through an [`ImpulseResponse`]; every propagation effect adds
+//! taps to it.
 //!
-//! *Never*: pans, normalises, reads files or clocks, or depends on goals. Equal inputs give equal bits.
+//! The crate never pans, normalises, or reads files and clocks. Equal inputs give equal bits.
 
 mod air;
 mod bands;
@@ -38,7 +38,7 @@ pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 /// Sample rate of all signals, hertz.
 pub const SAMPLE_RATE_HZ: u32 = 16_000;
 
-/// Speed of sound in air of 20 degrees Celsius, metres per second.
+/// Speed of sound in air at 20 degrees Celsius, metres per second.
 pub const SPEED_OF_SOUND_M_S: f32 = 343.0;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Room acoustic measures of impulse responses (ISO 3382-1).
+//! Room acoustic measures from impulse responses (ISO 3382-1).
 
 mod octave;
 
@@ -6,67 +6,65 @@ use crate::impulse::ImpulseResponse;
 use crate::surfaces::{SURFACE_BANDS, Surfaces};
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_scene::Scene;
-use octave::{Decay, Octaves, band_energies, core_share, power_share};
+use octave::{Decay, Octaves, core_share, power_share};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// End of the direct sound after the first wave, seconds.
+/// Direct sound, seconds after the first wave.
 const DIRECT_S: f64 = 0.0025;
 
-/// End of the early sound after the first wave, seconds.
+/// Early sound, seconds after the first wave.
 const EARLY_S: f64 = 0.05;
 
 /// Octaves for the direct-to-reverberant ratio: 500, 1000 and 2000 Hz.
 const MIDDLE: Range<usize> = 2..5;
 
-/// Measures of an impulse response. `None` is undefined: no decay, a response too short for it, or a ratio to
-/// silence.
+/// Room measures; `None` without a decay, for a response too short for it, or for a ratio to silence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measures {
-    /// Energy until 2.5 ms after the first wave relative to the rest, decibels: both ears, octaves 500, 1000
-    /// and 2000 Hz with equal weight.
+    /// Energy in the first 2.5 ms relative to the rest, decibels: both ears, octaves 500 to 2000 Hz equally.
     pub drr_db: Option<f64>,
     /// 125, 250, 500, 1000, 2000 and 4000 Hz.
     pub bands: [BandMeasures; SURFACE_BANDS],
 }
 
-/// Measures of an octave band: a third-order Butterworth band pass, as magnitude, without delay.
+/// Measures in an octave band: a third-order Butterworth band pass, as magnitude, without delay.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BandMeasures {
-    /// Energy, mean of both ears, relative to the free-field pressure 1 m from the source, decibels.
+    /// Energy, mean over both ears, relative to the free-field pressure 1 m from the source, decibels.
     pub level_db: Option<f64>,
-    /// Reverberation time from the decay between -5 and -25 dB, seconds; energies of both ears are added.
-    /// Uses the octave core of 0.45 octaves to either side, to exclude slower neighbours.
+    /// Reverberation time from the decay between -5 and -25 dB, seconds; both ears added, octave core only.
     pub t20_s: Option<f64>,
     /// As above between -5 and -35 dB.
     pub t30_s: Option<f64>,
-    /// Early decay time: from the first wave to -10 dB, of the whole octave.
+    /// Early decay time: down to -10 dB, whole octave, seconds.
     pub edt_s: Option<f64>,
-    /// Energy until 50 ms after the first wave relative to the rest, decibels; both ears.
+    /// Energy in the first 50 ms relative to the rest, decibels; both ears.
     pub c50_db: Option<f64>,
-    /// Energy at the left ear relative to the right ear, decibels.
+    /// Left ear energy relative to the right ear, decibels.
     pub ild_db: Option<f64>,
 }
 
 impl Measures {
-    /// Measures `response`, with the first wave at the head centre `first_arrival_s` after emission and a
-    /// length of `length_s`.
+    /// Measures `response`, `length_s` long, with the first wave at the head centre `first_arrival_s` after
+    /// emission.
     ///
     /// Decays are straight lines fitted to Schroeder's backward integral (1965, J. Acoust. Soc. Am. 37), if
-    /// the response continues for 15 dB below the fit range. The early part is cut before filtering.
+    /// the response continues for 15 dB below the fit range.
     pub fn of(response: &ImpulseResponse, first_arrival_s: f64, length_s: f64) -> Self {
         let ears = [response.left.as_slice(), response.right.as_slice()];
         let split = |after_s: f64| {
             let end = ((first_arrival_s + after_s) * f64::from(SAMPLE_RATE_HZ)).max(0.0) as usize;
-            ears.map(|ear| ear.split_at(end.min(ear.len())))
+            // The early part is cut before filtering, because the filter would spread it.
+            let cut = ears.map(|ear| ear.split_at(end.min(ear.len())));
+            let energies = |signal: &[f32]| Octaves::new(signal).energies();
+            [cut.map(|(before, _)| energies(before)), cut.map(|(_, after)| energies(after))]
         };
-        let all = ears.map(band_energies);
-        let direct = split(DIRECT_S);
-        let (direct, rest) = (direct.map(|cut| band_energies(cut.0)), direct.map(|cut| band_energies(cut.1)));
-        let early = split(EARLY_S);
-        let (early, late) = (early.map(|cut| band_energies(cut.0)), early.map(|cut| band_energies(cut.1)));
+        let [direct, rest] = split(DIRECT_S);
+        let [early, late] = split(EARLY_S);
         let middle = |energies: &Ears| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
         let octaves = ears.map(Octaves::new);
+        let all = octaves.each_ref().map(Octaves::energies);
         Self {
             drr_db: ratio_db(middle(&direct), middle(&rest)),
             bands: std::array::from_fn(|band| {
@@ -88,13 +86,6 @@ impl Measures {
     }
 }
 
-/// Interaural delay of a wave, seconds: positive if it reaches the left ear first. The peak of the
-/// cross-correlation below 1500 Hz, within 1 ms; `None` if an ear is silent.
-pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
-    lead_s(&wave.left, &wave.right)
-}
-
-/// Energies of both ears by band.
 type Ears = [[f64; SURFACE_BANDS]; 2];
 
 fn both(energies: &Ears, band: usize) -> f64 {
@@ -103,14 +94,13 @@ fn both(energies: &Ears, band: usize) -> f64 {
 
 /// Energy ratio in decibels; `None` unless both are positive.
 fn ratio_db(energy: f64, other: f64) -> Option<f64> {
-    // Residual of finite-precision filters, relative to a unit pulse.
+    // Residual from finite-precision filters, relative to a unit pulse.
     const NOTHING: f64 = 1e-16;
     (energy > NOTHING && other > NOTHING).then(|| 10.0 * libm::log10(energy / other))
 }
 
-/// Sabine's reverberation time of the bounding box of `scene` with its surfaces, in the slowest band,
-/// seconds: `24 ln 10 V / (c A)` with the volume V and the absorbing area A (W. C. Sabine 1898). Infinite
-/// without absorption, 0 without surfaces.
+/// Sabine's reverberation time for the bounding box of `scene`, slowest band, seconds: `24 ln 10 V / (c A)`
+/// with volume V and absorbing area A (W. C. Sabine 1898). Infinite without absorption, 0 without surfaces.
 pub fn expected_reverberation_s(scene: &Scene, surfaces: &Surfaces) -> f32 {
     let Some(bounds) = scene.bounds() else { return 0.0 };
     let mut absorbing_m2 = [0.0; SURFACE_BANDS];
@@ -136,18 +126,19 @@ const MAX_US: f64 = 1000.0;
 const COARSE_US: f64 = 10.0;
 const FINE_US: f64 = 0.1;
 
-/// Cross spectrum of two ears at a frequency: left times conjugate right.
+/// Cross spectrum at a frequency: left times conjugate right.
 struct CrossSpectrum {
     turn_us: f64,
     re: f64,
     im: f64,
 }
 
-/// Lead of the left ear, seconds; `None` without common content.
-fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
+/// Interaural delay, seconds, positive if the left ear leads: the cross-correlation peak below 1500 Hz,
+/// within 1 ms. `None` if an ear is silent.
+pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
     let count = ((HIGH_HZ - LOW_HZ) / STEP_HZ) as usize;
     let products: Vec<CrossSpectrum> =
-        (0..=count).map(|index| common(left, right, LOW_HZ + STEP_HZ * index as f64)).collect();
+        (0..=count).map(|index| common(wave, LOW_HZ + STEP_HZ * index as f64)).collect();
     if products.iter().all(|common| common.re == 0.0 && common.im == 0.0) {
         return None;
     }
@@ -155,9 +146,9 @@ fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
     Some(best(&products, coarse_us, COARSE_US, FINE_US) * 1e-6)
 }
 
-fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> CrossSpectrum {
+fn common(wave: &ImpulseResponse, frequency_hz: f64) -> CrossSpectrum {
     let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
-    let ((left_re, left_im), (right_re, right_im)) = (bin(left, turn), bin(right, turn));
+    let ((left_re, left_im), (right_re, right_im)) = (bin(&wave.left, turn), bin(&wave.right, turn));
     CrossSpectrum {
         turn_us: TAU * frequency_hz * 1e-6,
         re: left_re * right_re + left_im * right_im,
@@ -165,7 +156,6 @@ fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> CrossSpectrum {
     }
 }
 
-/// Fourier sum of `ear` at `turn` radians per sample.
 fn bin(ear: &[f32], turn: f64) -> (f64, f64) {
     let heard = ear.iter().enumerate().filter(|(_, tap)| **tap != 0.0);
     heard.fold((0.0, 0.0), |(re, im), (n, tap)| {
@@ -199,7 +189,7 @@ mod tests {
 
     const RATE: f64 = SAMPLE_RATE_HZ as f64;
 
-    /// A tone per band that falls by 60 dB in `time_s`, plus a pulse of height `direct`, both at 0.01 s.
+    /// A tone per band that falls by 60 dB in `time_s`, plus a pulse with height `direct`, both at 0.01 s.
     fn room(time_s: f64, direct: f32, length_s: f64) -> ImpulseResponse {
         let first = (0.01 * RATE) as usize;
         let sample = |n: usize| {
@@ -214,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn reverberation_times_are_those_of_the_decay() {
+    fn reverberation_times_match_the_decay() {
         for time_s in [0.15, 0.4, 1.2] {
             let measures = Measures::of(&room(time_s, 0.0, 1.3 * time_s + 0.05), 0.01, 1.3 * time_s + 0.05);
             for (band, measured) in measures.bands.iter().enumerate() {
@@ -248,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_band_is_not_taken_for_its_slower_neighbour() {
+    fn slower_neighbouring_bands_do_not_affect_decay_times() {
         let times_s = [1.2, 1.2, 0.6, 1.2, 0.5, 0.3];
         let measures = Measures::of(&octaves_that_fall_in(times_s, 1.6), 0.0, 1.6);
         for (band, time_s) in times_s.into_iter().enumerate() {
@@ -258,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_response_that_is_cut_short_shows_no_long_decay() {
+    fn short_responses_have_no_long_decay_times() {
         // -5 to -25 dB plus 15 dB take two thirds of 0.9 s, to -35 dB five sixths.
         let times = |length_s| {
             let band = Measures::of(&room(0.9, 0.0, length_s), 0.01, length_s).bands[3];
@@ -272,7 +262,7 @@ mod tests {
 
     #[test]
     fn clarity_follows_from_the_decay() {
-        // Early over late of an exponential decay: exp(13.8 x 0.05 s / T) - 1.
+        // Early over late in an exponential decay: exp(13.8 x 0.05 s / T) - 1.
         let time_s = 0.6;
         let expected_db = 10.0 * libm::log10(libm::exp(6.0 * std::f64::consts::LN_10 * 0.05 / time_s) - 1.0);
         let measures = Measures::of(&room(time_s, 0.0, 1.0), 0.01, 1.0);
@@ -283,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn direct_sound_is_weighed_against_the_rest() {
+    fn direct_to_reverberant_ratio_compares_energies() {
         let (mut left, first) = (vec![0.0; 4000], 160);
         left[first] = 1.0;
         left[first + 39] = 0.5;
@@ -296,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_has_its_level_and_no_decay() {
+    fn pulses_have_a_level_and_no_decay() {
         let mut left = vec![0.0; 1000];
         left[300] = 0.5;
         let mut right = vec![0.0; 900];
@@ -315,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_and_oddities_have_no_measures() {
+    fn silent_and_tiny_responses_have_no_measures() {
         for response in [
             ImpulseResponse::default(),
             ImpulseResponse { left: vec![0.0; 50], right: vec![0.0; 70] },
@@ -332,17 +322,18 @@ mod tests {
     }
 
     #[test]
-    fn bands_do_not_leak_into_each_other() {
+    fn octave_filters_separate_tones() {
         let tone = |n: usize| libm::sin(TAU * 1000.0 * n as f64 / RATE) as f32;
         let ear: Vec<f32> = (0..16_000).map(tone).collect();
-        let level_db =
-            |band: usize| 10.0 * libm::log10(band_energies(&ear)[band] * octave::bandwidth_hz(band));
+        let level_db = |band: usize| {
+            10.0 * libm::log10(Octaves::new(&ear).energies()[band] * octave::bandwidth_hz(band))
+        };
         assert!(level_db(3) - level_db(2) > 18.0 && level_db(3) - level_db(4) > 18.0);
         assert!(level_db(3) - level_db(1) > 35.0 && level_db(3) - level_db(5) > 35.0);
     }
 
     #[test]
-    fn the_ear_that_leads_is_told_to_a_microsecond() {
+    fn interaural_delay_is_accurate_to_a_microsecond() {
         for lead in [-10.0, -3.3, 0.0, 0.7, 8.25] {
             let ear = |delay: f64| -> Vec<f32> {
                 let sinc = |n: usize| {
@@ -358,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_expected_to_ring_as_sabine_says() {
+    fn expected_reverberation_follows_sabine() {
         let scene = avln_scene::RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
         let mut absorption = [0.5; SURFACE_BANDS];
         absorption[1] = 0.1;

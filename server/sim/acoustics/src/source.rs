@@ -1,4 +1,4 @@
-//! Sound sources in a building, and the waves that reach a listener from them.
+//! Sound sources in a building, and their waves at a listener.
 
 use crate::building::{Building, Settings};
 use crate::cache::{BuildingCache, Reader, Writer};
@@ -6,9 +6,7 @@ use crate::geodesic::{GeodesicField, length_m};
 use crate::head::Head;
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse, Listener};
-use crate::late::LateField;
-use crate::late::slices::Echo;
-use crate::late::tail::add_tail;
+use crate::late::{LateField, slices::Slice, tail::add_tail};
 use crate::surfaces::Surfaces;
 use crate::unreflected::UnreflectedWaves;
 use avln_geom::{Point3, RayMesh, Vector3, angle};
@@ -16,10 +14,10 @@ use avln_scene::Scene;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Memory limit of cached sources per building, bytes; sources in use also stay alive through their users.
+/// Memory limit for cached sources per building, bytes; sources in use also stay alive through their users.
 const SOURCES_BYTES: usize = 64 << 20;
 
-/// Acoustics of a building, shared by all listeners. Results do not depend on earlier queries.
+/// A building's acoustics, shared by all listeners. Results do not depend on earlier queries.
 pub struct Acoustics {
     building: Arc<Building>,
     /// Most recently used first.
@@ -27,50 +25,48 @@ pub struct Acoustics {
     cache: Option<BuildingCache>,
 }
 
-/// The bits of a source's position.
+/// Position bits.
 type Key = [u32; 3];
 
-/// Filled by the first user of the source, while others wait.
+// The first user computes the source while others wait.
 type Slot = Arc<OnceLock<Source>>;
 
-/// A sound source position with its precomputed paths through the building. Cheap to clone.
+/// A sound source with precomputed paths through the building. Cheap to clone.
 #[derive(Clone)]
 pub struct Source {
     data: Arc<SourceData>,
-    /// Head model.
     head: Head,
 }
 
-/// A wave that is the first to arrive.
+/// The first arriving wave.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FirstWave {
     /// Time from emission to the head centre, seconds.
     pub delay_s: f64,
-    /// Direction of the wave in the horizontal plane: 0 is ahead of the listener, left is positive.
+    /// Horizontal direction, radians: 0 is ahead of the listener, left is positive.
     pub azimuth_rad: f32,
-    /// Response of the two ears to this wave.
+    /// Response at both ears.
     pub response: ImpulseResponse,
 }
 
-/// Arrivals at a position.
 pub(crate) struct Heard {
     arrivals: Vec<Arrival>,
-    echo: Echo,
+    echo: Vec<Slice>,
 }
 
 struct SourceData {
     building: Arc<Building>,
     position: Point3<f32>,
-    /// Entry of the sound into room air: `position`, unless enclosed by furniture.
+    /// Entry point into room air: `position`, unless enclosed by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
     images: Images,
-    /// `None` for a place that is not finite.
+    /// `None` for a position that is not finite.
     late: Option<LateField>,
 }
 
 impl Acoustics {
-    /// Prepares `scene`; `rays` must contain the triangles of its mesh, and `surfaces` their materials.
+    /// Prepares `scene`; `rays` and `surfaces` must match the mesh.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
         if settings.ray_count > 0 {
             settings.head.prepare();
@@ -85,21 +81,20 @@ impl Acoustics {
         Self { cache, ..self }
     }
 
-    /// Bytes of the building and of all cached sources.
+    /// Bytes in the building and all cached sources.
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         self.building.byte_count() + sources.iter().map(|(_, slot)| bytes_of(slot)).sum::<usize>()
     }
 
-    /// The source at `position`, world frame, metres; computed on first use.
-    ///
-    /// A position inside a closed piece of furniture sounds from the air next to it.
+    /// Returns the source at `position`, world frame, metres; computed on first use. Inside closed furniture,
+    /// the source plays from the adjacent air.
     pub fn source(&self, position: &Point3<f32>) -> Source {
         let key = [0, 1, 2].map(|axis| position[axis].to_bits());
         self.slot(key).get_or_init(|| self.load_or_compute(position, key)).clone()
     }
 
-    /// The slot of a source, which comes first from now on; the last ones go when all are too large.
+    /// Returns a source's slot, moved to the front; the oldest slots are dropped above the memory limit.
     fn slot(&self, key: Key) -> Slot {
         let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let found = sources.iter().position(|(known, _)| *known == key);
@@ -131,7 +126,7 @@ impl Acoustics {
     }
 }
 
-/// Bytes of a source; 0 while it is being worked out.
+/// Bytes in a source; 0 until it is computed.
 fn bytes_of(slot: &Slot) -> usize {
     slot.get().map_or(0, |source| source.data.byte_count())
 }
@@ -143,7 +138,7 @@ impl Source {
         let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
         if seeds.is_empty() && finite(position) {
             seeds.extend(air.nearest_cell(position));
-            outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
+            outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
         let images = Images::new(&building, &outlet);
@@ -184,12 +179,12 @@ impl Source {
         Some(Self::of(SourceData { building, position: *position, outlet, field, images, late }))
     }
 
-    /// Position of the source, world frame, metres.
+    /// Position, world frame, metres.
     pub fn position(&self) -> Point3<f32> {
         self.data.position
     }
 
-    /// Returns the response of both ears of `listener`. Empty for non-finite positions.
+    /// Returns the response at both ears. Empty for non-finite positions.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
         self.response(listener, &self.heard_at(&listener.position))
     }
@@ -198,7 +193,7 @@ impl Source {
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
         let arrivals = self.data.arrivals(place);
         let late = self.data.late.as_ref().filter(|_| !arrivals.is_empty());
-        let echo = late.map_or_else(Echo::default, |late| late.at(&self.data.building, place));
+        let echo = late.map_or_else(Vec::new, |late| late.at(&self.data.building, place));
         Heard { arrivals, echo }
     }
 
@@ -207,19 +202,18 @@ impl Source {
         let settings = &self.settings();
         let arrivals = if listener.heading_rad.is_finite() { heard.arrivals.as_slice() } else { &[] };
         let mut response = ImpulseResponse::new(listener, arrivals, settings);
-        // Through walls some may come earlier, but hardly any.
+        // Waves through walls may arrive earlier, but carry hardly any energy.
         if let Some(first) = arrivals.first() {
             add_tail(&mut response, listener, &heard.echo, first.length_m, settings);
         }
         response
     }
 
-    /// Settings with the head model of this source.
     fn settings(&self) -> Settings {
         Settings { head: self.head.clone(), ..self.data.building.settings.clone() }
     }
 
-    /// Returns the first wave at `listener`. `None` for non-finite positions.
+    /// Returns the first wave. `None` for non-finite positions.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
         let arrivals = self.data.arrivals(&listener.position);
         let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
@@ -230,22 +224,21 @@ impl Source {
         })
     }
 
-    /// Share of the source's energy that left the building through holes and open doors to the outside, 0 to 1.
+    /// Energy share that left the building through holes and open doors, 0 to 1.
     pub fn lost_share(&self) -> f32 {
-        self.data.late.as_ref().map_or(1.0, LateField::lost_share)
+        self.data.late.as_ref().map_or(1.0, |late| late.lost_share)
     }
 
-    /// Samples of the longest impulse response that this source may have.
     pub(crate) fn response_samples(&self) -> usize {
         self.data.building.settings.response_samples()
     }
 
-    /// Path length of the first sound to `point`, metres; `None` if unreachable.
+    /// Shortest path length to `point`, metres; `None` if unreachable.
     pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
         if !finite(point) || !finite(&self.data.outlet) {
             return None;
         }
-        if self.data.building.air.rays().is_clear(point, &self.data.outlet) {
+        if self.data.building.air.rays.is_clear(point, &self.data.outlet) {
             return Some((self.data.outlet - point).norm());
         }
         self.data.waves().shortest(point).map(|path| length_m(&path))
@@ -259,14 +252,12 @@ impl SourceData {
     }
 
     fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        if finite(listener) && finite(&self.outlet) {
-            let mut arrivals = self.waves().arrivals(listener);
-            let mirrored = self.images.arrivals(&self.building, listener, &arrivals);
-            arrivals.extend(mirrored);
-            arrivals
-        } else {
-            Vec::new()
+        if !finite(listener) || !finite(&self.outlet) {
+            return Vec::new();
         }
+        let mut arrivals = self.waves().arrivals(listener);
+        arrivals.extend(self.images.arrivals(&self.building, listener, &arrivals));
+        arrivals
     }
 
     fn waves(&self) -> UnreflectedWaves<'_> {
@@ -274,14 +265,14 @@ impl SourceData {
     }
 }
 
-/// Angle of a direction (unit vector, world frame) from straight ahead, positive to the left; 0 for up and down.
+/// Angle between a direction and straight ahead, positive to the left; 0 for up and down.
 fn azimuth_rad(direction: &Vector3<f32>, heading_rad: f32) -> f32 {
     let (sin, cos) = angle::sin_cos(heading_rad);
     angle::atan2(direction.z * sin - direction.x * cos, -direction.x * sin - direction.z * cos)
 }
 
 fn finite(point: &Point3<f32>) -> bool {
-    // Beyond this a house is not a house, and squares overflow.
+    // Larger coordinates are no building, and their squares overflow.
     const FAR_M: f32 = 1e6;
     point.iter().all(|coordinate| coordinate.abs() < FAR_M)
 }

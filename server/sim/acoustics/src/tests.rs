@@ -13,7 +13,7 @@ pub(crate) struct Soup {
 }
 
 impl Soup {
-    /// The inside of a box with one corner at the origin, each wall cut into `pieces` times `pieces`.
+    /// The inside of a box with a corner at the origin, each wall cut into `pieces` times `pieces`.
     pub(crate) fn room(size: [f32; 3], pieces: usize) -> Self {
         let mut soup = Self::default();
         for axis in 0..3 {
@@ -94,7 +94,7 @@ pub(crate) fn building(soup: &Soup, surface: Surface, settings: Settings) -> Bui
 }
 
 impl Soup {
-    /// The six sides of a block between two opposite corners.
+    /// Adds the six sides of a block between two opposite corners.
     pub(crate) fn block(&mut self, low: [f32; 3], high: [f32; 3]) {
         let mut shape = Self::room([0, 1, 2].map(|axis| high[axis] - low[axis]), 1);
         shape.corners.iter_mut().for_each(|corner| *corner = [0, 1, 2].map(|axis| corner[axis] + low[axis]));

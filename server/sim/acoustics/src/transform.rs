@@ -1,13 +1,13 @@
-//! A discrete Fourier transform written for auto-vectorisation. Equal bits on every processor.
+//! Discrete Fourier transforms with equal bits on every processor.
 
 use avln_simd::{Width, Work, run_at};
 use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// Points of a wide stretch.
+/// Points in a wide stretch.
 const WIDE: usize = 8;
 
-/// Points of a narrow stretch: consecutive values after one stage.
+/// Points in a narrow stretch: consecutive values after one stage.
 const NARROW: usize = 4;
 
 /// Complex numbers with separate parts.
@@ -17,7 +17,8 @@ pub(crate) struct Complexes {
     pub(crate) im: Vec<f32>,
 }
 
-/// A power-of-two Stockham transform, radix 4 with a final radix 2, in order at both ends.
+/// A power-of-two Stockham transform for auto-vectorisation: radix 4 with a final radix 2, in order at both
+/// ends.
 ///
 /// Source: C. Van Loan, "Computational Frameworks for the Fast Fourier Transform" (1992), 1.7 and 2.4.
 pub(crate) struct Transform {
@@ -25,7 +26,7 @@ pub(crate) struct Transform {
     other: Complexes,
 }
 
-/// A radix-4 stage. Per group: the first three powers of its twiddle factor, real and imaginary part.
+/// A radix-4 stage: per group the first three twiddle factor powers, real and imaginary parts.
 struct Stage {
     turns: [Vec<f32>; 6],
 }
@@ -39,11 +40,6 @@ impl Complexes {
         size_of_val(self.re.as_slice()) + size_of_val(self.im.as_slice())
     }
 
-    pub(crate) fn fill(&mut self, value: f32) {
-        self.re.fill(value);
-        self.im.fill(value);
-    }
-
     /// Adds `a * b` point by point; all have equal lengths.
     pub(crate) fn add_product(&mut self, a: &Self, b: &Self) {
         run_at(Width::Eight, Product { sum: self, a, b });
@@ -51,7 +47,7 @@ impl Complexes {
 }
 
 impl Transform {
-    /// Plans a transform of `points`, a power of two.
+    /// Plans a transform with `points` points, a power of two.
     pub(crate) fn new(points: usize) -> Self {
         let counts = std::iter::successors(Some(points), |count| Some(count / 4));
         let stages = counts.take_while(|count| *count >= 4).map(Stage::new).collect();
@@ -68,7 +64,7 @@ impl Transform {
         run_at(Width::Eight, Forward { stages: &self.stages, values, other: &mut self.other });
     }
 
-    /// The opposite sign of the exponent; not divided by the number of points.
+    /// Transforms with the opposite exponent sign; not divided by the number of points.
     pub(crate) fn backward(&mut self, values: &mut Complexes) {
         std::mem::swap(&mut values.re, &mut values.im);
         self.forward(values);
@@ -119,7 +115,7 @@ impl Work for Forward<'_> {
     }
 }
 
-/// The first stage: neighbouring groups together, with interleaved results.
+/// First stage: neighbouring groups together, with interleaved results.
 #[inline(always)]
 fn first_stage<const L: usize>(stage: &Stage, from: &Complexes, to: &mut Complexes) {
     let groups = from.re.len() / 4;
@@ -133,7 +129,7 @@ fn first_stage<const L: usize>(stage: &Stage, from: &Complexes, to: &mut Complex
     }
 }
 
-/// A later stage: `stride` neighbours share their twiddle factors.
+/// Later stage: `stride` neighbours share their twiddle factors.
 #[inline(always)]
 fn later_stage<const L: usize>(stage: &Stage, stride: usize, from: &Complexes, to: &mut Complexes) {
     let quarter = from.re.len() / 4;
@@ -153,8 +149,7 @@ fn later_stage<const L: usize>(stage: &Stage, stride: usize, from: &Complexes, t
     }
 }
 
-/// The final radix-2 stage if the length is not a power of four: sums in the first half, differences in the
-/// second.
+/// Final radix-2 stage if the length is no power of four: sums in the first half, differences in the second.
 #[inline(always)]
 fn last_by_two(values: &mut [f32]) {
     let (low, high) = values.split_at_mut(values.len() / 2);
@@ -163,7 +158,7 @@ fn last_by_two(values: &mut [f32]) {
     }
 }
 
-/// Transforms of [`L`] groups of four values, all except the first rotated.
+/// Transforms [`L`] groups with four values each; all except the first are rotated.
 #[inline(always)]
 fn butterfly<const L: usize>(
     re: [[f32; L]; 4],
@@ -197,7 +192,6 @@ fn interleave<const L: usize>(to: &mut [f32], parts: &[[f32; L]; 4]) {
     }
 }
 
-/// `L` values from index `first`.
 #[inline(always)]
 fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
     let mut lanes = [0.0; L];
@@ -205,7 +199,6 @@ fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
     lanes
 }
 
-/// An array of the results of `find` per index.
 #[inline(always)]
 fn each<const L: usize, const N: usize>(find: impl Fn(usize) -> [f32; L]) -> [[f32; L]; N] {
     let mut found = [[0.0; L]; N];
@@ -236,14 +229,14 @@ impl Work for Product<'_> {
     }
 }
 
-/// A transform of a power of two of points.
+/// A power-of-two transform in double precision.
 pub(crate) struct Fourier {
-    /// `exp(-2 pi i k / points)` for the first half of k.
+    /// `exp(-2 pi i k / points)` for the first half.
     turns: Vec<Complex64>,
 }
 
 impl Fourier {
-    /// Plans a transform; `points` must be a power of two.
+    /// Plans a transform with `points` points, a power of two.
     pub(crate) fn new(points: usize) -> Self {
         let step_rad = TAU / points as f64;
         Self { turns: (0..points / 2).map(|k| unit_phasor(k as f64 * step_rad).conj()).collect() }
@@ -267,7 +260,7 @@ impl Fourier {
         }
     }
 
-    /// The opposite sign of the exponent; not divided by the number of points.
+    /// Transforms with the opposite exponent sign; not divided by the number of points.
     pub(crate) fn backward(&self, values: &mut [Complex64]) {
         values.iter_mut().for_each(|value| *value = value.conj());
         self.forward(values);
@@ -302,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_transform_is_the_plain_sum() {
+    fn transform_equals_the_plain_sum() {
         for points in [1, 2, 4, 8, 16, 32, 64, 128, 512, 2048] {
             let (values, mut there) = (noise(points), noise(points));
             let mut transform = Transform::new(points);
@@ -349,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn bits_do_not_depend_on_the_width() {
+    fn vector_width_does_not_change_bits() {
         for points in [8, 1024, 8192] {
             let (mut wide, mut portable) = (noise(points), noise(points));
             let mut transform = Transform::new(points);

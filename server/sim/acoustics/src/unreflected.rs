@@ -1,4 +1,4 @@
-//! Waves without a mirror: direct, diffracted, or transmitted.
+//! Waves without a mirror: direct, diffracted or transmitted.
 
 use crate::bands::{BandLoss, SILENT_DB, air_loss, both, diffraction_loss};
 use crate::building::Building;
@@ -8,7 +8,7 @@ use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use std::f32::consts::TAU;
 
-/// Paths of a source through the air of a building.
+/// A source's unreflected waves.
 pub(crate) struct UnreflectedWaves<'a> {
     pub(crate) building: &'a Building,
     pub(crate) field: &'a GeodesicField,
@@ -16,10 +16,10 @@ pub(crate) struct UnreflectedWaves<'a> {
 }
 
 impl UnreflectedWaves<'_> {
-    /// Returns the direct wave; if the source is hidden, up to two diffracted waves and the transmitted wave,
-    /// if audible. The shortest path through the air is first.
+    /// Returns the direct wave; if the source is hidden, up to two diffracted waves and an audible
+    /// transmitted wave. The shortest path through the air is first.
     pub(crate) fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
-        let seen = visibility(self.building.air.rays(), listener, self.outlet);
+        let seen = visibility(&self.building.air.rays, listener, self.outlet);
         if seen.center {
             // At the shadow boundary the diffraction loss fades in with the hidden share.
             let loss = diffraction_loss(0.0).map(|db| db * (1.0 - seen.share));
@@ -30,16 +30,16 @@ impl UnreflectedWaves<'_> {
         arrivals
     }
 
-    /// The shortest path through the air; `None` if unreachable from `listener`.
+    /// Shortest path through the air; `None` if unreachable.
     pub(crate) fn shortest(&self, listener: &Point3<f32>) -> Option<AirPath> {
         let air = &self.building.air;
         let near = air.visible_cells(listener);
         if !near.is_empty() {
             return self.field.path(air, listener, &near);
         }
-        // Enclosed or outside: the path of the nearest air.
+        // Enclosed or outside: use the path from the nearest air.
         let cell = air.nearest_cell(listener)?;
-        let mut path = self.field.path(air, &air.grid().center(cell), &[cell])?;
+        let mut path = self.field.path(air, &air.grid.center(cell), &[cell])?;
         path.insert(0, *listener);
         Some(path)
     }
@@ -58,7 +58,7 @@ impl UnreflectedWaves<'_> {
         arrivals
     }
 
-    /// The wave on a bent path with the pressure share `share`.
+    /// Wave on a bent path with pressure share `share`.
     fn bent(&self, path: &[Point3<f32>], hidden: f32, share: f32) -> Arrival {
         let length_m = length_m(path);
         let detour_m = length_m - (self.outlet - path[0]).norm();
@@ -68,13 +68,13 @@ impl UnreflectedWaves<'_> {
         Arrival { direction: first_leg(path), length_m, loss: both(&air_loss(length_m), &loss) }
     }
 
-    /// The wave transmitted through all surfaces; `None` if a surface blocks it.
+    /// Wave transmitted through all surfaces; `None` if blocked.
     fn through_walls(&self, listener: &Point3<f32>) -> Option<Arrival> {
         let (direction, length_m) = bearing(self.outlet, listener);
         let (mut loss, mut from_m) = ([0.0; SURFACE_BANDS], 0.0);
         for crossed in 0..MAX_SURFACES {
             let from = self.outlet + direction * from_m;
-            let Some(hit) = self.building.air.rays().cast(&from, &direction, length_m - from_m) else {
+            let Some(hit) = self.building.air.rays.cast(&from, &direction, length_m - from_m) else {
                 let loss = std::array::from_fn(|band| loss[band.min(SURFACE_BANDS - 1)]);
                 // If the line touches an edge, the diffracted wave is sufficient.
                 return (crossed > 0).then(|| straight(listener, self.outlet, &loss));
@@ -101,7 +101,7 @@ fn transmission_db(surface: &Surface, band: usize) -> f32 {
     if share > 1e-10 { -10.0 * libm::log10f(share) } else { SILENT_DB }
 }
 
-/// Weight of a second path as a separate wave, 0 to 1, by direction and length.
+/// Weight for a second path as a separate wave, 0 to 1, by direction and length.
 fn independence(first: &[Point3<f32>], second: &[Point3<f32>]) -> f32 {
     let apart = horizontal_m(&first[1], &second[1]) / APART_M - 1.0;
     let shorter = 1.0 - (length_m(second) - length_m(first)) / LONGER_M;
@@ -113,7 +113,7 @@ fn straight(listener: &Point3<f32>, outlet: &Point3<f32>, loss: &BandLoss) -> Ar
     Arrival { direction, length_m, loss: both(&air_loss(length_m), loss) }
 }
 
-/// Unit vector from `from` to `to` and the distance in metres; straight ahead at heading 0 for equal points.
+/// Unit vector and distance in metres; straight ahead at heading 0 for equal points.
 fn bearing(from: &Point3<f32>, to: &Point3<f32>) -> (Vector3<f32>, f32) {
     let offset = to - from;
     let length_m = offset.norm();
@@ -127,21 +127,17 @@ fn first_leg(path: &[Point3<f32>]) -> Vector3<f32> {
     bearing(&path[0], ahead.unwrap_or(&path[path.len() - 1])).0
 }
 
-/// Rays of a bundle.
 const RAYS: usize = 32;
-
-/// Radius of the bundle, metres.
 const RADIUS_M: f32 = 0.3;
 
-/// Result of a bundle of parallel rays around the straight line.
+/// Visible source share: a soft shadow boundary instead of a switch.
 struct Visibility {
     /// True if the centre line is clear.
     center: bool,
-    /// Share of clear rays, 0 to 1, among rays with both ends in the same air as the centre line.
+    /// Clear share, 0 to 1, among rays with both ends in the same air as the centre line.
     share: f32,
 }
 
-/// Casts a bundle of parallel rays from `listener` to `source`.
 fn visibility(rays: &RayMesh, listener: &Point3<f32>, source: &Point3<f32>) -> Visibility {
     let line = source - listener;
     let center = rays.is_clear(listener, source);
@@ -160,7 +156,7 @@ fn visibility(rays: &RayMesh, listener: &Point3<f32>, source: &Point3<f32>) -> V
     Visibility { center, share }
 }
 
-/// Offsets perpendicular to `line`, spread over a disc in a sunflower pattern (Vogel 1979).
+/// Offsets perpendicular to `line`, spread over a disc.
 fn bundle(line: &Vector3<f32>) -> impl Iterator<Item = Vector3<f32>> + use<> {
     let up = if line.x.abs() + line.z.abs() > 1e-3 * line.y.abs() { Vector3::y() } else { Vector3::x() };
     let side = line.cross(&up).normalize();
@@ -171,8 +167,7 @@ fn bundle(line: &Vector3<f32>) -> impl Iterator<Item = Vector3<f32>> + use<> {
     })
 }
 
-/// Point `index` of `count` points spread evenly over a disc in a sunflower pattern (Vogel 1979): cosine and
-/// sine of the angle, radius in metres.
+/// Point `index` of `count` in a sunflower pattern (Vogel 1979): cosine, sine, radius in metres.
 pub(crate) fn disc_point(index: usize, count: usize, disc_radius_m: f32) -> [f32; 3] {
     /// Golden angle, turns.
     const GOLDEN_SHARE: f32 = 0.381_966;
@@ -187,7 +182,7 @@ mod tests {
     use crate::Settings;
     use crate::tests::{HARD, Soup, building};
 
-    /// A source in a building and all its paths.
+    /// A source in a building.
     struct Heard {
         building: Building,
         field: GeodesicField,
@@ -211,7 +206,7 @@ mod tests {
         }
     }
 
-    /// Level of all waves over all octaves from 125 Hz to 4 kHz, decibels relative to 1 m.
+    /// Total level, octaves from 125 Hz to 4 kHz, decibels relative to 1 m.
     fn level_db(arrivals: &[Arrival]) -> f32 {
         10.0 * arrivals.iter().map(energy).sum::<f32>().log10()
     }
@@ -221,7 +216,7 @@ mod tests {
             / (wave.length_m * wave.length_m)
     }
 
-    /// Mean direction of all waves.
+    /// Mean direction.
     fn bearing_of(arrivals: &[Arrival]) -> Vector3<f32> {
         arrivals.iter().map(|wave| wave.direction * energy(wave)).sum::<Vector3<f32>>().normalize()
     }
@@ -231,7 +226,7 @@ mod tests {
         direction.z.atan2(direction.x).to_degrees()
     }
 
-    /// Walls of a flat, 2.6 m high: `blocks` on the plan, from (x, z) to (x, z), on a floor and under a ceiling.
+    /// A flat 2.6 m high with floor and ceiling; `blocks` are walls on the plan, from (x, z) to (x, z).
     fn flat(size: [f32; 2], blocks: &[[[f32; 2]; 2]]) -> Soup {
         let [x, z] = size;
         let mut soup = Soup::default();
@@ -249,7 +244,7 @@ mod tests {
         soup
     }
 
-    /// Two rooms, 4 m and 4 m, behind each other along x; a door from z = 1.0 to 1.9.
+    /// Two adjacent rooms, each 4 m long in x; a door from z = 1.0 to 1.9.
     fn two_rooms() -> Soup {
         flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 4.0]]])
     }
@@ -273,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn walking_through_doorways_changes_level_and_bearing_smoothly() {
+    fn level_and_bearing_are_smooth_through_doorways() {
         let walks = [
             ([5.0, 0.3], [5.0, 3.7]),
             ([7.5, 3.0], [3.0, 1.2]),
@@ -305,7 +300,8 @@ mod tests {
         })
     }
 
-    /// Returns true if the first wave at (x, z) comes from an opening of the plane x = `wall_x`, to five degrees.
+    /// Returns true if the first wave at (x, z) comes through a door in the plane x = `wall_x`, within five
+    /// degrees.
     fn comes_from(heard: &Heard, [x, z]: [f32; 2], wall_x: f32, door: [f32; 2]) -> bool {
         let azimuth = |at_z: f32| azimuth_deg(&Vector3::new(wall_x - x, 0.0, at_z - z)).rem_euclid(360.0);
         let (one, other) = (azimuth(door[0]), azimuth(door[1]));
@@ -314,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_one_door_or_two_the_first_wave_comes_from_the_last_one() {
+    fn first_waves_arrive_from_the_last_door() {
         let one = Heard::new(&two_rooms(), HARD, [2.5, 1.0, 3.4]);
         for place in [[5.5, 3.0], [6.0, 3.5], [7.5, 3.6], [5.0, 3.2], [7.8, 0.3]] {
             assert!(comes_from(&one, place, 4.2, [1.0, 1.9]), "{place:?}");
@@ -330,7 +326,7 @@ mod tests {
     #[test]
     fn two_doors_send_two_waves() {
         let heard = Heard::new(&two_doors(), HARD, [1.0, 1.0, 2.45]);
-        // As far from one door as from the other: (1, 2.45) to the jambs at z = 1.9 and z = 3.0 and on.
+        // Both doors are equally distant: (1, 2.45) to the jambs at z = 1.9 and z = 3.0 and on.
         let waves = heard.at(7.2, 2.45);
         let path_m = 2.0 * 3.0_f32.hypot(0.55) + 0.2;
         assert_eq!(waves.len(), 2);
@@ -348,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn the_deeper_the_shadow_the_duller_the_sound() {
+    fn deeper_shadows_lose_more_high_frequencies() {
         let heard = Heard::new(&two_rooms(), HARD, [2.5, 1.0, 3.4]);
         let tilts: Vec<_> = (0..8)
             .map(|step| 1.3 + 0.3 * step as f32)
@@ -360,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_wall_lets_through_what_its_two_surfaces_let_through() {
+    fn transmission_passes_both_wall_surfaces() {
         let closed = flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 4.0]]]);
         assert!(Heard::new(&closed, HARD, [2.0, 1.0, 2.0]).at(6.0, 2.0).is_empty());
         let thin = Surface { transmission: [0.1, 0.03, 0.01, 0.003, 0.001, 0.0], ..HARD };
@@ -379,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn storeys_hear_each_other_through_the_stairwell() {
+    fn storeys_connect_through_the_stairwell() {
         // Two storeys of 6 x 4 m; the slab between them ends 1.2 m before the wall x = 6.
         let mut house = flat([6.0, 4.0], &[]);
         let upper: Vec<_> = house.corners.iter().map(|[x, y, z]| [*x, y + 2.8, *z]).collect();

@@ -19,6 +19,16 @@ const LFS_ADVICE: &str = "it is a Git LFS pointer in the file's place; run `git 
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
 
+/// Returns the reason as an error if `is_bad`.
+pub(crate) fn refuse_if(is_bad: bool, reason: impl FnOnce() -> String) -> Checked<()> {
+    if is_bad { Err(reason()) } else { Ok(()) }
+}
+
+/// Returns the error for a mesh with too many parts of a kind.
+pub(crate) fn too_many(limit: usize, parts: &str) -> String {
+    format!("it has more than {limit} {parts}; decimate it in a 3D editor")
+}
+
 /// Returns the error for an unusable file; `reason` continues "… is not a usable scene: ".
 pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Malformed { path: path.display().to_string(), reason: reason.into() }
@@ -34,10 +44,7 @@ pub(crate) fn read(path: &Path, limit: u64, report: &mut ImportReport) -> Result
     read_regular(&resolve(path, report)?, limit)
 }
 
-/// Follows text links to the real file, with a warning.
-///
-/// # Errors
-/// If the file is a Git LFS pointer, or links form a long chain.
+/// Follows text links to the real file, with a warning. Refuses Git LFS pointers and long chains.
 pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf, SceneError> {
     // Without support for symbolic links, version control writes a link as a short text with the target's name.
     let mut at = path.to_owned();
@@ -73,10 +80,7 @@ fn link_target(path: &Path, text: &[u8]) -> Option<PathBuf> {
     (target.extension() == path.extension() && target.is_file() && target != path).then_some(target)
 }
 
-/// Reads a regular file with at most `limit` bytes.
-///
-/// # Errors
-/// If it cannot be read, is larger, or is a Git LFS pointer.
+/// Reads a regular file with at most `limit` bytes. Refuses Git LFS pointers.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
     let refuse = |reason: String| Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, reason));
     let metadata = std::fs::metadata(path)?;
@@ -95,10 +99,7 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     Ok(bytes)
 }
 
-/// Returns the file for a relative URI.
-///
-/// # Errors
-/// If it is outside `folder`.
+/// Returns the file for a relative URI. Refuses files outside `folder`.
 pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     let outside = || format!("it refers to {address:?} outside its own folder; move that file next to it");
     let decoded = percent_decode_str(address).decode_utf8().map_err(|_| outside())?;

@@ -1,7 +1,7 @@
 //! Gibson buildings: `X.scn` (objects with class and box), `X.glb` or `X.obj` (textured, Z up) and, if it exists,
 //! `X_semantic.ply` (object numbers per face).
 
-use crate::files::{self, Checked, ImportReport, beside, scene_name};
+use crate::files::{self, Checked, ImportReport, beside, refuse_if, scene_name};
 use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
 use crate::ply;
 use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
@@ -112,7 +112,6 @@ struct ScnObject {
 struct GibsonObject {
     id: u32,
     class: String,
-    /// Centre and size.
     place: Option<[[f32; 3]; 2]>,
 }
 
@@ -120,18 +119,14 @@ struct GibsonObject {
 fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<GibsonObject>> {
     let file: ScnFile = serde_json::from_slice(bytes)
         .map_err(|error| format!("it is no Gibson table ({error}); copy the .scn file again"))?;
-    if file.objects.len() > MAX_ENTRIES {
-        return Err(format!("it lists more than {MAX_ENTRIES} objects"));
-    }
+    refuse_if(file.objects.len() > MAX_ENTRIES, || format!("it lists more than {MAX_ENTRIES} objects"))?;
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
     for entry in file.objects {
         let id = u32::try_from(entry.id).ok().filter(|id| (1..=max_id).contains(id)).ok_or_else(|| {
             format!("an object has number {}, numbers are 1 to {max_id}; renumber the objects", entry.id)
         })?;
-        if !seen.insert(id) {
-            return Err(format!("object number {id} is not unique; renumber the objects"));
-        }
+        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
         if let Some(size) =
             entry.size.and_then(|sizes| sizes.into_iter().find(|size| size.is_nan() || *size < 0.0))
         {

@@ -1,6 +1,6 @@
 //! Images: PNG, JPEG and Basis Universal (`.basis` files, as in HM3D, and KTX2 files) in, PNG out.
 
-use crate::files::{self, Checked, ImportReport, neighbour};
+use crate::files::{self, Checked, ImportReport, neighbour, refuse_if};
 use avln_scene::Texture;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXTURE_SIDE};
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
@@ -50,9 +50,9 @@ fn kind_of(bytes: &[u8]) -> &'static str {
 
 fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
     let side = MAX_TEXTURE_SIDE as usize;
-    if width > side || height > side || width == 0 || height == 0 {
-        return Err(format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it"));
-    }
+    refuse_if(width > side || height > side || width == 0 || height == 0, || {
+        format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it")
+    })?;
     *budget = budget
         .checked_sub(width as u64 * height as u64)
         .ok_or("with it, the textures exceed the texel limit; resize them")?;
@@ -110,9 +110,9 @@ fn decode_basis(bytes: &[u8], check_size: impl FnOnce(usize, usize) -> Checked<(
     check_size(width as usize, height as usize)?;
     let mut pixels = picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(fail)?;
     let row_bytes = 4 * width as usize;
-    if pixels.len() != row_bytes * height as usize {
-        return Err("its pixels do not fill its size; export it again".to_owned());
-    }
+    refuse_if(pixels.len() != row_bytes * height as usize, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
     if begins_at_the_bottom(bytes) {
         pixels = pixels.chunks_exact(row_bytes).rev().flatten().copied().collect();
     }
@@ -131,9 +131,9 @@ fn begins_at_the_bottom(bytes: &[u8]) -> bool {
 /// Makes a texture from grey, grey-alpha, RGB or RGBA bytes.
 fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Texture> {
     let texels = width as usize * height as usize;
-    if !(1..=4).contains(&samples) || raw.len() != texels * samples {
-        return Err("its pixels do not fill its size; export it again".to_owned());
-    }
+    refuse_if(!(1..=4).contains(&samples) || raw.len() != texels * samples, || {
+        "its pixels do not fill its size; export it again".into()
+    })?;
     let rgba = |texel: &[u8]| match *texel {
         [grey] => [grey, grey, grey, 255],
         [grey, alpha] => [grey, grey, grey, alpha],
@@ -153,7 +153,6 @@ pub(crate) fn checker() -> Texture {
     Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
 }
 
-/// Encodes a texture as PNG: RGB for opaque textures, RGBA for others.
 pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
     let data: Vec<u8> = if opaque {
@@ -176,7 +175,8 @@ pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
 /// A scene's images in order by first use, without duplicates.
 pub(crate) struct ImageSet {
     folder: PathBuf,
-    textures: Vec<Texture>,
+    /// In number order.
+    pub(crate) textures: Vec<Texture>,
     number_of: BTreeMap<String, u16>,
     texels_left: u64,
 }
@@ -202,11 +202,6 @@ impl ImageSet {
         self.textures.push(texture);
         self.number_of.insert(name.to_owned(), number);
         Ok(number)
-    }
-
-    /// Returns all images in number order.
-    pub(crate) fn into_textures(self) -> Vec<Texture> {
-        self.textures
     }
 
     fn load(&mut self, name: &str, report: &mut ImportReport) -> Checked<Texture> {
@@ -261,6 +256,6 @@ mod tests {
         assert_eq!(numbers, [0, 1, 0, 2]);
         assert_eq!(report.warnings.len(), 3, "{report:?}");
         assert!(report.warnings[0].contains("\"absent.png\"") && report.warnings[0].contains("checker"));
-        assert_eq!(pictures.into_textures()[0], checker());
+        assert_eq!(pictures.textures[0], checker());
     }
 }

@@ -38,7 +38,6 @@ impl UnlabelledSurfaces {
     }
 }
 
-/// A labelled object's number, category and room.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ObjectLabel {
     /// Number, not 0.
@@ -47,7 +46,6 @@ pub(crate) struct ObjectLabel {
     pub(crate) category: Option<String>,
     /// More specific noun; may be empty.
     pub(crate) noun: String,
-    /// Room index.
     pub(crate) region: Option<u16>,
 }
 
@@ -117,7 +115,6 @@ pub(crate) fn scene(
     Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted }
 }
 
-/// Triangles by label number, without number 0.
 fn triangles_of(label_of: &[u32]) -> BTreeMap<u32, Vec<u32>> {
     let mut triangles_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (triangle, &label) in label_of.iter().enumerate().filter(|(_, label)| **label != 0) {
@@ -144,7 +141,6 @@ pub(crate) fn bounds_of(mesh: &Mesh, label_of: &[u32]) -> BTreeMap<u32, Aabb> {
     labelled.filter_map(|(label, triangles)| Some((label, bounds(mesh, &triangles)?))).collect()
 }
 
-/// A list's first numbers, as text.
 fn some_of(numbers: &[u32]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<String> = numbers.iter().take(SHOWN).map(u32::to_string).collect();
@@ -189,7 +185,6 @@ pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
     to.iter().map(label).collect()
 }
 
-/// Sample points on the mesh, and their triangles.
 fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     let mut points = Vec::new();
     let mut triangle_of = Vec::new();
@@ -206,7 +201,6 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     (points, triangle_of)
 }
 
-/// Parts per edge.
 fn cuts([a, b, c]: &[Point3<f32>; 3]) -> usize {
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     ((longest / SAMPLE_M).ceil() as usize).clamp(1, MAX_CUTS)

@@ -41,7 +41,6 @@ impl Model {
     }
 }
 
-/// A node in the default scene.
 pub(crate) struct ModelNode {
     pub(crate) name: String,
     /// Index into [`Model::nodes`].
@@ -52,13 +51,10 @@ pub(crate) struct ModelNode {
 /// Role for the surfaces in a node and below.
 #[derive(Clone, Copy)]
 enum NodeClaim<'a> {
-    /// An instance.
     Instance(InstanceIdentity<'a>),
-    /// Structure, without an instance.
     Structure,
 }
 
-/// An instance's identity.
 #[derive(Clone, Copy)]
 enum InstanceIdentity<'a> {
     /// Extras in an exported scene.
@@ -67,7 +63,6 @@ enum InstanceIdentity<'a> {
     Named(&'static str),
 }
 
-/// An instance and the triangles.
 struct FoundInstance<'a> {
     identity: InstanceIdentity<'a>,
     name: &'a str,
@@ -94,7 +89,6 @@ pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene>
     Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
 }
 
-/// Instances in node order.
 fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundInstance<'a>> {
     let claims: Vec<Option<NodeClaim<'a>>> = nodes.iter().map(claim).collect();
     let owners = owners(nodes, &claims);
@@ -107,7 +101,10 @@ fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundI
     let instance = |(node, claim): (usize, Option<NodeClaim<'a>>)| {
         let Some(NodeClaim::Instance(identity)) = claim else { return None };
         let triangles = triangles_of.remove(&node).unwrap_or_default();
-        let bounds = bounds(mesh, &triangles).or_else(|| stored_bounds(identity))?;
+        let bounds = match identity {
+            InstanceIdentity::Marked(extras) => bounds(mesh, &triangles).or_else(|| extras.bounds())?,
+            InstanceIdentity::Named(_) => bounds(mesh, &triangles)?,
+        };
         Some(FoundInstance { identity, name: &nodes[node].name, triangles, bounds })
     };
     claims.into_iter().enumerate().filter_map(instance).collect()
@@ -117,13 +114,6 @@ fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundI
 pub(crate) fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
     let corners = triangles.iter().flat_map(|&triangle| &mesh.triangles[triangle as usize]);
     Aabb::around(corners.map(|&corner| &mesh.positions[corner as usize]))
-}
-
-fn stored_bounds(identity: InstanceIdentity<'_>) -> Option<Aabb> {
-    match identity {
-        InstanceIdentity::Marked(extras) => extras.bounds(),
-        InstanceIdentity::Named(_) => None,
-    }
 }
 
 fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
@@ -335,7 +325,6 @@ impl NodeExtras {
     }
 }
 
-/// Returns the `extras` for an object's node.
 pub(crate) fn object_extras(object: &Object) -> Value {
     let Attributes { noun, color, material, size, shape } = object.attributes.clone();
     json!({ KEY: NodeExtras {
@@ -352,12 +341,10 @@ pub(crate) fn object_extras(object: &Object) -> Value {
     } })
 }
 
-/// Returns the `extras` for the structure's node.
 pub(crate) fn structure_extras() -> Value {
     json!({ KEY: { "instance": InstanceId::NONE.0 } })
 }
 
-/// Returns the `extras` for the scene.
 pub(crate) fn scene_extras(regions: &[Region]) -> Value {
     let region = |region: &Region| RegionExtras {
         label: region.label.clone(),
@@ -378,7 +365,7 @@ fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
     }
     let region = |region: RegionExtras| {
         let bounds =
-            finite_box(region.min, region.max).ok_or_else(|| fail("gives a region no finite box"))?;
+            finite_box(region.min, region.max).ok_or_else(|| fail("has a region without a finite box"))?;
         Ok(Region {
             label: region.label.chars().take(MAX_WORD_CHARS).collect(),
             bounds,

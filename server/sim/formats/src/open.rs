@@ -130,7 +130,6 @@ fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
     }
 }
 
-/// A file layout.
 struct Layout {
     name: &'static str,
     /// Characteristic file, for error messages.
@@ -225,7 +224,6 @@ const LAYOUTS: &[Layout] = &[
     mesh_layout("PLY", "X.ply", |file| with_extension(file, &["ply"]), ply::import),
 ];
 
-/// Returns the layout for plain surfaces.
 const fn mesh_layout(
     name: &'static str,
     sign: &'static str,

@@ -1,7 +1,7 @@
 //! Replica scans: `habitat/info_semantic.json` (objects and classes), `habitat/mesh_semantic.ply` (object numbers per face)
 //! and `mesh.ply` (the same surfaces, coloured); polygons have four corners, Z is up.
 
-use crate::files::{self, Checked, ImportReport, scene_name};
+use crate::files::{self, Checked, ImportReport, refuse_if, scene_name};
 use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
 use crate::ply::{self, Ply};
 use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
@@ -129,7 +129,6 @@ struct InfoExtent {
     sizes: [f64; 3],
 }
 
-/// An object with its class name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct ReplicaObject {
     id: u32,
@@ -140,14 +139,15 @@ struct ReplicaObject {
 fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
     let file: InfoFile = serde_json::from_slice(bytes)
         .map_err(|error| format!("it is no Replica table ({error}); copy info_semantic.json again"))?;
-    if file.objects.len() > MAX_ENTRIES || file.classes.len() > MAX_ENTRIES {
-        return Err(format!("it lists more than {MAX_ENTRIES} objects or classes"));
-    }
+    refuse_if(file.objects.len() > MAX_ENTRIES || file.classes.len() > MAX_ENTRIES, || {
+        format!("it lists more than {MAX_ENTRIES} objects or classes")
+    })?;
     let mut name_of = BTreeMap::new();
     for class in &file.classes {
-        if name_of.insert(class.id, class.name.as_str()).is_some_and(|before| before != class.name) {
-            return Err(format!("class {} has two names", class.id));
-        }
+        refuse_if(
+            name_of.insert(class.id, class.name.as_str()).is_some_and(|before| before != class.name),
+            || format!("class {} has two names", class.id),
+        )?;
     }
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
@@ -155,9 +155,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
         let id = u32::try_from(entry.id).ok().filter(|&id| id <= max_id).ok_or_else(|| {
             format!("an object has number {}, numbers are 0 to {max_id}; renumber the objects", entry.id)
         })?;
-        if !seen.insert(id) {
-            return Err(format!("object number {id} is not unique; renumber the objects"));
-        }
+        refuse_if(!seen.insert(id), || format!("object number {id} is not unique; renumber the objects"))?;
         check_box(id, entry)?;
         let listed = || file.id_to_label.get(id as usize).copied();
         let class = entry.class_id.or_else(listed);

@@ -1,6 +1,6 @@
 //! Axes and units of files, and their transform to the world frame: Y up, metres.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if};
 use avln_geom::{Aabb, Point3, Vector3};
 use avln_scene::Mesh;
 use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
@@ -9,9 +9,9 @@ use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
     /// Y, as in glTF.
-    Y,
+    Y = 1,
     /// Z, as in Matterport, Replica and Gibson scans.
-    Z,
+    Z = 2,
 }
 
 /// A file's unit.
@@ -55,11 +55,9 @@ impl LengthUnit {
 }
 
 impl UpAxis {
+    /// Returns the coordinate's index.
     pub(crate) fn index(self) -> usize {
-        match self {
-            Self::Y => 1,
-            Self::Z => 2,
-        }
+        self as usize
     }
 
     pub(crate) fn other(self) -> Self {
@@ -147,7 +145,6 @@ impl FileFrame {
         Aabb::new(a.inf(&b), a.sup(&b))
     }
 
-    /// Rotates and scales all positions.
     pub(crate) fn apply(&self, mesh: &mut Mesh) {
         mesh.positions.iter_mut().for_each(|position| *position = self.point((*position).into()));
     }
@@ -159,7 +156,7 @@ fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();
     let (height, other) = (size[up.index()], size[up.other().index()]);
-    // Extent alone is not enough: a tower is higher than wide. Floors and ceilings decide.
+    // Extent is not enough: a tower is higher than wide. Floors and ceilings decide.
     other < CLEARLY_SMALLER * height && other < CLEARLY_SMALLER * size.x && {
         let area = area_by_axis(mesh);
         area[up.other().index()] > area[up.index()]
@@ -181,15 +178,15 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     let bounds = Aabb::around(&mesh.positions).ok_or("it has no triangles; export the meshes with it")?;
     let size = bounds.size();
     let longest = size.max();
-    if !(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {
-        return Err(format!(
+    refuse_if(!(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest), || {
+        format!(
             "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {}",
             size.x,
             size.y,
             size.z,
             advice(longest)
-        ));
-    }
+        )
+    })?;
     if size.y > TALLEST_M {
         report.warn(format!(
             "it is {} m high; if its unit is not the metre, use --units cm or --units mm, if another axis points up, use --up",

@@ -154,7 +154,7 @@ mod tests {
     use avln_geom::Point3;
 
     #[test]
-    fn an_l_has_one_corner_to_bend_around() {
+    fn l_shape_has_one_bend() {
         let polygons = letter_l();
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
         let corners = Corners::new(&polygons, lattice, |_| 3.0);

@@ -21,7 +21,7 @@ const MAX_TILES: i64 = 1;
 pub enum DetourError {
     /// The file ends too early.
     #[error(
-        "the navmesh file ends within {what}: {needed} bytes from byte {offset} on, of {length}; copy the file again"
+        "the navmesh file ends within {what}: {needed} bytes at byte {offset}, file size {length}; copy the file again"
     )]
     Truncated {
         /// Incomplete item.
@@ -46,9 +46,7 @@ pub enum DetourError {
         expected: String,
     },
     /// No walkable polygon.
-    #[error(
-        "the navmesh file holds {polygons} polygons, none of which can be walked on (flag 1); build it again"
-    )]
+    #[error("the navmesh file has {polygons} polygons but no walkable one (flag 1); build the navmesh again")]
     NoFloor {
         /// Polygon count.
         polygons: usize,
@@ -73,14 +71,14 @@ fn read(bytes: &[u8]) -> Result<Parts, DetourError> {
     let hint =
         if pointer { "this is a Git LFS pointer, run `git lfs pull`" } else { "this is no navmesh set" };
     reader.magic("the navmesh set", SET_MAGIC, hint)?;
-    let version = reader.within("the version of the navmesh set", SET_VERSIONS)?;
-    reader.within("the number of tiles", 1..=MAX_TILES)?;
-    reader.take("the parameters of the navmesh set", PARAMETERS_BYTES)?;
+    let version = reader.within("the navmesh set version", SET_VERSIONS)?;
+    reader.within("the tile count", 1..=MAX_TILES)?;
+    reader.take("the navmesh set parameters", PARAMETERS_BYTES)?;
     if version == 2 {
         reader.take("the navmesh settings", SETTINGS_BYTES)?;
     }
-    reader.take("the reference of the tile", 4)?;
-    let size = reader.within("the size of the tile", 1..=i64::from(i32::MAX))?;
+    reader.take("the tile reference", 4)?;
+    let size = reader.within("the tile size", 1..=i64::from(i32::MAX))?;
     let tile = reader.part("the tile", size as usize)?;
     read_tile(tile)
 }

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lattice_goes_there_and_back() {
+    fn lattice_conversion_is_invertible() {
         let lattice = Lattice { origin: Point3::new(-3.0, 1.0, 2.0), cell_m: 0.05, level_m: 0.2 };
         let point = Point3::new(-2.5, 1.25, 2.1);
         let spot = lattice.spot(&point);
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_apart_in_space() {
+    fn distances_include_height() {
         let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
         let point = |x: f64, height_m: f64| LatticePoint { spot: Spot::new(x, 0.0), height_m };
         assert_eq!(lattice.apart_m(&point(0.0, 1.0), &point(6.0, 1.0)), 3.0);

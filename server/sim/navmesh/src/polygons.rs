@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_is_the_spot_inside_and_the_rim_outside() {
+    fn nearest_is_itself_inside_and_the_rim_outside() {
         let polygons = letter_l();
         let inside = Spot::new(3.0, 4.0);
         assert_eq!(polygons.nearest(0, &inside), inside);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bin_knows_its_polygons_and_far_spots_find_them() {
+    fn bins_list_their_polygons() {
         let bins = Bins::new(&letter_l());
         assert_eq!(bins.at(&Spot::new(15.0, 5.0)), [0, 2, 3].as_slice());
         assert!(bins.at(&Spot::new(-5.0, 5.0)).is_empty());

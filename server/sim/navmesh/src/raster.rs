@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_fills_the_cells_that_it_covers_and_no_row_behind_its_edge() {
+    fn triangle_fills_covered_cells_only() {
         let mut field = field();
         // Half of a square that ends at z = 0.6, the border between the rows 5 and 6.
         fill(&mut field, [[0.0, 0.5, 0.0], [0.0, 0.5, 0.6], [0.6, 0.5, 0.0]], 63);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_that_meet_are_one_and_those_apart_are_sorted() {
+    fn touching_spans_merge_and_separate_spans_are_sorted() {
         let mut field = field();
         let level = |y: f32| [[0.0, y, 0.0], [0.0, y, 0.3], [0.3, y, 0.0]];
         fill(&mut field, level(1.7), 0);
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_fills_nothing() {
+    fn triangles_outside_fill_nothing() {
         let mut field = field();
         fill(&mut field, [[0.0, 5.0, 0.0], [0.0, 5.0, 0.3], [0.3, 5.0, 0.0]], 63);
         fill(&mut field, [[-3.0, 0.5, 0.0], [-3.0, 0.5, 0.3], [-2.0, 0.5, 0.0]], 63);

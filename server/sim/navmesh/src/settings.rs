@@ -216,14 +216,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn habitats_defaults_are_its_documented_cells() {
+    fn default_settings_are_habitats_cells() {
         let cells = Cells::new(&NavMeshSettings::default());
         assert_eq!((cells.radius, cells.height, cells.clearance, cells.climb), (2, 8, 9, 1));
         assert_eq!((cells.min_area, cells.merge_area, cells.edge_max), (400, 400, 240));
     }
 
     #[test]
-    fn the_arenas_own_are_finer_in_height() {
+    fn arena_settings_have_finer_levels() {
         let cells = Cells::new(&NavMeshSettings::from(&Body::default()));
         assert_eq!((cells.radius, cells.height, cells.clearance, cells.climb), (2, 30, 30, 4));
         let thin = Body { radius_m: 0.0, ..Body::default() };
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn values_out_of_range_are_named() {
+    fn out_of_range_values_are_named() {
         let bad = NavMeshSettings { cell_m: f32::NAN, ..Default::default() };
         assert!(bad.check().is_err_and(|error| error.to_string().contains("cell_m is NaN")));
         assert!(NavMeshSettings::default().check().is_ok());

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inner_corner_of_an_l_hides_what_lies_behind() {
+    fn inner_corner_of_an_l_hides_the_area_behind() {
         // The corner is at (10, 10): visible from (5, 15), and nothing beyond it on the diagonal.
         assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
         assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_are_seen_along_and_storeys_are_not_seen() {
+    fn walls_are_visible_lengthwise_and_storeys_hidden() {
         assert!(sees((0.0, 0.0, 0), (20.0, 0.0, 2)));
         assert!(sees((10.0, 5.0, 0), (20.0, 10.0, 2)));
         assert!(sees((10.0, 10.0, 1), (20.0, 10.0, 2)));

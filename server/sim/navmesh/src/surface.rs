@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_follow_the_triangle_and_hold_on_outside() {
+    fn heights_follow_triangles_and_extend_outside() {
         let corner = |x, z, height_m| LatticePoint { spot: Spot::new(x, z), height_m };
         let ramp = [corner(0.0, 0.0, 1.0), corner(10.0, 0.0, 2.0), corner(0.0, 10.0, 1.0)];
         let detail = Detail::new(&[RawPolygon { detail: vec![ramp], ..Default::default() }]);

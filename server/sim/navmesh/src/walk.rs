@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_leave_the_part_along_them() {
+    fn walls_deflect_steps_sideways() {
         assert_step((5.0, 5.0, 0), (3.0, -9.0), (8.0, 0.0, 0), true);
         // Two walls in a row: the step ends in the room corner.
         assert_step((15.0, 5.0, 2), (9.0, -9.0), (20.0, 0.0, 2), true);
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_on_a_wall_one_walks_along_it_and_away() {
+    fn steps_from_a_wall_follow_or_leave_it() {
         assert_step((3.0, 0.0, 0), (15.0, 0.0), (18.0, 0.0, 2), false);
         assert_step((3.0, 0.0, 0), (0.0, 4.0), (3.0, 4.0, 0), false);
         assert_step((0.0, 0.0, 0), (-1.0, -1.0), (0.0, 0.0, 0), true);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn without_sliding_a_step_ends_where_it_meets_the_wall() {
+    fn steps_without_sliding_end_at_the_wall() {
         let at_wall = step((5.0, 5.0, 0), (4.0, -8.0), false).expect("an end");
         assert!((at_wall.end - Spot::new(7.5, 0.0)).norm() < 1e-12 && at_wall.blocked);
         let free = step((5.0, 5.0, 0), (10.0, 2.0), false).expect("an end");
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_off_the_mesh_that_crosses_nothing_has_no_end() {
+    fn steps_off_the_mesh_have_no_end() {
         let (start, target) = (Spot::new(5.0, -5.0), Spot::new(5.0, -6.0));
         let step = Step { start, polygon: 0, target, reach_cells: 1.0, slides: false };
         assert!(walk(&letter_l(), &step).is_none());

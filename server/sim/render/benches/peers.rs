@@ -235,7 +235,7 @@ fn cameras(scene: &Scene, rays: &RayMesh, count: usize, side: u32) -> Vec<Camera
         (!(0..8).any(near)).then_some(camera)
     };
     let cameras: Vec<Camera> = (0..TRIES).filter_map(draw).take(count).collect();
-    assert!(!cameras.is_empty(), "nobody can stand in this scene");
+    assert!(!cameras.is_empty(), "this scene has no free floor");
     cameras
 }
 

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lanes_do_what_single_numbers_do() {
+    fn lanes_behave_like_scalars() {
         let a = Floats([1.0, -2.0, 0.5, f32::NAN, 4.0, -0.0, 7.0, 8.0]);
         let b = Floats([2.0, -3.0, 0.5, 1.0, f32::INFINITY, 0.0, -7.0, 3.0]);
         assert_eq!((a + b).0[0], 3.0);

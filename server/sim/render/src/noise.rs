@@ -193,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_holds_the_quantiles_of_the_normal_distribution() {
+    fn table_contains_normal_quantiles() {
         // From printed tables.
         for (share, value) in [(0.5, 0.0), (0.841_344_75, 1.0), (0.975, 1.959_964), (0.999, 3.090_232)] {
             assert!((quantile(share) - value).abs() < 1e-5, "{share}");
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn the_three_deviates_of_a_place_are_independent() {
+    fn deviates_at_a_position_are_independent() {
         let table = Normal::table();
         let mut products = [0.0_f64; 4];
         for index in 0..100_000 {

@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn texel_centres_have_the_texels_own_colour_and_borders_the_mean() {
+    fn texel_centres_are_exact_and_borders_are_means() {
         let at = |u, v| red_at(&[0, 100, 200, 40], [2, 2], u, v);
         assert_eq!([at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)], [0, 100, 200, 40]);
         assert_eq!([at(0.5, 0.25), at(0.25, 0.5), at(0.5, 0.5)], [50, 100, 85]);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_texture_repeats_in_both_directions_and_senses() {
+    fn textures_repeat_in_all_directions() {
         let at = |u, v| red_at(&[10, 20, 30, 40, 50, 60, 70, 80, 90, 15, 25, 35], [6, 2], u, v);
         for (u, v) in [(0.2, 0.3), (0.9, 0.1), (0.5, 0.75)] {
             for (du, dv) in [(1.0, 0.0), (-1.0, 2.0), (-7.0, -3.0), (100.0, 5.0)] {

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn an_l_keeps_its_area() {
+    fn l_shape_preserves_its_area() {
         let (triangles, area) =
             cut(&[[0.0, 0.0], [0.0, 4.0], [1.0, 4.0], [1.0, 1.0], [3.0, 1.0], [3.0, 0.0]]);
         assert_eq!((triangles.len(), area), (4, 6.0));

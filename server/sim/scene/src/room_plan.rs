@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn contains_tells_inside_from_outside() {
+    fn contains_separates_inside_from_outside() {
         let room = RoomPlan::new(&L, 2.5).expect("a room");
         for (point, inside) in [
             ([1.0, 1.0, 4.5], true),

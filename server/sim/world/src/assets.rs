@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_counted_and_grow_with_the_first_picture() {
+    fn resident_bytes_grow_with_the_first_image() {
         let house = avln_houses::house("counted", 1, &HouseOptions::small());
         let textures: usize = house.textures.iter().map(|texture| texture.pixels.len()).sum();
         let mesh = mesh_bytes(&house.mesh);
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_scenes_are_refused_with_their_name() {
+    fn invalid_scenes_are_refused_by_name() {
         let mut scene = Scene {
             name: "ruin".into(),
             mesh: Mesh::default(),
@@ -281,7 +281,7 @@ mod tests {
             lighting: Lighting::Painted,
         };
         let refusal = |scene: &Scene| match SceneAssets::prepare(scene.clone(), &Body::default()) {
-            Ok(_) => panic!("a ruin was prepared"),
+            Ok(_) => panic!("an invalid scene was prepared"),
             Err(error) => error.to_string(),
         };
         assert!(refusal(&scene).contains("`ruin` has no triangles"));
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_shared_out_by_area() {
+    fn surface_points_are_distributed_by_area() {
         let triangle = |size: f32, x: f32| {
             [Point3::new(x, 0.0, 0.0), Point3::new(x + size, 0.0, 0.0), Point3::new(x, size, 0.0)]
         };

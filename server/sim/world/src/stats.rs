@@ -211,7 +211,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hull_of_a_square_with_points_inside_is_the_square() {
+    fn hull_ignores_inner_points() {
         let square = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 2.0], [0.0, 2.0], [0.5, 1.5], [1.0, 0.0]];
         assert!((hull_m2(square) - 4.0).abs() < 1e-9);
         assert_eq!(hull_m2(vec![[1.0, 1.0]; 3]), 0.0);

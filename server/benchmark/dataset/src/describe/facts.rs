@@ -1,13 +1,12 @@
-//! Facts of a scene, and the claims of sentences about it.
+//! Facts of a scene, as observed in the survey.
 
 use crate::{
-    describe::lexicon::{Measure, Name, SIZES, room_noun},
-    survey::Palette,
+    describe::lexicon::{Measure, SIZES, room_noun},
+    survey::look::Palette,
 };
 use avln_geom::{Point3, Vector3};
 use avln_scene::{InstanceId, Object, Scene};
 use avln_world::SceneAssets;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Minimum pixel share for a colour word.
@@ -34,7 +33,7 @@ impl<'a> Facts<'a> {
         self.palettes.get(&object.id).filter(|palette| palette.pixels() >= ENOUGH)
     }
 
-    /// Colour word of an object: its mean observed colour, unless the label contradicts.
+    /// Colour word by mean observed colour, unless the label contradicts.
     pub(crate) fn color_of(&self, object: &Object) -> Option<&'static str> {
         let palette = self.palette(object)?;
         let word = palette.mean_word()?;
@@ -70,7 +69,7 @@ impl<'a> Facts<'a> {
         self.structure_m(&origin, &Vector3::new(x, 0.0, z), reach_m)
     }
 
-    /// Floor height under an object: its room's, or the building surface below, metres.
+    /// Floor height under an object, by the room or the building surface below, metres.
     pub(crate) fn floor_y(&self, object: &Object) -> f32 {
         const STOREY_M: f32 = 4.0;
         let region = object.region.and_then(|region| self.scene.regions.get(usize::from(region)));
@@ -82,7 +81,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// Distance to the building surface along the unit vector `direction`, ignoring furniture, metres.
+    /// Distance to the building surface in a direction (unit vector), ignoring furniture, metres.
     fn structure_m(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<f32> {
         const PAST_M: f32 = 1e-3;
         const THINGS: usize = 24;
@@ -97,70 +96,4 @@ impl<'a> Facts<'a> {
         }
         None
     }
-}
-
-/// Machine-readable content of a sentence.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Claims {
-    /// Target noun.
-    pub(crate) head: Name,
-    /// Claims about the target.
-    pub(crate) list: Vec<Claim>,
-}
-
-/// Single claim about a target.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Claim {
-    Size(String),
-    Shape(String),
-    Color(String),
-    Material(String),
-    /// Room noun.
-    Room(String),
-    /// Location relative to landmarks.
-    Place(Relation, Vec<Landmark>),
-}
-
-/// Spatial relation, from a viewer on the floor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Relation {
-    /// Carries another object.
-    Holds,
-    /// Rests on another object.
-    On,
-    /// Between table legs.
-    Under,
-    /// Hangs above another object.
-    Above,
-    /// Below a hanging object.
-    Below,
-    /// Left of a landmark on the same wall, for a viewer facing the wall.
-    LeftOf,
-    /// Right of a landmark on the same wall, for a viewer facing the wall.
-    RightOf,
-    /// Between two landmarks.
-    Between,
-    /// Closer than an arm's length.
-    NextTo,
-    /// Within a step.
-    Near,
-    /// Across the room, wall to wall.
-    Opposite,
-    /// In a room corner.
-    Corner,
-    /// Back against a wall.
-    AgainstWall,
-}
-
-/// Landmark in a relation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Landmark {
-    pub(crate) name: Name,
-    pub(crate) color: Option<String>,
-    /// True if the noun is unique in the room.
-    pub(crate) only: bool,
 }

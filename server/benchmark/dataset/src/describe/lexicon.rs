@@ -1,28 +1,23 @@
 //! English nouns, plurals, articles, room names and adjectives.
 
+use crate::cue::Name;
 use avln_scene::Object;
-use serde::{Deserialize, Serialize};
 
 /// Nouns per category, most common first. Other categories use their own name.
 const NOUNS: &[(&str, &[&str])] = &[
     ("appliances", &["appliance", "household appliance"]),
-    ("bin", &["bin"]),
     ("blinds", &["window blind"]),
-    ("board", &["board"]),
     ("board_panel", &["board"]),
     ("book_stack", &["stack of books"]),
     ("books", &["stack of books"]),
     ("chest_of_drawers", &["chest of drawers", "dresser"]),
     ("clothes", &["set of clothes"]),
-    ("curtain", &["curtain"]),
     ("cushion", &["cushion", "pillow"]),
     ("furniture", &["piece of furniture"]),
     ("gym_equipment", &["piece of gym equipment", "exercise machine"]),
-    ("lamp", &["lamp"]),
     ("lighting", &["lamp"]),
     ("picture", &["picture", "painting"]),
     ("plant", &["plant", "potted plant"]),
-    ("railing", &["railing"]),
     ("seating", &["seat"]),
     ("shelving", &["shelf"]),
     ("sofa", &["sofa", "couch"]),
@@ -41,40 +36,44 @@ const KIN: &[&[&str]] = &[
     &["curtain", "blinds"],
 ];
 
-/// Categories unsuitable as landmarks: building parts and unnamed objects.
-const NAMELESS: &[&str] = &[
-    "",
-    "void",
-    "wall",
-    "floor",
-    "ceiling",
-    "misc",
-    "objects",
-    "object",
-    "unlabeled",
-    "unknown",
-    "beam",
-    "column",
-    "furniture",
-    "appliances",
-];
+/// True for building parts and unnamed objects, which are no landmarks.
+fn is_nameless(category: &str) -> bool {
+    matches!(
+        category,
+        "" | "void"
+            | "wall"
+            | "floor"
+            | "ceiling"
+            | "misc"
+            | "objects"
+            | "object"
+            | "unlabeled"
+            | "unknown"
+            | "beam"
+            | "column"
+            | "furniture"
+            | "appliances"
+    )
+}
 
-/// Room labels without meaning, or without the preposition *in*.
-const NAMELESS_ROOMS: &[&str] = &[
-    "",
-    "other",
-    "other room",
-    "unknown",
-    "junk",
-    "misc",
-    "no label",
-    "none",
-    "room",
-    "outdoor",
-    "outside",
-    "porch",
-    "balcony",
-];
+/// True for room nouns without meaning, or without the preposition *in*.
+fn is_nameless_room(noun: &str) -> bool {
+    matches!(
+        noun,
+        "" | "other"
+            | "other room"
+            | "unknown"
+            | "junk"
+            | "misc"
+            | "no label"
+            | "none"
+            | "room"
+            | "outdoor"
+            | "outside"
+            | "porch"
+            | "balcony"
+    )
+}
 
 /// Size words with their measures.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
@@ -97,14 +96,6 @@ pub(crate) enum Measure {
     Height,
     /// Longer side on the floor plan.
     Width,
-}
-
-/// Noun with the category.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Name {
-    pub(crate) noun: String,
-    pub(crate) category: String,
 }
 
 /// Nouns for an object, most specific first.
@@ -137,7 +128,7 @@ pub(crate) fn general_nouns(category: &str) -> Vec<String> {
 /// True if an object can be a landmark.
 pub(crate) fn is_landmark(object: &Object) -> bool {
     const MIN_M: f32 = 0.2;
-    let named = !NAMELESS.contains(&object.category.as_str()) || clean(&object.attributes.noun).is_some();
+    let named = !is_nameless(&object.category) || clean(&object.attributes.noun).is_some();
     named && object.bounds.size().max() >= MIN_M
 }
 
@@ -179,8 +170,7 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
         "toilet" => "toilet room",
         other => other,
     };
-    let known = clean(noun).filter(|noun| !NAMELESS_ROOMS.contains(noun));
-    known.map(str::to_owned)
+    clean(noun).filter(|noun| !is_nameless_room(noun)).map(str::to_owned)
 }
 
 /// Material adjective, if common.

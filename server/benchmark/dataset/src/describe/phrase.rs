@@ -1,11 +1,93 @@
-//! Conversion from claims to words.
+//! Sentence frames, and conversion from claims to words.
 
-use crate::describe::{
-    facts::{Claim, Landmark, Relation},
-    frames::Frame,
-    lexicon::{article, plural, substance},
+use crate::{
+    cue::{Claim, Landmark, Relation},
+    describe::lexicon::{article, plural, substance},
 };
 use avln_geom::Rng;
+
+/// Sentence frames: texts with slots in braces.
+///
+/// `{the np}` and `{a np}` are the noun with the adjectives, `{a noun}` and `{the noun}` the bare noun with the adjectives
+/// in `{be}` (`is` is not part of it). `{r1}` to `{r3}` are places after a noun (`next to the bed`), `{p1}` to `{p3}` places
+/// after *it* or *that* (`hangs above the bed`); `{p12}`, `{p23}` and `{p123}` join some, `{also2}` is `{p2}` with *also*.
+/// `{in}` is the room. A capital in a slot becomes the first letter.
+const FRAMES: &[&str] = &[
+    "{The np} that {p1}.",
+    "Find the {np} that {p1}.",
+    "Look for {a np} {r1}.",
+    "Please go to the {np} {r1}.",
+    "Your goal is the {np} that {p1}.",
+    "{A noun} {r1}; it is {be}.",
+    "Can you find the {np} that {p1}?",
+    "We need {the np}: the one that {p1}.",
+    "The {noun} that {p1} is {be}.",
+    "{The np} {in}, {r1}.",
+    "{In}, find the {np} {r1}.",
+    "There is {a np} {in}; it {p1}.",
+    "{In} there is {a np} that {p1}.",
+    "Look {in} for {a np} that {p1}.",
+    "The {noun} {in} is {be} and {p1}.",
+    "Walk to the {np} {in}; it {p1}.",
+    "{A np} {r1}, {in}.",
+    "{The np} {r1} and {r2}.",
+    "{The np} that {p12}.",
+    "Find the {np} {r1}; it {p2}.",
+    "Look for {a np} that {p12}.",
+    "{A np} {r1}, {r2}.",
+    "{A noun} that is {be}; it {p12}.",
+    "You should find {a np} {r1}, {r2}.",
+    "The {noun} that {p12} is {be}.",
+    "Head for the {np} {r1} and {r2}.",
+    "{The np} {in}, {r1} and {r2}.",
+    "{In}, find the {np} that {p12}.",
+    "There is {a np} {in}: it {p12}.",
+    "Find the {np} {r1} {in}; it {also2}.",
+    "The {noun} {in} that is {be}; it {p12}.",
+    "Look {in} for the {np} {r1}, {r2}.",
+    "{A np} {r1} and {r2}, {in}.",
+    "Search {in} for {a np} that {p12}.",
+    "{The np} {r1}, {r2} and {r3}.",
+    "Find the {np} {r1}; it {p23}.",
+    "{A np} that {p123}.",
+    "Look for {a np} {r1}, {r2} and {r3}.",
+    "{The np} that {p12}; it {also3}.",
+    "{A noun} {r1}; it is {be} and {p23}.",
+    "What you are looking for is {a np} {r1}; it {p23}.",
+    "The goal is the {np} that {p1}; it {also23}.",
+    "{The np} {in}, {r1}, {r2} and {r3}.",
+    "{In}, look for the {np} {r1}; it {p23}.",
+    "There is {a np} {in} that {p123}.",
+    "Find the {np} {in} that {p12}; it {also3}.",
+    "{A noun} {in} that is {be}; it {p123}.",
+    "Head for the {np} {r1} {in}; it {p23}.",
+    "Search {in} for {a np} {r1}, {r2} and {r3}.",
+    "{The np} {r1} {in} is the one that {p23}.",
+];
+
+/// A sentence frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SentenceFrame(pub(crate) &'static str);
+
+impl SentenceFrame {
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        FRAMES.iter().map(|text| Self(text))
+    }
+
+    /// Returns the location count: slots are numbered from 1.
+    pub(crate) fn places(self) -> usize {
+        ['1', '2', '3'].into_iter().filter(|&digit| self.0.contains(digit)).count()
+    }
+
+    pub(crate) fn has_room(self) -> bool {
+        self.0.contains("{in}") || self.0.contains("{In}")
+    }
+
+    /// True if adjectives follow the noun.
+    pub(crate) fn is_predicative(self) -> bool {
+        self.0.contains("{be}")
+    }
+}
 
 /// Content for a sentence frame.
 pub(crate) struct Words<'a> {
@@ -17,7 +99,7 @@ pub(crate) struct Words<'a> {
     pub(crate) places: Vec<&'a Claim>,
     /// Room noun, and whether it is unique in the house.
     pub(crate) room: Option<(&'a str, bool)>,
-    /// Verb: `stands`, `hangs`, `lies` or `is`.
+    /// `is`, or a verb such as `hangs`.
     pub(crate) verb: &'static str,
 }
 
@@ -30,12 +112,12 @@ struct Said {
 
 impl Words<'_> {
     /// Fills the frame; `rng` chooses between synonyms.
-    pub(crate) fn fill(&self, frame: &Frame, rng: &mut Rng) -> String {
+    pub(crate) fn fill(&self, frame: SentenceFrame, rng: &mut Rng) -> String {
         let places: Vec<Said> = self.places.iter().filter_map(|claim| self.place(claim, rng)).collect();
         let room = self.room_phrase(rng);
         let with_adjectives = self.noun_phrase(rng);
         let mut text = String::new();
-        let (mut rest, mut last) = (frame.text, "");
+        let (mut rest, mut last) = (frame.0, "");
         while let Some((before, after)) = rest.split_once('{') {
             let Some((slot, after)) = after.split_once('}') else { break };
             let said = self.slot(slot, &with_adjectives, &places, &room);
@@ -175,7 +257,7 @@ fn things(landmarks: &[Landmark]) -> String {
     landmarks.iter().map(said).collect::<Vec<_>>().join(" and ")
 }
 
-/// Verbs and locations without repeated verbs: `stands next to the bed and near a window`.
+/// Verbs and locations without repeated verbs: `hangs above the bed and near a window`.
 fn predicate(places: &[&Said]) -> String {
     let groups = places.chunk_by(|a, b| a.verb == b.verb);
     let clause = |group: &[&Said]| {
@@ -185,7 +267,7 @@ fn predicate(places: &[&Said]) -> String {
     groups.map(clause).collect::<Vec<_>>().join(" and ")
 }
 
-/// `also stands next to the bed`, `is also next to the bed`.
+/// `also hangs above the bed`, `is also above the bed`.
 fn with_also(predicate: &str) -> String {
     match predicate.strip_prefix("is ") {
         Some(rest) => format!("is also {rest}"),
@@ -208,5 +290,34 @@ fn cased(slot: &str, text: &str) -> String {
     match letters.next() {
         Some(first) if slot.starts_with(char::is_uppercase) => first.to_uppercase().chain(letters).collect(),
         _ => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn frames_are_complete_and_numerous() {
+        let texts: BTreeSet<&str> = FRAMES.iter().copied().collect();
+        assert!(texts.len() >= 40 && texts.len() == FRAMES.len());
+        for frame in SentenceFrame::all() {
+            let slots: Vec<&str> = frame.0.split(['{', '}']).skip(1).step_by(2).collect();
+            let says = |digit: char| {
+                slots.iter().any(|slot| slot.starts_with(['r', 'p', 'a']) && slot.contains(digit))
+            };
+            let places = ['1', '2', '3'].into_iter().filter(|&digit| says(digit)).count();
+            assert!((1..=3).contains(&places) && places == frame.places(), "{}", frame.0);
+            assert!(says('1') && (places < 2 || says('2')), "{}", frame.0);
+            assert_eq!(frame.is_predicative(), frame.0.contains("noun}"), "{}", frame.0);
+        }
+        for places in 1..=3 {
+            for room in [false, true] {
+                let fitting =
+                    SentenceFrame::all().filter(|frame| frame.places() == places && frame.has_room() == room);
+                assert!(fitting.count() >= 8, "{places} {room}");
+            }
+        }
     }
 }

@@ -1,63 +1,74 @@
 //! Spatial relations between objects, restricted to undisputed ones.
 
-use crate::describe::{
-    facts::{Claim, Facts, Landmark, Relation, SIDES},
-    lexicon::{is_landmark, may_be_called, names},
+use crate::{
+    cue::{Claim, Landmark, Relation},
+    describe::{
+        facts::{Facts, SIDES},
+        lexicon::{is_landmark, may_be_called, names},
+    },
 };
 use avln_geom::{Aabb, Vector3};
 use avln_scene::Object;
 
-/// Objects with a top surface; soft seats lower than their back.
-const HARD_TOPS: &[&str] = &[
-    "table",
-    "desk",
-    "cabinet",
-    "chest_of_drawers",
-    "counter",
-    "shelving",
-    "fireplace",
-    "stool",
-    "appliances",
-    "rug",
-];
+/// Objects with a seat lower than their back.
 const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
 /// Objects that touch their support without resting on it.
 const NEVER_RESTS: &[&str] = &["curtain", "blinds", "door", "window", "picture", "mirror", "rug", "radiator"];
 /// Objects with space underneath.
 const ON_LEGS: &[&str] = &["table", "desk"];
-/// Objects with a wall behind them in every house: no information.
-const ALWAYS_AT_WALLS: &[&str] = &[
-    "picture",
-    "mirror",
-    "counter",
-    "sink",
-    "toilet",
-    "bathtub",
-    "shower",
-    "fireplace",
-    "curtain",
-    "towel",
-    "door",
-    "window",
-    "radiator",
-    "tv_monitor",
-    "cushion",
-    "blinds",
-    "clock",
-    "rug",
-];
 /// Objects that show the colour behind or before them.
 const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
 /// Minimum bottom height above the floor for hanging objects, metres.
 const HANGING_M: f32 = 0.4;
 
-/// Spatial relations in a scene.
+/// True for objects with a top surface.
+fn has_hard_top(category: &str) -> bool {
+    matches!(
+        category,
+        "table"
+            | "desk"
+            | "cabinet"
+            | "chest_of_drawers"
+            | "counter"
+            | "shelving"
+            | "fireplace"
+            | "stool"
+            | "appliances"
+            | "rug"
+    )
+}
+
+/// True for objects with a wall behind them in every house: no information.
+fn is_always_at_wall(category: &str) -> bool {
+    matches!(
+        category,
+        "picture"
+            | "mirror"
+            | "counter"
+            | "sink"
+            | "toilet"
+            | "bathtub"
+            | "shower"
+            | "fireplace"
+            | "curtain"
+            | "towel"
+            | "door"
+            | "window"
+            | "radiator"
+            | "tv_monitor"
+            | "cushion"
+            | "blinds"
+            | "clock"
+            | "rug"
+    )
+}
+
 pub(crate) struct Relater<'a> {
     pub(crate) facts: Facts<'a>,
     /// Per object: sides with a wall close behind.
     walls: Vec<[bool; 4]>,
     /// Per object: whether it hangs, above the floor without support.
-    hangs: Vec<bool>,
+    pub(crate) hangs: Vec<bool>,
 }
 
 impl<'a> Relater<'a> {
@@ -120,13 +131,12 @@ impl<'a> Relater<'a> {
         }
     }
 
-    /// Left or right on the same wall, for a viewer facing the wall.
     fn side_on_wall(&self, index: usize, landmark: usize) -> Option<Relation> {
         let objects = &self.facts.scene.objects;
         let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
         let side = (0..4).find(|&side| self.walls[index][side] && self.walls[landmark][side])?;
         let [x, z] = SIDES[side];
-        // For a viewer looking along (x, z), right is (-z, x).
+        // For a viewer looking in direction (x, z), right is (-z, x).
         let span = |bounds: &Aabb| {
             let ends = [bounds.min, bounds.max].map(|corner| corner.z * x - corner.x * z);
             [ends[0].min(ends[1]), ends[0].max(ends[1])]
@@ -139,11 +149,6 @@ impl<'a> Relater<'a> {
             return None;
         }
         Some(if own[0] >= other[1] { Relation::RightOf } else { Relation::LeftOf })
-    }
-
-    /// True if an object hangs.
-    pub(crate) fn hangs(&self, index: usize) -> bool {
-        self.hangs[index]
     }
 
     /// True if both objects are on opposite walls, facing each other across the floor.
@@ -199,7 +204,7 @@ impl<'a> Relater<'a> {
     fn at_walls(&self, index: usize) -> Option<Relation> {
         let object = &self.facts.scene.objects[index];
         let stands = object.bounds.min.y - self.facts.floor_y(object) < HANGING_M;
-        let free = !ALWAYS_AT_WALLS.contains(&object.category.as_str());
+        let free = !is_always_at_wall(&object.category);
         let [east, west, south, north] = self.walls[index];
         if !stands || !free {
             return None;
@@ -257,7 +262,6 @@ fn near_m(a: &Aabb, b: &Aabb) -> f32 {
     (flat * flat + y * y).sqrt()
 }
 
-/// Overlap between two spans.
 fn overlap_m(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[1].min(b[1]) - a[0].max(b[0])
 }
@@ -269,7 +273,6 @@ fn is_over(lower: &Aabb, upper: &Aabb, margin_m: f32) -> bool {
     lower.grown(margin_m).contains(&middle)
 }
 
-/// True if `own` rests on `other`.
 fn rests_on(own: &Object, other: &Object) -> bool {
     let (a, b) = (&own.bounds, &other.bounds);
     let smaller = a.size().x.max(a.size().z) < 1.05 * b.size().x.max(b.size().z);
@@ -277,7 +280,7 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     if !smaller || NEVER_RESTS.contains(&own.category.as_str()) || !is_over(b, a, 0.0) {
         return false;
     }
-    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.contains(&category);
+    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && has_hard_top(category);
     let height_m = b.size().y;
     let on_seat = (b.min.y + 0.25 * height_m..b.max.y - 0.02).contains(&a.min.y) && a.max.y <= b.max.y + 0.8;
     on_top || on_seat && SOFT_TOPS.contains(&category)

@@ -1,14 +1,16 @@
 use crate::{
-    cue::Description,
+    cue::{Claim, Claims, Description, Name, Relation},
     describe::{
         check::{self, Reading},
-        facts::{Claim, Claims, Facts, Relation},
-        frames::Frame,
-        lexicon::{self, Name},
-        phrase::Words,
+        facts::Facts,
+        lexicon,
+        phrase::{SentenceFrame, Words},
         relate::Relater,
     },
-    survey::{Palette, Sighting, SurveyOptions},
+    survey::{
+        Sighting,
+        look::{Palette, SurveyOptions},
+    },
 };
 use avln_geom::Rng;
 use avln_scene::{InstanceId, Object};
@@ -27,7 +29,6 @@ const LANDMARK_SHARE: f32 = 0.004;
 pub(crate) struct Sentence {
     pub(crate) text: String,
     pub(crate) claims: Claims,
-    /// Sentence frame.
     pub(crate) frame: &'static str,
 }
 
@@ -37,7 +38,6 @@ impl From<Sentence> for Description {
     }
 }
 
-/// Sentence writer for a scene.
 pub(crate) struct Writer<'a> {
     relater: Relater<'a>,
     options: &'a SurveyOptions,
@@ -136,13 +136,13 @@ impl<'a> Writer<'a> {
         match category {
             _ if on && LAID.contains(&category) => "lies",
             _ if BUILT_IN.contains(&category) => "is",
-            _ if self.relater.hangs(index) => "hangs",
+            _ if self.relater.hangs[index] => "hangs",
             _ if LAID.contains(&category) => "is",
             _ => "stands",
         }
     }
 
-    /// Tries one sentence: random claims, then the most selective ones until no rival remains.
+    /// Tries a sentence: random claims, then the most selective ones until no rival remains.
     fn attempt(&self, pool: &Pool, rng: &mut Rng) -> Option<Sentence> {
         let head = if rng.chance(0.7) { pool.names.first() } else { rng.choose(&pool.names) }?.clone();
         let empty = Claims { head: head.clone(), list: Vec::new() };
@@ -151,7 +151,7 @@ impl<'a> Writer<'a> {
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
         }
-        // Random claims give variety; the greedy rest keeps sentences short.
+        // Random claims add variety; the greedy rest makes sentences short.
         while !rivals.is_empty() {
             let next = pool.most_telling(&chosen, &rivals)?;
             rivals.retain(|rival| pool.might_fit[next].contains(rival));
@@ -166,7 +166,7 @@ impl<'a> Writer<'a> {
         checked.then_some(Sentence { text, claims, frame })
     }
 
-    /// Words for the claims, in a frame that gives an allowed length.
+    /// Words for the claims, in a frame with an allowed length.
     fn words(&self, pool: &Pool, claims: &Claims, rng: &mut Rng) -> Option<(String, &'static str)> {
         let is_place = |claim: &&Claim| matches!(claim, Claim::Place(..));
         let room = claims.list.iter().find_map(|claim| match claim {
@@ -181,15 +181,15 @@ impl<'a> Writer<'a> {
             room,
             verb: pool.verb,
         };
-        let fits = |frame: &Frame| {
-            frame.places == words.places.len()
-                && frame.room == room.is_some()
+        let fits = |frame: &SentenceFrame| {
+            frame.places() == words.places.len()
+                && frame.has_room() == room.is_some()
                 && (!frame.is_predicative() || !words.looks.is_empty())
         };
-        let mut frames: Vec<Frame> = Frame::all().filter(fits).collect();
+        let mut frames: Vec<SentenceFrame> = SentenceFrame::all().filter(fits).collect();
         rng.shuffle(&mut frames);
         let range = self.options.min_words..=self.options.max_words;
-        let sentences = frames.iter().map(|frame| (words.fill(frame, rng), frame.text));
+        let sentences = frames.into_iter().map(|frame| (words.fill(frame, rng), frame.0));
         sentences.into_iter().find(|(text, _)| range.contains(&text.split_whitespace().count()))
     }
 }
@@ -263,7 +263,7 @@ impl Pool {
     }
 }
 
-/// True if a relation mentions a wall: a sentence has at most one.
+/// True if a relation mentions a wall: a sentence has at most one such relation.
 fn is_at_wall(relation: Relation) -> bool {
     use Relation::{AgainstWall, Corner, LeftOf, Opposite, RightOf};
     matches!(relation, LeftOf | RightOf | Opposite | Corner | AgainstWall)

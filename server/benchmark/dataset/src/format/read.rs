@@ -1,13 +1,11 @@
 use crate::{
     cue::{CueSpec, Description},
     format::{
-        lines::{
-            DATASET_VERSION, FormatCause, FormatError, Header, Manifest, PublicGoal, PublicMission,
-            SceneLine, SealedGoal, SealedMission, SealedTarget,
-        },
-        write::digest_of,
+        DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneLine, SealedGoal, SealedMission,
+        SealedTarget, write::digest_of,
     },
     mission::{EpisodeSpec, GoalSpec},
+    split::FormatError,
 };
 use avln_episode::Modality;
 use avln_truth::Target;
@@ -18,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_MISSIONS: usize = 100_000;
 /// Most targets per scene.
 const MAX_TARGETS: usize = 100_000;
-/// Most goals per mission: the record has one bit per goal.
+/// Most goals per mission: the record has a bit per goal.
 const MAX_GOALS: usize = 8;
 /// Most scenes per split.
 const MAX_SCENES: usize = 1_000_000;
@@ -33,7 +31,7 @@ pub struct File<'a> {
 }
 
 impl<'a> File<'a> {
-    fn error(&self, line: Option<usize>, cause: FormatCause) -> FormatError {
+    fn error(&self, line: Option<usize>, cause: String) -> FormatError {
         FormatError { file: self.name.to_owned(), line, cause }
     }
 
@@ -45,55 +43,70 @@ impl<'a> File<'a> {
     }
 
     fn parse<T: DeserializeOwned>(&self, (number, line): (usize, &[u8])) -> Result<T, FormatError> {
-        serde_json::from_slice(line)
-            .map_err(|error| self.error(Some(number), FormatCause::Json(json_error(&error))))
+        serde_json::from_slice(line).map_err(|error| self.error(Some(number), json_error(&error)))
     }
 
-    fn limit(&self, what: &'static str, found: usize, limit: usize) -> Result<(), FormatError> {
-        let too_many = FormatCause::TooMany { what, found, limit };
-        if found > limit { Err(self.error(None, too_many)) } else { Ok(()) }
+    fn require(
+        &self,
+        holds: bool,
+        line: Option<usize>,
+        cause: impl FnOnce() -> String,
+    ) -> Result<(), FormatError> {
+        if holds { Ok(()) } else { Err(self.error(line, cause())) }
+    }
+
+    fn limit(&self, what: &str, found: usize, limit: usize) -> Result<(), FormatError> {
+        self.require(found <= limit, None, || format!("{found} {what}, the limit is {limit}"))
     }
 
     fn finite(&self, line: usize, bad: finite::Bad) -> Result<(), FormatError> {
-        bad.map_or(Ok(()), |what| Err(self.error(Some(line), FormatCause::NotFinite { what })))
+        bad.map_or(Ok(()), |what| Err(self.error(Some(line), finite::cause(what))))
     }
 
     /// Parses and checks the header line.
-    fn header(&self, format: &'static str, scene: &str) -> Result<Header, FormatError> {
-        let nothing = || self.error(None, FormatCause::Json("the file is empty".to_owned()));
-        let header: Header = self.parse(self.lines().next().ok_or_else(nothing)?)?;
-        if header.format != format {
-            let cause = FormatCause::Other { found: header.format, expected: format.to_owned() };
-            return Err(self.error(Some(1), cause));
-        }
+    fn header(&self, format: &str, scene: &str) -> Result<Header, FormatError> {
+        let first = self.lines().next().ok_or_else(|| self.error(None, "the file is empty".to_owned()))?;
+        let header: Header = self.parse(first)?;
+        self.equal(&header.format, format, Some(1))?;
         self.version(header.version)?;
-        if header.scene != scene {
-            let cause = FormatCause::Other { found: header.scene, expected: scene.to_owned() };
-            return Err(self.error(Some(1), cause));
-        }
+        self.equal(&header.scene, scene, Some(1))?;
         // Limits come before any allocation: a damaged header can promise anything.
         self.limit("missions", header.missions, MAX_MISSIONS)?;
         self.limit("targets", header.targets.unwrap_or(0), MAX_TARGETS)?;
         Ok(header)
     }
 
-    fn version(&self, found: u32) -> Result<(), FormatError> {
-        let cause = FormatCause::Version { found, read: DATASET_VERSION };
-        if found == DATASET_VERSION { Ok(()) } else { Err(self.error(Some(1), cause)) }
+    /// Compares the file kind or scene.
+    fn equal(&self, found: &str, expected: &str, line: Option<usize>) -> Result<(), FormatError> {
+        self.require(found == expected, line, || {
+            format!("found {found}, expected {expected}; was a file renamed?")
+        })
     }
 
-    fn count(&self, what: &'static str, found: usize, promised: usize) -> Result<(), FormatError> {
-        let cause = FormatCause::Count { what, found, promised };
-        if found == promised { Ok(()) } else { Err(self.error(None, cause)) }
+    fn version(&self, found: u32) -> Result<(), FormatError> {
+        self.require(found == DATASET_VERSION, Some(1), || {
+            format!(
+                "version {found} is not supported, this program reads version {DATASET_VERSION}; rebuild the data set or update the program"
+            )
+        })
+    }
+
+    fn count(&self, what: &str, found: usize, promised: usize) -> Result<(), FormatError> {
+        self.require(found == promised, None, || {
+            format!(
+                "{found} {what}, but the header promises {promised}; the file is truncated or was assembled by hand"
+            )
+        })
     }
 
     fn tied(&self, expected: &str) -> Result<(), FormatError> {
         let found = digest_of(self.bytes);
-        if found == expected {
-            return Ok(());
-        }
-        Err(self.error(None, FormatCause::Digest { found, expected: expected.to_owned() }))
+        self.require(found == expected, None, || digest_cause(&found, expected))
     }
+}
+
+fn digest_cause(found: &str, expected: &str) -> String {
+    format!("digest {found}, but the scene list has {expected}; restore the file or rebuild it")
 }
 
 /// Parses `dataset.json`.
@@ -103,12 +116,9 @@ impl<'a> File<'a> {
 pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
     let manifest: Manifest = serde_json::from_slice(file.bytes).map_err(|error| {
         let line = Some(error.line()).filter(|line| *line > 0);
-        file.error(line, FormatCause::Json(error.to_string()))
+        file.error(line, error.to_string())
     })?;
-    if manifest.format != Manifest::FORMAT {
-        let cause = FormatCause::Other { found: manifest.format, expected: Manifest::FORMAT.to_owned() };
-        return Err(file.error(None, cause));
-    }
+    file.equal(&manifest.format, Manifest::FORMAT, None)?;
     file.version(manifest.version)?;
     Ok(manifest)
 }
@@ -121,9 +131,8 @@ pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatE
     let (mut scenes, mut names) = (Vec::new(), BTreeSet::new());
     for line in file.lines() {
         let scene: SceneLine = file.parse(line)?;
-        if !names.insert(scene.name.clone()) {
-            return Err(file.error(Some(line.0), FormatCause::Duplicate { what: "scene", id: scene.name }));
-        }
+        let is_new = names.insert(scene.name.clone());
+        file.require(is_new, Some(line.0), || format!("scene {} occurs twice", scene.name))?;
         file.finite(line.0, scene.facts.and_then(|facts| finite::number(facts.area_m2, "facts.area_m2")))?;
         scenes.push(scene);
         file.limit("scenes", scenes.len(), MAX_SCENES)?;
@@ -142,15 +151,13 @@ pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, Form
     let (mut missions, mut ids) = (Vec::new(), BTreeSet::new());
     for line in file.lines().skip(1) {
         let mission: PublicMission = file.parse(line)?;
-        if !ids.insert(mission.id.clone()) {
-            let cause = FormatCause::Duplicate { what: "mission", id: mission.id };
-            return Err(file.error(Some(line.0), cause));
-        }
+        let is_new = ids.insert(mission.id.clone());
+        file.require(is_new, Some(line.0), || format!("mission {} occurs twice", mission.id))?;
         file.finite(line.0, finite::pose(&mission.start, "start"))?;
-        if !(1..=MAX_GOALS).contains(&mission.goals.len()) {
-            let cause = FormatCause::TooMany { what: "goals", found: mission.goals.len(), limit: MAX_GOALS };
-            return Err(file.error(Some(line.0), cause));
-        }
+        let goals = mission.goals.len();
+        file.require((1..=MAX_GOALS).contains(&goals), Some(line.0), || {
+            format!("{goals} goals, the limit is {MAX_GOALS}")
+        })?;
         missions.push(mission);
         file.limit("missions", missions.len(), header.missions.max(1))?;
     }
@@ -166,10 +173,9 @@ pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
     let header = sealed.header(Header::SEALED, &line.name)?;
-    // The sealed file names its public file, so that files from two builds are not mixed.
+    // The sealed file names the public file, so that files from two builds are not mixed.
     if header.public.as_deref() != Some(line.public.as_str()) {
-        let cause =
-            FormatCause::Digest { found: header.public.unwrap_or_default(), expected: line.public.clone() };
+        let cause = digest_cause(&header.public.unwrap_or_default(), &line.public);
         return Err(sealed.error(Some(1), cause));
     }
     let targets = read_targets(&sealed, header.targets.unwrap_or(0))?;
@@ -192,10 +198,8 @@ fn read_targets(file: &File, count: usize) -> Result<BTreeMap<u32, SealedTarget>
         let sealed: SealedTarget = file.parse(line)?;
         file.finite(line.0, finite::target(&sealed.target))?;
         let id = sealed.target.instance;
-        if targets.insert(id, sealed).is_some() {
-            let cause = FormatCause::Duplicate { what: "target", id: id.to_string() };
-            return Err(file.error(Some(line.0), cause));
-        }
+        let is_new = targets.insert(id, sealed).is_none();
+        file.require(is_new, Some(line.0), || format!("target {id} occurs twice"))?;
     }
     file.count("targets", targets.len(), count)?;
     Ok(targets)
@@ -206,8 +210,8 @@ fn put_together(
     public: &PublicMission,
     hidden: SealedMission,
     targets: &BTreeMap<u32, SealedTarget>,
-) -> Result<EpisodeSpec, FormatCause> {
-    let mismatch = |what| FormatCause::Mismatch { mission: public.id.clone(), what };
+) -> Result<EpisodeSpec, String> {
+    let mismatch = |what: &str| format!("mission {}: {what}", public.id);
     if hidden.id != public.id {
         return Err(mismatch("the sealed file has another mission in its place"));
     }
@@ -217,14 +221,14 @@ fn put_together(
     let bad =
         finite::tour(&hidden.ordered, "ordered").or_else(|| finite::tour(&hidden.unordered, "unordered"));
     if let Some(what) = bad {
-        return Err(FormatCause::NotFinite { what });
+        return Err(finite::cause(what));
     }
     let goal = |(public_goal, sealed): (&PublicGoal, &SealedGoal)| {
-        let Some(target) = targets.get(&sealed.instance) else {
-            let id = sealed.instance.to_string();
-            return Err(FormatCause::Unknown { mission: public.id.clone(), what: "target", id });
-        };
-        goal_of(public_goal, sealed, target).map_err(&mismatch)
+        let target = targets.get(&sealed.instance).ok_or_else(|| {
+            let instance = sealed.instance;
+            format!("mission {} refers to target {instance}, which is not in the file", public.id)
+        })?;
+        goal_of(public_goal, sealed, target).map_err(mismatch)
     };
     let goals = public.goals.iter().zip(&hidden.goals).map(goal).collect::<Result<_, _>>()?;
     Ok(EpisodeSpec {
@@ -270,19 +274,7 @@ fn goal_of(
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 
-impl Header {
-    /// File kind of missions files.
-    pub(super) const MISSIONS: &str = "avln-missions";
-    /// File kind of sealed files.
-    pub(super) const SEALED: &str = "avln-sealed";
-}
-
-impl Manifest {
-    /// File kind of `dataset.json`.
-    pub const FORMAT: &str = "avln-dataset";
-}
-
-/// Message from serde with the column; its line number is always 1 and is dropped.
+/// Message from serde with the column, without the line number, which is always 1.
 fn json_error(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
@@ -301,6 +293,10 @@ mod finite {
 
     /// Name of the first field that is not finite.
     pub(super) type Bad = Option<&'static str>;
+
+    pub(super) fn cause(what: &str) -> String {
+        format!("{what} is not a finite number")
+    }
 
     pub(super) fn point(point: &Point3<f32>, what: &'static str) -> Bad {
         (!point.iter().all(|value| value.is_finite())).then_some(what)

@@ -1,6 +1,6 @@
 use crate::{
     cue::CueSpec,
-    format::lines::{
+    format::{
         DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SealedGoal,
         SealedMission, SealedTarget,
     },
@@ -159,5 +159,5 @@ fn push(bytes: &mut Vec<u8>, line: &impl Serialize) -> Result<(), DatasetError> 
 }
 
 fn unwritable(error: serde_json::Error) -> DatasetError {
-    DatasetError::Malformed { reason: error.to_string() }
+    DatasetError::Malformed(error.to_string())
 }

@@ -8,13 +8,13 @@ use std::cell::OnceCell;
 pub(crate) struct Atlas<'a> {
     navmesh: &'a NavMesh,
     regions: Vec<Region>,
-    /// Stands from all regions, region by region.
+    /// Sample points in all regions, region by region.
     places: Places,
     /// Shortest paths to each corner, computed on first use.
     ways: Vec<OnceCell<CornerWays>>,
-    /// Per region pair, smaller index first: points in line of sight.
+    /// Points in line of sight per region pair, at `smaller * regions + larger`.
     straight: Vec<Vec<Straight>>,
-    /// Per region pair: shortest distance, metres.
+    /// Shortest distance per region pair, metres.
     apart_m: Vec<f64>,
 }
 
@@ -24,7 +24,6 @@ pub(crate) struct Departure {
     exits: Exits,
 }
 
-/// Path between two points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Way {
     pub(crate) distance_m: f64,
@@ -45,13 +44,53 @@ impl Way {
 impl<'a> Atlas<'a> {
     /// Computes the tables. Region pairs closer than `least_apart_m` get no tours.
     pub(crate) fn new(navmesh: &'a NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Self {
-        let found = look_around(navmesh, regions, least_apart_m);
-        // A path tree per corner, but most corners lie on no tour: trees are computed on first use.
-        let ways = (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect();
-        let Sight { regions, places, straight, straight_m } = found;
-        let mut atlas = Self { navmesh, regions, places, ways, straight, apart_m: straight_m };
+        let all: Vec<NavPoint> = regions.iter().flatten().copied().collect();
+        let pairs = regions.len() * regions.len();
+        let mut atlas = Self {
+            navmesh,
+            regions: Vec::with_capacity(regions.len()),
+            places: Places::new(navmesh, &all),
+            // A path tree per corner, but most corners lie on no tour: trees are computed on first use.
+            ways: (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect(),
+            straight: std::iter::repeat_with(Vec::new).take(pairs).collect(),
+            apart_m: vec![f64::INFINITY; pairs],
+        };
+        atlas.look_around(regions, least_apart_m);
         atlas.measure();
         atlas
+    }
+
+    /// Computes visibility from every point.
+    fn look_around(&mut self, regions: &[Vec<NavPoint>], least_apart_m: f64) {
+        let stands = |(region, points): (usize, &Vec<NavPoint>)| {
+            (0..points.len() as u32).map(move |stand| (region, stand))
+        };
+        let place_of: Vec<(usize, u32)> = regions.iter().enumerate().flat_map(stands).collect();
+        let mut first = 0;
+        for (here, points) in regions.iter().enumerate() {
+            let exits: Vec<_> = points.iter().map(|point| self.navmesh.exits(point, &self.places)).collect();
+            for (from, exits) in exits.iter().enumerate() {
+                for &(place, distance_m) in &exits.places {
+                    let (there, to) = place_of[place as usize];
+                    if there > here {
+                        let pair = Straight { from: from as u32, to, distance_m };
+                        self.note(here * regions.len() + there, pair, least_apart_m);
+                    }
+                }
+            }
+            self.regions.push(Region::new(first, points, &exits));
+            first += points.len();
+        }
+    }
+
+    fn note(&mut self, pair: usize, straight: Straight, least_apart_m: f64) {
+        self.apart_m[pair] = self.apart_m[pair].min(straight.distance_m);
+        // Regions this close are never in the same mission, and their lists of visible pairs would be the longest.
+        if self.apart_m[pair] < least_apart_m {
+            self.straight[pair] = Vec::new();
+        } else {
+            self.straight[pair].push(straight);
+        }
     }
 
     /// Lowers pair distances by paths around corners.
@@ -70,7 +109,6 @@ impl<'a> Atlas<'a> {
         }
     }
 
-    /// Returns the region count.
     pub(crate) fn len(&self) -> usize {
         self.regions.len()
     }
@@ -128,7 +166,7 @@ impl<'a> Atlas<'a> {
         reached
     }
 
-    /// Returns paths from every point in `from` to one point.
+    /// Returns paths from every point in `from` to a point.
     pub(crate) fn back(&self, to: (usize, usize), from: usize) -> Vec<Way> {
         let (here, there) = (&self.regions[from], &self.regions[to.0]);
         let exits: Vec<_> =
@@ -182,7 +220,7 @@ impl<'a> Atlas<'a> {
         leg
     }
 
-    /// Best path from a corner over one of `exits`.
+    /// Best path from a corner by `exits`.
     fn way_out(&self, corner: u32, exits: &[(u32, f64)]) -> Way {
         let mut way = NO_WAY;
         for &(home, distance_m) in exits {
@@ -205,9 +243,8 @@ impl<'a> Atlas<'a> {
     }
 }
 
-/// Success region.
 struct Region {
-    /// Index of its first point among all points.
+    /// First point's index among all points.
     first: usize,
     stands: Vec<Stand>,
     /// Exit corners, ascending.
@@ -216,74 +253,16 @@ struct Region {
     near_m: Vec<f64>,
 }
 
-/// Sampled point in a region.
 struct Stand {
     position: Point3<f32>,
     /// Visible exit corners: index in the region, and distance in metres.
     exits: Vec<(u32, f64)>,
 }
 
-/// Two points in line of sight.
 struct Straight {
     from: u32,
     to: u32,
     distance_m: f64,
-}
-
-/// Visibility between regions. Pair index: `smaller * regions + larger`.
-struct Sight {
-    regions: Vec<Region>,
-    /// Stands from all regions, region by region.
-    places: Places,
-    /// Per pair: points in line of sight.
-    straight: Vec<Vec<Straight>>,
-    /// Per pair: least straight distance, metres.
-    straight_m: Vec<f64>,
-}
-
-/// Computes visibility from every point. Drops pairs closer than `least_apart_m`.
-fn look_around(navmesh: &NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Sight {
-    let all: Vec<NavPoint> = regions.iter().flatten().copied().collect();
-    let place_of: Vec<(usize, u32)> = regions
-        .iter()
-        .enumerate()
-        .flat_map(|(region, points)| (0..points.len() as u32).map(move |stand| (region, stand)))
-        .collect();
-    let count = regions.len();
-    let mut found = Sight {
-        regions: Vec::with_capacity(count),
-        places: Places::new(navmesh, &all),
-        straight: std::iter::repeat_with(Vec::new).take(count * count).collect(),
-        straight_m: vec![f64::INFINITY; count * count],
-    };
-    let mut first = 0;
-    for (here, points) in regions.iter().enumerate() {
-        let exits: Vec<_> = points.iter().map(|point| navmesh.exits(point, &found.places)).collect();
-        for (from, exits) in exits.iter().enumerate() {
-            for &(place, distance_m) in &exits.places {
-                let (there, to) = place_of[place as usize];
-                if there > here {
-                    let pair = Straight { from: from as u32, to, distance_m };
-                    found.note(here * count + there, pair, least_apart_m);
-                }
-            }
-        }
-        found.regions.push(Region::new(first, points, &exits));
-        first += points.len();
-    }
-    found
-}
-
-impl Sight {
-    fn note(&mut self, pair: usize, straight: Straight, least_apart_m: f64) {
-        self.straight_m[pair] = self.straight_m[pair].min(straight.distance_m);
-        // Regions this close are never in the same mission, and their lists of visible pairs would be the longest.
-        if self.straight_m[pair] < least_apart_m {
-            self.straight[pair] = Vec::new();
-        } else {
-            self.straight[pair].push(straight);
-        }
-    }
 }
 
 impl Region {
@@ -326,7 +305,7 @@ impl Region {
         self.stands.iter().map(least).collect()
     }
 
-    /// Stands visible from a start, with distances in metres.
+    /// Sample points visible from a start, with distances in metres.
     fn seen_from(&self, start: &Departure) -> impl Iterator<Item = (usize, f64)> {
         let places = &start.exits.places;
         let from = places.partition_point(|place| (place.0 as usize) < self.first);

@@ -1,9 +1,100 @@
-//! Measurements of a picture of an object: size, outline, colours.
+//! Survey thresholds, and measurements of an object in a picture: size, outline, colours.
 
-use crate::{cue::CueView, survey::options::SurveyOptions};
+use crate::cue::CueView;
 use avln_scene::{InstanceId, colors};
 use avln_world::CameraImage;
+use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, sync::LazyLock};
+
+/// Survey thresholds, recorded with a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurveyOptions {
+    /// Seed for word choice.
+    pub seed: u64,
+    /// Picture side, pixels.
+    pub look_px: u32,
+    /// Most viewpoints tried per object.
+    pub looks: usize,
+    /// Most viewpoints kept.
+    pub viewpoints: usize,
+    /// Least pixel share, 0 to 1.
+    pub min_share: f32,
+    /// Largest pixel share, 0 to 1.
+    pub max_share: f32,
+    /// Largest outline share on the picture border, 0 to 1.
+    pub max_truncation: f32,
+    /// Least visible contrast in the strongest channel, 0 to 255.
+    pub contrast_levels: u8,
+    /// Least outline share with visible contrast, 0 to 1.
+    pub min_contrast: f32,
+    /// Least colour distance to the surrounding ring, 0 to 1 (1 minus the histogram intersection).
+    pub min_distinctness: f32,
+    /// Most sentences per instance.
+    pub sentences: usize,
+    /// Least words per sentence.
+    pub min_words: usize,
+    /// Most words per sentence.
+    pub max_words: usize,
+    /// Most reference pictures per instance.
+    pub images: usize,
+    /// Least picture difference to all other instances in the category, 0 to 1.
+    pub min_image_margin: f32,
+}
+
+impl Default for SurveyOptions {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            look_px: 96,
+            looks: 10,
+            viewpoints: 6,
+            min_share: 0.006,
+            max_share: 0.85,
+            max_truncation: 0.35,
+            contrast_levels: 16,
+            min_contrast: 0.4,
+            min_distinctness: 0.25,
+            sentences: 3,
+            min_words: 8,
+            max_words: 35,
+            images: 3,
+            min_image_margin: 0.35,
+        }
+    }
+}
+
+impl SurveyOptions {
+    /// Checks the ranges; returns the first violation.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let counts = [
+            ("look_px", self.look_px as usize, 16, 1024),
+            ("looks", self.looks, 1, 64),
+            ("viewpoints", self.viewpoints, 1, 64),
+            ("sentences", self.sentences, 0, 16),
+            ("min_words", self.min_words, 1, self.max_words),
+            ("max_words", self.max_words, self.min_words, 60),
+            ("images", self.images, 0, 3),
+        ];
+        let shares = [
+            ("min_share", self.min_share),
+            ("max_share", self.max_share),
+            ("max_truncation", self.max_truncation),
+            ("min_contrast", self.min_contrast),
+            ("min_distinctness", self.min_distinctness),
+            ("min_image_margin", self.min_image_margin),
+        ];
+        for (name, value, least, most) in counts {
+            if !(least..=most).contains(&value) {
+                return Err(format!("`survey.{name}` is {value}; {least} to {most} are possible"));
+            }
+        }
+        match shares.into_iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            Some((name, value)) => Err(format!("`survey.{name}` is {value}; 0 to 1 are possible")),
+            None => Ok(()),
+        }
+    }
+}
 
 /// Histogram bins: 12 hues with 2 saturations and 2 values, and 4 greys.
 const BINS: usize = 52;
@@ -12,7 +103,6 @@ const RING_SHARE: f32 = 0.08;
 
 /// Steps per channel in the colour name table.
 const STEPS: usize = 32;
-/// Colour words.
 const WORDS: usize = colors::PALETTE.len();
 
 /// Colour word index per RGB cell.
@@ -65,7 +155,6 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
     hue * 4 + vivid * 2 + usize::from(most >= 128)
 }
 
-/// Measurements of an instance in a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
     pub(crate) view: CueView,
@@ -77,9 +166,7 @@ pub(crate) struct Look {
     pub(crate) contrast: f32,
     /// Colour distance to the surrounding ring, 0 to 1.
     pub(crate) distinctness: f32,
-    /// Object colours.
     pub(crate) object: Histogram,
-    /// Background colours.
     pub(crate) context: Histogram,
     /// Pixels per other instance.
     pub(crate) beside: BTreeMap<InstanceId, u32>,
@@ -151,7 +238,6 @@ fn rgb_at(frame: &CameraImage, pixel: usize) -> [u8; 3] {
     [frame.rgb[3 * pixel], frame.rgb[3 * pixel + 1], frame.rgb[3 * pixel + 2]]
 }
 
-/// Pixels of an instance.
 struct Mask<'a> {
     frame: &'a CameraImage,
     instance: InstanceId,
@@ -245,7 +331,6 @@ impl<'a> Mask<'a> {
     }
 }
 
-/// Observed colours.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Palette {
     counts: [u64; WORDS],
@@ -253,14 +338,12 @@ pub(crate) struct Palette {
 }
 
 impl Palette {
-    /// Adds a pixel.
     pub(crate) fn add(&mut self, rgb: [u8; 3]) {
         let [r, g, b] = rgb.map(|value| usize::from(value) * STEPS / 256);
         self.counts[usize::from(NAMES[(r * STEPS + g) * STEPS + b])] += 1;
         (0..3).for_each(|channel| self.sums[channel] += u64::from(rgb[channel]));
     }
 
-    /// Returns the pixel count.
     pub(crate) fn pixels(&self) -> u64 {
         self.counts.iter().sum()
     }

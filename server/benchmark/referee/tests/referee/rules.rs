@@ -12,7 +12,7 @@ use avln_world::Clip;
 use std::f32::consts::FRAC_PI_2;
 
 #[test]
-fn success_radius_is_two_metres_from_camera_to_box() {
+fn success_radius_is_two_metres() {
     // The box's near face is at z = -4.75 and lower than the camera of 1 m only at its rim: 2 m away is z = -2.75.
     let mut referee = quick(Order::Unordered);
     go(&mut referee, &[(MoveForward, 10)]);
@@ -63,7 +63,7 @@ fn claim_at_distractor_is_recorded() {
 }
 
 #[test]
-fn authors_rules_skip_a_goal_after_a_wrong_submit() {
+fn authors_rules_skip_goals_after_wrong_submits() {
     let mut referee = episode(Order::Ordered, Rules::authors(), blind());
     go(&mut referee, &[(Submit, 1)]);
     let facts = record(referee);
@@ -71,7 +71,7 @@ fn authors_rules_skip_a_goal_after_a_wrong_submit() {
 }
 
 #[test]
-fn last_submit_is_final_and_can_complete_a_goal() {
+fn last_submit_ends_and_can_complete() {
     let mut referee = quick(Order::Unordered);
     let first = go(&mut referee, &[(Submit, 1)]);
     assert_eq!((first.observation.remaining_submits, first.end), (1, None));
@@ -354,7 +354,7 @@ fn observation_has_no_field_for_the_sounding_target() {
 }
 
 #[test]
-fn every_pool_can_be_played_and_a_bank_that_is_too_small_is_refused() {
+fn every_pool_plays_and_small_banks_are_refused() {
     for sounds in [Sounds::All, Sounds::Train, Sounds::Validation, Sounds::Test] {
         let bank = made_bank(&sounds).expect("made by rule");
         let mut referee = play(&Rules::distinct(), truth(Order::Ordered), &bank).expect("a legal episode");

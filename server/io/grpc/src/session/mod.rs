@@ -374,7 +374,7 @@ mod tests {
     use std::time::Duration;
 
     #[tokio::test(start_paused = true)]
-    async fn a_run_is_over_when_its_last_slot_is_idle() {
+    async fn runs_end_with_their_last_busy_slot() {
         let tracker = ProgressTracker::new(5, 2, 20);
         tracker.requested();
         assert_eq!(tracker.started(), 3);

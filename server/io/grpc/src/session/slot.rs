@@ -114,9 +114,8 @@ impl<H: Host> Slot<H> {
     }
 
     async fn end(&mut self, ending: SlotEnding) {
-        match ending {
-            SlotEnding::Close(reason) => self.cut(reason).await,
-            SlotEnding::Keep => {}
+        if let SlotEnding::Close(reason) = ending {
+            self.cut(reason).await;
         }
     }
 
@@ -147,11 +146,11 @@ impl<H: Host> Slot<H> {
         }
     }
 
+    /// Returns the last position in the open episode.
     fn position(&self) -> Option<v1::SlotPosition> {
-        match &self.state {
-            SlotContent::Playing(playing) => Some(playing.position(self.id)),
-            _ => None,
-        }
+        let SlotContent::Playing(playing) = &self.state else { return None };
+        let (episode, step) = (playing.hosted.handle.clone(), playing.last.observation.step);
+        Some(v1::SlotPosition { slot: self.id, episode, step })
     }
 
     async fn handle(&mut self, request: SlotRequest, caller: Option<oneshot::Sender<Result<SlotReply>>>) {

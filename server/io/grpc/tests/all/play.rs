@@ -140,7 +140,7 @@ async fn a_waiting_slot_gets_a_returned_episode() {
 }
 
 #[tokio::test]
-async fn goodbye_gives_up_what_is_open() {
+async fn goodbye_abandons_open_episodes() {
     let server = TestServer::open(Plan::plain(3)).await;
     let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
@@ -181,7 +181,7 @@ async fn a_phase_that_hides_metrics_sends_none() {
 /// Packed pictures decode to the raw values, and
 /// does not come.
 #[tokio::test]
-async fn packed_values_are_exact_and_only_requested_sensors_arrive() {
+async fn packed_values_are_exact_for_requested_sensors() {
     let server = TestServer::open(Plan::plain(1)).await;
     let wish = |kind: v1::SensorKind, encodings: &[v1::Encoding]| v1::SensorWish {
         kind: kind.into(),
@@ -249,7 +249,7 @@ async fn end(server: &TestServer, frame: end_request::Frame) -> Result<end_respo
 }
 
 #[tokio::test]
-async fn a_whole_run_call_by_call() {
+async fn unary_calls_play_a_whole_run() {
     let server = TestServer::open(Plan::plain(2)).await;
     let begun = reset_with(&server, hello(1)).await.unwrap();
     assert_eq!(begun.welcome.unwrap().slots, 1);

@@ -256,7 +256,7 @@ async fn check(lives: Vec<(bool, u32, Vec<Move>)>) -> Result<(), String> {
 }
 
 #[test]
-fn arbitrary_clients_leave_the_server_in_a_legal_state() {
+fn arbitrary_clients_leave_a_legal_state() {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     let config = Config { cases: 96, max_shrink_iters: 200, failure_persistence: None, ..Config::default() };
     let mut runner = TestRunner::new(config);

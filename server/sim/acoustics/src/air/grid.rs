@@ -1,17 +1,16 @@
-//! A grid of cubic cells, and its traversal by rays.
+//! Grid with cubic cells, and traversal by rays.
 
 use avln_geom::{Aabb, Point3, Vector3};
 
-/// Edge of a cell, metres.
+/// Cell edge, metres.
 const CELL_M: f32 = 0.2;
 
-/// Limit on the number of cells; larger buildings get larger cells.
+/// Cell limit; larger buildings get larger cells.
 const MAX_CELLS: f32 = 1.0e6;
 
-/// A box of cubic cells; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
+/// Cubic cells in a box; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
-    /// Centre of cell 0.
     pub(crate) first_center: Point3<f32>,
     pub(crate) cell_m: f32,
     pub(crate) size: [usize; 3],
@@ -51,7 +50,6 @@ impl Grid {
         self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
     }
 
-    /// Returns true if `point` is inside the grid.
     pub(crate) fn contains(&self, point: &Point3<f32>) -> bool {
         (0..3).all(|axis| {
             let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
@@ -59,12 +57,12 @@ impl Grid {
         })
     }
 
-    /// Index distance between neighbours in direction `axis`.
+    /// Index distance between neighbours on `axis`.
     pub(crate) fn stride(&self, axis: usize) -> usize {
         [1, self.size[0], self.size[0] * self.size[1]][axis]
     }
 
-    /// Returns the cells within `reach` cells of `point` (of the nearest cell if `point` is outside).
+    /// Returns the cells within `reach` cells around `point`, or around the cell nearest to it.
     pub(super) fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
         if self.len() == 0 {
             return Vec::new();
@@ -80,8 +78,8 @@ impl Grid {
     }
 }
 
-/// Calls `visit` with the index of every voxel on the ray from `from` in the unit direction `direction`, and
-/// the distances in metres at entry and exit.
+/// Visits every voxel on the ray from `from` in the unit direction `direction` (Amanatides and Woo 1987):
+/// index, distances at entry and exit in metres.
 pub(crate) fn march(
     grid: &Grid,
     from: &Point3<f32>,
@@ -118,7 +116,6 @@ pub(crate) fn march(
     }
 }
 
-/// Lower bound of the grid on `axis`.
 fn low(grid: &Grid, axis: usize) -> f32 {
     grid.first_center[axis] - 0.5 * grid.cell_m
 }
@@ -128,7 +125,7 @@ fn inverse(direction: f32) -> f32 {
     if direction.abs() < 1.0 / HUGE { HUGE.copysign(direction) } else { 1.0 / direction }
 }
 
-/// Part of the leg inside the grid box.
+/// Part inside the grid box: start and end on the ray, metres.
 fn inside(grid: &Grid, from: &Point3<f32>, direction: &Vector3<f32>, length_m: f32) -> Option<(f32, f32)> {
     let (mut near_m, mut far_m) = (0.0_f32, length_m);
     for axis in 0..3 {
@@ -147,7 +144,7 @@ mod tests {
     use avln_geom::Rng;
 
     #[test]
-    fn a_leg_is_parted_among_the_voxels_that_hold_it() {
+    fn legs_are_divided_among_their_voxels() {
         let grid = Grid { first_center: Point3::new(-1.0, 0.5, 2.0), cell_m: 0.2, size: [12, 7, 9] };
         let mut rng = Rng::new(4);
         for _ in 0..500 {

@@ -1,4 +1,4 @@
-//! The families of clips.
+//! Clip families.
 
 use super::synthesis::{
     add, beats, bell, buzz, hump, low_pass, normalized, note, pink, recur, resonate, samples, shaped,
@@ -7,14 +7,13 @@ use super::synthesis::{
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 
-/// A kind of sound with random traits.
+/// A sound generator with random traits.
 pub(super) struct Family {
     pub(super) name: &'static str,
-    /// Generator of a loop of any level.
+    /// Returns a loop at any level.
     pub(super) generate: fn(&mut Rng) -> Vec<f32>,
 }
 
-/// All families.
 pub(super) const FAMILIES: [Family; 10] = [
     Family { name: "pink-bursts", generate: pink_bursts },
     Family { name: "noise-bursts", generate: noise_bursts },
@@ -41,7 +40,7 @@ fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Pairs of a strong and a weak burst of coloured noise, falling by 0 to 6 dB per octave.
+/// Pairs with a strong and a weak noise burst; spectra fall by 0 to 6 dB per octave.
 fn noise_bursts(rng: &mut Rng) -> Vec<f32> {
     let mut noise = white(rng);
     recur(&mut noise, rng.range(0.0, 0.8), 0.0);
@@ -71,7 +70,7 @@ fn claps(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with a rush of noise.
+/// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with noise.
 fn chirps(rng: &mut Rng) -> Vec<f32> {
     let noise = normalized(&pink(rng));
     let (low_hz, high_hz) = (rng.range(150.0, 240.0), rng.range(6400.0, 7500.0));
@@ -138,7 +137,7 @@ fn rattle(rng: &mut Rng) -> Vec<f32> {
 
 /// Wind: noise more than three octaves wide with drifting edges, in puffs.
 fn gusts(rng: &mut Rng) -> Vec<f32> {
-    /// Ratio of the upper to the lower edge.
+    /// Upper over lower edge.
     const WIDTH: f32 = 12.0;
     let (lowest_hz, octaves) = (rng.range(150.0, 220.0), rng.range(1.0, 1.8));
     let (waves, phase) = ((3 + rng.below(4)) as f32, rng.range(0.0, TAU));
@@ -176,9 +175,9 @@ fn bells(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// A reed melody: notes of a scale, and breath 0 to 6 dB below them.
+/// A reed melody with breath 0 to 6 dB below the notes.
 fn notes(rng: &mut Rng) -> Vec<f32> {
-    /// A scale of five notes, semitones.
+    /// Pentatonic scale, semitones.
     const SCALE: [f32; 5] = [0.0, 2.0, 4.0, 7.0, 9.0];
     let mut breath = pink(rng);
     add(&mut breath, &white(rng), 0, 0.3);

@@ -1,40 +1,36 @@
-//! Common processing of clips: spectral balance, peak limit, loudness.
+//! Spectral balance, peak limit and loudness for clips.
 
 use crate::SAMPLE_RATE_HZ;
-use realfft::num_complex::Complex32;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex, num_complex::Complex32};
 use std::sync::Arc;
 
 /// Root mean square during peak limiting.
 const LEVEL: f32 = 0.05;
 
-/// Largest peak over the root mean square: 13 dB.
+/// Largest peak over root mean square: 13 dB.
 const CREST: f32 = 4.467;
 
-/// End of the low part of the spectrum, hertz.
+/// Edges between the low, middle and high parts, hertz.
 const LOW_END_HZ: f32 = 1200.0;
 const HIGH_START_HZ: f32 = 2000.0;
 
-/// Minimum energy shares of the low and the high part.
+/// Smallest energy share for the low and the high part.
 const MIN_SHARE: f32 = 0.3;
 
-/// Lowest frequency of a clip, hertz.
+/// Lowest clip frequency, hertz.
 const CUT_HZ: f32 = 80.0;
 
-/// Processing of raw loops with a common length.
 pub(super) struct Mastering {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
 }
 
 impl Mastering {
-    /// For loops of `length` samples.
     pub(super) fn new(length: usize) -> Self {
         let mut planner = RealFftPlanner::<f32>::new();
         Self { forward: planner.plan_fft_forward(length), inverse: planner.plan_fft_inverse(length) }
     }
 
-    /// Balances, limits and levels a loop in place.
     pub(super) fn apply(&self, sound: &mut [f32]) {
         const ROUNDS: usize = 4;
         self.balance(sound);
@@ -49,7 +45,7 @@ impl Mastering {
 
     /// Scales a loop to the common loudness. Returns false, without a change, if it is almost silent.
     pub(super) fn set_loudness(&self, sound: &mut [f32]) -> bool {
-        /// -120 dB for a recording with full-scale samples.
+        // -120 dB for a recording with full-scale samples.
         const SILENCE: f64 = 1e-6;
         let mut spectrum = self.forward.make_output_vec();
         let done = self.forward.process(&mut sound.to_vec(), &mut spectrum);
@@ -61,7 +57,7 @@ impl Mastering {
         audible
     }
 
-    /// Weighs the low and high parts of the spectrum, so that both are present.
+    /// Weighs the low and high parts, so that both are audible.
     fn balance(&self, sound: &mut [f32]) {
         let mut spectrum = self.forward.make_output_vec();
         let done = self.forward.process(sound, &mut spectrum);
@@ -92,7 +88,7 @@ fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
     }
 }
 
-/// Gains of the low, middle and high part, blended over a fifth of an octave around the edges.
+/// Gain at a frequency, blended over a fifth of an octave around the edges.
 fn gain_at(frequency_hz: f32, gains: &[f32; 3]) -> f32 {
     const HALF_WIDTH: f32 = 0.07;
     let passed =
@@ -120,23 +116,21 @@ fn limit(sound: &mut [f32]) {
     }
 }
 
-/// A-weighted root mean square of every clip. The unweighted mean over the synthesised clips is then 0.05.
+/// A-weighted root mean square for every clip; the unweighted mean over synthesised clips is then 0.05.
 pub(super) const LOUDNESS: f32 = 0.0468;
 
-/// A-weighted mean square of a signal of `length` samples, from the half spectrum of a real transform.
+/// A-weighted mean square for `length` samples, from the half spectrum.
 pub(super) fn weighted_mean_square(spectrum: &[Complex32], length: usize) -> f64 {
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / length as f64;
     let weighted =
         |(bin, value): (usize, &Complex32)| weight(bin as f64 * bin_hz) * f64::from(value.norm_sqr());
-    // A bin also represents its mirror image; the weight at both ends is small.
+    // A bin also represents the mirror image; the weight at both ends is small.
     2.0 * spectrum.iter().enumerate().map(weighted).sum::<f64>() / (length as f64 * length as f64)
 }
 
-/// A-weighting of energy at `frequency_hz`: 1 at 1 kHz. IEC 61672-1, annex E.
+/// A-weighting as an energy factor, 1 at 1 kHz (IEC 61672-1, annex E).
 fn weight(frequency_hz: f64) -> f64 {
-    /// Corner frequencies, squared.
     const CORNERS: [f64; 4] = [20.6 * 20.6, 107.7 * 107.7, 737.9 * 737.9, 12_194.0 * 12_194.0];
-    /// Value of the formula at 1 kHz.
     const AT_1_KHZ: f64 = 0.630_978;
     let squared = frequency_hz * frequency_hz;
     let [a, b, c, d] = CORNERS.map(|corner| squared + corner);
@@ -149,8 +143,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_those_of_the_standard() {
-        // Table 3 of IEC 61672-1, decibels.
+    fn weights_match_the_standard() {
+        // IEC 61672-1, table 3, decibels.
         for (frequency_hz, level_db) in
             [(125.0, -16.1), (500.0, -3.2), (1000.0, 0.0), (4000.0, 1.0), (8000.0, -1.1)]
         {

@@ -7,43 +7,34 @@ use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
-/// Sample rates of recordings, hertz.
 const RATES_HZ: RangeInclusive<u32> = 8_000..=192_000;
-
-/// Lengths of recordings, seconds.
 const LENGTHS_S: RangeInclusive<f64> = 1.0..=60.0;
 
-/// Largest plausible sample; most files reach 1.
+// Most files reach 1; larger values are damage.
 const LARGEST: f32 = 1e6;
 
-/// Cross-fade between end and start of a recording, samples: 50 ms.
+/// Cross-fade from end to start, samples: 50 ms.
 const SEAM_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 
-/// Errors of a recording.
+/// Recording errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RecordingError {
-    /// The sample rate is out of range.
-    #[error("it has {rate_hz} samples a second; {} to {} are possible", RATES_HZ.start(), RATES_HZ.end())]
-    Rate {
-        /// Sample rate, hertz.
-        rate_hz: u32,
-    },
-    /// The recording is too short or too long.
-    #[error("it is {length_s:.2} s long; {} to {} s are possible", LENGTHS_S.start(), LENGTHS_S.end())]
-    Length {
-        /// Length, seconds.
-        length_s: f64,
-    },
-    /// A sample is not finite or too large.
+    /// Sample rate out of range, hertz.
+    #[error("its sample rate is {0} Hz; 8000 to 192000 Hz are supported")]
+    Rate(u32),
+    /// Length out of range, seconds.
+    #[error("it is {0:.2} s long; 1 to 60 s are supported")]
+    Length(f64),
+    /// A sample that is not finite or too large.
     #[error("its sample {index} is {value}; save it again with samples from -1 to 1")]
     Sample {
-        /// Index of the sample, from 0.
+        /// Sample index, from 0.
         index: usize,
-        /// The sample.
+        /// Sample value.
         value: f32,
     },
-    /// The recording is silent.
-    #[error("it is silent; take it out or record it again")]
+    /// A silent recording.
+    #[error("it is silent; remove it or record it again")]
     Silent,
 }
 
@@ -52,8 +43,8 @@ impl Clip {
     /// the first, so that the loop is seamless and 50 ms shorter.
     ///
     /// # Errors
-    /// If the rate is below 8000 or above 192000 Hz, the length is below 1 s or above 60 s, the recording is
-    /// silent, or a sample is not finite or above a million.
+    /// If the rate is outside 8000 to 192000 Hz, the length is outside 1 to 60 s, the recording is silent, or
+    /// a sample is not finite or above a million.
     pub fn recorded(name: &str, samples: &[f32], rate_hz: u32) -> Result<Self, RecordingError> {
         check(samples, rate_hz)?;
         let mut sound = without_seam(&resample(samples, rate_hz, SAMPLE_RATE_HZ));
@@ -66,11 +57,11 @@ impl Clip {
 
 fn check(samples: &[f32], rate_hz: u32) -> Result<(), RecordingError> {
     if !RATES_HZ.contains(&rate_hz) {
-        return Err(RecordingError::Rate { rate_hz });
+        return Err(RecordingError::Rate(rate_hz));
     }
     let length_s = samples.len() as f64 / f64::from(rate_hz);
     if !LENGTHS_S.contains(&length_s) {
-        return Err(RecordingError::Length { length_s });
+        return Err(RecordingError::Length(length_s));
     }
     match samples.iter().position(|sample| sample.is_nan() || sample.abs() > LARGEST) {
         Some(index) => Err(RecordingError::Sample { index, value: samples[index] }),
@@ -89,22 +80,19 @@ fn without_seam(sound: &[f32]) -> Vec<f32> {
     looped
 }
 
-/// Zero crossings of the filter per side.
+/// Zero crossings per filter side.
 const CROSSINGS: f64 = 24.0;
 
-/// Half-amplitude frequency of the filter, as a share of the lower Nyquist frequency.
+/// Half-amplitude frequency relative to the lower Nyquist frequency.
 const EDGE: f64 = 0.95;
 
-/// Converts `samples` from `from_hz` to `to_hz` by a windowed sinc.
-///
-/// Filters are computed once per phase (Crochiere and Rabiner 1983, polyphase), with a Blackman window.
 pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     if from_hz == to_hz {
         return samples.to_vec();
     }
     let shared = common_divisor(from_hz, to_hz);
     let (step, phases) = ((from_hz / shared) as usize, (to_hz / shared) as usize);
-    // Relative to the Nyquist frequency of the samples.
+    // Relative to the input's Nyquist frequency.
     let cutoff = EDGE * (f64::from(to_hz) / f64::from(from_hz)).min(1.0);
     let reach = (CROSSINGS / cutoff) as usize + 1;
     let filters: Vec<_> =
@@ -113,8 +101,7 @@ pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     (0..count).map(|n| filtered(samples, n * step / phases, reach, &filters[n * step % phases])).collect()
 }
 
-/// Weights of the `2 × reach` samples around a position `share` of a sample after the first middle sample;
-/// their sum is 1.
+/// Weights with sum 1 for `2 × reach` samples around `share` samples after the first middle sample.
 fn filter(share: f64, cutoff: f64, reach: usize) -> Vec<f32> {
     let weight = |tap: usize| {
         let distance = tap as f64 - (reach as f64 - 1.0) - share;
@@ -125,7 +112,7 @@ fn filter(share: f64, cutoff: f64, reach: usize) -> Vec<f32> {
     weights.iter().map(|weight| (weight / sum) as f32).collect()
 }
 
-/// Weighted sum of the samples around `place`; silence outside the recording.
+/// Weighted sum around sample `place`; silence outside the recording.
 fn filtered(samples: &[f32], place: usize, reach: usize, weights: &[f32]) -> f32 {
     let before = reach - 1;
     let skipped = before.saturating_sub(place);
@@ -137,7 +124,7 @@ fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { libm::sin(PI * x) / (PI * x) }
 }
 
-/// Blackman's window over -1 to 1; 0 beyond.
+/// Blackman window over -1 to 1; 0 beyond.
 fn blackman(x: f64) -> f64 {
     if x.abs() >= 1.0 { 0.0 } else { 0.42 + 0.5 * libm::cos(PI * x) + 0.08 * libm::cos(2.0 * PI * x) }
 }
@@ -162,8 +149,8 @@ mod tests {
     }
 
     #[test]
-    fn the_same_sound_is_the_same_clip_at_any_rate() {
-        // A 1 kHz tone has weight 1: mean square and loudness are equal.
+    fn sample_rate_does_not_change_a_clip() {
+        // A 1 kHz tone has weight 1, so mean square and loudness are equal.
         for rate_hz in [8_000, 11_025, 16_000, 22_050, 44_100, 48_000, 96_000, 192_000] {
             let clip = Clip::recorded("tone", &tone(1000.0, rate_hz, 2.0), rate_hz).expect("a clip");
             assert_eq!(clip.samples.len(), 2 * 16_000 - 800, "{rate_hz}");
@@ -173,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn loud_and_soft_recordings_become_the_same_clip() {
+    fn recording_level_does_not_change_a_clip() {
         let tones = [tone(700.0, 16_000, 1.5), tone(2500.0, 16_000, 1.5)];
         let sound: Vec<f32> = tones[0].iter().zip(&tones[1]).map(|(a, b)| a + b).collect();
         let soft: Vec<f32> = sound.iter().map(|sample| 0.001 * sample).collect();
@@ -182,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_repeats_without_a_step() {
+    fn recordings_loop_without_a_step() {
         let clip = Clip::recorded("", &tone(333.3, 16_000, 1.37), 16_000).expect("a clip");
         let steps = clip.samples.windows(2).map(|pair| (pair[1] - pair[0]).abs());
         let largest = steps.fold(0.0, f32::max);
@@ -191,12 +178,12 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_a_clip_is_refused_with_the_reason() {
+    fn unusable_recordings_fail_with_a_reason() {
         let refused = |samples: &[f32], rate_hz| Clip::recorded("", samples, rate_hz).expect_err("no clip");
-        assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate { rate_hz: 7999 });
-        assert_eq!(refused(&[], 16_000), RecordingError::Length { length_s: 0.0 });
+        assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate(7999));
+        assert_eq!(refused(&[], 16_000), RecordingError::Length(0.0));
         assert!(refused(&[0.1; 15_999], 16_000).to_string().contains("1 to 60 s"));
-        assert!(matches!(refused(&vec![0.1; 61 * 8000], 8000), RecordingError::Length { .. }));
+        assert!(matches!(refused(&vec![0.1; 61 * 8000], 8000), RecordingError::Length(_)));
         for silence in [0.0, 1e-9] {
             assert_eq!(refused(&[silence; 16_000], 16_000), RecordingError::Silent);
         }
@@ -216,14 +203,14 @@ mod tests {
     }
 
     #[test]
-    fn tones_keep_their_phase_and_level() {
+    fn resampled_tones_keep_phase_and_level() {
         for rate_hz in [8_000, 11_025, 44_100, 48_000, 96_000, 47_999] {
             for frequency_hz in [50.0, 440.0, 3000.0] {
                 let resampled =
                     resample(&unit_tone(frequency_hz, rate_hz, rate_hz as usize), rate_hz, 16_000);
                 assert_eq!(resampled.len(), 16_000);
                 let wanted = unit_tone(frequency_hz, 16_000, 16_000);
-                // At both ends half of the filter covers silence.
+                // At both ends half the filter covers silence.
                 let errors = resampled.iter().zip(&wanted).skip(200).take(15_600).map(|(a, b)| (a - b).abs());
                 let worst = errors.fold(0.0, f32::max);
                 assert!(worst < 1e-3, "{rate_hz} Hz, tone of {frequency_hz} Hz: {worst}");
@@ -232,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_high_for_the_new_rate_is_gone() {
+    fn resampling_removes_frequencies_above_the_new_limit() {
         for rate_hz in [22_050, 44_100, 192_000] {
             let resampled = resample(&unit_tone(9500.0, rate_hz, rate_hz as usize), rate_hz, 16_000);
             let peak = resampled[200..15_800].iter().fold(0.0_f32, |peak, sample| peak.max(sample.abs()));

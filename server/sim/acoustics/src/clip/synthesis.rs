@@ -1,23 +1,22 @@
-//! Building blocks of clips on a loop: samples beyond the end wrap to the start.
+//! Signal generators for loops: samples beyond the end wrap to the start.
 
 use crate::SAMPLE_RATE_HZ;
 use avln_geom::Rng;
 use std::f32::consts::{PI, TAU};
 
-/// Length of every clip, samples: six seconds.
+/// Clip length, samples: six seconds.
 pub(super) const CLIP_SAMPLES: usize = 6 * SAMPLE_RATE_HZ as usize;
 
-/// A loop of silence.
 pub(super) fn silence() -> Vec<f32> {
     vec![0.0; CLIP_SAMPLES]
 }
 
-/// A loop of white noise, -1 to 1.
+/// White noise, -1 to 1.
 pub(super) fn white(rng: &mut Rng) -> Vec<f32> {
     (0..CLIP_SAMPLES).map(|_| rng.range(-1.0, 1.0)).collect()
 }
 
-/// A loop of noise that falls by about 3 dB per octave: three leaky sums of white noise, one per two octaves.
+/// Pink noise, -3 dB per octave: three leaky sums over white noise, one per two octaves.
 pub(super) fn pink(rng: &mut Rng) -> Vec<f32> {
     let white = white(rng);
     let mut pink: Vec<f32> = white.iter().map(|sample| 0.2 * sample).collect();
@@ -29,7 +28,6 @@ pub(super) fn pink(rng: &mut Rng) -> Vec<f32> {
     pink
 }
 
-/// Samples in `seconds`.
 pub(super) fn samples(seconds: f32) -> usize {
     (seconds * SAMPLE_RATE_HZ as f32) as usize
 }
@@ -46,9 +44,10 @@ pub(super) fn add(target: &mut [f32], event: &[f32], start: usize, gain: f32) {
     }
 }
 
-/// `y[n] = x[n] + a y[n-1] + b y[n-2]` in place, in the steady state that a loop settles into.
+/// Filters in place: `y[n] = x[n] + a y[n-1] + b y[n-2]`.
 pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
     let input = signal.to_vec();
+    // The second round starts in the steady state that the loop settles into.
     let (mut last, mut before) = (0.0, 0.0);
     for _ in 0..2 {
         for (sample, input) in signal.iter_mut().zip(&input) {
@@ -58,8 +57,7 @@ pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
     }
 }
 
-/// Copies the loop through a first-order low pass with a moving edge: `edge_hz` of the elapsed share of the
-/// loop.
+/// First-order low pass with a moving edge; `edge_hz` maps the elapsed loop share to hertz.
 pub(super) fn low_pass(signal: &[f32], edge_hz: impl Fn(f32) -> f32) -> Vec<f32> {
     /// Samples with a constant edge.
     const BLOCK: usize = 64;
@@ -79,7 +77,7 @@ pub(super) fn low_pass(signal: &[f32], edge_hz: impl Fn(f32) -> f32) -> Vec<f32>
     passed
 }
 
-/// Copies the loop through a resonance at `frequency_hz`, `bandwidth_hz` wide, with a peak gain of about 1.
+/// Resonance at `frequency_hz`, `bandwidth_hz` wide, with a peak gain near 1.
 pub(super) fn resonate(signal: &[f32], frequency_hz: f32, bandwidth_hz: f32) -> Vec<f32> {
     let rate = SAMPLE_RATE_HZ as f32;
     let radius = libm::expf(-PI * bandwidth_hz / rate);
@@ -89,7 +87,7 @@ pub(super) fn resonate(signal: &[f32], frequency_hz: f32, bandwidth_hz: f32) -> 
     resonant
 }
 
-/// A hump of `count` samples: rises over the first `attack` share, falls over the rest, both half cosines.
+/// A hump with `count` samples: rises over the first `attack` share, falls over the rest, both half cosines.
 pub(super) fn hump(count: usize, attack: f32) -> Vec<f32> {
     let peak = (attack * count as f32).max(1.0);
     let fall = (count as f32 - peak).max(1.0);
@@ -101,7 +99,7 @@ pub(super) fn hump(count: usize, attack: f32) -> Vec<f32> {
     (0..count).map(height).collect()
 }
 
-/// A sweep from `from_hz` to `to_hz`, even in octaves, over `count` samples.
+/// A sweep, even in octaves, with `count` samples.
 pub(super) fn sweep(from_hz: f32, to_hz: f32, count: usize) -> Vec<f32> {
     let step = libm::expf(libm::logf(to_hz / from_hz) / count as f32);
     let (mut frequency_hz, mut phase) = (from_hz, 0.0_f32);
@@ -113,8 +111,7 @@ pub(super) fn sweep(from_hz: f32, to_hz: f32, count: usize) -> Vec<f32> {
     (0..count).map(next).collect()
 }
 
-/// Start samples of events on the loop: about `rate_hz` per second, moved randomly by up to `jitter` of the
-/// spacing.
+/// Event starts on the loop, samples: about `rate_hz` per second, moved randomly by up to `jitter` spacings.
 pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
     let count = (rate_hz * CLIP_SAMPLES as f32 / SAMPLE_RATE_HZ as f32).round().max(1.0) as usize;
     let share = CLIP_SAMPLES as f32 / count as f32;
@@ -122,22 +119,20 @@ pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
     (0..count).map(place).map(|start| start as usize).collect()
 }
 
-/// Copies the signal with root mean square 1; silence stays silent.
+/// Scales to root mean square 1; silence stays silent.
 pub(super) fn normalized(signal: &[f32]) -> Vec<f32> {
     let mean_square = signal.iter().map(|sample| sample * sample).sum::<f32>() / signal.len().max(1) as f32;
     let gain = if mean_square > 0.0 { 1.0 / mean_square.sqrt() } else { 1.0 };
     signal.iter().map(|sample| gain * sample).collect()
 }
 
-/// The product of two signals, as long as the shorter.
 pub(super) fn shaped(signal: &[f32], envelope: &[f32]) -> Vec<f32> {
     signal.iter().zip(envelope).map(|(sample, gain)| sample * gain).collect()
 }
 
-/// A train of smooth pulses at `pitch_hz`.
 pub(super) fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
     let turn = turn_of(pitch_hz);
-    // A power of a raised cosine: a narrow hump per period.
+    // A high power of a raised cosine is a narrow hump per period.
     let pulse = |n: usize| {
         let cosine = 0.5 + 0.5 * libm::cosf((turn * n as f32) % TAU);
         let squared = cosine * cosine;
@@ -147,9 +142,7 @@ pub(super) fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
     (0..count).map(pulse).collect()
 }
 
-/// All harmonics of `pitch_hz` below 7 kHz, with falling amplitude.
-///
-/// The sum of cosines is the Dirichlet kernel; a leaky integrator tilts it by up to 6 dB per octave.
+/// All harmonics below 7 kHz with falling amplitude.
 pub(super) fn note(pitch_hz: f32, count: usize) -> Vec<f32> {
     const TOP_HZ: f32 = 7000.0;
     const KEPT: f32 = 0.7;
@@ -163,14 +156,13 @@ pub(super) fn note(pitch_hz: f32, count: usize) -> Vec<f32> {
     (0..count).map(next).collect()
 }
 
-/// `cos(x) + cos(2 x) + … + cos(count x)`.
+/// `cos(x) + cos(2 x) + … + cos(count x)`: the Dirichlet kernel.
 fn cosines(x: f32, count: f32) -> f32 {
     let half = libm::sinf(0.5 * x);
     if half.abs() < 1e-4 { count } else { 0.5 * (libm::sinf((count + 0.5) * x) / half - 1.0) }
 }
 
-/// A tone at `pitch_hz` with phase modulation at `ratio` times the pitch, starting at `depth` radians and
-/// decaying.
+/// A tone with phase modulation at `ratio` times the pitch, decaying from `depth` radians.
 pub(super) fn bell(pitch_hz: f32, ratio: f32, depth: f32, count: usize) -> Vec<f32> {
     let (carrier, modulator) = (turn_of(pitch_hz), turn_of(pitch_hz * ratio));
     let next = |n: usize| {
@@ -181,7 +173,7 @@ pub(super) fn bell(pitch_hz: f32, ratio: f32, depth: f32, count: usize) -> Vec<f
     (0..count).map(next).collect()
 }
 
-/// Radians a sample at `frequency_hz`.
+/// Radians per sample.
 fn turn_of(frequency_hz: f32) -> f32 {
     TAU * frequency_hz / SAMPLE_RATE_HZ as f32
 }

@@ -6,46 +6,44 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
-/// Taps of a head filter.
 pub(crate) const HEAD_TAPS: usize = 64;
 
-/// Samples of a head filter before the arrival of the wave front.
+/// Samples before the wave front.
 pub(crate) const HEAD_LEAD: usize = 16;
 
-/// Distance of plane waves, metres.
+/// Distance for plane waves, metres.
 pub(crate) const FAR_M: f32 = 1e6;
 
-/// Points of the discrete Fourier transform that designs the filters.
+/// Discrete Fourier transform length for filter design.
 pub(crate) const DESIGN_POINTS: usize = 256;
+pub(crate) const DESIGN_BIN_HZ: f64 = SAMPLE_RATE_HZ as f64 / DESIGN_POINTS as f64;
 
-/// Roll-off frequency: above it the response falls to zero at half the sample rate, to shorten filters.
+// Above this frequency the response falls to zero at half the sample rate, which shortens the filters.
 const ROLL_OFF_FROM_HZ: f64 = 6000.0;
 
 pub(crate) type Filter = [f32; HEAD_TAPS];
 
-/// Response of an ear to a wave.
+/// An ear's response to a wave.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EarResponse {
     /// Filter with the wave front at tap [`HEAD_LEAD`].
     pub(crate) filter: Filter,
-    /// Delay of the wave front at this ear relative to the head centre, seconds; negative is earlier.
+    /// Wave-front delay relative to the head centre, seconds; negative is earlier.
     pub(crate) delay_s: f64,
 }
 
 impl EarResponse {
-    /// Response without a head.
     pub(super) fn free_field() -> Self {
         Self { filter: std::array::from_fn(|tap| if tap == HEAD_LEAD { 1.0 } else { 0.0 }), delay_s: 0.0 }
     }
 }
 
-/// Filter of a spectrum (bins from 0 to half the sample rate, [`DESIGN_POINTS`] per period), with the wave
-/// front at `onset_s` moved to tap [`HEAD_LEAD`].
+/// Filter for a half spectrum, with the wave front at `onset_s` moved to tap [`HEAD_LEAD`].
 pub(crate) fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
-    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let aligned = |(bin, value): (usize, &Complex64)| {
-        let frequency_hz = bin as f64 * bin_hz;
+        let frequency_hz = bin as f64 * DESIGN_BIN_HZ;
         let value = value * unit_phasor(TAU * frequency_hz * onset_s);
-        // The two halves of the spectrum are conjugates: every bin except the first counts twice.
+        // The two spectrum halves are conjugates: every bin except the first counts twice.
         if bin == 0 { Complex64::new(value.norm(), 0.0) } else { value * 2.0 * roll_off(frequency_hz) }
     };
     let spectrum: Vec<_> = spectrum.iter().enumerate().map(aligned).collect();
@@ -71,7 +69,7 @@ fn roll_off(frequency_hz: f64) -> f64 {
     0.5 + 0.5 * libm::cos(PI * position)
 }
 
-/// Fades the first and last taps, to avoid a step at the cut.
+// Without a fade, the cut at both ends would be a step.
 fn edge_fade(tap: usize) -> f64 {
     const FADE: usize = 8;
     let from_edge = tap.min(HEAD_TAPS - 1 - tap);

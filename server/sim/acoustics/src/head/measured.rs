@@ -1,14 +1,14 @@
 //! Measured heads.
 
-use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
-use super::sofa::{EarMeasurement, HeadError, Measurements};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, design_from};
+use super::sofa::{EarMeasurement, HeadError, Measurements, unit_vector};
 use super::sphere::{ear_axes, onset_delay_s};
 use crate::SAMPLE_RATE_HZ;
 use crate::late::diffuse::HeardField;
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex64;
+use realfft::{RealFftPlanner, num_complex::Complex64};
+use std::cmp::Ordering;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::OnceLock;
@@ -20,53 +20,42 @@ const STEP_DEG: f32 = 5.0;
 const AROUND: usize = 72;
 const UP: usize = 37;
 
-/// Number of measured directions interpolated into a table direction.
+/// Measured directions interpolated into a table direction.
 const NEIGHBOURS: usize = 4;
 
-/// Window of a response before and after its highest peak, seconds.
+/// Response window around the highest peak, seconds.
 const BEFORE_PEAK_S: f64 = 0.002;
 const AFTER_PEAK_S: f64 = 0.008;
 
-/// Oversampling factor of the wave-front search.
+/// Oversampling factor in the wave-front search.
 const FINER: usize = 8;
 
-/// Bins normalised to the free-field level: the head is no obstacle there (188 to 1000 Hz).
+// The head is no obstacle from 188 to 1000 Hz, so these bins have the free-field level.
 const LOW_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 
 /// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
 pub struct MeasuredHead {
     /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
-    table: Vec<[Ear; 2]>,
-    /// Response to diffuse sound, computed on first use.
+    table: Vec<[EarResponse; 2]>,
     pub(super) heard_field: OnceLock<HeardField>,
 }
 
-/// Response of an ear to a wave from a direction.
-#[derive(Clone, Debug, PartialEq)]
-struct Ear {
-    /// The wave front is tap [`HEAD_LEAD`](super::filter::HEAD_LEAD).
-    filter: Filter,
-    /// Delay of the wave front relative to the head centre, seconds.
-    delay_s: f64,
-}
-
 impl MeasuredHead {
-    /// Reads a SOFA file of free-field responses.
+    /// Reads free-field responses from a SOFA file.
     ///
-    /// Delay and shape of a response are separated: the wave front is the best match with the minimum-phase
-    /// version (Nam, Abel and Smith 2008, AES Convention 125, paper 7612). Both are interpolated over
-    /// direction from the four nearest measurements. The mean level from 188 to 1000 Hz is normalised to the
-    /// free field, the mean delay to a sphere.
+    /// Responses are separated into delay and shape, and both are interpolated between the four nearest
+    /// directions. The mean level from 188 to 1000 Hz is normalised to the free field, the mean delay to a
+    /// sphere.
     ///
     /// # Errors
-    /// For other formats, damaged files, and the cases of [`HeadError`].
+    /// If the format differs or the file is damaged; see [`HeadError`].
     pub fn from_sofa(bytes: &[u8]) -> Result<Self, HeadError> {
         // The HDF5 reader can panic on damaged files.
         let read = std::panic::catch_unwind(|| Measurements::read(bytes));
         let measured = read.unwrap_or(Err(HeadError::NoSofa))?;
         let mut analysis = Analysis::new(measured.rate_hz);
         let ears = measured.ears.iter().map(|ears| ears.each_ref().map(|ear| analysis.ear(ear)));
-        let mut ears: Vec<[Ear; 2]> = ears.collect();
+        let mut ears: Vec<[EarResponse; 2]> = ears.collect();
         let power: f64 = analysis.low_power / (2 * ears.len()) as f64;
         if power.is_nan() || power <= 0.0 {
             return Err(HeadError::Silent);
@@ -82,7 +71,7 @@ impl MeasuredHead {
         Ok(Self { table, heard_field: OnceLock::new() })
     }
 
-    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame).
+    /// Returns the left and right ear responses to a wave from `direction` (unit vector, world frame).
     pub(super) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32) -> [EarResponse; 2] {
         let (sin, cos) = angle::sin_cos(heading_rad);
         let ahead = -direction.x * sin - direction.z * cos;
@@ -99,10 +88,7 @@ impl MeasuredHead {
             ((up + 1) * AROUND + next, up_share * around_share),
         ];
         [0, 1].map(|ear| {
-            let ear = weighted_sum(
-                corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))),
-            );
-            EarResponse { filter: ear.filter, delay_s: ear.delay_s }
+            weighted_sum(corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))))
         })
     }
 }
@@ -119,7 +105,7 @@ impl fmt::Debug for MeasuredHead {
     }
 }
 
-/// The cell of `count` at `position`, and the fraction within it.
+/// Index below `count` at `position`, and the fraction beyond it.
 fn cell(position: f32, count: usize) -> (usize, f32) {
     let whole = (position.max(0.0) as usize).min(count - 1);
     (whole, (position - whole as f32).clamp(0.0, 1.0))
@@ -129,12 +115,15 @@ fn cell(position: f32, count: usize) -> (usize, f32) {
 fn node_direction(up: usize, around: usize) -> Vector3<f64> {
     let elevation = (f64::from(STEP_DEG) * up as f64 - 90.0).to_radians();
     let azimuth = (f64::from(STEP_DEG) * around as f64).to_radians();
-    let level = libm::cos(elevation);
-    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
+    unit_vector(azimuth, elevation)
 }
 
-/// Interpolates the ear responses from `direction` between the nearest measurements.
-fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 2]]) -> [Ear; 2] {
+/// Interpolates between the measurements nearest to `direction`.
+fn interpolated(
+    direction: &Vector3<f64>,
+    known: &[Vector3<f64>],
+    ears: &[[EarResponse; 2]],
+) -> [EarResponse; 2] {
     // Half the squared chord, almost half the squared angle. Smaller values count as zero distance.
     const SAME: f64 = 1e-6;
     let mut nearest: Vec<(f64, usize)> =
@@ -151,8 +140,8 @@ fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 
     })
 }
 
-fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
-    let mut sum = Ear { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
+fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a EarResponse, f64)>) -> EarResponse {
+    let mut sum = EarResponse { filter: [0.0; HEAD_TAPS], delay_s: 0.0 };
     for (ear, share) in parts {
         sum.filter.iter_mut().zip(&ear.filter).for_each(|(sum, tap)| *sum += share as f32 * tap);
         sum.delay_s += share * ear.delay_s;
@@ -160,8 +149,8 @@ fn weighted_sum<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
     sum
 }
 
-/// Mean delay of the wave fronts relative to a sphere, seconds.
-fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
+/// Mean wave-front delay relative to a sphere, seconds.
+fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[EarResponse; 2]]) -> f64 {
     let lags = directions.iter().zip(ears).flat_map(|(direction, ears)| {
         // At heading 0, ahead is -Z and left is -X.
         let world = Vector3::new(-direction.y as f32, direction.z as f32, -direction.x as f32);
@@ -171,36 +160,37 @@ fn mean_lag_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
     lags.sum::<f64>() / (2 * ears.len()) as f64
 }
 
-/// Separation of delay and shape.
+/// Separation into delay and shape.
 struct Analysis {
     rate_hz: f64,
-    /// `exp(-j w)` per bin for one sample of the file.
+    /// `exp(-j w)` per bin for one file sample.
     turns: Vec<Complex64>,
     planner: RealFftPlanner<f64>,
-    /// Sum over all responses of their mean power in [`LOW_BINS`].
+    /// Sum over all responses: mean power in [`LOW_BINS`].
     low_power: f64,
 }
 
 impl Analysis {
     fn new(rate_hz: f64) -> Self {
-        let turn = |bin: usize| unit_phasor(-TAU * bin_hz() * bin as f64 / rate_hz);
+        let turn = |bin: usize| unit_phasor(-TAU * DESIGN_BIN_HZ * bin as f64 / rate_hz);
         let turns = (0..=DESIGN_POINTS / 2).map(turn).collect();
         Self { rate_hz, turns, planner: RealFftPlanner::new(), low_power: 0.0 }
     }
 
-    fn ear(&mut self, measured: &EarMeasurement) -> Ear {
+    fn ear(&mut self, measured: &EarMeasurement) -> EarResponse {
         let (first, taps) = around_peak(&measured.taps, self.rate_hz);
         let spectrum: Vec<Complex64> = self.turns.iter().map(|turn| fourier_sum(taps, *turn)).collect();
         let power = spectrum[LOW_BINS].iter().map(Complex64::norm_sqr).sum::<f64>();
         self.low_power += power / LOW_BINS.count() as f64;
         let onset_s = self.onset_s(&spectrum);
-        Ear {
+        EarResponse {
             filter: design_from(&spectrum, onset_s),
             delay_s: onset_s + first as f64 / self.rate_hz + measured.delay_s,
         }
     }
 
-    /// Time of the best match with the minimum-phase version, seconds after the first tap.
+    /// Wave-front time, seconds after the first tap: the best match with the minimum-phase version (Nam, Abel
+    /// and Smith 2008, AES Convention 125, paper 7612).
     fn onset_s(&mut self, spectrum: &[Complex64]) -> f64 {
         let minimum = self.minimum_phase(spectrum);
         let points = FINER * DESIGN_POINTS;
@@ -223,11 +213,11 @@ impl Analysis {
         (whole + shift) / (FINER as f64 * f64::from(SAMPLE_RATE_HZ))
     }
 
-    /// Minimum-phase spectrum with the same magnitude (Oppenheim and Schafer, "Discrete-Time Signal
-    /// Processing", chapter 13).
+    /// Minimum-phase spectrum with equal magnitude (Oppenheim and Schafer, "Discrete-Time Signal Processing",
+    /// chapter 13).
     fn minimum_phase(&mut self, spectrum: &[Complex64]) -> Vec<Complex64> {
-        let (forward, inverse) =
-            (self.planner.plan_fft_forward(DESIGN_POINTS), self.planner.plan_fft_inverse(DESIGN_POINTS));
+        let forward = self.planner.plan_fft_forward(DESIGN_POINTS);
+        let inverse = self.planner.plan_fft_inverse(DESIGN_POINTS);
         let largest = spectrum.iter().map(|value| value.norm_sqr().sqrt()).fold(0.0, f64::max);
         let floor = (largest * 1e-4).max(f64::MIN_POSITIVE);
         let mut logarithm: Vec<Complex64> = spectrum
@@ -239,12 +229,10 @@ impl Analysis {
         debug_assert!(done.is_ok());
         let scale = 1.0 / DESIGN_POINTS as f64;
         for (n, value) in cepstrum.iter_mut().enumerate() {
-            let fold = if n == 0 || n == DESIGN_POINTS / 2 {
-                1.0
-            } else if n < DESIGN_POINTS / 2 {
-                2.0
-            } else {
-                0.0
+            let fold = match n.cmp(&(DESIGN_POINTS / 2)) {
+                Ordering::Less if n > 0 => 2.0,
+                Ordering::Greater => 0.0,
+                _ => 1.0,
             };
             *value *= fold * scale;
         }
@@ -255,11 +243,7 @@ impl Analysis {
     }
 }
 
-fn bin_hz() -> f64 {
-    f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64
-}
-
-/// The taps around the highest one, and the index of the first of them.
+/// Taps around the highest tap, and the first index.
 fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
     let higher = |a: &usize, b: &usize| taps[*a].abs().total_cmp(&taps[*b].abs()).then(b.cmp(a));
     let peak = (0..taps.len()).max_by(higher).unwrap_or(0);
@@ -268,7 +252,7 @@ fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
     (first, &taps[first..end])
 }
 
-/// Fourier sum of `taps` at a frequency of `turn` per tap.
+/// Fourier sum over `taps` at `turn` per tap.
 fn fourier_sum(taps: &[f32], turn: Complex64) -> Complex64 {
     taps.iter().rev().fold(Complex64::default(), |sum, tap| sum * turn + f64::from(*tap))
 }

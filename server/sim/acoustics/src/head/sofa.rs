@@ -4,43 +4,35 @@ use avln_geom::Vector3;
 use sofar::hdf::{self, DataObject, ParsedHdf};
 use std::ops::RangeInclusive;
 
-/// Permitted number of directions.
 const DIRECTIONS: RangeInclusive<usize> = 2..=50_000;
-
-/// Permitted taps of a response.
 const TAPS: RangeInclusive<usize> = 8..=16_384;
 
-/// Permitted sample rates, hertz: the whole audible range must be in the file.
+/// Permitted sample rates, hertz: the file must cover the whole audible range.
 const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
 /// Longest separate delay, seconds.
 const MAX_DELAY_S: f64 = 0.1;
 
-/// Errors of a head file.
+/// Head file errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadError {
     /// A different format, or a damaged file.
-    #[error(
-        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
+    #[error("it is damaged or no SOFA file; choose a SimpleFreeFieldHRIR file")]
     NoSofa,
-    /// A table is missing.
-    #[error(
-        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
-    )]
+    /// A missing table.
+    #[error("table {0} is missing; choose a SimpleFreeFieldHRIR file")]
     Missing(&'static str),
-    /// A table has the wrong shape.
-    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
+    /// A table with the wrong shape.
+    #[error("{0} has {1}; 2 ears, 2 to 50000 directions (M x 3) and 8 to 16384 taps are supported")]
     Shape(&'static str, String),
-    /// The sample rate is out of range.
-    #[error("{0} samples a second: 16000 to 400000 are read")]
+    /// Sample rate out of range, hertz.
+    #[error("its sample rate is {0} Hz; 16000 to 400000 Hz are supported")]
     Rate(f64),
-    /// The responses are silent.
-    #[error("both ears are silent: name a file of head-related impulse responses")]
+    /// Silent responses.
+    #[error("both ears are silent; choose a SimpleFreeFieldHRIR file")]
     Silent,
 }
 
-/// Content of a file.
 pub(super) struct Measurements {
     pub(super) rate_hz: f64,
     /// Unit vectors to the source: x ahead, y left, z up.
@@ -49,14 +41,13 @@ pub(super) struct Measurements {
     pub(super) ears: Vec<[EarMeasurement; 2]>,
 }
 
-/// Response of an ear to a pulse.
 pub(super) struct EarMeasurement {
     pub(super) taps: Vec<f32>,
     /// Delay before the first tap, seconds.
     pub(super) delay_s: f64,
 }
 
-/// A table of a file, row by row.
+/// A file table, row by row.
 struct Table {
     values: Vec<f64>,
     sizes: Vec<usize>,
@@ -67,8 +58,7 @@ struct Table {
 impl Measurements {
     pub(super) fn read(bytes: &[u8]) -> Result<Self, HeadError> {
         let file = hdf::parse_with_children(bytes).map_err(|_| HeadError::NoSofa)?;
-        let says = |name: &str, value: &str| attribute(&file.root, name).as_deref() == Some(value);
-        if !says("Conventions", "SOFA") {
+        if attribute(&file.root, "Conventions").as_deref() != Some("SOFA") {
             return Err(HeadError::NoSofa);
         }
         let responses = Table::of(&file, "Data.IR")?;
@@ -85,9 +75,12 @@ impl Measurements {
         let directions = directions(&Table::of(&file, "SourcePosition")?, count)?;
         let delays = delays_s(&file, count, rate_hz)?;
         let left = left_ear(&file)?;
-        let ear = |direction: usize, ear: usize| EarMeasurement {
-            taps: responses.row(2 * direction + ear, taps).iter().map(|tap| *tap as f32).collect(),
-            delay_s: delays[direction][ear],
+        let ear = |direction: usize, ear: usize| {
+            let row = &responses.values[(2 * direction + ear) * taps..][..taps];
+            EarMeasurement {
+                taps: row.iter().map(|tap| *tap as f32).collect(),
+                delay_s: delays[direction][ear],
+            }
         };
         let both = (0..count).map(|direction| [ear(direction, left), ear(direction, 1 - left)]);
         check_view(&file)?;
@@ -110,36 +103,34 @@ impl Table {
         Ok(Self { values, sizes, kind: attribute(&object, "Type") })
     }
 
-    fn row(&self, index: usize, length: usize) -> &[f64] {
-        &self.values[index * length..(index + 1) * length]
-    }
-
     /// Position in row `index`, metres.
     fn place(&self, index: usize) -> Vector3<f64> {
         let [a, b, c] = [0, 1, 2].map(|axis| self.values[3 * index + axis]);
         if self.kind.as_deref() != Some("spherical") {
             return Vector3::new(a, b, c);
         }
-        let (azimuth, elevation) = (a.to_radians(), b.to_radians());
-        let level = libm::cos(elevation);
-        Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation)) * c
+        unit_vector(a.to_radians(), b.to_radians()) * c
     }
 }
 
-/// The text of an attribute.
+/// Unit vector: x ahead, y left, z up.
+pub(super) fn unit_vector(azimuth_rad: f64, elevation_rad: f64) -> Vector3<f64> {
+    let level = libm::cos(elevation_rad);
+    Vector3::new(level * libm::cos(azimuth_rad), level * libm::sin(azimuth_rad), libm::sin(elevation_rad))
+}
+
 fn attribute(object: &DataObject, name: &str) -> Option<String> {
     let found = object.parsed_attributes.iter().find(|attribute| attribute.name == name)?;
     Some(found.value.as_deref()?.trim_matches(['\0', ' ']).to_owned())
 }
 
-/// Numbers of an object; `None` for other objects.
+/// Returns floats; `None` for other types.
 fn numbers(object: &DataObject) -> Option<Vec<f64>> {
     const FLOAT: u8 = 1;
+    let data = &object.data;
     match (object.dt.class_and_version & 0x0f, object.dt.size) {
-        (FLOAT, 4) => {
-            Some(object.data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect())
-        }
-        (FLOAT, 8) => Some(object.data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
+        (FLOAT, 4) => Some(data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()),
+        (FLOAT, 8) => Some(data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
         _ => None,
     }
 }
@@ -156,7 +147,7 @@ fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadErr
     (0..count).map(unit).collect()
 }
 
-/// Per direction: delays of both ears, in file order.
+/// Per direction: delays at both ears, in file order.
 fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
     let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
     let most = MAX_DELAY_S * rate_hz;
@@ -173,7 +164,7 @@ fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64
     }
 }
 
-/// Index of the left ear among the receivers.
+/// Receiver index for the left ear.
 fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
     let Ok(receivers) = Table::of(file, "ReceiverPosition") else { return Ok(0) };
     if receivers.values.len() < 6 {
@@ -185,13 +176,8 @@ fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
 /// Rejects heads that do not face the x axis.
 fn check_view(file: &ParsedHdf<'_>) -> Result<(), HeadError> {
     let Ok(view) = Table::of(file, "ListenerView") else { return Ok(()) };
-    let ahead = view.values.len() >= 3 && {
-        let seen = view.place(0);
-        seen.x > 0.99 * seen.norm()
-    };
-    if ahead {
-        Ok(())
-    } else {
-        Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
+    if view.values.len() >= 3 && view.place(0).x > 0.99 * view.place(0).norm() {
+        return Ok(());
     }
+    Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
 }

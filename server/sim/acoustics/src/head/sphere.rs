@@ -1,30 +1,26 @@
-//! Sound pressure on a rigid sphere, from the series of Duda and Martens (1998), "Range dependence of the
-//! response of a spherical head model", J. Acoust. Soc. Am. 104, in the time convention exp(+j w t).
+//! Head filters for a rigid sphere.
+//!
+//! Source: Duda and Martens (1998), "Range dependence of the response of a spherical head model", J. Acoust.
+//! Soc. Am. 104, in the time convention exp(+j w t).
 
-use super::filter::{DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use crate::SPEED_OF_SOUND_M_S;
 use crate::transform::unit_phasor;
-use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::OnceLock;
 
-/// Azimuth of the ears of the sphere, degrees from straight ahead.
+/// Ear azimuth, degrees from straight ahead.
 const EAR_AZIMUTH_DEG: f32 = 100.0;
 
-/// Inverse ranges of the table, per metre: 0.25, 0.5, 1, 2, 4 metres and a plane wave.
+/// Table ranges, per metre: 0.25, 0.5, 1, 2, 4 metres and a plane wave.
 const INVERSE_RANGES: [f32; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.0];
 
-/// Angles of incidence of the table: 0 to 180 degrees, one degree apart.
+/// Table angles: 0 to 180 degrees, one degree apart.
 const ANGLES: usize = 181;
 
-/// Filters of an ear on a rigid sphere for every incidence and range, aligned on the wave front.
-pub(crate) struct SphereTable {
-    /// `INVERSE_RANGES × ANGLES`, row by row.
-    filters: Vec<Filter>,
-}
-
-/// Unit vectors out of the left and the right ear of the sphere, world frame.
+/// Unit vectors out of the left and the right ear, world frame.
 pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     let (sin, cos) = angle::sin_cos(heading_rad);
     let (forward, left) = (Vector3::new(-sin, 0.0, -cos), Vector3::new(-cos, 0.0, sin));
@@ -32,42 +28,32 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
-/// The table, computed on first use.
-pub(crate) fn sphere_table() -> &'static SphereTable {
-    static TABLE: OnceLock<SphereTable> = OnceLock::new();
-    TABLE.get_or_init(SphereTable::new)
+/// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
+pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
+    /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
+    static FILTERS: OnceLock<Vec<Filter>> = OnceLock::new();
+    let design = |inverse: &f32| design_range(1.0 / f64::from(*inverse));
+    let filters = FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect());
+    let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+    let (row, row_weight) = range_position(range_m);
+    let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
+    let column = (degrees as usize).min(ANGLES - 2);
+    let column_weight = degrees - column as f32;
+    let corners = [
+        (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
+        (row, column + 1, (1.0 - row_weight) * column_weight),
+        (row + 1, column, row_weight * (1.0 - column_weight)),
+        (row + 1, column + 1, row_weight * column_weight),
+    ];
+    let mut filter = [0.0; HEAD_TAPS];
+    for (row, column, weight) in corners {
+        let known = &filters[row * ANGLES + column];
+        filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
+    }
+    EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
 }
 
-impl SphereTable {
-    fn new() -> Self {
-        let filters = INVERSE_RANGES.iter().flat_map(|inverse| design_range(1.0 / f64::from(*inverse)));
-        Self { filters: filters.collect() }
-    }
-
-    /// Response to a source at `range_m` (at least 0.1) at the given cosine to the ear axis. Relative to the
-    /// free field at the head centre.
-    pub(crate) fn ear(&self, cos_incidence: f32, range_m: f32) -> EarResponse {
-        let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
-        let (row, row_weight) = range_position(range_m);
-        let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
-        let column = (degrees as usize).min(ANGLES - 2);
-        let column_weight = degrees - column as f32;
-        let corners = [
-            (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
-            (row, column + 1, (1.0 - row_weight) * column_weight),
-            (row + 1, column, row_weight * (1.0 - column_weight)),
-            (row + 1, column + 1, row_weight * column_weight),
-        ];
-        let mut filter = [0.0; HEAD_TAPS];
-        for (row, column, weight) in corners {
-            let known = &self.filters[row * ANGLES + column];
-            filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
-        }
-        EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
-    }
-}
-
-/// The table row just beyond `range_m` on the near side, and the weight of the next row.
+/// The table row on the near side, and the next row's weight.
 fn range_position(range_m: f32) -> (usize, f32) {
     let inverse = (1.0 / range_m).clamp(0.0, INVERSE_RANGES[0]);
     let row = (0..INVERSE_RANGES.len() - 2).find(|row| inverse >= INVERSE_RANGES[row + 1]);
@@ -75,11 +61,9 @@ fn range_position(range_m: f32) -> (usize, f32) {
     (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
 }
 
-/// The filters of all angles at one range.
 fn design_range(range_m: f64) -> Vec<Filter> {
-    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
-        .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
+        .map(|bin| SphereResponse::new((bin as f64 * DESIGN_BIN_HZ).max(20.0), range_m))
         .collect();
     let at_angle = |degrees: usize| {
         let cos_incidence = libm::cos((degrees as f64).to_radians());
@@ -89,27 +73,25 @@ fn design_range(range_m: f64) -> Vec<Filter> {
     (0..ANGLES).map(at_angle).collect()
 }
 
-/// Radius of the head, metres.
 pub(crate) const HEAD_RADIUS_M: f64 = 0.0875;
 
-/// Terms of the series: the last one is below 1e-15 for ka < 13 and ranges from 0.25 m.
+// The last series term is below 1e-15 for ka < 13 and ranges from 0.25 m.
 const ORDERS: usize = 46;
 
-/// The sphere response at a frequency and range for any angle of incidence.
+/// Pressure on the sphere at a frequency and range.
 pub(crate) struct SphereResponse {
-    /// Coefficient of each Legendre polynomial.
+    /// A coefficient per Legendre polynomial.
     coefficients: [Complex64; ORDERS],
 }
 
 impl SphereResponse {
-    /// The response at `frequency_hz` (20 to 8000) to a point source at `range_m` from the centre, or to a
-    /// plane wave when `range_m` is infinite.
+    /// Expands the field at `frequency_hz` (20 to 8000) for a source at `range_m`; infinite for a plane wave.
     pub(crate) fn new(frequency_hz: f64, range_m: f64) -> Self {
         let wave_number = TAU * frequency_hz / f64::from(SPEED_OF_SOUND_M_S);
         let ka = wave_number * HEAD_RADIUS_M;
         let surface_slopes = hankel_slopes(ka);
         let incident = incident_terms(wave_number, range_m);
-        // Both Hankel lists lack their factor exp(-j x); the one of the range cancels against the free field.
+        // Both Hankel lists lack the factor exp(-j x); for the range it cancels against the free field.
         let scale = -unit_phasor(ka);
         let coefficients = std::array::from_fn(|order| {
             let weight = (2 * order + 1) as f64;
@@ -118,8 +100,7 @@ impl SphereResponse {
         Self { coefficients }
     }
 
-    /// Pressure at a surface point by the cosine of the angle between its radius and the source direction;
-    /// relative to the free-field pressure at the centre, including phase.
+    /// Pressure by the cosine between surface point and source direction, relative to the free field.
     pub(crate) fn pressure(&self, cos_incidence: f64) -> Complex64 {
         let (mut previous, mut current) = (1.0, cos_incidence);
         let mut sum = self.coefficients[0];
@@ -133,7 +114,7 @@ impl SphereResponse {
     }
 }
 
-/// `h_m(k r) r / (k a^2)` without the factor exp(-j k r), for every order; its limit for a plane wave.
+/// `h_m(k r) r / (k a^2)` without the factor exp(-j k r), for every order, or the plane wave limit.
 fn incident_terms(wave_number: f64, range_m: f64) -> [Complex64; ORDERS] {
     let a = HEAD_RADIUS_M;
     if range_m.is_infinite() {
@@ -148,7 +129,7 @@ fn power_of_j(exponent: usize) -> Complex64 {
     [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)].map(|(re, im)| Complex64::new(re, im))[exponent % 4]
 }
 
-/// Spherical Hankel functions of the second kind without their factor exp(-j x), by upward recurrence.
+/// Spherical Hankel functions, second kind, without the factor exp(-j x), by upward recurrence.
 fn scaled_hankel(x: f64) -> [Complex64; ORDERS + 1] {
     let mut hankel = [Complex64::default(); ORDERS + 1];
     hankel[0] = Complex64::new(0.0, 1.0 / x);
@@ -159,7 +140,7 @@ fn scaled_hankel(x: f64) -> [Complex64; ORDERS + 1] {
     hankel
 }
 
-/// Derivatives of [`scaled_hankel`]'s functions, without the same factor.
+/// Derivatives of the same functions, without the same factor.
 fn hankel_slopes(x: f64) -> [Complex64; ORDERS] {
     let hankel = scaled_hankel(x);
     std::array::from_fn(|order| match order {
@@ -168,10 +149,8 @@ fn hankel_slopes(x: f64) -> [Complex64; ORDERS] {
     })
 }
 
-/// Delay of the wave front at the surface point, seconds after the free-field centre: straight if the source
-/// is visible, otherwise tangential and around the sphere (Woodworth's geometry).
-///
-/// `range_m` must exceed the radius, and may be infinite.
+/// Wave-front delay at a surface point relative to the free-field centre, seconds: straight if the source is
+/// visible, otherwise around the sphere (Woodworth). `range_m` must exceed the radius, and may be infinite.
 pub(crate) fn onset_delay_s(cos_incidence: f64, range_m: f64) -> f64 {
     let a = HEAD_RADIUS_M;
     let speed = f64::from(SPEED_OF_SOUND_M_S);
@@ -194,20 +173,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sphere_much_smaller_than_the_wave_is_not_there() {
+    fn small_spheres_do_not_affect_long_waves() {
         let response = SphereResponse::new(20.0, f64::INFINITY);
         assert!((response.pressure(0.3).norm() - 1.0).abs() < 1e-3);
     }
 
     #[test]
-    fn high_frequencies_double_in_front_and_stay_up_in_the_bright_spot_behind() {
+    fn high_frequencies_double_in_front_and_brighten_behind() {
         let response = SphereResponse::new(8000.0, f64::INFINITY);
         assert!((response.pressure(1.0).norm() - 2.0).abs() < 0.1, "{}", response.pressure(1.0).norm());
         assert!(response.pressure(-1.0).norm() > 2.0 * response.pressure(-0.8).norm());
     }
 
     #[test]
-    fn a_far_point_source_is_a_plane_wave() {
+    fn distant_point_sources_equal_plane_waves() {
         for frequency_hz in [100.0, 1000.0, 6000.0] {
             let (far, plane) =
                 (SphereResponse::new(frequency_hz, 500.0), SphereResponse::new(frequency_hz, f64::INFINITY));
@@ -227,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_reaches_the_near_point_first_and_is_continuous_at_the_tangent() {
+    fn onset_delay_is_continuous_at_the_tangent() {
         assert!((onset_delay_s(1.0, f64::INFINITY) + HEAD_RADIUS_M / 343.0).abs() < 1e-9);
         assert!((onset_delay_s(1.0, 1.0) + HEAD_RADIUS_M / 343.0).abs() < 1e-9);
         let tangent = HEAD_RADIUS_M / 0.5;

@@ -1,47 +1,41 @@
-//! Cells of open air that collect late energy. No cell crosses a wall.
+//! Air cells that collect late energy. No cell crosses a wall.
 
 use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
-/// Edge of a block in voxels, and its limit.
+/// Smallest and largest block edge, voxels.
 const BLOCK: usize = 3;
 const MAX_BLOCK: usize = 24;
 
-/// Largest memory of the energy of a source, bytes.
+/// Memory limit per source, bytes.
 const MAX_BYTES: usize = 6 << 20;
-
-/// No cell.
 pub(super) const NO_CELL: u32 = u32::MAX;
 
-/// Blocks of air, divided at blocked voxel steps.
-///
-/// Blocks are twice as high as wide. Voxels near surfaces belong to no cell, so that the cell volume is exact
-/// and no energy is counted on the wrong side of a wall.
+/// Air blocks, divided at blocked voxel steps; twice as high as wide.
 pub(crate) struct Cells {
-    /// Per air voxel: its cell, or [`NO_CELL`].
-    cell_of: Vec<u32>,
+    /// Cell per air voxel, [`NO_CELL`] near surfaces.
+    pub(super) cell_of: Vec<u32>,
     cells: Vec<Cell>,
     /// Voxels per block in x, y, z.
     block: [usize; 3],
-    /// Blocks in x, y, z.
     blocks: [usize; 3],
-    /// Per block: its first cell; with a final sentinel.
-    first_in_block: Vec<u32>,
+    /// First cell per block, with a final sentinel.
+    first_of: Vec<u32>,
 }
 
-/// A connected add_block of a block.
+/// A connected part of a block.
 struct Cell {
-    /// The voxel nearest to the centre.
+    /// Voxel nearest to the centre.
     middle: u32,
     voxels: u32,
 }
 
 impl Cells {
-    /// Divides the air, with the energy for responses of `response_s` seconds within [`MAX_BYTES`].
+    /// Divides the air into cells. Energy for responses with `response_s` seconds then fits [`MAX_BYTES`].
     pub(crate) fn new(air: &Air, response_s: f32) -> Self {
         let most = MAX_BYTES / (slices::count(response_s).max(1) * CHANNELS * size_of::<u16>());
-        let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
+        let whole: Vec<bool> = (0..air.grid.len()).map(|voxel| is_whole(air, voxel)).collect();
         let mut edge = BLOCK;
         loop {
             let cells = Self::with_blocks(air, &whole, [edge, 2 * edge, edge]);
@@ -53,23 +47,17 @@ impl Cells {
     }
 
     fn with_blocks(air: &Air, whole: &[bool], block: [usize; 3]) -> Self {
-        let size = air.grid().size;
+        let size = air.grid.size;
         let blocks = [0, 1, 2].map(|axis| size[axis].div_ceil(block[axis]));
-        let mut cells = Self {
-            cell_of: vec![NO_CELL; whole.len()],
-            cells: Vec::new(),
-            block,
-            blocks,
-            first_in_block: vec![0],
-        };
+        let mut cells =
+            Self { cell_of: vec![NO_CELL; whole.len()], cells: Vec::new(), block, blocks, first_of: vec![0] };
         for index in 0..blocks.iter().product() {
             cells.add_block(air, whole, index);
-            cells.first_in_block.push(cells.cells.len() as u32);
+            cells.first_of.push(cells.cells.len() as u32);
         }
         cells
     }
 
-    /// Creates the cells of a block.
     fn add_block(&mut self, air: &Air, whole: &[bool], index: usize) {
         for voxel in self.voxels(air, index) {
             if whole[voxel] && self.cell_of[voxel] == NO_CELL {
@@ -80,7 +68,7 @@ impl Cells {
         }
     }
 
-    /// Returns the voxels of a block connected to `seed`; they become the next cell.
+    /// Returns the block's voxels connected to `seed`; they become the next cell.
     fn flood(&mut self, air: &Air, whole: &[bool], index: usize, seed: usize) -> Vec<usize> {
         let cell = self.cells.len() as u32;
         self.cell_of[seed] = cell;
@@ -89,7 +77,7 @@ impl Cells {
         while let Some(&voxel) = members.get(next) {
             next += 1;
             for neighbour in air.neighbours(voxel) {
-                let inside = whole[neighbour] && self.block_of(air.grid().cell(neighbour)) == index;
+                let inside = whole[neighbour] && self.block_of(air.grid.cell(neighbour)) == index;
                 if inside && self.cell_of[neighbour] == NO_CELL {
                     self.cell_of[neighbour] = cell;
                     members.push(neighbour);
@@ -104,10 +92,10 @@ impl Cells {
         let place = [index % across, index / across % up, index / (across * up)];
         let range = |axis: usize| {
             let first = place[axis] * self.block[axis];
-            first..(first + self.block[axis]).min(air.grid().size[axis])
+            first..(first + self.block[axis]).min(air.grid.size[axis])
         };
         let rows = range(2).flat_map(|z| range(1).map(move |y| (y, z)));
-        rows.flat_map(|(y, z)| range(0).map(move |x| air.grid().index([x, y, z]))).collect()
+        rows.flat_map(|(y, z)| range(0).map(move |x| air.grid.index([x, y, z]))).collect()
     }
 
     fn block_of(&self, voxel: [usize; 3]) -> usize {
@@ -115,31 +103,23 @@ impl Cells {
         (z * self.blocks[1] + y) * self.blocks[0] + x
     }
 
-    /// Number of cells.
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.cell_of.as_slice())
             + size_of_val(self.cells.as_slice())
-            + size_of_val(self.first_in_block.as_slice())
+            + size_of_val(self.first_of.as_slice())
     }
 
-    /// The cell of an air voxel; [`NO_CELL`] near surfaces.
-    pub(super) fn of_voxel(&self, voxel: usize) -> u32 {
-        self.cell_of[voxel]
-    }
-
-    /// Volume of a cell, cubic metres.
     pub(super) fn volume_m3(&self, air: &Air, cell: usize) -> f32 {
-        let edge_m = air.grid().cell_m;
+        let edge_m = air.grid.cell_m;
         self.cells[cell].voxels as f32 * (edge_m * edge_m * edge_m)
     }
 
-    /// Returns cells around `point` with weights of sum 1: the visible ones of the eight adjacent blocks;
-    /// otherwise the cell of the nearest visible voxel; empty if no air is near.
+    /// Returns cells around `point` with weights that add up to 1: the visible cells in the eight adjacent
+    /// blocks, otherwise the cell at the nearest visible voxel; empty without air nearby.
     pub(super) fn around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
         let mut around = self.in_sight(air, point);
         if around.is_empty() {
@@ -153,10 +133,10 @@ impl Cells {
     fn in_sight(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
         let mut found = Vec::with_capacity(8);
         for (block, weight) in self.blocks_around(air, point) {
-            for cell in self.first_in_block[block]..self.first_in_block[block + 1] {
+            for cell in self.first_of[block]..self.first_of[block + 1] {
                 let Cell { middle, voxels } = self.cells[cell as usize];
                 let weight = weight * voxels as f32;
-                if weight > 0.0 && air.rays().is_clear(point, &air.grid().center(middle as usize)) {
+                if weight > 0.0 && air.rays.is_clear(point, &air.grid.center(middle as usize)) {
                     found.push((cell as usize, weight));
                 }
             }
@@ -166,7 +146,7 @@ impl Cells {
 
     /// The eight blocks around `point`, with trilinear weights.
     fn blocks_around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
-        let grid = air.grid();
+        let grid = &air.grid;
         let corner = grid.first_center - Vector3::from_element(0.5 * grid.cell_m);
         let place = [0, 1, 2]
             .map(|axis| (point[axis] - corner[axis]) / (grid.cell_m * self.block[axis] as f32) - 0.5);
@@ -189,11 +169,11 @@ impl Cells {
         found
     }
 
-    /// The cell of the nearest voxel with a cell, behind as few surfaces as possible.
+    /// The nearest cell, behind as few surfaces as possible.
     fn nearest(&self, air: &Air, point: &Point3<f32>) -> Option<usize> {
         const FAR_M: f32 = 2.0;
         let start = air.visible_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
-        if (air.grid().center(start) - point).norm() > FAR_M {
+        if (air.grid.center(start) - point).norm() > FAR_M {
             return None;
         }
         let mut seen = vec![start];
@@ -215,24 +195,24 @@ impl Cells {
     }
 }
 
-/// Returns true if no surface cuts the axes of a voxel of room air.
+/// Returns true if no surface cuts the axes of a room voxel.
 fn is_whole(air: &Air, voxel: usize) -> bool {
-    if !air.in_room(voxel) {
+    // Other voxels belong to no cell: cell volumes are exact, and no energy counts behind a wall.
+    if !air.in_room[voxel] {
         return false;
     }
     if air.neighbours(voxel).count() == 6 {
         return true;
     }
-    let (center, half_m) = (air.grid().center(voxel), 0.5 * air.grid().cell_m);
+    let (center, half_m) = (air.grid.center(voxel), 0.5 * air.grid.cell_m);
     [Vector3::x(), Vector3::y(), Vector3::z()]
         .iter()
-        .all(|axis| air.rays().is_clear(&(center - axis * half_m), &(center + axis * half_m)))
+        .all(|axis| air.rays.is_clear(&(center - axis * half_m), &(center + axis * half_m)))
 }
 
-/// The member nearest to the mean of `members`.
 fn nearest_to_mean(air: &Air, members: &[usize]) -> usize {
-    let sum: Vector3<f32> = members.iter().map(|voxel| air.grid().center(*voxel).coords).sum();
+    let sum: Vector3<f32> = members.iter().map(|voxel| air.grid.center(*voxel).coords).sum();
     let mean = Point3::from(sum / members.len() as f32);
-    let distance = |voxel: usize| (air.grid().center(voxel) - mean).norm_squared();
+    let distance = |voxel: usize| (air.grid.center(voxel) - mean).norm_squared();
     members.iter().copied().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(members[0])
 }

@@ -10,24 +10,23 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-/// Number of averaged directions.
 const DIRECTIONS: usize = 256;
 
-/// Number of frequencies: multiples of 125 Hz up to half the sample rate.
+/// Frequencies: multiples of 125 Hz up to half the sample rate.
 const FREQUENCIES: usize = 65;
 
-/// Roll-off frequency of the filters, hertz.
+/// Filter roll-off, hertz.
 const MAX_PROBED_HZ: f64 = 6000.0;
 
-/// The response of a head to late energy.
+/// A head's response to late energy.
 pub(crate) struct HeardField {
     pub(super) noise: Noise,
-    /// Energy at an ear for diffuse sound, relative to the free field, by band.
+    /// Energy at an ear relative to the free field, by band.
     energy: [f32; BANDS],
 }
 
 impl HeardField {
-    /// Averages over all directions. `ears` returns the responses to a wave from a direction.
+    /// Averages `ears`, the responses to a wave by direction, over all directions.
     pub(crate) fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
         let known = diffuse_field(&ears);
         let noise = Noise::new(|frequency_hz| between(&known, frequency_hz));
@@ -41,7 +40,7 @@ impl HeardField {
         Self { noise, energy }
     }
 
-    /// Energy of `response` relative to diffuse sound, by band.
+    /// Energy by band, relative to diffuse sound.
     pub(super) fn tilt(&self, response: &EarResponse) -> [f32; BANDS] {
         let heard = band_energies(response);
         std::array::from_fn(
@@ -50,10 +49,9 @@ impl HeardField {
     }
 }
 
-/// Probe frequencies of a band, octaves from the centre.
+/// Probe frequencies per band, octaves from the centre.
 const PROBES_OCTAVES: [f64; 3] = [-0.33, 0.0, 0.33];
 
-/// Energy of an ear filter by band.
 fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
     static WAVES: OnceLock<Vec<[[f32; 2]; HEAD_TAPS]>> = OnceLock::new();
     let waves = WAVES.get_or_init(probe_waves);
@@ -71,7 +69,7 @@ fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
     })
 }
 
-/// Cosine and sine of every probe at every tap.
+/// Cosine and sine per probe and tap.
 fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
     let frequencies = BAND_HZ.iter().flat_map(|center| {
         PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MAX_PROBED_HZ))
@@ -100,7 +98,6 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
     energy.into_iter().zip(likeness).map(mean).collect()
 }
 
-/// Response of an ear at the frequencies, including the delay.
 fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     const TURN: usize = 2 * (FREQUENCIES - 1);
     let step_hz = f64::from(SAMPLE_RATE_HZ) / TURN as f64;
@@ -127,7 +124,7 @@ mod tests {
     use crate::head::filter::FAR_M;
 
     #[test]
-    fn a_wave_from_the_left_is_louder_at_the_left_ear() {
+    fn left_waves_are_louder_at_the_left_ear() {
         let field = Head::Sphere.heard_field();
         let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
         let [left, right] = ears.map(|ear| field.tilt(&ear));
@@ -139,14 +136,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_hears_lows_alike_and_highs_apart() {
+    fn sphere_ears_are_coherent_only_at_low_frequencies() {
         let known = diffuse_field(&|direction: &Vector3<f32>| Head::Sphere.ears(direction, 0.0, FAR_M));
         let at = |frequency_hz| between(&known, frequency_hz);
         assert!(at(125.0).coherence > 0.9, "{:?}", at(125.0));
         for frequency_hz in [1500.0, 2000.0, 4000.0, 6000.0] {
             assert!(at(frequency_hz).coherence.abs() < 0.3, "{:?} at {frequency_hz} Hz", at(frequency_hz));
         }
-        // Long waves pass the head unchanged; short waves hit half of the surface at twice the pressure.
+        // Long waves pass the head unchanged; short waves hit half the surface at twice the pressure.
         assert!((at(125.0).energy - 1.0).abs() < 0.1, "{:?}", at(125.0));
         assert!((1.0..2.5).contains(&at(4000.0).energy), "{:?}", at(4000.0));
     }

@@ -1,5 +1,4 @@
-//! Time slices of late energy with increasing width: 5 ms up to 80 ms, 10 ms up to 240 ms, 20 ms up to
-//! 560 ms, and so on.
+//! Time slices for late energy: 5 ms up to 80 ms, 10 ms up to 240 ms, 20 ms up to 560 ms, and so on.
 
 use crate::bands::BANDS;
 use crate::surfaces::SURFACE_BANDS;
@@ -9,25 +8,24 @@ use avln_geom::Vector3;
 /// Counters per cell and time slice: energy per band, and the flux in x, y, z.
 pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
 
-/// The shortest slice, seconds.
+/// Shortest slice, seconds.
 const FIRST_S: f32 = 0.005;
 
 /// Slices per width.
 const OF_A_WIDTH: u32 = 16;
 
-/// Returns the slice of a wave with path length `length_m` (0 to 1e6).
+/// Returns the slice for path length `length_m` (0 to 1e6).
 pub(super) fn slice_of(length_m: f32) -> usize {
     let slot = (length_m * (1.0 / (SPEED_OF_SOUND_M_S * FIRST_S))) as u32 + OF_A_WIDTH;
     let doubling = (slot / OF_A_WIDTH).ilog2();
     (doubling * OF_A_WIDTH + (slot >> doubling) - OF_A_WIDTH) as usize
 }
 
-/// Width of the slice for a path length `length_m`, relative to the first slice, as a power of two.
+/// Slice width at `length_m` relative to the first slice, as a power of two.
 pub(super) fn doublings(length_m: f32) -> u32 {
     slice_of(length_m) as u32 / OF_A_WIDTH
 }
 
-/// Start of slice `bin`, seconds.
 pub(super) fn start_s(bin: usize) -> f32 {
     let (doubling, place) = (bin as u32 / OF_A_WIDTH, bin as u32 % OF_A_WIDTH);
     (((OF_A_WIDTH + place) << doubling) - OF_A_WIDTH) as f32 * FIRST_S
@@ -38,19 +36,18 @@ pub(super) fn count(duration_s: f32) -> usize {
     (0..).take_while(|bin| start_s(*bin) < duration_s).count()
 }
 
-/// Late energy at a position. The direct wave at 1 m has energy 1.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Echo {
-    /// Time slices from the emission.
-    pub(crate) slices: Vec<Slice>,
-}
-
-/// Energy of a time slice.
+/// Late energy in a time slice at a position. The direct wave at 1 m has energy 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slice {
     pub(crate) energy: [f32; BANDS],
     /// Energy flow direction; 0 if isotropic, length 1 if unidirectional.
     pub(crate) flow: Vector3<f32>,
+}
+
+impl Slice {
+    pub(super) fn total(&self) -> f32 {
+        self.energy.iter().sum()
+    }
 }
 
 /// Samples with linearly interpolated gains.
@@ -59,19 +56,15 @@ pub(super) const BLOCK: usize = 16;
 /// Energy per second by band; the direct wave at 1 m has energy 1.
 pub(super) type Density = [f32; BANDS];
 
-/// Start, end and slice weights of late sound.
-///
-/// Energy is constant before the first centre and after the last. Both lines of a slice contain its whole
-/// energy, also if the sound starts inside the slice.
+/// Energy over time, linear between slice centres, constant before the first and after the last.
 pub(super) struct Envelope {
-    /// First sample of the sound.
     pub(super) start: usize,
     blocks: usize,
-    /// Per slice: its centre, seconds.
+    /// Centre per slice, seconds.
     middles_s: Vec<f32>,
-    /// Per block: its start.
+    /// Start per block.
     places: Vec<SlicePosition>,
-    /// Per slice: seconds under its two lines.
+    /// Seconds under the two lines of a slice.
     weight_s: Vec<f32>,
 }
 
@@ -90,8 +83,7 @@ impl Envelope {
         Self { start, blocks, middles_s, places, weight_s }
     }
 
-    /// Moves energy before the start of the sound into the first slice after it: cells have an extent, so
-    /// their energy can be early.
+    // Cells have an extent, so energy can come before the first sound; the first audible slice takes it.
     pub(super) fn gathered(&self, slices: &[Slice]) -> Vec<Slice> {
         let mut early = [0.0; BANDS];
         let gather = |(slice, weight_s): (&Slice, &f32)| {
@@ -108,7 +100,7 @@ impl Envelope {
         slice.energy.map(|energy| if energy > 0.0 { energy / self.weight_s[index] } else { 0.0 })
     }
 
-    /// Gain of each band at the start of a block, or at the end of the last one.
+    /// Band gains at the start of a block, or at the last end.
     pub(super) fn gains(&self, densities: &[Density], block: usize) -> [f32; BANDS] {
         let SlicePosition { slice, share } = self.places[block];
         let next = &densities[(slice + 1).min(densities.len() - 1)];
@@ -118,14 +110,12 @@ impl Envelope {
         })
     }
 
-    /// Number of blocks before slice `index`, limited to the total.
     pub(super) fn blocks_until(&self, index: usize) -> usize {
         let sample = (start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
         (sample.saturating_sub(self.start) / BLOCK + 1).min(self.blocks)
     }
 
-    /// Sample range between the centres of the slices before and after `index`, limited by the start of the
-    /// sound.
+    /// Sample range between the neighbouring slice centres, limited by start and end.
     pub(super) fn samples_of(&self, index: usize) -> std::ops::Range<usize> {
         let sample = |time_s: f32| (time_s * SAMPLE_RATE_HZ as f32) as usize;
         let from = if index == 0 { 0 } else { sample(self.middles_s[index - 1]) };
@@ -144,20 +134,17 @@ impl Envelope {
     }
 }
 
-/// A position between two centres.
 struct SlicePosition {
-    /// The earlier slice.
     slice: usize,
     /// Fraction towards the later slice, 0 to 1.
     share: f32,
 }
 
-/// Centre of a slice, seconds.
 pub(super) fn middle_s(slice: usize) -> f32 {
     0.5 * (start_s(slice) + start_s(slice + 1))
 }
 
-/// Positions of the samples `first`, `first` + [`BLOCK`] and so on.
+/// Positions of every [`BLOCK`]th sample from `first`.
 fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item = SlicePosition> {
     let mut slice = 0;
     (0..count).map(move |block| {
@@ -169,7 +156,7 @@ fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item =
     })
 }
 
-/// Fraction of `time_s` between the centre of a slice and the next, 0 to 1.
+/// Fraction from one slice centre to the next at `time_s`, 0 to 1.
 fn share_of_next(slice: usize, time_s: f32, middles_s: &[f32]) -> f32 {
     let Some(next_s) = middles_s.get(slice + 1) else { return 0.0 };
     ((time_s - middles_s[slice]) / (next_s - middles_s[slice])).clamp(0.0, 1.0)
@@ -180,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slices_follow_each_other_and_hold_what_begins_in_them() {
+    fn path_lengths_map_to_consecutive_slices() {
         assert_eq!((start_s(0), start_s(1)), (0.0, 0.005));
         assert!((start_s(16) - 0.08).abs() < 1e-6 && (start_s(32) - 0.24).abs() < 1e-6);
         for bin in 0..100 {

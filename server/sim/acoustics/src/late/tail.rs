@@ -1,129 +1,160 @@
 //! Rendering of late energy at two ears.
 
-use super::decorrelation::PERIOD;
 use super::diffuse::HeardField;
-use super::noise::Noise;
-use super::slices::{BLOCK, Density, Echo, Envelope, Slice};
+use super::noise::PERIOD;
+use super::slices::{BLOCK, Density, Envelope, Slice};
 use crate::bands::BANDS;
 use crate::building::Settings;
 use crate::head::filter::{EarResponse, FAR_M, HEAD_LEAD, HEAD_TAPS};
-use crate::impulse::{ImpulseResponse, Listener, add_convolved};
+use crate::impulse::{ImpulseResponse, Listener, add_convolved, convolve};
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use avln_geom::Vector3;
 
 /// Inaudible energy relative to the direct wave at 1 m: -140 dB.
 const SILENT: f32 = 1e-7;
 
-/// Number of first slices (80 ms) with directional rendering including interaural delay. Later directions
-/// only change the level difference.
-pub(super) const DIRECTED: usize = 16;
+/// Slices with directional rendering, the first 80 ms. Later directions only change the level difference.
+const DIRECTED: usize = 16;
 
-/// Slices per group with a common direction in later sound.
+/// Later slices with a common direction.
 const GROUP: usize = 16;
 
-/// Adds `echo` to both ears of `listener`, starting after a path length of `first_m`.
+/// Smallest energy share for a slice with a direction.
+const MIN_SHARE: f32 = 1e-3;
+
+/// Taps for the fractional filter shift.
+const MOVE_TAPS: usize = 4;
+
+/// Late energy at a listener.
+struct Tail<'a> {
+    listener: &'a Listener,
+    settings: &'a Settings,
+    heard: &'a HeardField,
+    envelope: Envelope,
+    slices: Vec<Slice>,
+    densities: Vec<Density>,
+}
+
+/// Adds `echo` to both ears, starting after a path length of `first_m`.
 pub(crate) fn add_tail(
     response: &mut ImpulseResponse,
     listener: &Listener,
-    echo: &Echo,
+    echo: &[Slice],
     first_m: f32,
     settings: &Settings,
 ) {
-    if echo.slices.is_empty() {
+    if echo.is_empty() {
         return;
     }
-    let heard = settings.head.heard_field();
     let end = settings.response_samples();
     let start = ((first_m / SPEED_OF_SOUND_M_S * SAMPLE_RATE_HZ as f32) as usize).min(end);
-    let envelope = Envelope::new(echo.slices.len(), start, end);
-    let slices = envelope.gathered(&echo.slices);
-    let densities: Vec<Density> =
-        slices.iter().enumerate().map(|(i, slice)| envelope.density(i, slice)).collect();
-    let [left, right] = shares(&slices, listener, settings, heard);
-    add_diffuse(response, &envelope, &densities, [&left, &right], &heard.noise);
-    add_directed(response, &envelope, &slices, &densities, listener, settings, &heard.noise);
+    let envelope = Envelope::new(echo.len(), start, end);
+    let slices = envelope.gathered(echo);
+    let densities = slices.iter().enumerate().map(|(i, slice)| envelope.density(i, slice)).collect();
+    let heard = settings.head.heard_field();
+    let tail = Tail { listener, settings, heard, envelope, slices, densities };
+    let [left, right] = tail.diffuse_gains();
+    tail.add_diffuse(&mut response.left, &left, &heard.noise.left);
+    tail.add_diffuse(&mut response.right, &right, &heard.noise.right);
+    tail.add_directed(response);
 }
 
-/// Directional share of the sound in a slice, 0 to 1.
-///
-/// Sound with a smooth asymmetry (`1 + 3 f cos`) has a flow of `f`; only a larger flow needs a direction.
-pub(super) fn directed_share(slice: &Slice) -> f32 {
+/// Directional share in a slice, 0 to 1.
+fn directed_share(flow: &Vector3<f32>) -> f32 {
+    // Sound with a smooth asymmetry (`1 + 3 f cos`) has a flow of `f`; only a larger flow needs a direction.
     const BROAD: f32 = 0.22;
-    ((slice.flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)
+    ((flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)
 }
 
-/// Gains of diffuse sound per slice at the left and right ear, by band.
-fn shares(
-    slices: &[Slice],
-    listener: &Listener,
-    settings: &Settings,
-    heard: &HeardField,
-) -> [Vec<Density>; 2] {
-    let mut shares = [const { Vec::new() }; 2];
-    for slice in slices.iter().take(DIRECTED) {
-        shares.iter_mut().for_each(|ear| ear.push([1.0 - directed_share(slice); BANDS]));
-    }
-    for group in slices.get(DIRECTED..).unwrap_or_default().chunks(GROUP) {
-        let tilts = group_tilt(group, listener, settings, heard);
-        for (ear, tilt) in shares.iter_mut().zip(tilts) {
-            ear.resize(ear.len() + group.len(), tilt);
+impl Tail<'_> {
+    /// Diffuse gains per slice at the left and right ear, by band.
+    fn diffuse_gains(&self) -> [Vec<Density>; 2] {
+        let mut gains = [const { Vec::new() }; 2];
+        for slice in self.slices.iter().take(DIRECTED) {
+            gains.iter_mut().for_each(|ear| ear.push([1.0 - directed_share(&slice.flow); BANDS]));
         }
+        for group in self.slices.get(DIRECTED..).unwrap_or_default().chunks(GROUP) {
+            for (ear, tilt) in gains.iter_mut().zip(self.group_tilt(group)) {
+                ear.resize(ear.len() + group.len(), tilt);
+            }
+        }
+        gains
     }
-    shares
-}
 
-/// Gain of each ear for asymmetric sound.
-fn group_tilt(group: &[Slice], listener: &Listener, settings: &Settings, heard: &HeardField) -> [Density; 2] {
-    let weight = |slice: &Slice| slice.energy.iter().sum::<f32>();
-    let total: f32 = group.iter().map(weight).sum();
-    let sum: Vector3<f32> = group.iter().map(|slice| slice.flow * weight(slice)).sum();
-    let mean = Slice { flow: if total > 0.0 { sum / total } else { Vector3::zeros() }, ..Slice::default() };
-    let share = directed_share(&mean);
-    if share == 0.0 {
-        return [[1.0; BANDS]; 2];
+    /// Gain per ear for asymmetric sound.
+    fn group_tilt(&self, group: &[Slice]) -> [Density; 2] {
+        let total: f32 = group.iter().map(Slice::total).sum();
+        let sum: Vector3<f32> = group.iter().map(|slice| slice.flow * slice.total()).sum();
+        let flow = if total > 0.0 { sum / total } else { Vector3::zeros() };
+        let share = directed_share(&flow);
+        if share == 0.0 {
+            return [[1.0; BANDS]; 2];
+        }
+        let ears = self.settings.head.ears(&-flow.normalize(), self.listener.heading_rad, FAR_M);
+        ears.map(|ear| self.heard.tilt(&ear).map(|tilt| 1.0 - share + share * tilt))
     }
-    let ears = settings.head.ears(&-mean.flow.normalize(), listener.heading_rad, FAR_M);
-    ears.map(|ear| heard.tilt(&ear).map(|tilt| 1.0 - share + share * tilt))
-}
 
-/// Adds the diffuse part.
-fn add_diffuse(
-    response: &mut ImpulseResponse,
-    envelope: &Envelope,
-    densities: &[Density],
-    shares: [&[Density]; 2],
-    noise: &Noise,
-) {
-    let ears = [(&mut response.left, shares[0], &noise.left), (&mut response.right, shares[1], &noise.right)];
-    for (ear, shares, noise) in ears {
-        let densities: Vec<Density> = densities
-            .iter()
-            .zip(shares)
-            .map(|(density, share)| std::array::from_fn(|band| density[band] * share[band]))
-            .collect();
-        let Some(last) = densities.iter().rposition(|density| density.iter().any(|value| *value > 0.0))
-        else {
-            continue;
+    fn add_diffuse(&self, ear: &mut Vec<f32>, gains: &[Density], noise: &[Vec<f32>; BANDS]) {
+        let weighted = |(density, gain): (&Density, &Density)| -> Density {
+            std::array::from_fn(|band| density[band] * gain[band])
         };
-        let blocks = envelope.blocks_until(last + 2);
-        let length = envelope.start + blocks * BLOCK;
+        let densities: Vec<Density> = self.densities.iter().zip(gains).map(weighted).collect();
+        let is_audible = |density: &Density| density.iter().any(|value| *value > 0.0);
+        let Some(last) = densities.iter().rposition(is_audible) else { return };
+        let start = self.envelope.start;
+        let length = start + self.envelope.blocks_until(last + 2) * BLOCK;
         ear.resize(ear.len().max(length), 0.0);
         let mut before = [0.0; BANDS];
-        for (block, samples) in ear[envelope.start..length].chunks_exact_mut(BLOCK).enumerate() {
-            let after = envelope.gains(&densities, block + 1);
-            add_block(samples, noise, envelope.start + block * BLOCK, &before, &after);
+        for (block, samples) in ear[start..length].chunks_exact_mut(BLOCK).enumerate() {
+            let after = self.envelope.gains(&densities, block + 1);
+            add_block(samples, noise, start + block * BLOCK, [&before, &after]);
             before = after;
         }
     }
+
+    /// Adds the directional part of every slice as noise through the ear filters.
+    fn add_directed(&self, response: &mut ImpulseResponse) {
+        let least = MIN_SHARE * self.slices.iter().map(Slice::total).sum::<f32>();
+        for (index, slice) in self.slices.iter().enumerate().take(DIRECTED) {
+            let share = directed_share(&slice.flow);
+            if share == 0.0 || share * slice.total() <= least {
+                continue;
+            }
+            let sound = self.slice_sound(index, &self.densities[index].map(|density| density * share));
+            let first = self.envelope.samples_of(index).start;
+            let ears = self.settings.head.ears(&-slice.flow.normalize(), self.listener.heading_rad, FAR_M);
+            for (ear, filter) in [&mut response.left, &mut response.right].into_iter().zip(&ears) {
+                add_filtered(ear, &sound, first, filter, self.settings.response_samples());
+            }
+        }
+    }
+
+    /// Noise that rises from the previous slice centre and falls to the next.
+    fn slice_sound(&self, index: usize, density: &Density) -> Vec<f32> {
+        let samples = self.envelope.samples_of(index);
+        // Neighbouring slices overlap and use independent noise, so that their energies add.
+        let first = samples.start + (index % 2) * PERIOD / 2;
+        let mut sound = vec![0.0_f32; samples.len()];
+        for band in (0..BANDS).filter(|band| density[*band] > 0.0) {
+            let gain = (density[band] / SAMPLE_RATE_HZ as f32).sqrt();
+            let noise = &self.heard.noise.point[band];
+            for (offset, sum) in sound.iter_mut().enumerate() {
+                *sum += gain * noise[(first + offset) % PERIOD];
+            }
+        }
+        for (sample, value) in samples.zip(&mut sound) {
+            *value *= self.envelope.share(index, sample).sqrt();
+        }
+        sound
+    }
 }
 
-/// Adds a block of noise with gains from `before` to `after`.
+/// Adds a noise block with gains from `before` to `after`.
 fn add_block(
     samples: &mut [f32],
     noise: &[Vec<f32>; BANDS],
     first: usize,
-    before: &[f32; BANDS],
-    after: &[f32; BANDS],
+    [before, after]: [&[f32; BANDS]; 2],
 ) {
     let mut sums = [0.0_f32; BLOCK];
     // Blocks start anywhere; the stored noise continues for a block after its period.
@@ -140,56 +171,7 @@ fn add_block(
     samples.iter_mut().zip(sums).for_each(|(sample, sum)| *sample += sum);
 }
 
-/// Smallest energy share of a slice with a direction.
-const MIN_SHARE: f32 = 1e-3;
-
-/// Taps of the fractional shift of a filter.
-const MOVE_TAPS: usize = 4;
-
-/// Adds the directional part of every slice as noise through the filters of both ears.
-fn add_directed(
-    response: &mut ImpulseResponse,
-    envelope: &Envelope,
-    slices: &[Slice],
-    densities: &[Density],
-    listener: &Listener,
-    settings: &Settings,
-    noise: &Noise,
-) {
-    let energy = |slice: &Slice| slice.energy.iter().sum::<f32>();
-    let least = MIN_SHARE * slices.iter().map(energy).sum::<f32>();
-    for (index, slice) in slices.iter().enumerate().take(DIRECTED) {
-        let share = directed_share(slice);
-        if share == 0.0 || share * energy(slice) <= least {
-            continue;
-        }
-        let samples = envelope.samples_of(index);
-        let sound = slice_sound(envelope, index, &densities[index].map(|density| density * share), noise);
-        let ears = settings.head.ears(&-slice.flow.normalize(), listener.heading_rad, FAR_M);
-        for (ear, filter) in [&mut response.left, &mut response.right].into_iter().zip(&ears) {
-            add_filtered(ear, &sound, samples.start, filter, settings.response_samples());
-        }
-    }
-}
-
-/// Noise of a slice, rising from the centre of the previous slice and falling to the centre of the next.
-fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noise) -> Vec<f32> {
-    let samples = envelope.samples_of(index);
-    // Neighbouring slices overlap and use independent noise, so that their energies add.
-    let first = samples.start + (index % 2) * PERIOD / 2;
-    let mut sound = vec![0.0_f32; samples.len()];
-    for band in (0..BANDS).filter(|band| density[*band] > 0.0) {
-        let gain = (density[band] / SAMPLE_RATE_HZ as f32).sqrt();
-        let noise = (0..samples.len()).map(|offset| noise.point[band][(first + offset) % PERIOD]);
-        sound.iter_mut().zip(noise).for_each(|(sum, noise)| *sum += gain * noise);
-    }
-    for (sample, value) in samples.zip(&mut sound) {
-        *value *= envelope.share(index, sample).sqrt();
-    }
-    sound
-}
-
-/// Adds `sound`, which passes the head centre from sample `first`, as heard by the ear.
+/// Adds `sound`, at the head centre from sample `first`, through an ear filter.
 fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, max_samples: usize) {
     let delay = filter.delay_s * f64::from(SAMPLE_RATE_HZ);
     let whole = libm::floor(delay);
@@ -199,7 +181,7 @@ fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarRes
     add_convolved(ear, sound, &taps, start, end.clamp(0, max_samples as i64) as usize);
 }
 
-/// The filter delayed by one sample and `fraction` (0 to 1): Lagrange interpolation with four taps.
+/// Delays the filter by one sample plus `fraction` (0 to 1): Lagrange interpolation with four taps.
 fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAPS] {
     let d = 1.0 + fraction;
     let weights = [
@@ -208,9 +190,5 @@ fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAP
         -d * (d - 1.0) * (d - 3.0) / 2.0,
         d * (d - 1.0) * (d - 2.0) / 6.0,
     ];
-    let mut taps = [0.0; HEAD_TAPS + MOVE_TAPS];
-    for (shift, weight) in weights.iter().enumerate() {
-        taps[shift..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += weight * tap);
-    }
-    taps
+    convolve(filter, &weights)
 }

@@ -1,7 +1,7 @@
 //! Late energy against theory: Eyring, Sabine, diffuse fields.
 
 use super::LateField;
-use super::slices::{self, CHANNELS, Echo, Slice, middle_s};
+use super::slices::{self, CHANNELS, Slice, middle_s};
 use super::tail::add_tail;
 use super::trace::trace;
 use crate::bands::BANDS;
@@ -34,14 +34,14 @@ fn field(building: &Building, source: [f32; 3]) -> LateField {
     LateField::new(building, &source.into(), &Images::new(building, &source.into()))
 }
 
-/// Band energy per time slice, averaged over positions in the room, without air absorption.
+/// Band energy per time slice, averaged over room positions, without air absorption.
 fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> {
     let places: Vec<_> = (1..6).flat_map(|x| (1..5).map(move |z| [x as f32, 1.3, z as f32])).collect();
     let mut sums = Vec::new();
     for place in &places {
         let echo = field.at(building, &Point3::from(*place));
-        sums.resize(echo.slices.len(), 0.0);
-        for (sum, slice) in sums.iter_mut().zip(&echo.slices) {
+        sums.resize(echo.len(), 0.0);
+        for (sum, slice) in sums.iter_mut().zip(&echo) {
             *sum += f64::from(slice.energy[band]) / places.len() as f64;
         }
     }
@@ -70,7 +70,7 @@ fn reverberation_s(energy: &[f64], from_s: f64, to_s: f64) -> f64 {
     -60.0 / slope
 }
 
-/// Volume and surface of the room, and reverberation times after Eyring and Sabine, seconds.
+/// Reverberation times after Eyring and Sabine, seconds.
 fn theory(absorption: f64) -> (f64, f64) {
     let [x, y, z] = SIZE_M.map(f64::from);
     let (volume, area) = (x * y * z, 2.0 * (x * y + y * z + z * x));
@@ -79,12 +79,12 @@ fn theory(absorption: f64) -> (f64, f64) {
 }
 
 #[test]
-fn sound_decays_as_eyring_and_sabine_say() {
+fn decay_lies_between_eyring_and_sabine() {
     for (absorption, scattering) in [(0.05_f32, 0.5), (0.1, 0.3), (0.2, 0.5), (0.4, 0.9)] {
         let building = room(surface(absorption, scattering), settings(2000));
         let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1);
         let (eyring_s, sabine_s) = theory(f64::from(absorption));
-        // 250 Hz loses little to the air: 1.31 dB a kilometre.
+        // Air takes little at 250 Hz: 1.31 dB per kilometre.
         let air = |time_s: f64| 1.0 / (1.0 / time_s + 0.001_31 * f64::from(SPEED_OF_SOUND_M_S) / 60.0);
         let found_s = reverberation_s(&energy, 0.05 * eyring_s + 0.01, (0.6 * eyring_s).min(0.9));
         assert!(
@@ -95,12 +95,12 @@ fn sound_decays_as_eyring_and_sabine_say() {
 }
 
 #[test]
-fn energy_is_kept_where_nothing_absorbs() {
+fn energy_is_constant_without_absorption() {
     let building = room(surface(0.0, 0.5), settings(6000));
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
     let bins = slices::count(1.0);
-    let tally = trace(&building, &source, &images, 1, bins);
+    let tally = trace(&building, &source, &images, 1);
     assert_eq!(tally.lost_share, 0.0);
     let counted: f32 =
         (0..building.cells.len()).map(|cell| building.cells.volume_m3(&building.air, cell)).sum();
@@ -115,7 +115,7 @@ fn energy_is_kept_where_nothing_absorbs() {
 }
 
 #[test]
-fn the_diffuse_level_is_that_of_theory() {
+fn diffuse_level_matches_theory() {
     for absorption in [0.1_f32, 0.3] {
         let building = room(surface(absorption, 0.7), settings(2000));
         let energy: f64 = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1).iter().sum();
@@ -128,7 +128,7 @@ fn the_diffuse_level_is_that_of_theory() {
 }
 
 #[test]
-fn what_absorbs_all_returns_nothing() {
+fn full_absorption_leaves_no_late_energy() {
     let building = room(surface(1.0, 0.5), settings(500));
     let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 2);
     assert!(energy.iter().all(|energy| *energy == 0.0));
@@ -148,7 +148,7 @@ fn bands_do_not_mix() {
 }
 
 #[test]
-fn responses_hold_the_energy_and_the_decay_of_the_field() {
+fn responses_match_the_field_energy_and_decay() {
     let building = room(surface(0.2, 0.5), Settings { head: Head::Omni, ..settings(1000) });
     let field = field(&building, [1.4, 1.2, 1.9]);
     let echo = field.at(&building, &Point3::new(4.0, 1.3, 3.0));
@@ -158,13 +158,12 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
     let first = (3.0 / SPEED_OF_SOUND_M_S * 16_000.0) as usize;
     assert!(response.left[..first].iter().all(|sample| *sample == 0.0));
     assert_eq!(response.left, response.right);
-    // Octaves of white noise: half an octave to each side, with everything below the first and above the
-    // last.
+    // White noise in octaves: half an octave to both sides, the first and last extended.
     let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
     for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
-        let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
+        let within = (0..echo.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
         let due: f64 = within
-            .flat_map(|bin| edges_hz.windows(2).zip(echo.slices[bin].energy))
+            .flat_map(|bin| edges_hz.windows(2).zip(echo[bin].energy))
             .map(|(edges, energy)| (edges[1] - edges[0]) / 8000.0 * f64::from(energy))
             .sum();
         let cut = &response.left[(from_s * 16e3) as usize..(to_s * 16e3) as usize];
@@ -175,7 +174,7 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
 }
 
 #[test]
-fn what_walls_are_cut_into_does_not_matter() {
+fn triangulation_does_not_change_late_energy() {
     let energy = |pieces: usize| {
         let building = building(&Soup::room(SIZE_M, pieces), surface(0.2, 0.4), settings(1000));
         mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 3).iter().sum::<f64>()
@@ -184,7 +183,7 @@ fn what_walls_are_cut_into_does_not_matter() {
     assert!(step_db.abs() < 0.2, "{step_db} dB");
 }
 
-/// Energy from 10 to 60 ms at some positions with some keys: mean squared relative deviation.
+/// Mean squared relative deviation between keys: energy from 10 to 60 ms at some positions.
 fn variance(rays: usize) -> f64 {
     const KEYS: u64 = 8;
     let building = room(surface(0.1, 0.4), settings(rays));
@@ -196,7 +195,7 @@ fn variance(rays: usize) -> f64 {
     let variances = places.map(|place| {
         let early = |field: &LateField| {
             let echo = field.at(&building, &place);
-            echo.slices[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
+            echo[2..12].iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>()
         };
         let energies: Vec<f64> = fields.iter().map(early).collect();
         let mean = energies.iter().sum::<f64>() / KEYS as f64;
@@ -212,13 +211,13 @@ fn four_times_the_rays_halve_the_error() {
 }
 
 #[test]
-fn source_and_listener_may_change_places() {
+fn source_and_listener_are_interchangeable() {
     let building = room(surface(0.15, 0.5), settings(4000));
     let places = [[1.4, 1.2, 1.9], [4.5, 1.6, 3.8], [3.0, 0.9, 0.8], [5.1, 2.2, 1.1]];
     let fields: Vec<_> = places.iter().map(|place| field(&building, *place)).collect();
     let energy_db = |from: usize, to: usize| {
         let echo = fields[from].at(&building, &places[to].into());
-        10.0 * echo.slices.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
+        10.0 * echo.iter().map(|slice| f64::from(slice.energy[2])).sum::<f64>().log10()
     };
     for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
         let step_db = energy_db(a, b) - energy_db(b, a);
@@ -227,9 +226,9 @@ fn source_and_listener_may_change_places() {
 }
 
 #[test]
-fn what_comes_from_one_side_is_heard_from_there() {
+fn lateral_energy_is_louder_at_the_facing_ear() {
     let slice = Slice { energy: [1e-3; BANDS], flow: Vector3::new(0.95, 0.0, 0.0) };
-    let echo = Echo { slices: vec![slice; 20] };
+    let echo = vec![slice; 20];
     let listener = Listener { position: Point3::origin(), heading_rad: 0.0 };
     let mut response = ImpulseResponse::default();
     add_tail(&mut response, &listener, &echo, 1.0, &settings(0));

@@ -1,7 +1,7 @@
-//! Rays that carry the energy of a source through a building.
+//! Rays that carry source energy through a building.
 
 use super::cells::NO_CELL;
-use super::slices::{CHANNELS, doublings, slice_of};
+use super::slices::{self, CHANNELS, doublings, slice_of};
 use crate::air::grid::march;
 use crate::building::Building;
 use crate::images::{Images, MAX_ORDER};
@@ -10,30 +10,29 @@ use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Hit, Point3, Rng, Vector3, angle};
 use std::f32::consts::{PI, TAU};
 
-/// Rays below this share of their initial energy in every band end: -65 dB.
+/// Rays with less initial energy in every band end: -65 dB.
 const MIN_ENERGY_SHARE: f32 = 3.2e-7;
 
-/// Limit on surfaces per ray; only rays trapped in a crack exceed it.
+/// Bounce limit; only rays trapped in a crack exceed it.
 const MAX_BOUNCES: u64 = 1 << 14;
 
-/// Offset of the next leg from the surface, metres.
+/// Offset from the surface for the next leg, metres.
 const OFF_SURFACE_M: f32 = 2e-4;
 
-/// Half of the rays end at fourfold slice width, and half of the remaining rays at eightfold width. Survivors
-/// count double, so every slice has the same statistics. A quarter continues to the end.
+// Half the rays end at fourfold slice width, half the rest at eightfold width. Survivors count double, so
+// every slice has equal statistics. A quarter continues to the end.
 const MAX_HALVINGS: u32 = 2;
 
-/// Smallest transmission probability, so that quiet rooms have even statistics.
+// Rare transmissions would give uneven statistics in quiet rooms.
 const MIN_TRANSMISSION_PROBABILITY: f32 = 0.02;
 
-/// Accumulated energy of all rays of a source.
 pub(super) struct Tally {
-    /// Per cell: its row in `sums`, [`NO_CELL`] without rays.
+    /// Row in `sums` per cell, [`NO_CELL`] without rays.
     pub(super) row_of: Vec<u32>,
     /// `rows × bins × CHANNELS`: energy per square metre relative to the source at 1 m, times cubic metres.
     pub(super) sums: Vec<f32>,
     pub(super) bins: usize,
-    /// Energy share lost through holes of the building, mean over bands.
+    /// Energy share lost through holes, mean over bands.
     pub(super) lost_share: f32,
 }
 
@@ -47,15 +46,15 @@ struct Ray {
     weights: [f32; SURFACE_BANDS],
     length_m: f32,
     bounces: u64,
-    /// Number of halvings so far.
     halvings: u32,
     /// True if the ray passed through the last surface.
     transmitted: bool,
-    path: MirrorPath,
+    /// `None` if the path is no discrete wave.
+    path: Option<MirrorPath>,
 }
 
 impl Ray {
-    /// Returns false if the ray ends because slices have become wider; a survivor takes over the weight.
+    /// Returns false if the ray ends because slices have become wider; survivors double their weights.
     fn survives(&mut self) -> bool {
         let due = doublings(self.length_m).saturating_sub(1).min(MAX_HALVINGS);
         while self.halvings < due {
@@ -66,54 +65,35 @@ impl Ray {
     }
 }
 
-/// The mirror sequence of a ray, as long as it may be a discrete wave.
-#[derive(Clone, Copy)]
+/// A ray's mirror sequence, while it may be a discrete wave.
+#[derive(Clone, Copy, Default)]
 struct MirrorPath {
     planes: [PlaneId; MAX_ORDER],
-    /// Number of mirrors; above [`MAX_ORDER`] for all other paths.
     len: usize,
     /// True if the ray passed through surfaces before any mirror.
-    through: bool,
+    transmitted: bool,
 }
 
 impl MirrorPath {
-    fn straight() -> Self {
-        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0, through: false }
+    fn mirrored(mut self, plane: Option<PlaneId>) -> Option<Self> {
+        let last = self.planes.get_mut(self.len).filter(|_| !self.transmitted)?;
+        *last = plane?;
+        Some(Self { len: self.len + 1, ..self })
     }
 
-    fn mirrored(mut self, plane: Option<PlaneId>) -> Self {
-        match (self.planes.get_mut(self.len), plane) {
-            (Some(last), Some(plane)) if !self.through => {
-                *last = plane;
-                Self { len: self.len + 1, ..self }
-            }
-            _ => Self::other(),
-        }
+    fn transmitted(self) -> Option<Self> {
+        (self.len == 0).then_some(Self { transmitted: true, ..self })
     }
 
-    /// The path after transmission through a surface.
-    fn transmitted(self) -> Self {
-        if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
-    }
-
-    fn other() -> Self {
-        Self { len: MAX_ORDER + 1, ..Self::straight() }
-    }
-
-    /// Returns true if waves on this path are rendered as discrete waves.
+    /// Returns true if this path is rendered as a discrete wave.
     fn is_wave(&self, images: &Images) -> bool {
-        self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
+        self.len == 0 || images.contains(&self.planes[..self.len])
     }
 }
 
-/// Traces the rays of a source at `outlet`; `key` seeds the random draws.
-pub(super) fn trace(
-    building: &Building,
-    outlet: &Point3<f32>,
-    images: &Images,
-    key: u64,
-    bins: usize,
-) -> Tally {
+/// Traces rays from `outlet`; `key` seeds the random draws.
+pub(super) fn trace(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Tally {
+    let bins = slices::count(building.settings.response_s);
     let count = building.settings.ray_count;
     let mut tracer = Tracer {
         building,
@@ -134,7 +114,7 @@ pub(super) fn trace(
             bounces: 0,
             halvings: 0,
             transmitted: false,
-            path: MirrorPath::straight(),
+            path: Some(MirrorPath::default()),
         });
     }
     tracer.tally.lost_share /= count.max(1) as f32;
@@ -145,9 +125,7 @@ struct Tracer<'a> {
     building: &'a Building,
     images: &'a Images,
     key: u64,
-    /// Length limit of rays, metres.
     reach_m: f32,
-    /// Initial energy of a ray.
     energy: f32,
     tally: Tally,
 }
@@ -156,7 +134,7 @@ impl Tracer<'_> {
     fn follow(&mut self, mut ray: Ray) {
         while ray.length_m < self.reach_m && ray.bounces < MAX_BOUNCES {
             let left_m = self.reach_m - ray.length_m;
-            let hit = self.building.air.rays().cast(&ray.origin, &ray.direction, left_m);
+            let hit = self.building.air.rays.cast(&ray.origin, &ray.direction, left_m);
             let leg_m = hit.map_or(left_m, |hit| hit.distance);
             let in_air = self.deposit(&ray, leg_m);
             let Some(hit) = hit else {
@@ -174,13 +152,13 @@ impl Tracer<'_> {
     /// Adds a leg to the cells it crosses. Returns true if it crossed room air.
     fn deposit(&mut self, ray: &Ray, leg_m: f32) -> bool {
         let (air, cells) = (&self.building.air, &self.building.cells);
-        let counted = !ray.path.is_wave(self.images);
+        let counted = !ray.path.is_some_and(|path| path.is_wave(self.images));
         let mut in_air = false;
         let mut run = CellRun { cell: NO_CELL, from_m: 0.0, to_m: 0.0 };
         let (tally, energy) = (&mut self.tally, self.energy);
-        march(air.grid(), &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
-            let cell = cells.of_voxel(voxel);
-            in_air |= cell != NO_CELL || air.in_room(voxel);
+        march(&air.grid, &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
+            let cell = cells.cell_of[voxel];
+            in_air |= cell != NO_CELL || air.in_room[voxel];
             if cell == run.cell {
                 run.to_m = to_m;
             } else {
@@ -198,7 +176,7 @@ impl Tracer<'_> {
 
     fn count_lost(&mut self, ray: &Ray, left_m: f32) {
         let end = ray.origin + ray.direction * left_m;
-        if !self.building.air.grid().contains(&end) {
+        if !self.building.air.grid.contains(&end) {
             self.tally.lost_share += mean(&ray.weights);
         }
     }
@@ -216,25 +194,30 @@ impl Tracer<'_> {
             if inside_wall { Interaction::Transmitted(1.0) } else { Interaction::draw(surface, draw.choice) };
         ray.transmitted = matches!(interaction, Interaction::Transmitted(_));
         interaction.weigh(surface, &mut ray.weights);
-        ray.path = match interaction {
-            Interaction::Mirrored(_) => ray.path.mirrored(self.building.planes.of(hit.triangle)),
-            Interaction::Transmitted(_) => ray.path.transmitted(),
-            Interaction::Scattered(_) => MirrorPath::other(),
-        };
         let side = if ray.transmitted { -normal } else { normal };
         ray.origin = point + side * OFF_SURFACE_M;
-        ray.direction = match interaction {
-            Interaction::Transmitted(_) => ray.direction,
-            Interaction::Scattered(_) => lambert(&normal, &draw),
-            Interaction::Mirrored(_) => self.mirrored(&ray.direction, hit.triangle, &normal),
-        };
+        match interaction {
+            Interaction::Transmitted(_) => ray.path = ray.path.and_then(MirrorPath::transmitted),
+            Interaction::Scattered(_) => {
+                ray.path = None;
+                ray.direction = lambert(&normal, &draw);
+            }
+            Interaction::Mirrored(_) => {
+                let plane = self.building.planes.of(hit.triangle);
+                ray.path = ray.path.and_then(|path| path.mirrored(plane));
+                ray.direction = self.mirrored(&ray.direction, plane, &normal);
+            }
+        }
     }
 
-    /// `direction` after a mirror: in the fitted plane if there is one, so that scan bumps do not deflect the
-    /// ray.
-    fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
-        let planes = &self.building.planes;
-        let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
+    // Rays mirror in the fitted plane if possible, so that bumps in scans do not deflect them.
+    fn mirrored(
+        &self,
+        direction: &Vector3<f32>,
+        plane: Option<PlaneId>,
+        normal: &Vector3<f32>,
+    ) -> Vector3<f32> {
+        let by_plane = plane.map(|plane| self.building.planes.plane(plane).reflected(direction));
         let outwards = by_plane.filter(|reflected| reflected.dot(normal) > 0.0);
         let reflected = outwards.unwrap_or_else(|| direction - normal * (2.0 * direction.dot(normal)));
         // Rounding must not lengthen directions from bounce to bounce.
@@ -242,7 +225,7 @@ impl Tracer<'_> {
     }
 }
 
-/// Part of a leg inside a cell, metres from the start of the leg.
+/// Part of a leg inside a cell, metres from the leg's start.
 struct CellRun {
     cell: u32,
     from_m: f32,
@@ -277,7 +260,7 @@ impl Tally {
     }
 }
 
-/// Continuation of a ray at a surface, with its probability.
+/// A ray's continuation at a surface, with the probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Interaction {
     Transmitted(f32),
@@ -286,7 +269,7 @@ enum Interaction {
 }
 
 impl Interaction {
-    /// Selects a continuation by `choice` in [0, 1). Absorption does not affect the selection.
+    /// Selects by `choice` in [0, 1). Absorption does not affect the selection.
     fn draw(surface: &Surface, choice: f32) -> Self {
         let through = match mean(&surface.transmission) {
             none if none <= 0.0 => 0.0,
@@ -329,7 +312,7 @@ fn mean(values: &[f32; SURFACE_BANDS]) -> f32 {
     values.iter().sum::<f32>() / SURFACE_BANDS as f32
 }
 
-/// Three random numbers in [0, 1) of a ray at a surface.
+/// Three random numbers in [0, 1) per ray and surface.
 struct RandomDraws {
     choice: f32,
     cos_squared: f32,
@@ -344,7 +327,7 @@ impl RandomDraws {
     }
 }
 
-/// A Lambertian direction around `normal`: the sum of the normal and a random unit vector.
+/// A Lambertian direction around `normal`: the normal plus a random unit vector.
 fn lambert(normal: &Vector3<f32>, draw: &RandomDraws) -> Vector3<f32> {
     let height = 1.0 - 2.0 * draw.cos_squared;
     let (sin, cos) = angle::sin_cos(TAU * draw.turn);
@@ -354,7 +337,7 @@ fn lambert(normal: &Vector3<f32>, draw: &RandomDraws) -> Vector3<f32> {
     direction.try_normalize(1e-4).unwrap_or(*normal)
 }
 
-/// `normal`, turned to the side of the incoming `direction`.
+/// `normal`, turned towards the incoming ray.
 fn against(normal: &Vector3<f32>, direction: &Vector3<f32>) -> Vector3<f32> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }

@@ -1,21 +1,18 @@
-//! Octave bands of a signal, and their energy decay.
+//! Octave bands, and their energy decay.
 
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::BAND_HZ;
 use crate::surfaces::SURFACE_BANDS;
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex64;
+use realfft::{RealFftPlanner, num_complex::Complex64};
 
-/// Silence around a signal, samples: longer than the filter response.
+/// Padding, samples: longer than the filter response.
 const SILENCE: usize = 4096;
 
-/// Bandwidth of an octave, hertz.
 pub(super) fn bandwidth_hz(band: usize) -> f64 {
     f64::from(BAND_HZ[band]) * std::f64::consts::FRAC_1_SQRT_2
 }
 
-/// Power transmission of a third-order band pass at `frequency_hz` (Butterworth 1930, as in IEC 61260-1):
-/// half at the octave edges.
+/// Power transmission of a third-order band pass (Butterworth 1930, IEC 61260-1): half at the octave edges.
 pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let center_hz = f64::from(BAND_HZ[band]);
     if frequency_hz <= 0.0 {
@@ -26,12 +23,9 @@ pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     1.0 / (1.0 + squared * squared * squared)
 }
 
-/// Power transmission of the octave core at `frequency_hz`: 1 up to a tenth of an octave from the centre, 0
-/// from 0.45 octaves, a squared sine in between.
-///
-/// Neighbouring bands may decay at different speeds. Through the flanks of an octave filter the slower band
-/// would dominate before the band itself has fallen by 35 dB.
+/// Power transmission in the octave core: 1 up to 0.1 octaves, 0 from 0.45 octaves, squared sine between.
 pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
+    // Through the flanks of an octave filter, a slower neighbour would dominate before the band falls by 35 dB.
     const WHOLE_OCTAVES: f64 = 0.1;
     const NOTHING_OCTAVES: f64 = 0.45;
     let octaves = libm::fabs(libm::log2(frequency_hz.max(f64::MIN_POSITIVE) / f64::from(BAND_HZ[band])));
@@ -40,7 +34,6 @@ pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     sine * sine
 }
 
-/// A spectrum for band-wise analysis.
 pub(super) struct Octaves {
     spectrum: Vec<Complex64>,
     samples: usize,
@@ -63,8 +56,7 @@ impl Octaves {
         f64::from(SAMPLE_RATE_HZ) / 2.0 / (self.spectrum.len() - 1) as f64
     }
 
-    /// Squared signal, sample by sample, filtered with the power transmission `share` (by frequency in
-    /// hertz).
+    /// Squared signal, filtered with the power transmission `share` (by frequency in hertz).
     pub(super) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
         let length = 2 * (self.spectrum.len() - 1);
         let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(length);
@@ -84,7 +76,7 @@ impl Octaves {
     }
 
     /// Energy by band, relative to a unit pulse.
-    fn energies(&self) -> [f64; SURFACE_BANDS] {
+    pub(super) fn energies(&self) -> [f64; SURFACE_BANDS] {
         let bin_hz = self.bin_hz();
         std::array::from_fn(|band| {
             let shares = (0..self.spectrum.len()).map(|bin| power_share(band, bin as f64 * bin_hz));
@@ -97,31 +89,26 @@ impl Octaves {
     }
 }
 
-/// Energy of a signal by band, relative to a unit pulse.
-pub(super) fn band_energies(signal: &[f32]) -> [f64; SURFACE_BANDS] {
-    Octaves::new(signal).energies()
-}
-
-/// Required decay below the fit range, decibels: a cut there moves the end of the range by 0.14 dB.
+// A cut this far below the fit range moves the range's end by 0.14 dB.
 const BEYOND_DB: f64 = 15.0;
 
-/// Smallest product of bandwidth and decay time distinguishable from the filter: a pulse has 10.8.
+// Bandwidth times decay time distinguishable from the filter: a pulse has 10.8.
 const MIN_BANDWIDTH_TIME: f64 = 11.0;
 
 /// Shortest plausible decay, seconds.
 const MIN_TIME_S: f64 = 0.02;
 
-/// Remaining energy of a band over time.
+/// Remaining band energy over time.
 pub(super) struct Decay {
-    /// Decibels of the remaining energy relative to the total, per sample from the first wave.
+    /// Remaining energy relative to the total, decibels, per sample from the first wave.
     left_db: Vec<f64>,
-    /// End of the response, seconds after the first wave.
+    /// Response end, seconds after the first wave.
     end_s: f64,
     min_time_s: f64,
 }
 
 impl Decay {
-    /// The decay of the squared signals of both ears.
+    /// Decay over both ears' squared signals.
     pub(super) fn of(squared: &[Vec<f64>; 2], first_arrival_s: f64, length_s: f64, band: usize) -> Self {
         let samples = squared[0].len().max(squared[1].len());
         let at = |sample: usize| squared.iter().filter_map(|ear| ear.get(sample)).sum::<f64>();
@@ -138,7 +125,7 @@ impl Decay {
         Self { left_db, end_s: length_s - first_arrival_s, min_time_s }
     }
 
-    /// Time for 60 dB on the line through the curve between two levels in decibels.
+    /// Seconds for 60 dB, on the line through the curve between two levels.
     pub(super) fn time_s(&self, from_db: f64, to_db: f64) -> Option<f64> {
         let first_below = |level_db: f64| self.left_db.iter().position(|db| *db < level_db);
         let start = if from_db < 0.0 { first_below(from_db)? } else { 0 };
@@ -150,7 +137,7 @@ impl Decay {
     }
 }
 
-/// Least-squares line through `levels_db`, starting at sample `start`: level at time 0 and slope per second.
+/// Least-squares line through `levels_db` from sample `start`: level at time 0 and slope per second.
 fn line(levels_db: &[f64], start: usize) -> Option<(f64, f64)> {
     let count = levels_db.len() as f64;
     let mean_time = start as f64 + (count - 1.0) / 2.0;

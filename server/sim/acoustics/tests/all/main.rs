@@ -8,3 +8,4 @@ mod localisation;
 mod reverberation;
 mod rooms;
 mod sofa;
+mod sofa_file;

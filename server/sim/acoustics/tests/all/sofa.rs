@@ -1,6 +1,7 @@
-//! Heads from SOFA files: small ones written here, and real ones where `../shared/scenes` lies beside the repository.
+//! Heads from SOFA files: small synthetic files, and real files in `../shared/scenes` if present.
 
 use crate::common::{first_wave, lag_us, level_db, listener, opaque_building, point};
+use crate::sofa_file::{Table, file};
 use avln_acoustics::{Head, HeadError, ImpulseResponse, MeasuredHead, Settings, interaural_delay_s};
 use avln_geom::Rng;
 use std::path::Path;
@@ -9,7 +10,7 @@ use std::sync::Arc;
 const RATE_HZ: f64 = 48_000.0;
 const TAPS: usize = 256;
 
-/// A head of which is known what it does: by azimuth, delays of a sphere of 8.75 cm after Woodworth, and a factor.
+/// A synthetic ear by azimuth: delay after Woodworth for a sphere of 8.75 cm, and a gain.
 fn ear(azimuth_deg: f64, is_left: bool) -> (f64, f64) {
     let towards = if is_left { azimuth_deg } else { -azimuth_deg }.to_radians().sin();
     let path_m = if towards > 0.0 { -0.0875 * towards } else { 0.0875 * (-towards).asin() };
@@ -18,7 +19,7 @@ fn ear(azimuth_deg: f64, is_left: bool) -> (f64, f64) {
 
 struct Written {
     spherical: bool,
-    /// Delays in a table of their own instead of among the taps.
+    /// Writes delays to a separate table.
     with_delays: bool,
     swapped: bool,
 }
@@ -76,7 +77,7 @@ fn table(name: &'static str, sizes: &[u64], values: Vec<f64>) -> Table {
     Table { name, sizes: sizes.to_vec(), values, kind: None }
 }
 
-/// A pulse that ends at 7 kHz, so that nothing is lost at 16 kHz.
+/// A pulse with frequencies up to 7 kHz, which fits a sample rate of 16 kHz.
 fn pulse(samples: f64) -> f64 {
     let time = std::f64::consts::PI * samples * 14_000.0 / RATE_HZ;
     let sinc = if time.abs() < 1e-9 { 1.0 } else { time.sin() / time };
@@ -89,7 +90,7 @@ fn settings(bytes: &[u8]) -> Settings {
     Settings { head: Head::Measured(Arc::new(head)), ..first_wave() }
 }
 
-/// What a head at the origin hears of a source `azimuth_deg` to its left, 2 m away.
+/// Response at the origin to a source `azimuth_deg` to the left at 2 m.
 fn heard(settings: &Settings, azimuth_deg: f32, heading_deg: f32) -> ImpulseResponse {
     let (sin, cos) = (azimuth_deg + heading_deg).to_radians().sin_cos();
     let source = opaque_building(&[], settings.clone()).source(&point(-2.0 * sin, 1.0, -2.0 * cos));
@@ -97,7 +98,7 @@ fn heard(settings: &Settings, azimuth_deg: f32, heading_deg: f32) -> ImpulseResp
 }
 
 #[test]
-fn a_measured_head_delays_and_weighs_as_its_file_says() {
+fn measured_heads_match_their_file() {
     let settings =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
     for (azimuth_deg, heading_deg) in
@@ -121,17 +122,17 @@ fn a_measured_head_delays_and_weighs_as_its_file_says() {
 }
 
 #[test]
-fn the_level_is_that_of_the_free_field() {
+fn measured_heads_have_the_free_field_level() {
     let settings =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
-    // Factors around the head are 1 + sin / 2: their mean square is 1.125 at elevation 0 and less above and below.
+    // Gains around the head are 1 + sin / 2: mean square 1.125 at elevation 0, less above and below.
     let response = heard(&settings, 0.0, 0.0);
     let level = level_db(&response.left, 500.0);
     assert!((level + 6.02 + 0.45).abs() < 0.2, "{level} dB");
 }
 
 #[test]
-fn all_ways_to_write_a_head_give_the_same_one() {
+fn table_variants_give_the_same_head() {
     let plain =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
     for (spherical, with_delays, swapped) in [(false, false, false), (true, true, false), (true, false, true)]
@@ -147,7 +148,7 @@ fn all_ways_to_write_a_head_give_the_same_one() {
 }
 
 #[test]
-fn files_that_hold_no_head_are_refused_by_name() {
+fn unusable_files_fail_with_the_table_name() {
     let whole = Written { spherical: true, with_delays: true, swapped: false };
     let refused = |bytes: &[u8]| MeasuredHead::from_sofa(bytes).expect_err("no head");
     assert_eq!(refused(&[]), HeadError::NoSofa);
@@ -182,7 +183,7 @@ fn files_that_hold_no_head_are_refused_by_name() {
 }
 
 #[test]
-fn damage_is_an_error_or_another_head_and_never_a_panic() {
+fn damaged_files_never_panic() {
     let bytes = file("SOFA", &Written { spherical: true, with_delays: true, swapped: false }.tables());
     let mut rng = Rng::new(5);
     let tables_at = bytes.len() - 1500;
@@ -197,11 +198,11 @@ fn damage_is_an_error_or_another_head_and_never_a_panic() {
 }
 
 #[test]
-fn a_manikin_hears_where_sound_comes_from() {
+fn manikin_cues_match_the_source_direction() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../../shared/scenes/sofa/MIT_KEMAR_normal_pinna.sofa");
     let Ok(bytes) = std::fs::read(path) else {
-        println!("skipped: a_manikin_hears_where_sound_comes_from: needs ../shared/scenes");
+        println!("skipped: manikin_cues_match_the_source_direction: needs ../shared/scenes");
         return;
     };
     let settings = settings(&bytes);
@@ -220,117 +221,4 @@ fn a_manikin_hears_where_sound_comes_from() {
             }
         }
     }
-}
-
-/// A table of a file.
-struct Table {
-    name: &'static str,
-    sizes: Vec<u64>,
-    values: Vec<f64>,
-    /// Coordinate type.
-    kind: Option<&'static str>,
-}
-
-const SUPERBLOCK_BYTES: usize = 48;
-
-/// A file with these tables and the convention `conventions`.
-fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
-    let mut bytes = vec![0; SUPERBLOCK_BYTES];
-    let mut links = Vec::new();
-    for table in tables {
-        let data = place(&mut bytes, table.values.iter().flat_map(|value| value.to_le_bytes()).collect());
-        let mut messages = vec![
-            message(1, dataspace(&table.sizes)),
-            message(3, float64()),
-            message(
-                8,
-                [
-                    vec![3, 1],
-                    data.to_le_bytes().to_vec(),
-                    (8 * table.values.len() as u64).to_le_bytes().to_vec(),
-                ]
-                .concat(),
-            ),
-        ];
-        messages.extend(table.kind.map(|kind| attribute("Type", kind)));
-        links.push((table.name, place(&mut bytes, header(&messages))));
-    }
-    let heap = place(&mut bytes, heap_block(&links));
-    let heap = place(&mut bytes, heap_header(heap));
-    let link_info = [vec![0, 0], heap.to_le_bytes().to_vec(), u64::MAX.to_le_bytes().to_vec()].concat();
-    let root = place(&mut bytes, header(&[message(2, link_info), attribute("Conventions", conventions)]));
-    let end = bytes.len() as u64;
-    let superblock = [
-        b"\x89HDF\r\n\x1a\n\x02\x08\x08\x00".to_vec(),
-        [0, u64::MAX, end, root].iter().flat_map(|address| address.to_le_bytes()).collect(),
-    ];
-    bytes[..44].copy_from_slice(&superblock.concat());
-    bytes
-}
-
-/// Appends a part and returns its address.
-fn place(bytes: &mut Vec<u8>, part: Vec<u8>) -> u64 {
-    let address = bytes.len() as u64;
-    bytes.extend(part);
-    address
-}
-
-fn message(kind: u8, body: Vec<u8>) -> Vec<u8> {
-    [vec![kind], (body.len() as u16).to_le_bytes().to_vec(), vec![0], body].concat()
-}
-
-/// An object header of version 2; the checksum is left out.
-fn header(messages: &[Vec<u8>]) -> Vec<u8> {
-    let messages = messages.concat();
-    [b"OHDR\x02\x02".to_vec(), (messages.len() as u32).to_le_bytes().to_vec(), messages, vec![0; 4]].concat()
-}
-
-fn dataspace(sizes: &[u64]) -> Vec<u8> {
-    let kind = if sizes.is_empty() { 0 } else { 1 };
-    let sizes_bytes = sizes.iter().flat_map(|size| size.to_le_bytes()).collect();
-    [vec![2, sizes.len() as u8, 0, kind], sizes_bytes].concat()
-}
-
-fn float64() -> Vec<u8> {
-    let mut kind = vec![0x11, 0x20, 63, 0, 8, 0, 0, 0, 0, 0, 64, 0, 52, 11, 0, 52];
-    kind.extend(1023_u32.to_le_bytes());
-    kind
-}
-
-fn attribute(name: &str, text: &str) -> Vec<u8> {
-    let name = [name.as_bytes(), b"\0"].concat();
-    let kind = [vec![0x13, 0, 0, 0], (text.len() as u32).to_le_bytes().to_vec()].concat();
-    let space = dataspace(&[]);
-    let sizes = [name.len(), kind.len(), space.len()].map(|size| (size as u16).to_le_bytes()).concat();
-    message(12, [vec![3, 0], sizes, vec![0], name, kind, space, text.as_bytes().to_vec()].concat())
-}
-
-/// A fractal heap block with links.
-fn heap_block(links: &[(&str, u64)]) -> Vec<u8> {
-    let mut block = b"FHDB\0".to_vec();
-    block.extend([0; 12]);
-    for (order, (name, address)) in links.iter().enumerate() {
-        block.extend([1, 4]);
-        block.extend((order as u64).to_le_bytes());
-        block.push(name.len() as u8);
-        block.extend(name.as_bytes());
-        block.extend(address.to_le_bytes());
-    }
-    block.push(0);
-    block
-}
-
-/// The header of a fractal heap with a single block: heaps of up to 2^32 bytes in blocks of up to 64 KiB.
-fn heap_header(block: u64) -> Vec<u8> {
-    let mut header = b"FRHP\0\x08\0\0\0\0".to_vec();
-    header.extend(65_536_u32.to_le_bytes());
-    header.extend([0; 12 * 8]);
-    header.extend(4_u16.to_le_bytes());
-    header.extend(512_u64.to_le_bytes());
-    header.extend(65_536_u64.to_le_bytes());
-    header.extend(32_u16.to_le_bytes());
-    header.extend(1_u16.to_le_bytes());
-    header.extend(block.to_le_bytes());
-    header.extend([0; 2 + 4]);
-    header
 }

@@ -1,7 +1,7 @@
 //! The JSON document: the glTF 2.0 schema's surface part, and the node tree. Names follow the
 //! specification's JSON keys.
 
-use crate::files::{Checked, bounded};
+use crate::files::{Checked, bounded, refuse_if};
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -230,7 +230,6 @@ pub(super) fn missing(what: &str, index: usize) -> String {
 /// A scene node with parent and transform.
 pub(super) struct PlacedNode {
     pub(super) node: usize,
-    /// Parent index among the placed nodes.
     pub(super) parent: Option<usize>,
     pub(super) world_from_node: Matrix4<f64>,
 }
@@ -247,9 +246,9 @@ pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<PlacedNode>> {
     while let Some(mut next) = open.pop() {
         let node = document.nodes.get(next.node).ok_or_else(|| missing("node", next.node))?;
         // A node with two parents would be copied, a cycle would never end. glTF requires a strict tree.
-        if std::mem::replace(&mut seen[next.node], true) {
-            return Err(format!("node {} is in the node tree twice; export the file again", next.node));
-        }
+        refuse_if(std::mem::replace(&mut seen[next.node], true), || {
+            format!("node {} is in the node tree twice; export the file again", next.node)
+        })?;
         next.world_from_node *= local_matrix(node);
         for &child in node.children.iter().rev() {
             open.push(PlacedNode {

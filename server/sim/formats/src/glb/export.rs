@@ -51,7 +51,6 @@ pub fn export(scene: &Scene) -> Vec<u8> {
     container(&document, &writer.bin)
 }
 
-/// Triangles by instance and material.
 fn groups(mesh: &Mesh) -> BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>> {
     let mut groups: BTreeMap<_, BTreeMap<_, Vec<_>>> = BTreeMap::new();
     for (triangle, (&instance, &material)) in mesh.instance_of.iter().zip(&mesh.material_of).enumerate() {
@@ -124,7 +123,6 @@ fn material(material: &Material) -> Value {
     entry
 }
 
-/// The binary chunk, and descriptions for the parts.
 #[derive(Default)]
 struct GlbWriter {
     bin: Vec<u8>,
@@ -133,7 +131,6 @@ struct GlbWriter {
 }
 
 impl GlbWriter {
-    /// A primitive per material, with separate vertices.
     fn primitives(&mut self, mesh: &Mesh, surfaces: &BTreeMap<u16, Vec<u32>>) -> Vec<Value> {
         surfaces.iter().map(|(&material, triangles)| self.primitive(mesh, material, triangles)).collect()
     }
@@ -172,11 +169,9 @@ impl GlbWriter {
     }
 
     fn floats<const N: usize>(&mut self, elements: Vec<[f32; N]>, kind: &str) -> Value {
-        let bytes = elements.iter().flatten().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-        let view = self.view(&bytes, Some(ARRAY_BUFFER));
-        self.accessor(
-            json!({ "bufferView": view, "componentType": F32, "count": elements.len(), "type": kind }),
-        )
+        let bytes: Vec<u8> = elements.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();
+        let entry = json!({ "componentType": F32, "count": elements.len(), "type": kind });
+        self.accessor(&bytes, ARRAY_BUFFER, entry)
     }
 
     // Linear light in 16 bits distinguishes all 256 sRGB codes; alpha is padding.
@@ -184,26 +179,23 @@ impl GlbWriter {
         let light = |code: u8| (light_of(code) * f32::from(u16::MAX)).round() as u16;
         let rgba = colors.iter().flat_map(|&[r, g, b]| [light(r), light(g), light(b), u16::MAX]);
         let bytes: Vec<u8> = rgba.flat_map(u16::to_le_bytes).collect();
-        let view = self.view(&bytes, Some(ARRAY_BUFFER));
-        let count = colors.len();
-        self.accessor(
-            json!({ "bufferView": view, "componentType": U16, "normalized": true, "count": count, "type": "VEC4" }),
-        )
+        let entry =
+            json!({ "componentType": U16, "normalized": true, "count": colors.len(), "type": "VEC4" });
+        self.accessor(&bytes, ARRAY_BUFFER, entry)
     }
 
     fn indices(&mut self, indices: &[u32]) -> Value {
         let bytes: Vec<u8> = indices.iter().flat_map(|index| index.to_le_bytes()).collect();
-        let view = self.view(&bytes, Some(ELEMENT_ARRAY_BUFFER));
-        self.accessor(
-            json!({ "bufferView": view, "componentType": U32, "count": indices.len(), "type": "SCALAR" }),
-        )
+        let entry = json!({ "componentType": U32, "count": indices.len(), "type": "SCALAR" });
+        self.accessor(&bytes, ELEMENT_ARRAY_BUFFER, entry)
     }
 
     fn image(&mut self, png: &[u8]) -> Value {
         json!({ "bufferView": self.view(png, None), "mimeType": "image/png" })
     }
 
-    fn accessor(&mut self, entry: Value) -> Value {
+    fn accessor(&mut self, bytes: &[u8], target: u32, mut entry: Value) -> Value {
+        entry["bufferView"] = json!(self.view(bytes, Some(target)));
         self.accessors.push(entry);
         json!(self.accessors.len() - 1)
     }

@@ -1,7 +1,7 @@
 //! A file's content: GLB container, external files, `data:` URIs, accessors, and primitives packed with Draco
 //! (`KHR_draco_mesh_compression`).
 
-use crate::files::{Checked, neighbour, read_limited};
+use crate::files::{Checked, neighbour, read_limited, refuse_if};
 use crate::glb::document::{Accessor, Document, Primitive, Sparse, SparsePart, missing};
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES, MAX_TRIANGLES, MAX_VERTICES};
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
@@ -17,7 +17,6 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const JSON_CHUNK: &[u8] = b"JSON";
 const BIN_CHUNK: &[u8] = b"BIN\0";
 
-/// A parsed file with buffers.
 pub(super) struct Source<'a> {
     pub(super) document: Document,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
@@ -30,12 +29,12 @@ impl<'a> Source<'a> {
     pub(super) fn parse(bytes: &'a [u8], folder: Option<&'a Path>) -> Checked<Self> {
         let is_binary = bytes.starts_with(MAGIC);
         let (json, bin) = if is_binary { chunks(bytes)? } else { (bytes, None) };
-        if json.len() > MAX_JSON_BYTES {
-            return Err(format!(
+        refuse_if(json.len() > MAX_JSON_BYTES, || {
+            format!(
                 "its JSON part is {} bytes long, at most {MAX_JSON_BYTES} are read; save it as .glb",
                 json.len()
-            ));
-        }
+            )
+        })?;
         let kind =
             if is_binary { "its JSON part is damaged" } else { "it is neither binary glTF nor glTF JSON" };
         let document: Document = serde_json::from_slice(json)
@@ -44,7 +43,6 @@ impl<'a> Source<'a> {
         Ok(Self { document, buffers, folder })
     }
 
-    /// Returns a buffer view's bytes.
     pub(super) fn view(&self, index: usize) -> Checked<&[u8]> {
         let view = self.document.buffer_views.get(index).ok_or_else(|| missing("buffer view", index))?;
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
@@ -63,24 +61,17 @@ type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
 /// A GLB file's JSON chunk and binary chunk.
 fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
-    if version != 2 {
-        return Err(format!(
-            "it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0"
-        ));
-    }
+    refuse_if(version != 2, || {
+        format!("it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0")
+    })?;
     let length = word(bytes, 8).ok_or("it ends inside its header; copy the file again")?;
-    if length > bytes.len() {
-        return Err(format!(
-            "it is cut short: {length} bytes announced, {} present; copy the file again",
-            bytes.len()
-        ));
-    }
+    refuse_if(length > bytes.len(), || {
+        format!("it is cut short: {length} bytes announced, {} present; copy the file again", bytes.len())
+    })?;
     // Bytes after the announced length are ignored, as by other readers.
     let bytes = &bytes[..length];
     let (kind, json, rest) = chunk(bytes.get(HEADER_BYTES..).unwrap_or_default())?;
-    if kind != JSON_CHUNK {
-        return Err("its first chunk is not JSON; export the file again".to_owned());
-    }
+    refuse_if(kind != JSON_CHUNK, || "its first chunk is not JSON; export the file again".into())?;
     if rest.is_empty() {
         return Ok((json, None));
     }
@@ -118,13 +109,13 @@ fn load_buffers<'a>(
             }
             None => return Err(format!("buffer {index} has no URI; export the file again")),
         };
-        if bytes.len() < buffer.byte_length {
-            return Err(format!(
+        refuse_if(bytes.len() < buffer.byte_length, || {
+            format!(
                 "buffer {index} has {} bytes, {} were announced; copy the files again",
                 bytes.len(),
                 buffer.byte_length
-            ));
-        }
+            )
+        })?;
         buffers.push(bytes);
     }
     Ok(buffers)
@@ -138,7 +129,7 @@ pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Ch
         base64(encoded).ok_or("a data: URI is not valid base64; export it as .glb")?
     } else {
         let folder = folder.ok_or_else(|| {
-            format!("it keeps data in another file, {address:?}; open it by its path, or export it as .glb")
+            format!("it refers to another file, {address:?}; open it by its path, or export it as .glb")
         })?;
         read_limited(&neighbour(folder, address)?, *budget).map_err(|error| {
             format!(
@@ -182,7 +173,6 @@ const F32: u32 = 5126;
 /// Elements in an accessor without data: the file size does not limit them.
 const MAX_UNBACKED: usize = 1 << 22;
 
-/// An accessor's elements.
 pub(super) struct Elements<'a> {
     bytes: Cow<'a, [u8]>,
     stride: usize,
@@ -258,9 +248,7 @@ impl<'a> Elements<'a> {
         let mut bytes = std::mem::take(&mut self.bytes).into_owned();
         for (index, value) in indices.chunks_exact(index_bytes).zip(values.chunks_exact(size)) {
             let element = index.iter().rev().fold(0_usize, |word, &byte| word << 8 | usize::from(byte));
-            if element >= self.count {
-                return Err(format!("it replaces element {element} of {}", self.count));
-            }
+            refuse_if(element >= self.count, || format!("it replaces element {element} of {}", self.count))?;
             bytes[element * self.stride..element * self.stride + size].copy_from_slice(value);
         }
         self.bytes = Cow::Owned(bytes);
@@ -273,18 +261,17 @@ impl<'a> Elements<'a> {
 
     /// Returns the first `N` components for every element; normalised integers are scaled to 0 to 1 or -1 to 1.
     pub(super) fn floats<const N: usize>(&self) -> Checked<Vec<[f32; N]>> {
-        if self.components < N {
-            return Err(format!("an attribute has {} components where {N} are needed", self.components));
-        }
+        refuse_if(self.components < N, || {
+            format!("an attribute has {} components where {N} are needed", self.components)
+        })?;
         let element = |index: usize| std::array::from_fn(|component| self.float(self.at(index, component)));
         Ok((0..self.count).map(element).collect())
     }
 
-    /// Returns the elements as vertex numbers.
     pub(super) fn indices(&self) -> Checked<Vec<u32>> {
-        if self.components != 1 {
-            return Err("an index list is not a list of single numbers; export the file again".to_owned());
-        }
+        refuse_if(self.components != 1, || {
+            "an index list is not a list of single numbers; export the file again".into()
+        })?;
         let index = |at: &[u8]| match self.component {
             U8 => Some(u32::from(at[0])),
             U16 => Some(u32::from(u16::from_le_bytes([at[0], at[1]]))),
@@ -359,7 +346,6 @@ fn components(kind: &str) -> Option<usize> {
     }
 }
 
-/// A primitive's vertices.
 pub(super) struct PrimitiveVertices {
     pub(super) positions: Vec<[f32; 3]>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,

@@ -1,7 +1,7 @@
 //! Nodes, meshes and primitives as a triangle mesh in the world frame; materials and textures, read at the first use by a
 //! surface.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if, too_many};
 use crate::glb::document::{
     MaterialEntry, PlacedNode, Primitive, TextureTransform, TextureUse, missing, placed_nodes,
 };
@@ -34,7 +34,6 @@ const UNDERSTOOD: [&str; 7] = [
     "EXT_texture_webp",
 ];
 
-/// Reads the default scene's surfaces.
 pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
@@ -122,12 +121,13 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             return Ok(());
         }
         let (corners, mut triangles) = self.unpacked(primitive, mode)?;
-        if triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()) {
-            return Err("a triangle refers to a vertex that does not exist; export the file again".to_owned());
-        }
-        if self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES {
-            return Err(format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"));
-        }
+        refuse_if(
+            triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()),
+            || "a triangle refers to a vertex that does not exist; export the file again".into(),
+        )?;
+        refuse_if(self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES, || {
+            too_many(MAX_TRIANGLES, "triangles")
+        })?;
         if world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
             triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
@@ -140,7 +140,6 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         Ok(())
     }
 
-    /// A primitive's vertices and triangles, decoded if it is packed.
     fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(PrimitiveVertices, Vec<[u32; 3]>)> {
         let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
         let used = self.palette.texture_use(primitive.material)?;
@@ -162,9 +161,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             }
         };
         // Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
-        self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
-            format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
-        })?;
+        self.corners_left =
+            self.corners_left.checked_sub(order.len()).ok_or_else(|| too_many(MAX_TRIANGLES, "triangles"))?;
         if let (Some(uvs), Some(transform)) = (&mut corners.uvs, used.and_then(|used| used.transform())) {
             transform_uvs(uvs, &transform);
         }
@@ -178,10 +176,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         };
         let positions = find("POSITION")?.ok_or("a primitive has no POSITION; export the file again")?;
         let count = positions.count();
-        self.vertices_left = self
-            .vertices_left
-            .checked_sub(count)
-            .ok_or_else(|| format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"))?;
+        self.vertices_left =
+            self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
         let attribute = |name: &str| {
             let found = find(name)?;
             match found {
@@ -199,7 +195,6 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         })
     }
 
-    /// Appends the vertices for `triangles`, and renumbers the triangles.
     fn append_vertices(
         &mut self,
         corners: &PrimitiveVertices,
@@ -249,30 +244,27 @@ fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
 
 /// Triangles from a list, strip or fan (glTF 2.0, section 3.7.2.1), without those with a repeated vertex.
 fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
-    let all: Vec<[u32; 3]> =
-        match mode {
-            TRIANGLE_STRIP => order
-                .windows(3)
-                .enumerate()
-                .map(|(index, three)| {
-                    if index % 2 == 0 {
-                        [three[0], three[1], three[2]]
-                    } else {
-                        [three[0], three[2], three[1]]
-                    }
-                })
-                .collect(),
-            TRIANGLE_FAN => {
-                order.get(1..).unwrap_or_default().windows(2).map(|two| [two[0], two[1], order[0]]).collect()
-            }
-            _ if !order.len().is_multiple_of(3) => {
-                return Err(format!(
-                    "a triangle list has {} corners, no multiple of 3; export the file again",
-                    order.len()
-                ));
-            }
-            _ => order.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect(),
-        };
+    let count = order.len();
+    let corners = |a: usize, b: usize, c: usize| [order[a], order[b], order[c]];
+    let all: Vec<[u32; 3]> = match mode {
+        // Every second triangle in a strip turns the other way.
+        TRIANGLE_STRIP => (2..count)
+            .map(|last| {
+                if last % 2 == 0 {
+                    corners(last - 2, last - 1, last)
+                } else {
+                    corners(last - 2, last, last - 1)
+                }
+            })
+            .collect(),
+        TRIANGLE_FAN => (2..count).map(|last| corners(last - 1, last, 0)).collect(),
+        _ => {
+            refuse_if(!count.is_multiple_of(3), || {
+                format!("a triangle list has {count} corners, no multiple of 3; export the file again")
+            })?;
+            order.as_chunks::<3>().0.to_vec()
+        }
+    };
     Ok(all.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect())
 }
 
@@ -326,7 +318,6 @@ impl<'a, 'r> Palette<'a, 'r> {
         Ok(number)
     }
 
-    /// Returns material `index`'s texture use.
     fn texture_use(&self, index: Option<usize>) -> Checked<Option<TextureUse>> {
         Ok(self.entry(index)?.and_then(MaterialEntry::texture))
     }

@@ -1,6 +1,6 @@
 //! Scene assembly from assets: an asset is read once and placed for all instances.
 
-use crate::files::{Checked, ImportReport, malformed};
+use crate::files::{Checked, ImportReport, malformed, refuse_if};
 use crate::glb;
 use crate::habitat::dataset::{InstanceEntry, Origin, Template};
 use crate::habitat::labels::HabitatRoom;
@@ -16,7 +16,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A labelled object and the triangles.
 struct PlacedObject {
     /// Number in the scene's configuration.
     own_id: Option<u32>,
@@ -48,15 +47,15 @@ impl Assembly {
         &mut self,
         stage: &Template,
         instance: &InstanceEntry,
-        says: &dyn Fn(String) -> SceneError,
+        fail: &dyn Fn(String) -> SceneError,
         report: &mut ImportReport,
     ) -> Result<(), SceneError> {
         let path = stage.asset.as_deref().ok_or_else(|| {
-            says(format!("its stage {:?} has no mesh in the data set; add the file", stage.name))
+            fail(format!("its stage {:?} has no mesh in the data set; add the file", stage.name))
         })?;
         let asset = self.asset(path, report)?;
-        let place = stage_place(stage, instance).map_err(|why| says(format!("its stage {why}")))?;
-        self.append(&asset, &place).map(|_| ()).map_err(says)
+        let place = stage_place(stage, instance).map_err(|why| fail(format!("its stage {why}")))?;
+        self.append(&asset, &place).map(|_| ()).map_err(fail)
     }
 
     /// Adds an object; an object without a mesh is left out, with a warning.
@@ -92,7 +91,6 @@ impl Assembly {
         }))
     }
 
-    /// Returns a file's asset; reads it at the first use.
     fn asset(&mut self, path: &Path, report: &mut ImportReport) -> Result<Rc<Mesh>, SceneError> {
         if let Some(known) = self.assets.get(path) {
             return Ok(Rc::clone(known));
@@ -127,16 +125,19 @@ impl Assembly {
     fn append(&mut self, mesh: &Mesh, world_from_asset: &Matrix4<f64>) -> Checked<Range<usize>> {
         let first = self.mesh.triangles.len();
         let corner = self.mesh.positions.len();
-        if first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES {
-            return Err(format!(
-                "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
-            ));
-        }
+        refuse_if(
+            first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES,
+            || {
+                format!(
+                    "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
+                )
+            },
+        )?;
         for position in &mesh.positions {
             let point: Point3<f32> = world_from_asset.transform_point(&position.cast::<f64>()).cast();
-            if !point.iter().all(|coordinate| coordinate.is_finite()) {
-                return Err("has no finite position; correct its translation and scale".to_owned());
-            }
+            refuse_if(!point.iter().all(|coordinate| coordinate.is_finite()), || {
+                "has no finite position; correct its translation and scale".into()
+            })?;
             self.mesh.positions.push(point);
         }
         // A mirrored asset would turn inside out: its triangles are reversed.
@@ -194,7 +195,6 @@ impl Assembly {
     }
 }
 
-/// Describes an instance; `None` if it has no surface.
 fn object(
     placed: &PlacedObject,
     id: InstanceId,

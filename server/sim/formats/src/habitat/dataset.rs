@@ -14,7 +14,6 @@ use std::path::{Component, Path, PathBuf};
 pub(super) struct Dataset {
     #[serde(skip)]
     pub(super) path: PathBuf,
-    /// Base folder for all paths.
     #[serde(skip)]
     pub(super) root: PathBuf,
     pub(super) stages: Section,
@@ -25,7 +24,6 @@ pub(super) struct Dataset {
     pub(super) semantics: Map<String, Value>,
 }
 
-/// A data set section: stages, objects or scene instances.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Section {
@@ -71,7 +69,6 @@ pub(super) struct SceneInstance {
     pub(super) semantic_scene_instance: String,
 }
 
-/// A placed asset.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct InstanceEntry {
@@ -90,7 +87,6 @@ pub(super) struct InstanceEntry {
 pub(super) enum Origin {
     /// The given centre of mass, or the asset's box centre.
     CenterOfMass,
-    /// The asset's origin.
     Asset,
 }
 
@@ -119,14 +115,12 @@ impl SceneInstance {
 /// Placeholder for the own name of a template or scene in file names.
 pub(super) const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
 
-/// The templates' section in the data set.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum TemplateKind {
     Stage,
     Object,
 }
 
-/// An asset's configuration.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default)]
 pub(super) struct Template {
@@ -136,9 +130,7 @@ pub(super) struct Template {
     #[serde(skip)]
     pub(super) asset: Option<PathBuf>,
     pub(super) render_asset: String,
-    /// Upward direction in the asset's frame.
     pub(super) up: [f64; 3],
-    /// Forward direction in the asset's frame.
     pub(super) front: [f64; 3],
     pub(super) scale: [f64; 3],
     pub(super) units_to_meters: f64,
@@ -166,7 +158,6 @@ impl Default for Template {
     }
 }
 
-/// A template's location.
 #[derive(Clone, Default)]
 struct TemplateSource {
     /// Configuration path, or mesh path for a bare asset.
@@ -183,7 +174,6 @@ pub(super) struct Templates<'a> {
 }
 
 impl<'a> Templates<'a> {
-    /// Lists the templates, without reading them.
     pub(super) fn find(dataset: &'a Dataset, kind: TemplateKind) -> Result<Self, SceneError> {
         let mut templates = Self { dataset, kind, entries: BTreeMap::new() };
         let section = templates.section();
@@ -296,7 +286,6 @@ const MAX_CONFIG_BYTES: u64 = 64 << 20;
 /// Files per pattern.
 const MAX_MATCHES: usize = 1 << 18;
 
-/// Reads a JSON file.
 pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SceneError> {
     let bytes = read(path)?;
     serde_json::from_slice(&bytes)

@@ -25,7 +25,6 @@ const TABLE_FOLDERS: [&str; 2] = ["metadata", "semantics"];
 /// Mark before the part number in divided models' template names.
 const PART_MARK: &str = "_part_";
 
-/// Categories in a data set's lexicons and metadata tables.
 pub(super) struct CategorySources {
     class_of: BTreeMap<i64, String>,
     table: BTreeMap<String, String>,
@@ -138,14 +137,12 @@ struct RegionAnnotation {
     max_bounds: Option<[f32; 3]>,
 }
 
-/// A room with an outline in (x, z).
 pub(super) struct HabitatRoom {
     pub(super) region: Region,
     outline: Vec<[f32; 2]>,
 }
 
 impl HabitatRoom {
-    /// Returns whether a point is in the room.
     pub(super) fn contains(&self, point: &Point3<f32>) -> bool {
         let bounds = &self.region.bounds;
         let upright = (bounds.min.y - BELOW_FLOOR_M..=bounds.max.y).contains(&point.y);

@@ -21,7 +21,6 @@ pub(crate) const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
 const SCENE_SUFFIX: &str = ".scene_instance.json";
 /// Folders above a scene instance that may contain the data set.
 const MAX_PARENTS: usize = 6;
-/// Scenes in an error message.
 const NAMED_SCENES: usize = 8;
 
 /// Returns whether `path` is a scene instance, a data set configuration, or a folder with a configuration.

@@ -1,6 +1,6 @@
 //! The table `X.semantic.txt`, and scene export in HM3D's layout with semantics, for Habitat and other tools.
 
-use crate::files::{Checked, plain_words};
+use crate::files::{Checked, plain_words, refuse_if};
 use crate::glb;
 use avln_geom::{Point2, Point3};
 use avln_scene::describe::{Meaning, meaning};
@@ -12,14 +12,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// First line.
 const HEADER: &str = "HM3D Semantic Annotations";
 
-/// A table line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct InstanceAnnotation {
     /// Instance number, at least 1.
     pub(super) id: u32,
-    /// Painted colour.
     pub(super) color: [u8; 3],
-    /// The annotator's words.
     pub(super) category: String,
     /// Room number in the file; negative for none.
     pub(super) region: i32,
@@ -29,9 +26,9 @@ pub(super) struct InstanceAnnotation {
 pub(super) fn parse(text: &str) -> Checked<Vec<InstanceAnnotation>> {
     let mut lines = text.lines().enumerate();
     let header = lines.next().map(|(_, line)| line).unwrap_or_default();
-    if !header.contains(HEADER) {
-        return Err(format!("its first line is not {HEADER:?}; use the .semantic.txt of HM3D"));
-    }
+    refuse_if(!header.contains(HEADER), || {
+        format!("its first line is not {HEADER:?}; use the .semantic.txt of HM3D")
+    })?;
     let mut annotations = Vec::new();
     let mut seen = BTreeSet::new();
     for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
@@ -42,13 +39,9 @@ pub(super) fn parse(text: &str) -> Checked<Vec<InstanceAnnotation>> {
                 index + 1
             )
         })?;
-        if !seen.insert(annotation.id) {
-            return Err(format!(
-                "line {} repeats number {}; renumber the instances",
-                index + 1,
-                annotation.id
-            ));
-        }
+        refuse_if(!seen.insert(annotation.id), || {
+            format!("line {} repeats number {}; renumber the instances", index + 1, annotation.id)
+        })?;
         annotations.push(annotation);
     }
     annotations.retain(|annotation| annotation.id != 0);
@@ -147,7 +140,6 @@ fn sort_by_material(mesh: &mut Mesh) {
     mesh.material_of = order.iter().map(|&triangle| mesh.material_of[triangle]).collect();
 }
 
-/// The unique colour for an instance number; black for none.
 fn color(id: InstanceId) -> [u8; 3] {
     let [_, r, g, b] = (id.0.wrapping_mul(SCATTER) & InstanceId::MAX).to_be_bytes();
     [r, g, b]

@@ -25,7 +25,6 @@ const SEMANTIC_TABLE: &str = ".semantic.txt";
 const RENDER_MESHES: [&str; 2] = [".glb", ".basis.glb"];
 const MAX_TABLE_BYTES: u64 = 16 << 20;
 
-/// A scene's files.
 struct Hm3dFiles {
     render: PathBuf,
     semantic: PathBuf,
@@ -127,7 +126,6 @@ fn regions(
     Ok((regions, index_of))
 }
 
-/// Colour for triangles without an instance.
 const BLACK: [u8; 3] = [0; 3];
 
 /// Returns instance numbers per semantic triangle, 0 for colours outside the table; warns about unknown colours,

@@ -1,6 +1,6 @@
 //! A house's table (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
 
-use crate::files::Checked;
+use crate::files::{Checked, refuse_if};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
@@ -29,7 +29,6 @@ pub(super) struct HouseLevel {
 pub(super) struct HouseRoom {
     pub(super) index: u32,
     pub(super) level: Option<u32>,
-    /// A letter.
     pub(super) label: String,
     /// Two corners; `None` for a room without surfaces.
     pub(super) bounds: Option<[[f32; 3]; 2]>,
@@ -37,7 +36,6 @@ pub(super) struct HouseRoom {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Category {
-    /// The annotators' words, with blanks.
     pub(super) raw_name: String,
     pub(super) mpcat40_index: Option<u32>,
     pub(super) mpcat40_name: String,
@@ -50,7 +48,6 @@ pub(super) struct HouseObject {
     pub(super) category: Option<u32>,
 }
 
-/// Record counts in the header.
 #[derive(Default)]
 struct RecordCounts {
     objects: usize,
@@ -89,9 +86,9 @@ impl HouseTable {
             "O" => self.objects.push(record.object()?),
             "C" => {
                 let (index, category) = record.category()?;
-                if self.categories.insert(index, category).is_some() {
-                    return Err(format!("category {index} is not unique"));
-                }
+                refuse_if(self.categories.insert(index, category).is_some(), || {
+                    format!("category {index} is not unique")
+                })?;
             }
             "E" => {
                 if let Some((segment, object)) = record.segment()? {
@@ -126,17 +123,16 @@ impl HouseTable {
             ("categories", self.categories.len(), announced.categories),
             ("objects", self.objects.len(), announced.objects),
         ] {
-            if found < announced {
-                return Err(format!(
+            refuse_if(found < announced, || {
+                format!(
                     "it has {found} {what}, its header announces {announced}; it is incomplete, copy it again"
-                ));
-            }
+                )
+            })?;
         }
         Ok(())
     }
 }
 
-/// A line's words.
 struct Record<'a> {
     words: Vec<&'a str>,
 }
@@ -174,9 +170,9 @@ impl Record<'_> {
         if numbers.iter().any(|number| number.abs() > EMPTY_BOX) {
             return Ok(None);
         }
-        if x0 > x1 || y0 > y1 || z0 > z1 {
-            return Err(format!("its box has a negative size, {} x {} x {} m", x1 - x0, y1 - y0, z1 - z0));
-        }
+        refuse_if(x0 > x1 || y0 > y1 || z0 > z1, || {
+            format!("its box has a negative size, {} x {} x {} m", x1 - x0, y1 - y0, z1 - z0)
+        })?;
         Ok(Some([[x0, y0, z0], [x1, y1, z1]]))
     }
 
@@ -221,9 +217,7 @@ impl Record<'_> {
         // O object_index region_index category_index px py pz a0x a0y a0z a1x a1y a1z r0 r1 r2
         for at in 13..16 {
             let radius_m = self.number_m(at, "radius of its box")?;
-            if radius_m < 0.0 {
-                return Err(format!("its box has the negative radius {radius_m} m"));
-            }
+            refuse_if(radius_m < 0.0, || format!("its box has the negative radius {radius_m} m"))?;
         }
         Ok(HouseObject {
             index: self.word(1, "number of an object")?,

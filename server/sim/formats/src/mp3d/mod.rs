@@ -6,7 +6,7 @@ mod house;
 #[cfg(test)]
 mod tests;
 
-use crate::files::{self, Checked, ImportReport, beside, plain_words, scene_name};
+use crate::files::{self, Checked, ImportReport, beside, plain_words, refuse_if, scene_name};
 use crate::labels::{self, ObjectLabel, UnlabelledSurfaces};
 use crate::mp3d::house::{Category, HouseObject, HouseRoom, HouseTable};
 use crate::ply::{self, Ply};
@@ -54,7 +54,6 @@ pub(crate) fn import(
     Ok(labels::scene(scene_name(table), surface, &label_of, &labels, regions, report))
 }
 
-/// Visible surfaces, their labels per triangle, and the file's frame.
 fn surfaces(
     table: &Path,
     semantic: Option<Ply>,
@@ -118,20 +117,15 @@ fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> 
     vec![0; ply.mesh.triangles.len()]
 }
 
-/// Labels for the table's objects: their numbers plus one.
 fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<ObjectLabel>, String> {
     let label = |object: &HouseObject| {
         let (category, noun) = object
             .category
             .and_then(|index| house.categories.get(&index))
             .map_or((None, String::new()), meaning);
-        if object.index >= InstanceId::MAX {
-            return Err(format!(
-                "it numbers an object {}, the largest number is {}",
-                object.index,
-                InstanceId::MAX - 1
-            ));
-        }
+        refuse_if(object.index >= InstanceId::MAX, || {
+            format!("it numbers an object {}, the largest number is {}", object.index, InstanceId::MAX - 1)
+        })?;
         let region = object.region.and_then(|region| index_of.get(&region).copied());
         Ok(ObjectLabel { id: object.index + 1, category, noun, region })
     };

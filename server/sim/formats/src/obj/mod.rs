@@ -5,7 +5,7 @@ mod mtl;
 #[cfg(test)]
 mod tests;
 
-use crate::files::{self, Checked, ImportReport, neighbour, scene_name};
+use crate::files::{self, Checked, ImportReport, neighbour, refuse_if, scene_name};
 use crate::images::ImageSet;
 use crate::named_model::{Model, category_of_name, scene_of_named_model};
 use crate::obj::mtl::MtlMaterial;
@@ -48,11 +48,10 @@ fn model(bytes: &[u8], folder: &Path, report: &mut ImportReport) -> Checked<Mode
     for name in &surfaces.materials {
         materials.push(material(name, &entries, &mut pictures, report)?);
     }
-    let textures = pictures.into_textures();
+    let textures = pictures.textures;
     Ok(Model::from_named_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
 }
 
-/// Materials in all the file's libraries.
 fn libraries(surfaces: &ObjSurfaces, folder: &Path, report: &mut ImportReport) -> Vec<MtlMaterial> {
     let mut entries = Vec::new();
     for name in &surfaces.libraries {
@@ -96,21 +95,17 @@ const IGNORED: [&str; 10] = ["vn", "s", "l", "p", "vp", "usemap", "lod", "mg", "
 /// Keywords for curved surfaces.
 const CURVED: [&str; 5] = ["curv", "curv2", "surf", "cstype", "bmat"];
 
-/// Surfaces in an `.obj` file, in file coordinates.
 #[derive(Default)]
 struct ObjSurfaces {
     mesh: Mesh,
     /// Material names in number order; the empty name is no material.
     materials: Vec<String>,
-    /// Object and group names.
     parts: Vec<String>,
     /// Index into `parts` per triangle.
     part_of: Vec<u32>,
-    /// Material library names.
     libraries: Vec<String>,
 }
 
-/// Reads a file line by line.
 fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<ObjSurfaces> {
     let mut parser = ObjParser::default();
     for (number, line) in lines(bytes) {
@@ -118,9 +113,9 @@ fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<ObjSurfaces> {
             .line(split(&line), report)
             .map_err(|reason| format!("line {number}: {reason}; export the file again"))?;
     }
-    if parser.found.mesh.triangles.is_empty() {
-        return Err("it has no faces; use the file with surfaces".to_owned());
-    }
+    refuse_if(parser.found.mesh.triangles.is_empty(), || {
+        "it has no faces; use the file with surfaces".into()
+    })?;
     Ok(parser.found)
 }
 
@@ -168,9 +163,9 @@ impl ObjParser {
 
     fn position(&mut self, text: &str) -> Checked<()> {
         let (numbers, count) = numbers::<7>(text, 3, MAX_COORDINATE)?;
-        if self.positions.len() >= MAX_VERTICES {
-            return Err(format!("it has more than {MAX_VERTICES} vertices"));
-        }
+        refuse_if(self.positions.len() >= MAX_VERTICES, || {
+            format!("it has more than {MAX_VERTICES} vertices")
+        })?;
         self.positions.push(Point3::new(numbers[0], numbers[1], numbers[2]));
         let code = |share: f32| (share.clamp(0.0, 1.0) * 255.0).round() as u8;
         // Six numbers are a position and a colour, seven a weight between them.
@@ -184,9 +179,9 @@ impl ObjParser {
     // Texture coordinates count from the bottom row in OBJ, from the top row in scenes.
     fn uv(&mut self, text: &str) -> Checked<()> {
         let ([u, v], _) = numbers::<2>(text, 1, f32::INFINITY)?;
-        if self.uvs.len() >= MAX_VERTICES {
-            return Err(format!("it has more than {MAX_VERTICES} texture coordinates"));
-        }
+        refuse_if(self.uvs.len() >= MAX_VERTICES, || {
+            format!("it has more than {MAX_VERTICES} texture coordinates")
+        })?;
         let sane = |value: f32| if value.abs() <= MAX_UV { value } else { 0.0 };
         self.uvs.push(Point2::new(sane(u), 1.0 - sane(v)));
         Ok(())
@@ -196,16 +191,14 @@ impl ObjParser {
         let corners: Checked<Vec<u32>> =
             text.split_whitespace().take(MAX_POLYGON + 1).map(|word| self.corner(word)).collect();
         let corners = corners?;
-        if !(3..=MAX_POLYGON).contains(&corners.len()) {
-            return Err(format!("a face has {} corners, 3 to {MAX_POLYGON} are read", corners.len()));
-        }
+        refuse_if(!(3..=MAX_POLYGON).contains(&corners.len()), || {
+            format!("a face has {} corners, 3 to {MAX_POLYGON} are read", corners.len())
+        })?;
         let part = self.part()?;
         let mesh = &mut self.found.mesh;
         polygon::triangulate(&mesh.positions, &corners, &mut mesh.triangles);
         let total = mesh.triangles.len();
-        if total > MAX_TRIANGLES {
-            return Err(format!("it has more than {MAX_TRIANGLES} triangles"));
-        }
+        refuse_if(total > MAX_TRIANGLES, || format!("it has more than {MAX_TRIANGLES} triangles"))?;
         if self.found.materials.is_empty() {
             self.material = self.material_number("")?;
         }
@@ -228,9 +221,9 @@ impl ObjParser {
             return Ok(vertex);
         }
         let mesh = &mut self.found.mesh;
-        if mesh.positions.len() >= MAX_VERTICES {
-            return Err(format!("it has more than {MAX_VERTICES} vertices"));
-        }
+        refuse_if(mesh.positions.len() >= MAX_VERTICES, || {
+            format!("it has more than {MAX_VERTICES} vertices")
+        })?;
         let made = mesh.positions.len() as u32;
         mesh.positions.push(self.positions[position as usize]);
         mesh.colors.push(self.colors[position as usize]);
@@ -245,8 +238,8 @@ impl ObjParser {
         if let Some(part) = self.part {
             return Ok(part);
         }
-        let says_more = self.object.is_empty() || category_of_name(&self.group).is_some();
-        let name = if says_more { &self.group } else { &self.object };
+        let has_category = self.object.is_empty() || category_of_name(&self.group).is_some();
+        let name = if has_category { &self.group } else { &self.object };
         let next = self.found.parts.len();
         let part = match self.part_of.get(name) {
             Some(&known) => known,
@@ -314,9 +307,7 @@ fn numbers<const N: usize>(text: &str, least: usize, limit: f32) -> Checked<([f3
     let mut count = 0;
     for word in text.split_whitespace().take(N) {
         let number: f32 = word.parse().map_err(|_| format!("{word:?} is not a number"))?;
-        if number.is_nan() || number.abs() > limit {
-            return Err(format!("{word:?} is no usable coordinate"));
-        }
+        refuse_if(number.is_nan() || number.abs() > limit, || format!("{word:?} is no usable coordinate"))?;
         found[count] = number;
         count += 1;
     }

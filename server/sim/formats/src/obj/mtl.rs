@@ -6,7 +6,6 @@ use avln_scene::Material;
 const DEFAULT_DIFFUSE: [f32; 3] = [0.8; 3];
 /// Opacity below which a surface is transparent.
 const SEE_THROUGH: f32 = 0.5;
-/// A material with an image name.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MtlMaterial {
     pub(super) name: String,
@@ -35,7 +34,6 @@ impl MtlMaterial {
     }
 }
 
-/// Returns the default material with a name.
 pub(super) fn plain(name: &str) -> Material {
     MtlMaterial::new(name).material(None)
 }

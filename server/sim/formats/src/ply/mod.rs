@@ -2,7 +2,7 @@
 
 mod tables;
 
-use crate::files::{self, Checked, ImportReport, scene_name};
+use crate::files::{self, Checked, ImportReport, refuse_if, scene_name};
 use crate::images::ImageSet;
 use crate::ply::tables::PlyTables;
 use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
@@ -49,25 +49,22 @@ pub(crate) fn import(
         name: scene_name(path),
         mesh: ply.mesh,
         materials: vec![material(texture)],
-        textures: pictures.into_textures(),
+        textures: pictures.textures,
         regions: Vec::new(),
         objects: Vec::new(),
         lighting: Lighting::Painted,
     })
 }
 
-/// Returns the material for PLY files.
 pub(crate) fn material(texture: Option<u16>) -> Material {
     Material { name: "scan".to_owned(), base_color: [255; 4], texture, alpha_cutoff: None }
 }
 
-/// Reads a file in file coordinates.
 pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Ply, SceneError> {
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     parse(&bytes, report).map_err(|reason| files::malformed(path, reason))
 }
 
-/// Parses a file in file coordinates.
 pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
     let mut tables = PlyTables::read(bytes, report)?;
     let mut triangles = Vec::new();
@@ -76,9 +73,9 @@ pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
         polygon::triangulate(&tables.positions, corners, &mut triangles);
         face_of.resize(triangles.len(), face as u32);
     }
-    if triangles.is_empty() {
-        return Err("it has no faces; use the file with surfaces, not the point cloud".to_owned());
-    }
+    refuse_if(triangles.is_empty(), || {
+        "it has no faces; use the file with surfaces, not the point cloud".into()
+    })?;
     let by_face = |labels: Vec<i64>| face_of.iter().map(|&face| labels[face as usize]).collect::<Vec<_>>();
     let by_vertex = |labels: Vec<i64>| {
         triangles.iter().map(|corners| most(corners.map(|at| labels[at as usize]))).collect()

@@ -1,6 +1,6 @@
 //! Vertices and faces in a PLY file; `ply-rs-bw` reads the header and each row.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if, too_many};
 use avln_geom::{Point2, Point3};
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
@@ -76,7 +76,6 @@ impl PlyTables {
         Ok(tables)
     }
 
-    /// Returns the faces' corner lists.
     pub(super) fn faces(&self) -> impl Iterator<Item = &[u32]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
@@ -88,9 +87,9 @@ impl PlyTables {
             scales.next().map(full_scale)
         };
         let has = |column: usize| scale_of(column).is_some();
-        if !(has(0) && has(1) && has(2)) {
-            return Err("its vertices have no x, y and z; export the file again".to_owned());
-        }
+        refuse_if(!(has(0) && has(1) && has(2)), || {
+            "its vertices have no x, y and z; export the file again".into()
+        })?;
         self.is_coloured = (RED..RED + 3).all(has);
         self.has_uvs = has(U) && has(U + 1);
         let color_scale: [f64; 3] =
@@ -124,9 +123,10 @@ impl PlyTables {
     ) -> Checked<()> {
         let is_whole = |kind: &ScalarType| !matches!(kind, ScalarType::Float | ScalarType::Double);
         let is_list = |kind: &PropertyType| matches!(kind, PropertyType::List(_, kind) if is_whole(kind));
-        if !CORNERS.iter().any(|name| element.properties.get(*name).is_some_and(|p| is_list(&p.data_type))) {
-            return Err("its faces have no list vertex_indices; export the file again".to_owned());
-        }
+        refuse_if(
+            !CORNERS.iter().any(|name| element.properties.get(*name).is_some_and(|p| is_list(&p.data_type))),
+            || "its faces have no list vertex_indices; export the file again".into(),
+        )?;
         let has = |names: &[&str]| names.iter().any(|name| scalar(element, name).is_some());
         let mut objects = has(&OBJECTS).then(Vec::new);
         let mut segments = has(&SEGMENTS).then(Vec::new);
@@ -150,11 +150,7 @@ impl PlyTables {
             }
             triangles += corners.saturating_sub(2);
             degenerate += usize::from(corners < 3);
-            if triangles > MAX_TRIANGLES {
-                return Err(format!(
-                    "it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"
-                ));
-            }
+            refuse_if(triangles > MAX_TRIANGLES, || too_many(MAX_TRIANGLES, "triangles"))?;
             self.corners.extend(row.corners);
             self.ends.push(self.corners.len() as u32);
             if let Some(objects) = &mut objects {
@@ -190,11 +186,11 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     const END: &[u8] = b"end_header";
     // The library does not limit line length: a binary file without line ends would be copied as a whole.
     let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
-    if !start.windows(END.len()).any(|window| window == END) {
-        return Err(format!(
+    refuse_if(!start.windows(END.len()).any(|window| window == END), || {
+        format!(
             "it is no PLY file, or its header does not end within {MAX_HEADER_BYTES} bytes; export it again"
-        ));
-    }
+        )
+    })?;
     let mut reader = Reader::new(bytes);
     let header = Parser::<UnusedRow>::new()
         .read_header(&mut reader)
@@ -204,7 +200,6 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     Ok((header, rows))
 }
 
-/// A cursor over table rows.
 struct RowCursor<'a> {
     rest: &'a [u8],
     /// File size, bytes.
@@ -247,9 +242,7 @@ impl RowCursor<'_> {
     fn text_line(&mut self) -> Checked<&str> {
         loop {
             let place = self.line;
-            if self.rest.is_empty() {
-                return Err(format!("line {place}: {ENDS_EARLY}"));
-            }
+            refuse_if(self.rest.is_empty(), || format!("line {place}: {ENDS_EARLY}"))?;
             let window = &self.rest[..self.rest.len().min(MAX_LINE_BYTES)];
             let end = match window.iter().position(|&byte| byte == b'\n') {
                 Some(end) => end + 1,
@@ -280,18 +273,18 @@ impl RowCursor<'_> {
         };
         let row: usize = element.properties.values().map(|property| least_bytes(&property.data_type)).sum();
         // The last number in a text needs no blank after it.
-        if element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1) {
-            return Err(format!(
+        refuse_if(element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1), || {
+            format!(
                 "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
                 self.place(self.position()),
                 element.count,
                 element.name,
                 self.rest.len()
-            ));
-        }
-        if element.name == "vertex" && element.count > MAX_VERTICES {
-            return Err(format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"));
-        }
+            )
+        })?;
+        refuse_if(element.name == "vertex" && element.count > MAX_VERTICES, || {
+            too_many(MAX_VERTICES, "vertices")
+        })?;
         Ok(())
     }
 }
@@ -393,7 +386,6 @@ fn number(property: &Property) -> Option<f64> {
     })
 }
 
-/// A scalar column's type.
 fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
     match &element.properties.get(name)?.data_type {
         PropertyType::Scalar(kind) => Some(kind),

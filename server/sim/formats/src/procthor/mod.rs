@@ -144,7 +144,6 @@ pub(super) struct Wall {
     pub(super) polygon: Vec<UnityVector>,
 }
 
-/// A door or window.
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Opening {
@@ -162,11 +161,9 @@ pub(super) struct ProcthorObject {
     pub(super) id: String,
     pub(super) asset_id: String,
     pub(super) object_type: String,
-    /// Box centre.
     pub(super) position: UnityVector,
     /// Unity's Euler angles, degrees.
     pub(super) rotation: Rotation,
-    /// Size, if the file has it.
     pub(super) bounding_box: Option<UnityVector>,
     #[serde(deserialize_with = "maybe_bounded")]
     pub(super) children: Vec<ProcthorObject>,
@@ -199,7 +196,6 @@ fn maybe_bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     Ok(Option::<Listed<T>>::deserialize(deserializer)?.map_or(Vec::new(), |listed| listed.0))
 }
 
-/// A house mesh under construction.
 #[derive(Default)]
 pub(super) struct HouseMesh {
     pub(super) mesh: Mesh,
@@ -278,7 +274,7 @@ mod tests {
         "polygon": [corner(from, 0.0), corner(to, 0.0), corner(from, 2.5), corner(to, 2.5)] })
     }
 
-    /// Two rooms, 0 to 4 and 4 to 6 in x, both 3 m deep in Unity's z, with a door between them, one that leads outside
+    /// Two rooms, 0 to 4 and 4 to 6 in x, both 3 m deep in Unity's z, with a door between them, a door to the outside
     /// and a window.
     fn house() -> Value {
         let rectangle =

@@ -1,6 +1,6 @@
 //! A house's objects, as boxes.
 
-use crate::files::{Checked, ImportReport, malformed, read_regular};
+use crate::files::{Checked, ImportReport, malformed, read_regular, refuse_if};
 use crate::named_model::category_of_name;
 use crate::procthor::shell::ProcthorRoom;
 use crate::procthor::{HouseMesh, ProcthorHouse, ProcthorObject, Rotation, UnityVector, finite_box, world};
@@ -50,9 +50,9 @@ pub(super) fn build(
     let mut count = 0;
     while let Some(thing) = open.pop() {
         count += 1;
-        if count > MAX_OBJECTS {
-            return Err(format!("it has more than {MAX_OBJECTS} objects; split the house"));
-        }
+        refuse_if(count > MAX_OBJECTS, || {
+            format!("it has more than {MAX_OBJECTS} objects; split the house")
+        })?;
         // An explicit stack: children can nest to any depth in a hostile file.
         open.extend(thing.children.iter().rev());
         let words = words(thing, sizes);
@@ -164,7 +164,6 @@ const MAX_DATABASE_BYTES: u64 = 256 << 20;
 /// Least and greatest box side, metres; other sides are clamped.
 const SIDES_M: (f32, f32) = (0.005, 10.0);
 
-/// Asset sizes and types.
 #[derive(Default)]
 pub(super) struct AssetSizes {
     assets: BTreeMap<String, DatabaseAsset>,

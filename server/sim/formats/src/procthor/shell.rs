@@ -1,6 +1,6 @@
 //! Floors, ceilings, and walls with holes for doors and windows.
 
-use crate::files::{Checked, ImportReport};
+use crate::files::{Checked, ImportReport, refuse_if};
 use crate::procthor::{HouseMesh, MaterialName, Opening, ProcthorHouse, RoomEntry, Wall, finite_box, world};
 use avln_geom::{Aabb, Point2, Point3, Vector3};
 use avln_scene::limits::MAX_WORD_CHARS;
@@ -29,7 +29,6 @@ const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("orange", "plaster", [222, 170, 110]),
 ];
 
-/// A room in the house.
 pub(super) struct ProcthorRoom {
     pub(super) label: String,
     pub(super) bounds: Aabb,
@@ -99,17 +98,17 @@ pub(super) fn build(
 }
 
 fn rooms(house: &ProcthorHouse) -> Checked<Vec<ProcthorRoom>> {
-    if house.rooms.is_empty() || house.rooms.len() > usize::from(u16::MAX) {
-        return Err(format!("it has {} rooms, 1 to 65535 are read", house.rooms.len()));
-    }
+    refuse_if(house.rooms.is_empty() || house.rooms.len() > usize::from(u16::MAX), || {
+        format!("it has {} rooms, 1 to 65535 are read", house.rooms.len())
+    })?;
     let room = |entry: &RoomEntry| {
-        if entry.floor_polygon.len() < 3 || entry.floor_polygon.len() > MAX_CORNERS {
-            return Err(format!(
+        refuse_if(entry.floor_polygon.len() < 3 || entry.floor_polygon.len() > MAX_CORNERS, || {
+            format!(
                 "room {:?} has an outline of {} corners, 3 to {MAX_CORNERS} are read; correct floorPolygon",
                 entry.id,
                 entry.floor_polygon.len()
-            ));
-        }
+            )
+        })?;
         let mut corners: Vec<Point3<f32>> = entry.floor_polygon.iter().map(world).collect();
         let outline = corners.iter().map(|corner| Point2::new(corner.x, corner.z)).collect();
         let floor_m = corners.iter().map(|corner| corner.y).fold(f32::INFINITY, f32::min);
@@ -215,9 +214,9 @@ fn hole(opening: &Opening, panel: &WallPanel<'_>) -> Checked<WallHole> {
     let [Some(left), Some(bottom), Some(right), Some(top)] = sides else {
         return Err(format!("{:?} has no holePolygon; export the house with schema 1.0.0", opening.id));
     };
-    if !sides.iter().flatten().all(|side| side.is_finite()) {
-        return Err(format!("{:?} has no finite holePolygon; correct it", opening.id));
-    }
+    refuse_if(!sides.iter().flatten().all(|side| side.is_finite()), || {
+        format!("{:?} has no finite holePolygon; correct it", opening.id)
+    })?;
     Ok(clamped(WallHole { from: [left, bottom], to: [right, top] }, panel))
 }
 

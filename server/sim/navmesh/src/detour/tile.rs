@@ -76,29 +76,29 @@ pub(super) fn read_tile(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
 
 fn header(reader: &mut Reader<'_>) -> Result<Header, DetourError> {
     reader.magic("the tile", TILE_MAGIC, "this is no Detour tile")?;
-    reader.within("the version of the tile", TILE_VERSION..=TILE_VERSION)?;
-    reader.take("the place of the tile", 16)?;
+    reader.within("the tile version", TILE_VERSION..=TILE_VERSION)?;
+    reader.take("the tile position", 16)?;
     let mut count = |what| reader.within(what, 0..=MAX_COUNT).map(|count| count as usize);
     let counts = Counts {
-        polygons: count("the number of polygons")?,
-        corners: count("the number of corners")?,
-        links: count("the number of links")?,
-        details: count("the number of detail meshes")?,
-        detail_corners: count("the number of detail corners")?,
-        detail_triangles: count("the number of detail triangles")?,
+        polygons: count("the polygon count")?,
+        corners: count("the corner count")?,
+        links: count("the link count")?,
+        details: count("the detail mesh count")?,
+        detail_corners: count("the detail corner count")?,
+        detail_triangles: count("the detail triangle count")?,
     };
-    count("the number of tree nodes")?;
-    count("the number of off-mesh connections")?;
+    count("the tree node count")?;
+    count("the off-mesh connection count")?;
     count("the first off-mesh connection")?;
-    let height_m = reader.metres("the height of the body")?;
-    reader.metres("the radius of the body")?;
-    let climb_m = reader.metres("the climb of the body")?;
-    let [x, y, z] = reader.corner("the lower end of the tile")?;
-    reader.corner("the upper end of the tile")?;
+    let height_m = reader.metres("the body height")?;
+    reader.metres("the body radius")?;
+    let climb_m = reader.metres("the body climb")?;
+    let [x, y, z] = reader.corner("the lower tile bound")?;
+    reader.corner("the upper tile bound")?;
     let offset = reader.at();
-    let cells_per_m = reader.metres("the number of cells a metre")?;
+    let cells_per_m = reader.metres("the cells per metre")?;
     let sane = (0.01..=1e4).contains(&cells_per_m);
-    demand(sane, "the number of cells a metre", offset, cells_per_m, "it must be 0.01 to 10000")?;
+    demand(sane, "the cells per metre", offset, cells_per_m, "it must be 0.01 to 10000")?;
     let cell_m = 1.0 / cells_per_m;
     let lattice = Lattice { origin: Point3::new(x, y, z), cell_m, level_m: cell_m };
     Ok(Header { counts, height_m, climb_m, lattice })
@@ -117,13 +117,13 @@ fn check_extent(offset: usize, places: &[[f32; 3]], lattice: &Lattice) -> Result
         let spot = lattice.spot(&Point3::new(x, y, z));
         let inside = spot.x > -1.0 && spot.y > -1.0;
         let found = format_args!("({x}, {y}, {z})");
-        demand(inside, "a corner", offset + 12 * index, found, "the tile begins behind it")?;
+        demand(inside, "a corner", offset + 12 * index, found, "it must be inside the tile")?;
         reach = reach.sup(&spot);
     }
     let fits = reach.x.max(reach.y) < MAX_SIDE_CELLS && reach.x * reach.y < MAX_CELLS;
     let expected = format_args!("{MAX_SIDE_CELLS} a side and {MAX_CELLS} in all can be read");
     let found = format_args!("{:.0} x {:.0} cells", reach.x, reach.y);
-    demand(fits, "the extent of the corners", offset, found, expected)
+    demand(fits, "the corner extent", offset, found, expected)
 }
 
 fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourError> {
@@ -131,15 +131,15 @@ fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourErro
     reader.take("a polygon", 4)?;
     let mut indices = [0; CORNERS];
     for index in &mut indices {
-        *index = usize::from(reader.u16("a corner of a polygon")?);
+        *index = usize::from(reader.u16("a polygon corner")?);
     }
     let mut leaves = false;
     for _ in 0..CORNERS {
-        leaves |= reader.u16("a neighbour of a polygon")? & OUTSIDE != 0;
+        leaves |= reader.u16("a polygon neighbour")? & OUTSIDE != 0;
     }
-    let flags = reader.u16("the flags of a polygon")?;
-    let count = usize::from(reader.u8("the number of a polygon's corners")?);
-    let is_connection = reader.u8("the kind of a polygon")? >> 6 != 0;
+    let flags = reader.u16("the polygon flags")?;
+    let count = usize::from(reader.u8("a polygon's corner count")?);
+    let is_connection = reader.u8("the polygon kind")? >> 6 != 0;
     let has_place = count <= CORNERS && (is_connection || count >= 3);
     demand(has_place, "a polygon", offset, format_args!("one with {count} corners"), "3 to 6 can be read")?;
     let used = &indices[..count];
@@ -154,10 +154,10 @@ fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourErro
 
 fn part(reader: &mut Reader<'_>) -> Result<Part, DetourError> {
     let mut first = |what| reader.within(what, 0..=MAX_COUNT).map(|first| first as usize);
-    let first_corner = first("the first corner of a detail mesh")?;
-    let first_triangle = first("the first triangle of a detail mesh")?;
-    reader.u8("the number of a detail mesh's corners")?;
-    let triangles = usize::from(reader.u8("the number of a detail mesh's triangles")?);
+    let first_corner = first("the first corner in a detail mesh")?;
+    let first_triangle = first("the first triangle in a detail mesh")?;
+    reader.u8("a detail mesh's corner count")?;
+    let triangles = usize::from(reader.u8("a detail mesh's triangle count")?);
     reader.take("a detail mesh", 2)?;
     Ok(Part { first_corner, first_triangle, triangles })
 }

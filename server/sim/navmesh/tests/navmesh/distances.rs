@@ -81,7 +81,7 @@ fn is_straight(mesh: &NavMesh, from: &Point3<f32>, to: &Point3<f32>) -> bool {
 }
 
 #[test]
-fn exact_distances_are_never_beaten_by_a_raster() {
+fn distances_are_at_most_raster_distances() {
     let bounds = Aabb::new(Point3::new(0.0, -0.5, 0.0), Point3::new(10.0, 0.5, 6.0));
     Raster::new(&two_rooms(), &bounds).check(31);
     let furnished = hall()
@@ -93,7 +93,7 @@ fn exact_distances_are_never_beaten_by_a_raster() {
 }
 
 #[test]
-fn round_obstacles_are_no_exception() {
+fn slanted_post_rows_agree_with_a_raster() {
     let mut builder = hall();
     // Slanted rows of small posts.
     for row in 0..4 {
@@ -107,7 +107,7 @@ fn round_obstacles_are_no_exception() {
 }
 
 #[test]
-fn distances_are_those_over_all_corners_in_sight_of_each_other() {
+fn distances_equal_the_full_corner_graph() {
     let furnished = hall().block([3.0, 0.0, 1.0], [3.8, 1.0, 4.5]).block([6.0, 0.0, 2.0], [7.5, 1.0, 6.0]);
     let mesh = furnished.build();
     let mut rng = Rng::new(34);
@@ -176,7 +176,7 @@ impl Looked {
 }
 
 #[test]
-fn exits_and_corner_ways_add_up_to_the_geodesic_distance() {
+fn exits_and_corner_ways_sum_to_geodesic_distance() {
     let looked = look_around();
     for a in 0..looked.points.len() {
         for b in 0..looked.points.len() {
@@ -188,7 +188,7 @@ fn exits_and_corner_ways_add_up_to_the_geodesic_distance() {
 }
 
 #[test]
-fn corner_paths_are_as_long_as_they_say_and_lead_home() {
+fn corner_path_lengths_are_their_distances() {
     let looked = look_around();
     let home = &looked.ways[0];
     for corner in 0..looked.mesh.corner_count() as u32 {

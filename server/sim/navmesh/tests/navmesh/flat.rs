@@ -16,7 +16,7 @@ fn flat_distance(a: &NavPoint, b: &NavPoint) -> f64 {
 }
 
 #[test]
-fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
+fn area_excludes_a_rim_of_body_radius() {
     let mesh = hall().build();
     let expected = 9.8 * 5.8;
     let island = mesh.largest_island();
@@ -25,7 +25,7 @@ fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
 }
 
 #[test]
-fn furniture_in_the_middle_of_a_room_is_left_out() {
+fn area_excludes_furniture() {
     let mesh = hall().block([3.0, 0.0, 2.0], [5.0, 1.0, 4.0]).block([7.0, 0.0, 3.0], [8.0, 3.0, 4.0]).build();
     // The hall without the rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
     let area_m2 = mesh.island_area_m2(mesh.largest_island());
@@ -38,7 +38,7 @@ fn furniture_in_the_middle_of_a_room_is_left_out() {
 }
 
 #[test]
-fn distances_around_a_wall_are_those_worked_by_hand() {
+fn distances_around_a_wall_match_hand_computed_values() {
     let mesh = two_rooms();
     // Straight through the doorway.
     let (a, b) = (at(&mesh, 2.0, 3.0), at(&mesh, 8.0, 3.0));
@@ -55,7 +55,7 @@ fn distances_around_a_wall_are_those_worked_by_hand() {
 }
 
 #[test]
-fn a_path_is_as_long_as_its_distance_and_begins_and_ends_right() {
+fn path_length_is_the_distance() {
     let mesh = two_rooms();
     let mut rng = Rng::new(11);
     for _ in 0..200 {
@@ -94,7 +94,7 @@ fn rooms_without_an_opening_are_two_islands() {
 }
 
 #[test]
-fn sliding_along_a_wall_keeps_the_part_along_it() {
+fn sliding_preserves_the_part_parallel_to_the_wall() {
     let mesh = two_rooms();
     let free = mesh.slide(&at(&mesh, 2.0, 2.0), &Vector3::new(0.15, 0.0, -0.2));
     assert!(!free.blocked);
@@ -112,7 +112,7 @@ fn sliding_along_a_wall_keeps_the_part_along_it() {
 }
 
 #[test]
-fn a_random_walk_stays_on_its_island_and_ends_near_where_it_was_bound() {
+fn random_walk_stays_on_its_island() {
     let mesh = two_rooms();
     let mut rng = Rng::new(13);
     let mut here = mesh.sample(&mut rng, 0);
@@ -131,7 +131,7 @@ fn a_random_walk_stays_on_its_island_and_ends_near_where_it_was_bound() {
 }
 
 #[test]
-fn a_field_is_the_least_over_its_seeds() {
+fn field_is_the_minimum_over_seeds() {
     let mesh = two_rooms();
     let mut rng = Rng::new(14);
     let seeds: Vec<_> = (0..7).map(|_| (mesh.sample(&mut rng, 0), rng.unit() * 3.0)).collect();
@@ -190,7 +190,7 @@ fn snapping_finds_the_nearest_floor_within_reach() {
 }
 
 #[test]
-fn roofs_and_tables_are_not_the_island_to_live_on() {
+fn main_island_is_neither_roof_nor_table() {
     let table = hall().block([2.0, 0.7, 2.0], [4.0, 0.75, 4.0]);
     let mesh = table.block([-0.2, 2.5, -0.2], [10.2, 2.7, 6.2]).build();
     let floor = at(&mesh, 8.0, 3.0);
@@ -203,7 +203,7 @@ fn roofs_and_tables_are_not_the_island_to_live_on() {
 }
 
 #[test]
-fn a_body_keeps_its_radius() {
+fn body_stays_a_radius_off_walls() {
     let scene =
         Builder::default().floor([0.0; 3], [10.0, 0.0, 6.0]).walls_around([0.0, 0.0], [10.0, 6.0]).scene();
     let wide = avln_navmesh::Body { radius_m: 0.5, ..Default::default() };
@@ -213,7 +213,7 @@ fn a_body_keeps_its_radius() {
 }
 
 #[test]
-fn many_to_many_is_one_by_one() {
+fn distance_table_equals_single_distances() {
     let mesh = two_rooms();
     let mut rng = Rng::new(16);
     let [from, to] = [12, 9].map(|count| (0..count).map(|_| mesh.sample(&mut rng, 0)).collect::<Vec<_>>());
@@ -251,7 +251,7 @@ fn at_height(mesh: &NavMesh, x: f32, y: f32, z: f32) -> NavPoint {
 }
 
 #[test]
-fn stairs_join_two_storeys_and_points_above_each_other_stay_apart() {
+fn stairs_join_two_storeys() {
     let mesh = two_storeys();
     let (below, above) = (at_height(&mesh, 10.0, 0.0, 1.0), at_height(&mesh, 10.0, UPPER_M, 1.0));
     assert!((below.position().y, above.position().y) == (0.0, UPPER_M), "{below:?} {above:?}");
@@ -267,7 +267,7 @@ fn stairs_join_two_storeys_and_points_above_each_other_stay_apart() {
 }
 
 #[test]
-fn walking_the_flight_follows_its_steps() {
+fn walking_on_stairs_follows_the_steps() {
     let mesh = two_storeys();
     let mut here = at_height(&mesh, 3.5, 0.0, 3.5);
     for _ in 0..24 {
@@ -282,7 +282,7 @@ fn walking_the_flight_follows_its_steps() {
 }
 
 #[test]
-fn a_step_on_one_storey_stays_on_it() {
+fn steps_stay_on_their_storey() {
     let mesh = two_storeys();
     let mut rng = Rng::new(21);
     for start in [at_height(&mesh, 10.0, 0.0, 1.0), at_height(&mesh, 10.0, UPPER_M, 1.0)] {
@@ -305,7 +305,7 @@ fn a_grid_has_a_point_on_every_storey() {
 }
 
 #[test]
-fn steps_that_are_too_high_do_not_join() {
+fn high_steps_do_not_join_floors() {
     let ledge = |rise: f32| {
         Builder::default().floor([0.0; 3], [6.0, 0.0, 3.0]).block([3.0, 0.0, 0.0], [6.0, rise, 3.0]).build()
     };

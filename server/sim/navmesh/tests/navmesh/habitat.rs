@@ -42,8 +42,8 @@ fn house(test: &str) -> Option<NavMesh> {
 }
 
 #[test]
-fn a_real_house_has_recasts_polygons_and_detours_paths() {
-    let Some(mesh) = house("a_real_house_has_recasts_polygons_and_detours_paths") else { return };
+fn real_house_has_recast_polygons_and_detour_paths() {
+    let Some(mesh) = house("real_house_has_recast_polygons_and_detour_paths") else { return };
     assert_eq!((mesh.polygons().len(), mesh.island_count()), (146, 4));
     for (a, b, metres) in PATHS {
         let [a, b] = [a, b].map(Point3::from);
@@ -58,8 +58,8 @@ fn a_real_house_has_recasts_polygons_and_detours_paths() {
 }
 
 #[test]
-fn a_walk_through_a_real_house_goes_where_habitats_does() {
-    let Some(mesh) = house("a_walk_through_a_real_house_goes_where_habitats_does") else { return };
+fn walk_in_a_real_house_matches_habitat() {
+    let Some(mesh) = house("walk_in_a_real_house_matches_habitat") else { return };
     let (mut at, mut heading_deg) = (Point3::from(PATHS[0].0), 0.0_f32);
     let mut poses = POSES.iter();
     for (count, (action, collided)) in (1..).zip(ACTIONS.bytes().zip(COLLIDED.bytes())) {
@@ -85,9 +85,8 @@ fn a_walk_through_a_real_house_goes_where_habitats_does() {
 }
 
 #[test]
-fn the_arenas_own_mesh_covers_the_same_floor() {
-    let Some(path) =
-        shared("the_arenas_own_mesh_covers_the_same_floor", "aws_small_house/combined/small_house.glb")
+fn arena_mesh_covers_the_same_floor() {
+    let Some(path) = shared("arena_mesh_covers_the_same_floor", "aws_small_house/combined/small_house.glb")
     else {
         return;
     };
@@ -199,7 +198,7 @@ impl File {
 }
 
 #[test]
-fn both_versions_give_the_polygons_their_joints_and_heights() {
+fn both_set_versions_are_read() {
     for version in [1, 2] {
         let mesh = NavMesh::from_detour(&File { version, ..File::default() }.bytes()).expect("a good file");
         assert_eq!((mesh.island_count(), mesh.polygons().len()), (2, 3));
@@ -230,7 +229,7 @@ fn steps_follow_the_heights_and_slide() {
 }
 
 #[test]
-fn polygons_that_habitat_does_not_walk_are_left_out() {
+fn unwalkable_polygons_are_omitted() {
     let mesh =
         NavMesh::from_detour(&File { flags: [1, 4, 4], ..File::default() }.bytes()).expect("one square");
     assert!((mesh.area_m2() - 4.0).abs() < 1e-5);
@@ -239,7 +238,7 @@ fn polygons_that_habitat_does_not_walk_are_left_out() {
 }
 
 #[test]
-fn a_file_cut_anywhere_says_where() {
+fn truncated_files_are_refused_with_offset() {
     for version in [1, 2] {
         let bytes = File { version, ..File::default() }.bytes();
         for length in 0..bytes.len() {
@@ -251,7 +250,7 @@ fn a_file_cut_anywhere_says_where() {
 }
 
 #[test]
-fn values_that_cannot_be_are_named_with_their_place() {
+fn invalid_values_are_named_with_offset() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n";
     let error = NavMesh::from_detour(pointer).err().expect("a pointer").to_string();
     assert!(error.contains("git lfs pull"), "{error}");
@@ -272,10 +271,9 @@ fn values_that_cannot_be_are_named_with_their_place() {
     let mut bytes = File::default().bytes();
     bytes[72..76].copy_from_slice(&i32::MAX.to_le_bytes());
     let error = NavMesh::from_detour(&bytes).err().expect("too many polygons").to_string();
-    assert!(error.contains("number of polygons"), "{error}");
+    assert!(error.contains("polygon count"), "{error}");
     // The first corner is at byte 148: a tile kilometres wide, and a corner before its start.
-    for (x, words) in [(9e5_f32, "the extent of the corners"), (-50.0, "a corner at byte 148 is (-50, 0, 5)")]
-    {
+    for (x, words) in [(9e5_f32, "the corner extent"), (-50.0, "a corner at byte 148 is (-50, 0, 5)")] {
         let mut bytes = File::default().bytes();
         bytes[148..152].copy_from_slice(&x.to_le_bytes());
         let error = NavMesh::from_detour(&bytes).err().expect("a corner far away").to_string();
@@ -284,7 +282,7 @@ fn values_that_cannot_be_are_named_with_their_place() {
 }
 
 #[test]
-fn damaged_bytes_never_bring_it_down() {
+fn damaged_bytes_never_panic() {
     let bytes = File::default().bytes();
     let mut rng = avln_geom::Rng::new(61);
     for _ in 0..20_000 {

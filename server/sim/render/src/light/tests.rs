@@ -55,7 +55,7 @@ fn light_at(mesh: &Mesh, facing: Vector3<f32>, [x, y, z]: [f32; 3]) -> i32 {
         mesh.triangles.iter().filter(|&&triangle| normal(mesh, triangle).normalize().dot(&facing) > 0.9);
     let distance = |corner: u32| (mesh.positions[corner as usize] - place).norm();
     let nearest = seen.flatten().min_by(|a, b| distance(**a).total_cmp(&distance(**b)));
-    i32::from(mesh.colors[*nearest.expect("a triangle looks there") as usize][1])
+    i32::from(mesh.colors[*nearest.expect("a triangle faces the position") as usize][1])
 }
 
 fn area_m2(mesh: &Mesh) -> f32 {
@@ -80,7 +80,7 @@ fn edges(mesh: &Mesh) -> BTreeMap<[[u32; 3]; 2], usize> {
 }
 
 #[test]
-fn a_cut_box_stays_closed_and_keeps_its_faces() {
+fn subdivided_box_stays_closed_with_equal_faces() {
     let mut whole = Mesh::default();
     add_box(&mut whole, [-1.37, 0.0, 0.11], [2.9, 2.6, 5.3], true);
     // Faces with separate vertices: the split must depend on positions only.
@@ -116,7 +116,7 @@ fn a_cut_box_stays_closed_and_keeps_its_faces() {
 }
 
 #[test]
-fn edges_without_an_end_stay_whole() {
+fn endless_edges_stay_whole() {
     for far in [1e4, f32::INFINITY, f32::NAN] {
         let mut mesh = Mesh::default();
         add_box(&mut mesh, [0.0; 3], [far; 3], false);
@@ -127,7 +127,7 @@ fn edges_without_an_end_stay_whole() {
 }
 
 #[test]
-fn a_white_room_is_brighter_under_its_lamp_alike_on_both_sides_and_darker_in_corners() {
+fn white_room_is_bright_under_lamp_and_dark_in_corners() {
     let mut room = scene(vec![bulb(0.0, 2.2, 0.0)]);
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     let lit = light(&room);
@@ -147,7 +147,7 @@ fn a_white_room_is_brighter_under_its_lamp_alike_on_both_sides_and_darker_in_cor
 }
 
 #[test]
-fn under_a_table_it_is_darker_than_beside_it() {
+fn floor_is_darker_under_a_table() {
     let mut room = scene(vec![bulb(0.0, 2.2, 0.0)]);
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     add_box(&mut room.mesh, [-0.7, 0.7, -0.7], [0.7, 0.75, 0.7], false);
@@ -157,7 +157,7 @@ fn under_a_table_it_is_darker_than_beside_it() {
 }
 
 #[test]
-fn the_floor_around_a_closed_cupboard_is_no_darker_than_a_corner() {
+fn floor_around_a_cupboard_is_no_darker_than_corners() {
     let mut room = scene(vec![bulb(0.0, 2.2, 0.0)]);
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     add_box(&mut room.mesh, [-2.0, 0.0, -0.6], [-1.45, 1.8, 0.6], false);
@@ -170,7 +170,7 @@ fn the_floor_around_a_closed_cupboard_is_no_darker_than_a_corner() {
 }
 
 #[test]
-fn walls_hide_lamps_shades_do_not_and_windows_shine_ahead() {
+fn walls_hide_lamps_and_windows_shine_ahead() {
     let closed = |lamp: Lamp| {
         let mut rooms = scene(vec![lamp]);
         add_box(&mut rooms.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
@@ -200,7 +200,7 @@ fn walls_hide_lamps_shades_do_not_and_windows_shine_ahead() {
 }
 
 #[test]
-fn painted_scenes_stay_as_they_are() {
+fn painted_scenes_are_not_lit() {
     let mut painted = Scene { lighting: Lighting::Painted, ..scene(vec![]) };
     add_box(&mut painted.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     let rays = RayMesh::new(&painted.mesh.positions, &painted.mesh.triangles);
@@ -208,7 +208,7 @@ fn painted_scenes_stay_as_they_are() {
 }
 
 #[test]
-fn a_house_gets_the_same_light_every_time_and_is_well_lit() {
+fn house_light_is_repeatable_and_bright() {
     let scene = house("light", 5, &HouseOptions::small());
     let lit = light(&scene);
     assert_eq!(lit, light(&scene));
@@ -228,7 +228,7 @@ fn a_house_gets_the_same_light_every_time_and_is_well_lit() {
 }
 
 #[test]
-fn instances_keep_their_surfaces() {
+fn lit_instances_have_equal_surfaces() {
     let scene = house("light", 5, &HouseOptions::small());
     let lit = light(&scene);
     let areas = |mesh: &Mesh| {

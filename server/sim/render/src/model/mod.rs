@@ -118,7 +118,7 @@ const ENTRY_WORDS: [usize; SECTIONS] = [8, 4, 1, 3, 2, 2, 4, 2, 1, 2];
 pub enum ModelError {
     /// A different format or version.
     #[error(
-        "it was not written by this version of the program (layout {found:#x}, expected {VERSION:#x}); delete it; the next start regenerates it"
+        "a different program version wrote it (layout {found:#x}, expected {VERSION:#x}); delete it; the next start regenerates it"
     )]
     Foreign {
         /// Version found, or 0.
@@ -183,19 +183,19 @@ fn ranges(lengths: [usize; SECTIONS]) -> [Range<usize>; SECTIONS] {
 }
 
 fn sections(bytes: &[u8]) -> Result<[Range<usize>; SECTIONS], ModelError> {
-    let words: &[u32] =
-        bytemuck::try_cast_slice(bytes).map_err(|_| ModelError::Damaged("its length or place is odd"))?;
+    let words: &[u32] = bytemuck::try_cast_slice(bytes)
+        .map_err(|_| ModelError::Damaged("its length or alignment is wrong"))?;
     let (header, content) =
-        words.split_at_checked(HEADER_WORDS).ok_or(ModelError::Damaged("its header is cut short"))?;
+        words.split_at_checked(HEADER_WORDS).ok_or(ModelError::Damaged("its header is truncated"))?;
     if header[..2] != [MAGIC, VERSION] {
         return Err(ModelError::Foreign { found: if header[0] == MAGIC { header[1] } else { 0 } });
     }
     let lengths: [usize; SECTIONS] = std::array::from_fn(|section| header[2 + section] as usize);
     if lengths.iter().sum::<usize>() != content.len() {
-        return Err(ModelError::Damaged("its length is not what its header tells"));
+        return Err(ModelError::Damaged("its length contradicts the header"));
     }
     if lengths.iter().zip(ENTRY_WORDS).any(|(length, entry)| length % entry != 0) {
-        return Err(ModelError::Damaged("a section is cut short"));
+        return Err(ModelError::Damaged("a section is truncated"));
     }
     let hash = blake3::hash(bytemuck::cast_slice(content));
     if bytemuck::cast_slice::<u32, u8>(&header[2 + SECTIONS..]) != hash.as_bytes() {
@@ -220,7 +220,7 @@ mod tests {
 
     fn bytes_of(model: &Model) -> Vec<u8> {
         let mut bytes = Vec::new();
-        model.write(&mut bytes).expect("memory takes all");
+        model.write(&mut bytes).expect("writing to memory succeeds");
         bytes
     }
 
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read() {
+    fn written_models_are_read_back() {
         let bytes = bytes_of(&model());
         let again = read(&bytes).expect("a model");
         assert_eq!(bytes_of(&again), bytes);
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn models_that_are_built_otherwise_have_another_version() {
+    fn changed_model_construction_needs_a_new_version() {
         let scene = Arc::new(house("kept", 21, &HouseOptions::small()));
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
         let scene_digest = digest(&scene);
@@ -249,12 +249,12 @@ mod tests {
         assert_eq!(
             (VERSION, &scene_digest[..16], &hash[..16]),
             (2, "bbeb170e584e1df0", "fc1757d96f69329c"),
-            "where the house has not changed but its model has: count VERSION up; then write down what is found here"
+            "if only the hash differs, increment VERSION; then enter the new values"
         );
     }
 
     #[test]
-    fn other_bytes_are_refused() {
+    fn changed_or_truncated_bytes_are_refused() {
         let bytes = bytes_of(&model());
         for at in 0..bytes.len() {
             let mut changed = bytes.clone();

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_shrink_to_one_texel_and_blocks_repeat_the_border() {
+    fn mipmaps_end_with_one_texel_and_blocks_are_padded() {
         let pixels = (0..5 * 3).flat_map(|i| [i, 0, 0, 255]).collect();
         let mut textures = Textures::new();
         assert_eq!(textures.add(&Texture { width: 5, height: 3, pixels }), 1 << LEVEL_BITS | 3);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_a_wrong_size_have_no_levels() {
+    fn invalid_images_have_no_levels() {
         let mut textures = Textures::new();
         for (width, height, bytes) in [(2, 2, 3), (2, 2, 12), (0, 0, 0), (0, 5, 0), (20_000, 1, 80_000)] {
             let texture = Texture { width, height, pixels: vec![0; bytes] };

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn every_triangle_is_in_one_cluster_and_within_all_boxes_above_it() {
+    fn clusters_partition_the_triangles_inside_all_parent_boxes() {
         for count in [1, 2, 63, 64, 65, 700, 5000] {
             let boxes = random_boxes(count);
             let tree = Tree::new(&boxes, (0..count as u32).collect());
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_in_one_place_are_divided_too() {
+    fn coinciding_boxes_are_divided_too() {
         let one = Aabb { min: Point3::origin(), max: Point3::new(1.0, 0.0, 0.0) };
         let tree = Tree::new(&[one; 300], (0..300).collect());
         assert_eq!(tree.clusters.iter().map(Vec::len).sum::<usize>(), 300);

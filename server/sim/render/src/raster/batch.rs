@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn both_sides_of_an_edge_have_the_same_numbers_and_one_owns_the_line() {
+    fn both_edge_directions_have_opposite_values_and_one_owner() {
         let mut rng = Rng::new(4);
         for round in 0..300 {
             let mut points = || [0, 0].map(|_: i32| Floats([0.0; LANES].map(|_| rng.range(-300.0, 300.0))));
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn left_and_upper_edges_own_their_points() {
+    fn left_and_upper_edges_include_their_points() {
         let point = |x, y| [Floats::of(x), Floats::of(y)];
         let (a, b, c) = (point(0.0, 0.0), point(4.0, 0.0), point(0.0, 4.0));
         assert!(double_area(a, b, c).above(Floats::of(0.0)).any());

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rectangle_holds_the_pixels_whose_centres_lie_between_its_corners() {
+    fn rectangle_contains_pixels_by_their_centres() {
         let between = |min, max| PixelRect::between(min, max, [20, 10]);
         let rect = |first, end| Some(PixelRect { first, end });
         assert_eq!(between([-99.0, -99.0], [99.0, 1e30]), rect([0, 0], [20, 10]));
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_is_full_when_all_its_pixels_in_the_picture_are() {
+    fn tile_is_full_when_all_image_pixels_are() {
         let mut screen = Screen::default();
         screen.clear(11, 9);
         assert_eq!((screen.stride, screen.nearness.len()), (24, 16 * 24));

@@ -180,7 +180,7 @@ fn all_kinds(scene: &Scene, tree: &RayMesh, count: usize) -> Vec<Camera> {
 }
 
 #[test]
-fn procedural_houses_from_a_thousand_places() {
+fn procedural_houses_agree_with_rays() {
     for (seed, has_lamps) in [(1, true), (2, false), (11, true), (40, false)] {
         let scene = procedural(seed);
         let scene = if has_lamps { scene } else { painted(scene) };
@@ -189,7 +189,7 @@ fn procedural_houses_from_a_thousand_places() {
 }
 
 #[test]
-fn scanned_and_modelled_scenes_from_three_hundred_places() {
+fn scanned_and_modelled_scenes_agree_with_rays() {
     for path in [
         "aws_small_house/combined/small_house.glb",
         "webxr/home-theater/home-theater.gltf",
@@ -204,7 +204,7 @@ fn scanned_and_modelled_scenes_from_three_hundred_places() {
 }
 
 #[test]
-fn a_camera_that_is_a_tenth_of_a_pixel_off_is_found_out() {
+fn comparison_detects_a_tenth_of_a_pixel() {
     let scene = Arc::new(painted(procedural(2)));
     let (renderer, tree) = renderer(&scene);
     let oracle = Oracle { scene: &scene, tree: &tree };

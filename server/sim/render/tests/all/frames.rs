@@ -72,7 +72,7 @@ fn pixel(frame: &CameraImage, x: u32, y: u32) -> [u8; 3] {
 }
 
 #[test]
-fn a_wall_straight_ahead_has_one_depth_for_every_pixel() {
+fn wall_ahead_has_constant_depth() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, [10, 20, 30, 255], None, None);
     wall(&mut scene, [-9.0, 9.0], [-9.0, 9.0], -3.25, paint, 7);
@@ -84,7 +84,7 @@ fn a_wall_straight_ahead_has_one_depth_for_every_pixel() {
 }
 
 #[test]
-fn the_floor_recedes_by_height_over_tangent() {
+fn floor_depth_is_height_over_tangent() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
     floor(&mut scene, 500.0, 0.0, paint, 1);
@@ -102,7 +102,7 @@ fn the_floor_recedes_by_height_over_tangent() {
 }
 
 #[test]
-fn beyond_the_reach_of_depth_things_keep_colour_and_instance() {
+fn colour_and_instance_exceed_the_depth_range() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, [200, 0, 0, 255], None, None);
     wall(&mut scene, [-90.0, 90.0], [-90.0, 90.0], -11.0, paint, 3);
@@ -113,7 +113,7 @@ fn beyond_the_reach_of_depth_things_keep_colour_and_instance() {
 }
 
 #[test]
-fn the_border_of_a_90_degree_picture_lies_at_45_degrees() {
+fn image_border_at_90_degrees_is_at_45() {
     for width in [64, 65] {
         let mut scene = empty_scene();
         let paint = material(&mut scene, WHITE, None, None);
@@ -131,7 +131,7 @@ fn the_border_of_a_90_degree_picture_lies_at_45_degrees() {
 }
 
 #[test]
-fn a_narrower_lens_and_an_odd_picture_keep_pixels_square() {
+fn pixels_are_square_in_odd_narrow_images() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
     // A plate, 2 x 2 m, 4 m ahead: tangents from -1/4 to 1/4.
@@ -148,7 +148,7 @@ fn a_narrower_lens_and_an_odd_picture_keep_pixels_square() {
 }
 
 #[test]
-fn a_left_turn_shows_what_stands_on_the_left() {
+fn left_turn_shows_the_left_side() {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
     quad(&mut scene, [(-2.0, 2.0, 1.0), (-2.0, 0.0, 1.0), (-2.0, 0.0, -1.0), (-2.0, 2.0, -1.0)], paint, 5);
@@ -162,7 +162,7 @@ fn a_left_turn_shows_what_stands_on_the_left() {
 }
 
 #[test]
-fn a_texture_stands_upright_and_reads_from_left_to_right() {
+fn textures_are_upright_and_not_mirrored() {
     let colors = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]];
     let mut scene = empty_scene();
     let pixels = colors.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect();
@@ -198,7 +198,7 @@ fn texture_base_colour_and_vertex_colour_multiply() {
 }
 
 #[test]
-fn rays_pass_through_the_holes_of_a_cut_out_texture() {
+fn cut_out_texels_are_holes() {
     let mut scene = empty_scene();
     // Left half solid, right half cut out; alpha falls linearly from 255 to 0 between the texel centres.
     scene.textures.push(Texture { width: 2, height: 1, pixels: vec![9, 9, 9, 255, 9, 9, 9, 0] });
@@ -215,7 +215,7 @@ fn rays_pass_through_the_holes_of_a_cut_out_texture() {
 }
 
 #[test]
-fn without_a_cutoff_alpha_does_not_matter() {
+fn alpha_without_cutoff_is_ignored() {
     let mut scene = empty_scene();
     let glass = material(&mut scene, [255, 255, 255, 0], None, None);
     wall(&mut scene, [-9.0, 9.0], [-9.0, 9.0], -2.0, glass, 1);
@@ -223,9 +223,9 @@ fn without_a_cutoff_alpha_does_not_matter() {
 }
 
 #[test]
-fn an_empty_scene_is_its_backdrop_and_an_empty_picture_has_no_pixels() {
+fn empty_scene_shows_the_backdrop() {
     let frame = shoot(empty_scene(), &camera(5, 3));
-    assert_eq!(frame.rgb, [0; 45], "around a scan there is nothing");
+    assert_eq!(frame.rgb, [0; 45], "scans have a black background");
     let house = Scene { lighting: Lighting::Lamps(vec![]), ..empty_scene() };
     let sky = house.lighting.backdrop_rgb();
     assert_eq!(shoot(house, &camera(5, 3)).rgb, sky.repeat(15));
@@ -235,7 +235,7 @@ fn an_empty_scene_is_its_backdrop_and_an_empty_picture_has_no_pixels() {
 }
 
 #[test]
-fn fine_patterns_fade_to_their_mean_in_the_distance() {
+fn distant_patterns_fade_to_their_mean() {
     let mut scene = empty_scene();
     let board = (0..64 * 64).flat_map(|i| if (i + i / 64) % 2 == 0 { [0, 0, 0, 255] } else { WHITE });
     scene.textures.push(Texture { width: 64, height: 64, pixels: board.collect() });
@@ -287,7 +287,7 @@ fn frames_agree_with_single_rays() {
             different += usize::from((frame.depth[at] - expected).abs() > 1e-3 * expected.max(0.1));
         }
     }
-    assert!(compared > 4000, "only {compared} pixels see something");
+    assert!(compared > 4000, "only {compared} pixels have a hit");
     assert!(
         different <= 3,
         "{different} of {compared} pixels differ from their rays, more than edges explain"
@@ -295,7 +295,7 @@ fn frames_agree_with_single_rays() {
 }
 
 #[test]
-fn no_ray_slips_between_the_triangles_of_a_closed_surface() {
+fn closed_surfaces_have_no_gaps() {
     // A ball around the eye, made from triangles.
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
@@ -319,7 +319,7 @@ fn no_ray_slips_between_the_triangles_of_a_closed_surface() {
 }
 
 #[test]
-fn pictures_are_the_same_every_time_and_in_every_thread() {
+fn images_are_equal_in_all_threads() {
     let scene = Arc::new(clutter(&mut Rng::new(4), 200));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let renderer = Renderer::new(scene, rays);
@@ -334,7 +334,7 @@ fn pictures_are_the_same_every_time_and_in_every_thread() {
 }
 
 #[test]
-fn cameras_without_sense_give_a_frame_all_the_same() {
+fn extreme_cameras_return_full_images() {
     let scene = clutter(&mut Rng::new(9), 50);
     for (eye, hfov_rad) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (0.0, 0.0), (0.0, 7.0), (0.0, f32::NAN)] {
         let camera = Camera { eye: Point3::new(eye, 1.0, 0.0), hfov_rad, ..camera(9, 9) };
@@ -343,7 +343,7 @@ fn cameras_without_sense_give_a_frame_all_the_same() {
 }
 
 #[test]
-fn pictures_do_not_depend_on_the_width_of_vector_instructions() {
+fn images_are_equal_for_all_vector_widths() {
     let scene = Arc::new(house("width", 3, &HouseOptions::small()));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let room = scene.regions[0].bounds.center();

@@ -49,8 +49,8 @@ fn compare(name: &str, frame: &CameraImage) {
     let largest = differences.iter().max().copied().unwrap_or_default();
     assert!(
         mean <= MEAN && far * 100 <= differences.len(),
-        "{name}: the picture differs by {mean:.2} grey levels on average and {largest} at most; {far} of {} channels \
-         differ by more than {MOST}. Look at it, then write it anew with AVLN_BLESS=1",
+        "{name}: the image differs by {mean:.2} grey levels on average and {largest} at most; {far} of {} channels \
+         differ by more than {MOST}. Check the image, then rewrite it with AVLN_BLESS=1",
         differences.len()
     );
 }
@@ -65,20 +65,20 @@ fn in_room(seed: u64, room: usize, [heading_rad, pitch_rad]: [f32; 2]) -> Camera
 }
 
 #[test]
-fn a_procedural_house_looks_as_it_did() {
+fn procedural_house_matches_golden_images() {
     compare("house-21-room-0", &in_room(21, 0, [0.6, -0.2]));
     compare("house-9-room-2", &in_room(9, 2, [2.4, -0.35]));
 }
 
 #[test]
-fn textures_bars_and_tints_look_as_they_did() {
+fn textures_bars_and_tints_match_golden_images() {
     let held = angle::about_up(0.25) * angle::about_right(-0.15);
     let camera = Camera { width: 96, height: 72, ..camera(Point3::new(0.2, 1.5, 1.6), held) };
     compare("textured", &shoot(textured(), &camera));
 }
 
 #[test]
-fn a_picture_that_changed_is_found_out() {
+fn changed_images_are_detected() {
     if std::env::var_os("AVLN_BLESS").is_some() {
         return;
     }

@@ -33,7 +33,7 @@ fn spread(errors: &[f64]) -> (f64, f64) {
 }
 
 #[test]
-fn depth_is_as_wrong_as_documented() {
+fn depth_deviation_is_as_documented() {
     for (depth_m, documented_m) in [(1.0, 0.0013), (3.0, 0.012), (5.0, 0.032)] {
         // Many depths around it, so that rounding varies.
         let errors: Vec<f64> = (0..400)
@@ -50,7 +50,7 @@ fn depth_is_as_wrong_as_documented() {
 }
 
 #[test]
-fn depth_comes_in_steps_of_disparity() {
+fn depth_is_quantised_by_disparity() {
     let frame = noisy(&REDWOOD, flat(64, 3.0, 0), 0);
     let mut levels: Vec<f32> = frame.depth;
     levels.sort_by(f32::total_cmp);
@@ -63,7 +63,7 @@ fn depth_comes_in_steps_of_disparity() {
 }
 
 #[test]
-fn where_nothing_is_nothing_is_read() {
+fn pixels_without_depth_stay_empty() {
     let mut frame = flat(40, 4.0, 100);
     // The left half is empty.
     (0..1600).filter(|pixel| pixel % 40 < 20).for_each(|pixel| frame.depth[pixel] = 0.0);
@@ -82,7 +82,7 @@ fn where_nothing_is_nothing_is_read() {
 }
 
 #[test]
-fn edges_move_by_a_pixel_or_two_and_no_farther() {
+fn edges_move_by_two_pixels_at_most() {
     let mut frame = flat(64, 2.0, 0);
     (0..4096).filter(|pixel| pixel % 64 >= 31).for_each(|pixel| frame.depth[pixel] = 6.0);
     let (mut moved, mut kept) = (0, 0);
@@ -100,7 +100,7 @@ fn edges_move_by_a_pixel_or_two_and_no_farther() {
 }
 
 #[test]
-fn colours_are_as_wrong_as_documented() {
+fn colour_deviation_is_as_documented() {
     let frame = noisy(&GAUSSIAN, flat(200, 2.0, 128), 3);
     let (mean, deviation) =
         spread(&frame.rgb.iter().map(|value| f64::from(*value) - 128.0).collect::<Vec<_>>());
@@ -109,18 +109,18 @@ fn colours_are_as_wrong_as_documented() {
     assert!((deviation - 51.0).abs() < 1.0, "{deviation}");
     let dark = noisy(&GAUSSIAN, flat(100, 2.0, 0), 3).rgb;
     let at_zero = dark.iter().filter(|value| **value == 0).count() as f64 / dark.len() as f64;
-    assert!((at_zero - 0.5).abs() < 0.02, "half of the deviates of black are cut off: {at_zero}");
+    assert!((at_zero - 0.5).abs() < 0.02, "half the deviates of black are clamped: {at_zero}");
 }
 
 #[test]
-fn noise_is_the_same_again_and_differs_by_seed_picture_and_pixel() {
+fn noise_depends_on_seed_image_and_pixel() {
     let clean = flat(48, 3.0, 90);
     let first = noisy(&BOTH, clean.clone(), 5);
     assert_eq!(noisy(&BOTH, clean.clone(), 5), first);
     let others = [noisy(&BOTH, clean.clone(), 6), noisy(&Noise { seed: 8, ..BOTH }, clean.clone(), 5)];
     for other in others {
         let same = first.rgb.iter().zip(&other.rgb).filter(|(a, b)| a == b).count();
-        assert!(same < first.rgb.len() / 50, "{same} channels are the same");
+        assert!(same < first.rgb.len() / 50, "{same} channels are equal");
         assert_ne!(first.depth, other.depth);
     }
     let row = |frame: &CameraImage, row: usize| frame.rgb[row * 144..(row + 1) * 144].to_vec();
@@ -133,7 +133,7 @@ fn noise_is_the_same_again_and_differs_by_seed_picture_and_pixel() {
 }
 
 #[test]
-fn the_bits_are_those_of_every_platform() {
+fn noise_bits_are_equal_on_all_platforms() {
     let frame = noisy(&BOTH, flat(64, 2.5, 120), 1);
     let bytes = frame.depth.iter().flat_map(|depth| depth.to_bits().to_le_bytes()).chain(frame.rgb);
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
@@ -146,7 +146,7 @@ fn the_bits_are_those_of_every_platform() {
 }
 
 #[test]
-fn without_a_model_nothing_changes_and_frames_without_pixels_stay_so() {
+fn disabled_noise_and_empty_images_change_nothing() {
     let clean = flat(9, 3.0, 90);
     assert_eq!(noisy(&Noise { seed: 3, ..Noise::default() }, clean.clone(), 1), clean);
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {

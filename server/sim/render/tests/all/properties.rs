@@ -19,7 +19,7 @@ fn differences(a: &CameraImage, b: &CameraImage) -> usize {
 }
 
 #[test]
-fn turning_the_camera_is_turning_the_building_the_other_way() {
+fn turning_camera_equals_turning_building_backwards() {
     let scene = painted(procedural(3));
     let mut rng = Rng::new(12);
     let (mut pixels, mut different) = (0, 0);
@@ -38,7 +38,7 @@ fn turning_the_camera_is_turning_the_building_the_other_way() {
 }
 
 #[test]
-fn a_wall_ahead_comes_nearer_by_every_step_towards_it() {
+fn steps_towards_a_wall_reduce_its_depth() {
     let mut scene = empty();
     let corner = |x: f32, y: f32| Point3::new(x, y, -5.0);
     add(&mut scene, [corner(-200.0, -200.0), corner(200.0, -200.0), corner(0.0, 400.0)], 1);
@@ -68,14 +68,14 @@ fn closed_rooms_have_no_holes() {
             let camera = Camera { hfov_rad, ..camera(Point3::from(place), tumbled(&mut rng)) };
             let frame = renderer.render(&camera);
             let holes = frame.depth.iter().filter(|depth| !(**depth > 0.0 && **depth < 9.0)).count();
-            assert_eq!(holes, 0, "{holes} holes with {cells} cells, seen by {camera:?}");
+            assert_eq!(holes, 0, "{holes} holes with {cells} cells from {camera:?}");
             assert!(!frame.instances.contains(&InstanceId::NONE));
         }
     }
 }
 
 #[test]
-fn cameras_that_stand_on_edges_see_no_holes_either() {
+fn cameras_on_edges_see_no_holes() {
     // Diagonal and head-on lattice views: pixel rays pass exactly through corners and edges.
     let scene = Arc::new(closed_room(&mut Rng::new(1), 1));
     let (renderer, _) = renderer(&scene);
@@ -90,7 +90,7 @@ fn cameras_that_stand_on_edges_see_no_holes_either() {
 }
 
 #[test]
-fn any_number_of_threads_takes_the_same_pictures() {
+fn images_do_not_depend_on_thread_count() {
     let scene = Arc::new(painted(procedural(5)));
     let (renderer, _) = renderer(&scene);
     let mut rng = Rng::new(4);
@@ -112,7 +112,7 @@ fn any_number_of_threads_takes_the_same_pictures() {
 }
 
 #[test]
-fn triangles_behind_around_and_through_the_plane_of_the_camera_are_cut_rightly() {
+fn triangles_across_the_camera_plane_are_clipped() {
     let mut rng = Rng::new(77);
     for reach_m in [1.0, 30.0, 1000.0] {
         let mut scene = empty();
@@ -130,7 +130,7 @@ fn triangles_behind_around_and_through_the_plane_of_the_camera_are_cut_rightly()
 }
 
 #[test]
-fn what_lies_behind_is_not_seen() {
+fn triangles_behind_the_camera_are_invisible() {
     let mut scene = empty();
     let corner = |x: f32, y: f32, z: f32| Point3::new(x, y, z);
     add(&mut scene, [corner(-9.0, -9.0, 2.0), corner(9.0, -9.0, 2.0), corner(0.0, 9.0, 2.0)], 1);
@@ -152,7 +152,7 @@ fn ahead() -> Camera {
 }
 
 #[test]
-fn triangles_without_area_are_not_there() {
+fn degenerate_triangles_are_omitted() {
     let clean = textured();
     let mut scene = clean.clone();
     let (a, b) = (Point3::new(0.1, 1.0, -1.0), Point3::new(0.2, 1.3, -1.1));
@@ -174,7 +174,7 @@ fn add_nowhere(scene: &mut Scene, eye: Point3<f32>, bad: f32) {
 }
 
 #[test]
-fn triangles_with_corners_that_are_no_places_do_no_harm() {
+fn triangles_with_invalid_corners_are_omitted() {
     let lit = procedural(6);
     let eye = lit.regions[0].bounds.center();
     let camera = Camera { eye, ..ahead() };
@@ -185,15 +185,15 @@ fn triangles_with_corners_that_are_no_places_do_no_harm() {
             let mut scene = clean.clone();
             add_nowhere(&mut scene, eye, bad);
             let frame = shoot(scene, &camera);
-            assert!(!frame.instances.contains(&InstanceId(99)), "{bad}: what is nowhere is seen");
+            assert!(!frame.instances.contains(&InstanceId(99)), "{bad}: an invalid triangle is visible");
             assert_eq!((&frame.depth, &frame.instances), (&expected.depth, &expected.instances), "{bad}");
-            assert!(has_lamps || frame.rgb == expected.rgb, "{bad}: the colours of others changed");
+            assert!(has_lamps || frame.rgb == expected.rgb, "{bad}: other colours changed");
         }
     }
 }
 
 #[test]
-fn a_scene_without_triangles_is_its_backdrop() {
+fn scene_without_triangles_shows_the_backdrop() {
     let scene = empty();
     let backdrop = scene.lighting.backdrop_rgb();
     let frame = shoot(scene, &ahead());
@@ -223,7 +223,7 @@ fn is_plain(scene: Scene, rgb: [u8; 3]) {
 }
 
 #[test]
-fn surfaces_of_a_material_that_does_not_exist_are_white() {
+fn surfaces_with_unknown_material_are_white() {
     is_plain(wall(vec![], vec![]), [255; 3]);
     let mut scene = wall(vec![paint(None)], vec![]);
     scene.mesh.material_of[0] = u16::MAX;
@@ -231,7 +231,7 @@ fn surfaces_of_a_material_that_does_not_exist_are_white() {
 }
 
 #[test]
-fn textures_that_do_not_exist_or_have_another_size_are_left_out() {
+fn invalid_textures_are_ignored() {
     is_plain(wall(vec![paint(Some(7))], vec![]), [10, 200, 90]);
     for (width, height, bytes) in
         [(0, 0, 0), (4, 4, 63), (4, 4, 0), (4, 4, 128), (u32::MAX, u32::MAX, 4), (3, 0, 12)]
@@ -242,7 +242,7 @@ fn textures_that_do_not_exist_or_have_another_size_are_left_out() {
 }
 
 #[test]
-fn cameras_without_sense_give_frames_of_their_size() {
+fn invalid_cameras_return_images_with_their_size() {
     let scene = textured();
     for eye in [f32::NAN, f32::INFINITY, f32::MAX, -f32::MAX] {
         let frame = shoot(scene.clone(), &Camera { eye: Point3::new(eye, 1.0, 0.0), ..ahead() });

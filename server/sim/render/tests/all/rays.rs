@@ -145,7 +145,7 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 }
 
 #[test]
-fn the_tree_leaves_nothing_out_that_brute_force_meets() {
+fn ray_tree_agrees_with_brute_force() {
     let scene = crate::scenes::procedural(2);
     let tree = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     let mut rng = avln_geom::Rng::new(3);
@@ -160,5 +160,5 @@ fn the_tree_leaves_nothing_out_that_brute_force_meets() {
         assert_eq!(depth(&quick), depth(&slow));
         met += usize::from(!slow.is_empty());
     }
-    assert!(met > 100, "{met} of 150 rays meet something");
+    assert!(met > 100, "{met} of 150 rays have a hit");
 }

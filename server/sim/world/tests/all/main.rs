@@ -27,9 +27,9 @@ fn pixels_around(assets: &SceneAssets, eye: Point3<f32>) -> BTreeMap<InstanceId,
 }
 
 #[test]
-fn what_a_camera_shows_is_seen_and_what_is_seen_a_camera_shows() {
+fn sight_agrees_with_camera_images() {
     let assets = SceneAssets::prepare(house("seen", 4, &HouseOptions::default()), &Body::default());
-    let assets = assets.expect("a procedural house is fit to live in");
+    let assets = assets.expect("a procedural house is walkable");
     let mut rng = Rng::new(12);
     let (mut clear, mut missed, mut hidden, mut invented) = (0, 0, 0, 0);
     for _ in 0..60 {
@@ -46,8 +46,8 @@ fn what_a_camera_shows_is_seen_and_what_is_seen_a_camera_shows() {
         }
     }
     assert!(clear > 300 && hidden > 300, "{clear} in clear view, {hidden} hidden");
-    assert!(missed * 50 <= clear, "{missed} of {clear} things in clear view were not seen");
-    assert!(invented * 50 <= hidden, "{invented} of {hidden} hidden things were seen");
+    assert!(missed * 50 <= clear, "{missed} of {clear} clearly visible objects were missed");
+    assert!(invented * 50 <= hidden, "{invented} of {hidden} hidden objects were seen");
 }
 
 /// Range of real buildings, required for procedural houses.
@@ -56,7 +56,7 @@ const CLUTTER: RangeInclusive<f64> = 1.0..=4.0;
 const LEAST_PER_100_M2: f64 = 25.0;
 
 #[test]
-fn houses_lie_in_the_bands_of_real_buildings_and_every_room_is_reached() {
+fn house_statistics_are_in_real_building_ranges() {
     let mut together: BTreeMap<String, usize> = BTreeMap::new();
     let mut two_storeys = 0;
     for seed in 0..14 {
@@ -79,7 +79,7 @@ fn houses_lie_in_the_bands_of_real_buildings_and_every_room_is_reached() {
 }
 
 #[test]
-fn stairs_lead_from_storey_to_storey_and_every_room_is_reached() {
+fn stairs_reach_every_room() {
     for seed in 0..6 {
         let scene =
             house("stairs", seed, &HouseOptions { rooms: 11..=24, storeys: 2..=2, ..Default::default() });
@@ -91,10 +91,10 @@ fn stairs_lead_from_storey_to_storey_and_every_room_is_reached() {
 }
 
 #[test]
-fn nothing_looks_out_into_the_void() {
+fn houses_are_closed() {
     for seed in 0..12 {
         let options = HouseOptions { storeys: 1..=1 + (seed % 2) as u8, ..Default::default() };
         let closed = closed_share(&house("closed", seed, &options));
-        assert!(closed == 1.0, "seed {seed}: {closed} of all rays meet something");
+        assert!(closed == 1.0, "seed {seed}: {closed} of all rays have a hit");
     }
 }

@@ -133,7 +133,7 @@ fn twelve_turns_of_30_degrees_return_to_the_same_bits() {
 }
 
 #[test]
-fn left_is_towards_minus_x_for_who_looks_along_minus_z() {
+fn left_is_minus_x_when_facing_minus_z() {
     let mut world = body_at(-2.0, 0.0, 0.0);
     go(&mut world, Motion::Left, 3);
     assert!((world.pose().heading_rad - FRAC_PI_2).abs() < 1e-6);
@@ -142,7 +142,7 @@ fn left_is_towards_minus_x_for_who_looks_along_minus_z() {
 }
 
 #[test]
-fn a_step_in_the_open_goes_a_quarter_metre_along_the_heading() {
+fn free_step_is_a_quarter_metre() {
     for turns in 0..12 {
         let mut world = body_at(-2.0, 0.0, 0.1);
         go(&mut world, Motion::Right, turns);
@@ -157,7 +157,7 @@ fn a_step_in_the_open_goes_a_quarter_metre_along_the_heading() {
 }
 
 #[test]
-fn walls_stop_head_on_and_turn_aside_at_an_angle() {
+fn walls_stop_or_deflect_steps() {
     // 60 degrees to the left of the north wall's normal: sideways 0.25 sin 60 = 0.217 m a step, towards -x.
     let mut world = body_at(-1.0, -1.0, 60.0_f32.to_radians());
     let angle = world.pose().heading_rad;
@@ -176,7 +176,7 @@ fn walls_stop_head_on_and_turn_aside_at_an_angle() {
 }
 
 #[test]
-fn one_walks_through_the_door_and_not_through_the_wall() {
+fn doors_are_passable_and_walls_are_not() {
     for (z, passes) in [(0.0, true), (1.5, false)] {
         let mut world = body_at(-1.0, z, -FRAC_PI_2);
         go(&mut world, Motion::Forward, 8);
@@ -227,21 +227,21 @@ fn senses_of_a_walk(seed: u64) -> Vec<(u64, Vec<u8>, Vec<u32>)> {
             *rng.choose(&[Motion::Forward, Motion::Left, Motion::Right, Motion::Stay]).expect("four");
         world.advance(motion);
         let senses = world.sense(Some(step / 10 % 2));
-        let frame = senses.frame.expect("a view was asked for");
+        let frame = senses.frame.expect("the view was requested");
         let depth = frame.depth.iter().flat_map(|depth| depth.to_le_bytes());
         let audio =
-            senses.audio.expect("audio was asked for").iter().map(|sample| sample.to_bits()).collect();
+            senses.audio.expect("audio was requested").iter().map(|sample| sample.to_bits()).collect();
         (world.state_hash(), frame.rgb.iter().copied().chain(depth).collect(), audio)
     };
     (0..30).map(step).collect()
 }
 
 #[test]
-fn equal_motions_give_equal_states_pictures_and_sounds() {
+fn equal_motions_have_equal_states_images_and_sounds() {
     let first = senses_of_a_walk(5);
-    assert!(first == senses_of_a_walk(5), "the same walk was perceived differently");
+    assert!(first == senses_of_a_walk(5), "equal walks have different senses");
     assert!(first.iter().all(|(_, frame, audio)| frame.len() == 32 * 24 * 7 && audio.len() == 1000));
-    assert!(first.iter().any(|(.., audio)| audio.iter().any(|&bits| bits != 0)), "something was heard");
+    assert!(first.iter().any(|(.., audio)| audio.iter().any(|&bits| bits != 0)), "the audio is not silent");
     let other = senses_of_a_walk(6);
     assert_ne!(first.last().map(|step| step.0), other.last().map(|step| step.0));
 }
@@ -260,18 +260,18 @@ fn every_motion_changes_the_state_hash() {
 }
 
 #[test]
-fn senses_that_were_not_asked_for_are_absent() {
+fn unrequested_senses_are_absent() {
     let senses = body_at(-2.0, 0.0, 0.0).sense(None);
     assert_eq!((senses.frame, senses.audio), (None, None));
 }
 
 #[test]
-fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
+fn camera_has_its_height_and_heading() {
     let view = CameraView { width: 33, height: 33, hfov_rad: FRAC_PI_2 };
     let options = WorldOptions { view: Some(view), ..options() };
     let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
     let mut world = World::new(assets(), start, options, Vec::new()).expect("on the floor");
-    let frame = world.sense(None).frame.expect("a view was asked for");
+    let frame = world.sense(None).frame.expect("the view was requested");
     // The middle row looks over or just at the top edge of the cabinet; the next row hits its front at 3.2 m.
     let below = (33 / 2 + 1) * 33 + 33 / 2;
     assert_eq!(frame.instances[below], InstanceId(1));
@@ -279,7 +279,7 @@ fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
 }
 
 #[test]
-fn noise_changes_what_is_perceived_and_nothing_else() {
+fn noise_changes_only_the_senses() {
     let view = Some(CameraView { width: 32, height: 24, hfov_rad: FRAC_PI_2 });
     let walk = |noise: Noise| {
         let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
@@ -288,14 +288,14 @@ fn noise_changes_what_is_perceived_and_nothing_else() {
         let mut step = |motion| {
             world.advance(motion);
             let hash = world.state_hash();
-            (world.sense(None).frame.expect("a view was asked for"), hash)
+            (world.sense(None).frame.expect("the view was requested"), hash)
         };
         [Motion::Stay, Motion::Stay, Motion::Left].map(&mut step)
     };
     let noise = Noise { depth: DepthNoise::Redwood, rgb: RgbNoise::Gaussian, seed: 3 };
     let (clean, noisy) = (walk(Noise::default()), walk(noise));
     assert_eq!(noisy, walk(noise));
-    assert_ne!(noisy[0].0, noisy[1].0, "standing still, every step has noise of its own");
+    assert_ne!(noisy[0].0, noisy[1].0, "noise differs by step without motion");
     assert_eq!(clean[0].0, clean[1].0);
     for ((clean, clean_hash), (noisy, noisy_hash)) in clean.iter().zip(&noisy) {
         assert_eq!((clean_hash, &clean.instances), (noisy_hash, &noisy.instances));
@@ -305,7 +305,7 @@ fn noise_changes_what_is_perceived_and_nothing_else() {
 }
 
 #[test]
-fn things_are_seen_in_the_open_and_not_through_walls() {
+fn sight_ends_at_walls() {
     let house = assets();
     let (cabinet, picture) = (InstanceId(1), InstanceId(3));
     assert!(house.sees(&Point3::new(1.0, 1.0, 1.0), cabinet, FRAC_PI_4), "across the east room");
@@ -319,7 +319,7 @@ fn things_are_seen_in_the_open_and_not_through_walls() {
 }
 
 #[test]
-fn things_too_high_for_the_camera_are_not_seen() {
+fn objects_above_the_view_are_invisible() {
     let (house, lamp) = (assets(), InstanceId(2));
     // The lamp hangs 1.3 m above the eye: more than 45 degrees from 0.8 m, less from 1.9 m.
     assert!(!house.sees(&Point3::new(-2.0, 1.0, 0.8), lamp, FRAC_PI_4));
@@ -328,7 +328,7 @@ fn things_too_high_for_the_camera_are_not_seen() {
 }
 
 #[test]
-fn a_start_in_the_air_is_refused() {
+fn start_in_the_air_is_refused() {
     let start = |x: f32, y: f32| Pose::new(Point3::new(x, y, 0.0), 0.0);
     let refused = World::new(assets(), start(-2.0, 1.2), options(), Vec::new()).err();
     assert!(matches!(refused, Some(StartError::OffNavMesh { limit_m: 0.3, .. })), "{refused:?}");
