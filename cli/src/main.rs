@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-/// musl's own takes and gives back the memory of every picture, and is slower for it.
+// The allocator in musl returns the memory for every picture to the system, which is slower.
 #[cfg(target_env = "musl")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

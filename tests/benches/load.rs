@@ -2,8 +2,7 @@
 //!
 //! `cargo bench -p avln-tests --bench load -- 10` plays for ten minutes; the default is one. Memory on Linux only.
 
-use avln_arena::data::DataFolder;
-use avln_arena::setup::admit;
+use avln_arena::{data::DataFolder, setup::admit};
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
 use avln_tests::{PHASE, TestSetup, server::Server, set_up};
 use std::{

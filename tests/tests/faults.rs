@@ -260,7 +260,13 @@ type SimulatorFault = Arc<dyn Fn(u32) + Send + Sync>;
 async fn disturbed(mischief: SimulatorFault) -> TestServer {
     let (folder, token) = set_up_with(|_| ()).await;
     let hasty = |limits: Limits| Limits { step: Duration::from_millis(500), ..limits };
-    TestServer::open_with(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
+    TestServer::open_with(
+        folder,
+        token,
+        |arena| arena.with_fault_injection(move |step| mischief(step)),
+        hasty,
+    )
+    .await
 }
 
 /// The first `times` steps fail, as `fail` has it.

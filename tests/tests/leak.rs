@@ -1,18 +1,17 @@
 //! Hidden facts stay hidden: every byte received by an agent or an anonymous visitor of an organiser-only
 //! phase is searched for the split's hidden facts. The same search must succeed in a public phase.
 
-use avln_arena::{data::DataFolder, register};
+use avln_arena::{data::DataFolder, setup};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup,
+    PASSED_M, PHASE, TestServer, TestSetup, Walker, distance_m,
     hidden_facts::HiddenFacts,
     http,
     raw::{MOVE_FORWARD, RawClient, SUBMIT},
     recording_proxy,
     recording_proxy::RecordingProxy,
-    walk::{PASSED_M, Walker, distance_m},
 };
 use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
@@ -83,7 +82,7 @@ fn categories(server: &TestServer) -> (HiddenFacts, HiddenFacts) {
 async fn claim_first_target(server: &TestServer, episode: &mut Episode<'_>, order: Order) {
     let data = DataFolder::open(server.folder.path()).expect("the data folder");
     let split = data.split(PHASE).expect("its split");
-    let rules = register::rules_of(PHASE, &data.missions(PHASE).expect("its files")).expect("its rules");
+    let rules = setup::rules_of(PHASE, &data.missions(PHASE).expect("its files")).expect("its rules");
     let spec = &split.episodes[episode.ordinal() as usize - 1];
     let truth = spec.truth(order.to_string().parse().expect("an order"));
     let assets = split.scene(&spec.scene).expect("its scene").open(&rules).expect("it opens");

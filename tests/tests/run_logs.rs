@@ -248,6 +248,6 @@ mod rescoring {
         let note = avln_store::AuditNote::default();
         store.prune_records(i64::MAX, note, 78).await.expect("records go");
         let (code, text) = avln_rescore(server.folder.path(), &[&run]);
-        assert!(code == Some(3) && text.contains("the records of 2 episodes"), "{text}");
+        assert!(code == Some(3) && text.contains("2 episode records"), "{text}");
     }
 }

@@ -1,7 +1,6 @@
 //! Fair sharing between agents; a long connection has no disadvantage.
 
-use avln_arena::servers::Limits;
-use avln_arena::setup::admit;
+use avln_arena::{servers::Limits, setup::admit};
 use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
 use avln_tests::{PHASE, TestServer, TestSetup, change_phase, fault_proxy::FaultProxy, set_up, store};
 use std::{

@@ -154,14 +154,14 @@ mod backups {
         assert!(!busy.is_finished(), "the run was over before the backup was");
         assert!(said.contains("4 runs (2 open)") && said.contains("4 run logs"), "{said}");
         let (content, said) = avln(&old, &["data", "db", "backup", &file.display().to_string()]);
-        assert!(!content && said.contains("is not written over"), "{said}");
+        assert!(!content && said.contains("already exists"), "{said}");
         busy.abort();
         server.kill();
 
         let said = done(&new, &["data", "db", "restore", &file.display().to_string()]);
         assert!(said.contains("4 runs (2 open)"), "{said}");
         let (content, said) = avln(&new, &["data", "db", "restore", &file.display().to_string()]);
-        assert!(!content && said.contains("never restored over"), "{said}");
+        assert!(!content && said.contains("new or empty folder"), "{said}");
         assert_eq!(check(&new, &over), verified, "the same log by the same key");
         let logs = fs::read_dir(new.join("runs")).expect("logs").map(|log| log.expect("a log").path());
         for log in logs {

@@ -2,36 +2,31 @@
 
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind,
+    Failure,
     admin::{Drain, Notice, Status, ask},
 };
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-/// Commands to a running server.
 #[derive(Debug, Subcommand)]
-pub enum AdminCommand {
+pub(crate) enum AdminCommand {
     /// Exit with code 0 if the server is up; needs no token
     Health(AdminAddress),
-    /// Print the state of the server and the running episodes
+    /// Print server state and running episodes
     Status(AdminAccess),
     /// Start no more runs, let open episodes finish, then stop the server
     Drain {
-        /// Address and token
         #[command(flatten)]
         server: AdminAccess,
         /// Reason, shown to agents and visitors
-        /// Reason, for the audit list
         #[arg(long, value_name = "TEXT")]
         reason: String,
         /// Time for open episodes
-        /// Reason, for the audit list
         #[arg(long, default_value_t = 10, value_name = "MINUTES")]
         minutes: u32,
     },
     /// Announce a text to agents and visitors
     Notice {
-        /// Address and token
         #[command(flatten)]
         server: AdminAccess,
         /// One line of text; an empty text removes the announcement
@@ -39,30 +34,25 @@ pub enum AdminCommand {
     },
 }
 
-/// Address of the admin server.
+/// Admin server address.
 #[derive(Clone, Debug, Args)]
-pub struct AdminAddress {
-    /// URL of the admin server, on the server's own machine
+pub(crate) struct AdminAddress {
+    /// admin server URL, on the server's own machine
     #[arg(long, default_value = "http://127.0.0.1:50052", value_name = "URL")]
-    pub server: String,
+    server: String,
 }
 
 /// Address and token for the admin server.
 #[derive(Clone, Debug, Args)]
-pub struct AdminAccess {
-    /// Address
+pub(crate) struct AdminAccess {
     #[command(flatten)]
-    pub address: AdminAddress,
+    address: AdminAddress,
     /// Organiser token
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub token: String,
+    token: String,
 }
 
-/// Runs a command on a running server.
-///
-/// # Errors
-/// If the server does not answer or refuses.
-pub async fn run(command: AdminCommand) -> Result<(), Failure> {
+pub(crate) async fn run(command: AdminCommand) -> Result<(), Failure> {
     let status = match command {
         AdminCommand::Health(address) => return health(&address).await,
         AdminCommand::Status(server) => request(&server, "/v1/status", None::<&()>).await?,
@@ -82,14 +72,14 @@ async fn health(address: &AdminAddress) -> Result<(), Failure> {
     let answer = ask(&address.server, "/metrics", "", None).await?;
     if !answer.status.is_success() {
         let message = format!("the server is not healthy: it answered {}", answer.status.as_u16());
-        return Err(Failure::new(FailureKind::Run, message));
+        return Err(Failure::run(message));
     }
     say!("up");
     Ok(())
 }
 
 async fn request(server: &AdminAccess, path: &str, body: Option<&impl Serialize>) -> Result<Status, Failure> {
-    let internal = |error: serde_json::Error| Failure::new(FailureKind::Internal, error);
+    let internal = |error: serde_json::Error| Failure::internal(error);
     let body = body.map(serde_json::to_vec).transpose().map_err(internal)?;
     let answer = ask(&server.address.server, path, &server.token, body).await?;
     if answer.status.is_success() {
@@ -98,7 +88,7 @@ async fn request(server: &AdminAccess, path: &str, body: Option<&impl Serialize>
     let words = String::from_utf8_lossy(&answer.body).into_owned();
     let error = serde_json::from_slice::<serde_json::Value>(&answer.body).ok();
     let error = error.and_then(|value| value["error"].as_str().map(str::to_owned)).unwrap_or(words);
-    Err(Failure::new(FailureKind::Run, format!("the server refused ({}): {error}", answer.status.as_u16())))
+    Err(Failure::run(format!("the server refused ({}): {error}", answer.status.as_u16())))
 }
 
 fn show(status: &Status) {

@@ -7,7 +7,7 @@ use clap::Subcommand;
 
 /// The bundled agents; they connect as any other client.
 #[derive(Debug, Subcommand)]
-pub enum AgentCommand {
+pub(crate) enum AgentCommand {
     /// Walk at random: the lower bound of every leaderboard
     Random(avln_baselines::RandomArgs),
     /// Run a simple agent for comparison
@@ -19,8 +19,8 @@ pub enum AgentCommand {
 }
 
 impl AgentCommand {
-    /// Number of parallel episodes.
-    pub fn slots(&self) -> u32 {
+    /// Parallel episode count.
+    pub(crate) fn slots(&self) -> u32 {
         match self {
             Self::Random(_) | Self::Human(_) => 1,
             Self::Baseline(options) => options.run.slots,
@@ -30,10 +30,7 @@ impl AgentCommand {
 }
 
 /// Plays a run with an agent.
-///
-/// # Errors
-/// If the run fails.
-pub async fn run(agent: AgentCommand) -> Result<(), Failure> {
+pub(crate) async fn run(agent: AgentCommand) -> Result<(), Failure> {
     let summary = match agent {
         AgentCommand::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
         AgentCommand::Baseline(options) => avln_baselines::run(options).await.map_err(Failure::run)?,

@@ -1,9 +1,20 @@
-//! The baseline suite: all bundled agents on one split.
+//! Baseline suite, and demonstrations of the oracle for imitation learning.
 
-use crate::output::say;
-use avln_arena::{Failure, FailureKind};
+use crate::{
+    commands::split::SplitOrigin,
+    output::{progress_bar, say},
+};
+use avln_arena::{
+    Failure,
+    data::DataFolder,
+    dataset::SplitFolder,
+    setup::{self, sounds_for_phase},
+};
 use avln_episode::Order;
-use avln_lab::suite::{self, AgentVariant, SuiteOptions, SuiteSize};
+use avln_lab::{
+    rollout::{RolloutOptions, RolloutTally, Sense},
+    suite::{self, AgentVariant, SuiteOptions, SuiteSize},
+};
 use clap::{Args, Subcommand, ValueEnum};
 use std::{
     num::NonZero,
@@ -11,59 +22,57 @@ use std::{
     thread,
 };
 
-/// Commands on the baseline suite.
 #[derive(Debug, Subcommand)]
-pub enum BaselinesCommand {
+pub(crate) enum BaselinesCommand {
     /// Play the missions that are not yet in the results; can be stopped and continued at any time
     Run(BaselinesRunArgs),
     /// Write the page of results, and next to it results.csv with all episodes
     Report(BaselinesReportArgs),
 }
 
-/// Arguments of `run`.
 #[derive(Clone, Debug, Args)]
-pub struct BaselinesRunArgs {
+pub(crate) struct BaselinesRunArgs {
     /// Agents; all by default
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
-    pub agents: Vec<AgentVariant>,
-    /// Order of goals
+    agents: Vec<AgentVariant>,
+    /// Goal order
     #[arg(long, value_enum, default_value_t = OrderChoice::Both)]
-    pub orders: OrderChoice,
+    orders: OrderChoice,
     /// Missions per agent and order, spread evenly over the houses; all by default
     #[arg(long, value_name = "MISSIONS")]
-    pub episodes: Option<usize>,
+    episodes: Option<usize>,
     /// Folder of the split, the server's data and the results
     #[arg(long, default_value = "avln-ladder", value_name = "FOLDER")]
-    pub out: PathBuf,
+    out: PathBuf,
     /// Parallel episodes; one per processor by default
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
-    pub slots: Option<u32>,
-    /// Seed of the random agents
+    slots: Option<u32>,
+    /// Seed for the random agents
     #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Side of pictures in pixels, 64 to 512
+    seed: u64,
+    /// Picture side in pixels, 64 to 512
     #[arg(long, default_value_t = 128, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(64..=512))]
-    pub size: u32,
+    size: u32,
     /// Play again what is in the results, for changed agents
     #[arg(long)]
-    pub again: bool,
-    /// Houses of the split; another number makes another split, which needs another --out
+    again: bool,
+    /// Houses in the split; another number makes another split, which needs another --out
     #[arg(long, default_value_t = SuiteSize::default().houses)]
-    pub houses: u32,
+    houses: u32,
     /// Missions per house
     #[arg(long, default_value_t = SuiteSize::default().missions)]
-    pub missions: usize,
+    missions: usize,
     /// Folder for traces of PAG-Nav and its variants without privileges: a folder per variant and order, a file per mission
     #[arg(long, value_name = "FOLDER")]
-    pub trace: Option<PathBuf>,
+    trace: Option<PathBuf>,
     /// Use houses of the training pool, to tune agents; needs another --out
     #[arg(long)]
-    pub practice: bool,
+    practice: bool,
 }
 
-/// Orders of goals.
+/// Goal orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum OrderChoice {
+pub(crate) enum OrderChoice {
     /// Both orders.
     Both,
     /// The given order.
@@ -72,22 +81,17 @@ pub enum OrderChoice {
     Unordered,
 }
 
-/// Arguments of `report`.
 #[derive(Clone, Debug, Args)]
-pub struct BaselinesReportArgs {
-    /// Folder of the suite
+pub(crate) struct BaselinesReportArgs {
+    /// Suite folder
     #[arg(long, default_value = "avln-ladder", value_name = "FOLDER")]
-    pub out: PathBuf,
-    /// File of the page
+    out: PathBuf,
+    /// Page file
     #[arg(long, default_value = "docs/results.md", value_name = "FILE")]
-    pub to: PathBuf,
+    to: PathBuf,
 }
 
-/// Runs a command on the baseline suite.
-///
-/// # Errors
-/// If a folder or file cannot be used, or a run fails.
-pub async fn run(command: BaselinesCommand) -> Result<(), Failure> {
+pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
     match command {
         BaselinesCommand::Run(args) => {
             let played = suite::run(&args.out, &args.options()).await?;
@@ -104,10 +108,8 @@ pub async fn run(command: BaselinesCommand) -> Result<(), Failure> {
 }
 
 fn write(page: &str, to: &Path) -> Result<(), Failure> {
-    std::fs::write(to, page).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()))
-            .hinted("name another file with --to FILE")
-    })?;
+    std::fs::write(to, page)
+        .map_err(|error| Failure::file("write", to, error).hinted("name another file with --to FILE"))?;
     say!("written to {}", to.display());
     Ok(())
 }
@@ -116,7 +118,11 @@ impl BaselinesRunArgs {
     fn options(&self) -> SuiteOptions {
         let processors = || thread::available_parallelism().map_or(1, NonZero::get).min(16) as u32;
         SuiteOptions {
-            agents: if self.agents.is_empty() { AgentVariant::ALL.to_vec() } else { self.agents.clone() },
+            agents: if self.agents.is_empty() {
+                AgentVariant::value_variants().to_vec()
+            } else {
+                self.agents.clone()
+            },
             orders: match self.orders {
                 OrderChoice::Both => vec![Order::Ordered, Order::Unordered],
                 OrderChoice::Ordered => vec![Order::Ordered],
@@ -131,4 +137,70 @@ impl BaselinesRunArgs {
             trace: self.trace.clone(),
         }
     }
+}
+
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RolloutArgs {
+    /// Training split, in the data folder or in the data set of --dataset
+    #[arg(long, value_name = "NAME")]
+    split: String,
+    #[command(flatten)]
+    origin: SplitOrigin,
+    /// Mission count, in turn from all scenes; all by default
+    #[arg(long, value_name = "COUNT")]
+    episodes: Option<usize>,
+    /// Folder for rollouts.json and one .npz file per episode; existing episodes are skipped
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Recorded sensors
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST",
+          default_values_t = [Sense::Rgb, Sense::Depth, Sense::Pose, Sense::Audio])]
+    sensors: Vec<Sense>,
+    /// Picture side in pixels, 64 to 1024
+    #[arg(long, value_name = "PIXELS", default_value_t = 256, value_parser = clap::value_parser!(u32).range(64..=1024))]
+    size: u32,
+    /// Goal order: ordered or unordered
+    #[arg(long, default_value = "unordered")]
+    order: Order,
+    /// Threads, one per processor by default; files do not depend on it
+    #[arg(long, visible_alias = "jobs", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+/// Records demonstrations and prints their number.
+pub(crate) async fn roll_out(data: &Path, args: RolloutArgs) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let (split, openness) = args.origin.open(&data, &args.split).await?;
+    openness.check_training(&split)?;
+    let done = tokio::task::spawn_blocking(move || record(&data, &split, &args)).await;
+    done.map_err(Failure::internal)?
+}
+
+fn record(data: &DataFolder, split: &SplitFolder, args: &RolloutArgs) -> Result<(), Failure> {
+    let mut rules = setup::rules_of(split.name(), split)?;
+    rules.sounds = sounds_for_phase(data, None, split)?;
+    let mut senses = args.sensors.clone();
+    senses.sort_unstable();
+    senses.dedup();
+    let plan = RolloutOptions {
+        split,
+        audio: data.audio(&rules)?,
+        rules,
+        order: args.order,
+        senses,
+        side_px: args.size,
+        episodes: args.episodes,
+        threads: args.threads.map(usize::from),
+        cache: data.cache(),
+    };
+    let bar = progress_bar("episodes", plan.count());
+    let RolloutTally { before, now, incomplete } = plan.run(&args.out, || bar.inc(1))?;
+    bar.finish_and_clear();
+    say!("{now} episodes were recorded, {before} were there before, in {}", args.out.display());
+    if incomplete > 0 {
+        say!(
+            "in {incomplete} of them a goal was not found; readers leave these out unless they are asked not to"
+        );
+    }
+    Ok(())
 }

@@ -1,9 +1,10 @@
-//! The challenge file, the audit list, and the commitment of hidden phases.
+//! The challenge file, the audit list, the commitment of hidden phases, and rulings on runs.
 
 use crate::output::{print_json, say};
 use avln_arena::{
-    Failure, FailureKind,
-    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
+    Failure,
+    actions::{Attribution, disqualify, verify},
+    challenge::{ChallengeChanges, ChallengeFile, PhaseFile, PlanError, Planner, actor, json as as_json},
     data::DataFolder,
     dataset::SplitFolder,
     now_unix_ms,
@@ -13,9 +14,8 @@ use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Commands on the challenge as a whole.
 #[derive(Debug, Subcommand)]
-pub enum ChallengeFileCommand {
+pub(crate) enum ChallengeFileCommand {
     /// Show the changes that a challenge file would make, or its errors; docs/challenge.toml is an example
     Check {
         /// Challenge file
@@ -26,47 +26,43 @@ pub enum ChallengeFileCommand {
         /// Challenge file
         file: PathBuf,
         /// Reason, for the audit list
-        /// Reason, for the audit list
         #[arg(long, default_value = "", value_name = "TEXT")]
         reason: String,
     },
     /// Print all phases as a challenge file
     Show {
         /// Print JSON
-        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
     /// Print the audit list: changes with time, actor and reason
     Audit {
         /// Print JSON
-        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
     /// Publish the committed values of a closed phase: episodes, scorer, and the secret of its draws
     Reveal {
-        /// Id of the phase
+        /// Phase id
         phase: String,
     },
-    /// Check the output of `avln challenge reveal` against the commitment
+    /// Check the output from `avln challenge reveal` against the commitment
     VerifyReveal(VerifyRevealArgs),
 }
 
-/// Arguments of `verify-reveal`.
 #[derive(Clone, Debug, Args)]
-pub struct VerifyRevealArgs {
-    /// File with the output of `avln challenge reveal`
-    pub file: PathBuf,
-    /// Folder of the data set, to check the episodes too
+pub(crate) struct VerifyRevealArgs {
+    /// File with the output from `avln challenge reveal`
+    file: PathBuf,
+    /// Data set folder, to check the episodes too
     #[arg(long, value_name = "DIR", requires = "split")]
-    pub dataset: Option<PathBuf>,
+    dataset: Option<PathBuf>,
     /// Split of --dataset
     #[arg(long, requires = "dataset")]
-    pub split: Option<String>,
+    split: Option<String>,
 }
 
-/// The published commitment of a phase and its values.
+/// A published commitment with values.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PublishedCommitment {
@@ -84,18 +80,14 @@ struct PublishedValues {
     secret: String,
 }
 
-/// Runs a command on the challenge.
-///
-/// # Errors
-/// If a file is wrong, values do not fit their commitment, or the database fails.
-pub async fn run(data: &Path, command: ChallengeFileCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: ChallengeFileCommand) -> Result<(), Failure> {
     match command {
         ChallengeFileCommand::Check { file } => check(data, &file).await,
         ChallengeFileCommand::Apply { file, reason } => apply(data, &file, &reason).await,
         ChallengeFileCommand::Show { json } => show(data, json).await,
         ChallengeFileCommand::Audit { json } => audit(data, json).await,
         ChallengeFileCommand::Reveal { phase } => reveal(data, &phase).await,
-        ChallengeFileCommand::VerifyReveal(args) => verify(&args),
+        ChallengeFileCommand::VerifyReveal(args) => verify_reveal(&args),
     }
 }
 
@@ -104,7 +96,7 @@ async fn check(data: &Path, path: &Path) -> Result<(), Failure> {
     let store = data.store().await?;
     let planner = Planner { data: &data, store: &store, base: folder_of(path), reason: "" };
     let plan = plan(&planner, path).await?;
-    tell(&plan, "would change");
+    print_changes(&plan, "would change");
     Ok(())
 }
 
@@ -113,7 +105,7 @@ async fn apply(data: &Path, path: &Path, reason: &str) -> Result<(), Failure> {
     let store = data.store().await?;
     let planner = Planner { data: &data, store: &store, base: folder_of(path), reason };
     let plan = plan(&planner, path).await?;
-    tell(&plan, "changed");
+    print_changes(&plan, "changed");
     planner.apply(plan).await
 }
 
@@ -124,19 +116,17 @@ fn folder_of(path: &Path) -> &Path {
 /// Largest accepted file, bytes: thousands of phases.
 const LARGEST_FILE: u64 = 4 << 20;
 
-async fn plan(planner: &Planner<'_>, path: &Path) -> Result<Plan, Failure> {
+async fn plan(planner: &Planner<'_>, path: &Path) -> Result<ChallengeChanges, Failure> {
     let text = read(path)?;
     let file = ChallengeFile::parse(&text).map_err(|fault| fault.explain(path, &text))?;
     planner.plan(&file).await.map_err(|unplanned| match unplanned {
-        Unplanned::File(fault) => fault.explain(path, &text),
-        Unplanned::Other(failure) => failure,
+        PlanError::File(fault) => fault.explain(path, &text),
+        PlanError::Other(failure) => failure,
     })
 }
 
 fn read(path: &Path) -> Result<String, Failure> {
-    let failed = |error: &dyn std::fmt::Display| {
-        Failure::new(FailureKind::Data, format!("cannot read {}: {error}", path.display()))
-    };
+    let failed = |error: &dyn std::fmt::Display| Failure::file("read", path, error);
     let size = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
     if size > LARGEST_FILE {
         return Err(failed(&format!("it has {size} bytes, more than {LARGEST_FILE}"))
@@ -145,7 +135,7 @@ fn read(path: &Path) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(|error| failed(&error))
 }
 
-fn tell(plan: &Plan, verb: &str) {
+fn print_changes(plan: &ChallengeChanges, verb: &str) {
     for AuditNote { subject, what, before, after, .. } in &plan.notes {
         let words = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
         say!("{verb}  {subject}: {what}  {} -> {}", words(before), words(after));
@@ -164,7 +154,7 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
     if json {
         print_json(&as_json(&file))?;
     } else {
-        say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
+        say!("{}", file.text().map_err(Failure::internal)?.trim_end());
         for PhaseFile { id, .. } in &file.phases {
             let promise = store.commitment(id).await?;
             promise.iter().for_each(|promise| say!("# phase {id} is committed to {}", promise.commitment));
@@ -210,18 +200,14 @@ async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
     })
 }
 
-fn verify(args: &VerifyRevealArgs) -> Result<(), Failure> {
+fn verify_reveal(args: &VerifyRevealArgs) -> Result<(), Failure> {
     let unfit = |message: String| {
-        Failure::new(FailureKind::Data, message)
-            .hinted("ask the organiser; keep the commitment that was published first")
+        Failure::data(message).hinted("ask the organiser; keep the commitment that was published first")
     };
     let text = read(&args.file)?;
     let published: PublishedCommitment = serde_json::from_str(&text).map_err(|error| {
-        Failure::new(
-            FailureKind::Data,
-            format!("{} is not a published commitment: {error}", args.file.display()),
-        )
-        .hinted("save the output of: avln challenge reveal PHASE")
+        Failure::data(format!("{} is not a published commitment: {error}", args.file.display()))
+            .hinted("save the output of: avln challenge reveal PHASE")
     })?;
     let PublishedCommitment { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } =
         published;
@@ -245,9 +231,48 @@ fn verify(args: &VerifyRevealArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the digest of a split as the pool of a phase.
+/// Returns a split's digest as phase pool.
 fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {
     let folder = SplitFolder::open(dataset, split)?;
-    let episodes = avln_arena::register::phase_episodes(&folder)?;
+    let episodes = avln_arena::setup::phase_episodes(&folder)?;
     Ok(pool_digest(folder.digest(), episodes.iter().map(|episode| episode.episode.as_str())))
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum RulingCommand {
+    /// Mark a finished run as verified on leaderboards and on its page
+    Verified(RulingArgs),
+    /// Remove a run from all leaderboards; its page remains, with the reason
+    Disqualified(RulingArgs),
+}
+
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RulingArgs {
+    /// Run id
+    run: String,
+    /// Reason
+    #[arg(long, value_name = "TEXT")]
+    reason: String,
+    /// Withdraw the ruling
+    #[arg(long)]
+    withdraw: bool,
+}
+
+pub(crate) async fn rule(data: &Path, command: RulingCommand) -> Result<(), Failure> {
+    let store = DataFolder::open(data)?.store().await?;
+    let (RulingCommand::Verified(ruling) | RulingCommand::Disqualified(ruling)) = &command;
+    let RulingArgs { run, reason, withdraw } = ruling;
+    let reason = reason.trim();
+    if reason.is_empty() || reason.chars().any(char::is_control) {
+        return Err(Failure::data("--reason is empty or not a single line")
+            .hinted("say why, on one line: --reason \"it read the map\""));
+    }
+    let actor = actor();
+    let by = Attribution { actor: &actor, reason };
+    let words = match command {
+        RulingCommand::Verified(_) => verify(&store, run, !withdraw, by).await?,
+        RulingCommand::Disqualified(_) => disqualify(&store, run, !withdraw, by).await?,
+    };
+    say!("{words}");
+    Ok(())
 }

@@ -1,7 +1,7 @@
 //! Data sets: building, statistics, checks, labelled frames and imports.
 
 use crate::output::{progress_bar, say};
-use avln_arena::{Failure, FailureKind, cache::CacheFolder, dataset::DatasetFiles};
+use avln_arena::{Failure, cache::CacheFolder, dataset::DatasetFiles};
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
 use avln_episode::Rules;
 use avln_interchange::{Format, Loss};
@@ -14,17 +14,16 @@ use avln_lab::dataset::{
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
-/// Largest number of printed faults.
+/// Limit for printed faults.
 const SHOWN_FAULTS: usize = 50;
 
-/// Commands on data sets.
 #[derive(Debug, Subcommand)]
-pub enum DatasetCommand {
+pub(crate) enum DatasetCommand {
     /// Build scenes and missions by a recipe; an interrupted build continues
     Build(BuildArgs),
     /// Count the missions, print the main numbers and write the statistics page
     Stats {
-        /// Folder of the data set        /// Reason, for the audit list
+        /// Data set folder
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
@@ -36,48 +35,42 @@ pub enum DatasetCommand {
     Import(ImportArgs),
 }
 
-/// Arguments of `build`.
 #[derive(Debug, Args)]
-pub struct BuildArgs {
+pub(crate) struct BuildArgs {
     /// Recipe: a JSON file (see docs/DATASET.md), or a built-in name: paper, mini
     #[arg(value_name = "CONFIG")]
-    pub config: String,
-    /// Folder of the data set; dataset-NAME by default
+    config: String,
+    /// Data set folder; dataset-NAME by default
     #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
     /// Threads, one per processor by default; files do not depend on it
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+    threads: Option<u16>,
 }
 
-/// Arguments of `check`.
 #[derive(Debug, Args)]
-pub struct CheckArgs {
-    /// Folder of the data set
+pub(crate) struct CheckArgs {
+    /// Data set folder
     #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
+    folder: PathBuf,
     /// Split; all by default
     #[arg(long)]
-    pub split: Option<String>,
-    /// Approximate number of checked scenes per split, spread evenly; all by default
+    split: Option<String>,
+    /// Approximate checked scenes per split, spread evenly; all by default
     #[arg(long, value_name = "COUNT")]
-    pub scenes: Option<usize>,
+    scenes: Option<usize>,
     /// Recompute tours and render pictures of every COUNT-th mission
     #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
-    pub every: u32,
+    every: u32,
     /// Recompute all missions, and compare all sentences and pictures with a survey of the scene
     #[arg(long, conflicts_with = "every")]
-    pub full: bool,
+    full: bool,
     /// Threads; one per processor by default
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+    threads: Option<u16>,
 }
 
-/// Runs a command on data sets.
-///
-/// # Errors
-/// If a recipe, a scene or a file cannot be used, or a check finds faults.
-pub fn run(data: &Path, command: DatasetCommand) -> Result<(), Failure> {
+pub(crate) fn run(data: &Path, command: DatasetCommand) -> Result<(), Failure> {
     match command {
         DatasetCommand::Build(args) => build(data, &args),
         DatasetCommand::Stats { folder } => stats(&DatasetFiles::at(&folder)),
@@ -112,14 +105,14 @@ fn build(data: &Path, args: &BuildArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the recipe of a name or a file. Paths of scene files are relative to the file.
+/// Reads a recipe by name or file. Paths of scene files are relative to the file.
 fn recipe(config: &str) -> Result<Recipe, Failure> {
     if let Some((_, text)) = Recipe::EMBEDDED.iter().find(|(name, _)| *name == config) {
         return Ok(Recipe::from_json(text)?);
     }
     let names: Vec<_> = Recipe::EMBEDDED.iter().map(|(name, _)| *name).collect();
     let text = std::fs::read_to_string(config).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("cannot read recipe {config}: {error}"))
+        Failure::data(format!("cannot read recipe {config}: {error}"))
             .hinted(format!("name a JSON file, or one of: {}", names.join(", ")))
     })?;
     let mut recipe = Recipe::from_json(&text).map_err(|error| {
@@ -131,7 +124,7 @@ fn recipe(config: &str) -> Result<Recipe, Failure> {
             for file in files {
                 let path = beside.join(&*file);
                 *file = path.canonicalize().map_err(|error| {
-                    Failure::new(FailureKind::Scene, format!("cannot find scene {}: {error}", path.display()))
+                    Failure::scene(format!("cannot find scene {}: {error}", path.display()))
                 })?;
             }
         }
@@ -169,7 +162,7 @@ fn check(data: &Path, args: &CheckArgs) -> Result<(), Failure> {
     }
     report.faults.iter().take(SHOWN_FAULTS).for_each(|fault| say!("  {fault}"));
     let message = format!("{} faults in {}", report.faults.len(), args.folder.display());
-    Err(Failure::new(FailureKind::Scene, message)
+    Err(Failure::scene(message)
         .hinted("each line names the mission, the constraint and the finding; build the data set again"))
 }
 
@@ -182,25 +175,24 @@ fn print_numbers(numbers: &[(String, Statistics)]) {
     }
 }
 
-/// Arguments of `frames`.
 #[derive(Debug, Args)]
-pub struct FramesArgs {
+pub(crate) struct FramesArgs {
     /// Recipe of the houses: a JSON file, or a built-in name: paper, mini
     #[arg(long, value_name = "CONFIG", default_value = "paper")]
     recipe: String,
-    /// Split with furniture of the training pool
+    /// Split with training-pool furniture
     #[arg(long, default_value = "train")]
     split: String,
-    /// Render measurement pictures from a split of the validation pool; training refuses these files
+    /// Render measurement pictures from a validation-pool split; training refuses these files
     #[arg(long)]
     measure: bool,
-    /// Number of houses, from the first one of the split
+    /// House count, from the first in the split
     #[arg(long, value_name = "COUNT", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     houses: u32,
     /// Pictures per house
     #[arg(long, value_name = "COUNT", default_value_t = 80, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     views: u32,
-    /// Side of pictures in pixels, 16 to 1024
+    /// Picture side in pixels, 16 to 1024
     #[arg(long, value_name = "PIXELS", default_value_t = 192, value_parser = clap::value_parser!(u32).range(16..=1024))]
     size: u32,
     /// Folder for frames.json and one .npy file of records per house; existing houses are skipped
@@ -228,41 +220,40 @@ fn take_frames(args: &FramesArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Largest number of printed losses.
+/// Limit for printed losses.
 const SHOWN_LOSSES: usize = 20;
 
-/// Arguments of `import`.
 #[derive(Debug, Args)]
-pub struct ImportArgs {
+pub(crate) struct ImportArgs {
     /// auto, authors, goat, objectnav, instanceimagenav or multion
     #[arg(value_name = "FORMAT", value_parser = foreign_format)]
-    pub format: ForeignFormat,
+    format: ForeignFormat,
     /// A .json or .json.gz file next to its folder content, or a folder of such files
     #[arg(value_name = "SRC")]
-    pub source: PathBuf,
-    /// Folder of the scenes
+    source: PathBuf,
+    /// Scene folder
     #[arg(long, value_name = "DIR")]
-    pub scenes: PathBuf,
+    scenes: PathBuf,
     /// Folder for the data set
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Name of the new split
+    out: PathBuf,
+    /// New name split
     #[arg(long, default_value = "val")]
-    pub split: String,
+    split: String,
     /// Rule set for success regions and reference tours
     #[arg(long, default_value = Rules::PAPER)]
-    pub rules: String,
-    /// Seed of the draws in episodes
+    rules: String,
+    /// Seed for the draws in episodes
     #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    seed: u64,
 }
 
 /// A format; `None` to detect it from the keys of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ForeignFormat(Option<Format>);
+pub(crate) struct ForeignFormat(Option<Format>);
 
 fn import(args: &ImportArgs) -> Result<(), Failure> {
-    let rules = Rules::named(&args.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(&args.rules).map_err(Failure::scene)?;
     let import = Import {
         format: args.format.0,
         source: &args.source,

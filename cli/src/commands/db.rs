@@ -10,20 +10,17 @@ use avln_store::calendar::rfc3339;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
-/// Commands on the data folder.
 #[derive(Debug, Subcommand)]
-pub enum DbCommand {
+pub(crate) enum DbCommand {
     /// Write database, run logs, signing key, splits, recordings and heads to a file; a server may be running
     Backup {
         /// New file
-        /// Reason, for the audit list
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
     /// Create the data folder from a backup; it must be new or empty
     Restore {
         /// File written by avln data db backup
-        /// Reason, for the audit list
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
@@ -31,21 +28,20 @@ pub enum DbCommand {
     Prune(PruneArgs),
 }
 
-/// Arguments of `prune`.
 #[derive(Clone, Debug, Args)]
-pub struct PruneArgs {
-    /// Minimum age since the end of the run, such as 90d
+pub(crate) struct PruneArgs {
+    /// Minimum age since the run's end, such as 90d
     #[arg(long, value_name = "DAYS", value_parser = days)]
-    pub older_than: u32,
+    older_than: u32,
     /// Delete records and ground truth too: these runs can no longer be replayed or rescored
     #[arg(long)]
-    pub records: bool,
+    records: bool,
     /// Only print what would be deleted
     #[arg(long)]
-    pub dry_run: bool,
+    dry_run: bool,
 }
 
-/// Parses a number of days such as 90d.
+/// Parses days such as 90d.
 fn days(text: &str) -> Result<u32, String> {
     const MOST: u32 = 36_500;
     let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
@@ -53,11 +49,7 @@ fn days(text: &str) -> Result<u32, String> {
         .ok_or_else(|| format!("write days such as 90d, 1d to {MOST}d"))
 }
 
-/// Runs a command on the data folder.
-///
-/// # Errors
-/// If a file exists, cannot be read or written, or is damaged.
-pub async fn run(data: &Path, command: DbCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: DbCommand) -> Result<(), Failure> {
     match command {
         DbCommand::Backup { file } => {
             let made = backup::make(data, &file).await?;

@@ -1,13 +1,13 @@
-//! Houses, missions, two agents and a leaderboard in one command.
+//! Demo: houses, missions, two agents and a leaderboard in one command.
 
 use super::serve::AddressArgs;
 use crate::output::say;
-use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    Arena, Failure, SCENE_MEMORY_MIB,
     data::DataFolder,
     now_unix_ms,
     servers::{RunningServers, Servers},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
@@ -24,42 +24,37 @@ use std::{
 };
 use tokio::process::{Child, Command};
 
-/// Arguments of `avln demo`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct DemoArgs {
-    /// Addresses
+pub(crate) struct DemoArgs {
     #[command(flatten)]
-    pub addresses: AddressArgs,
+    addresses: AddressArgs,
     /// Scene file or folder instead of procedural houses, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
-    pub scene: Option<PathBuf>,
-    /// Number of procedural houses
+    scene: Option<PathBuf>,
+    /// Procedural house count
     #[arg(long, default_value_t = 3)]
-    pub houses: u32,
+    houses: u32,
     /// Missions per scene
     #[arg(long, default_value_t = 4)]
-    pub missions: usize,
-    /// Seed of houses and missions
+    missions: usize,
+    /// Seed for houses and missions
     #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    seed: u64,
     /// Exit after the table instead of keeping the servers running
     #[arg(long)]
-    pub once: bool,
+    once: bool,
 }
 
-/// Team of the bundled agents.
+/// Team for the bundled agents.
 const TEAM: &str = "LH-AVLN Arena";
 /// The agents, by their names in `avln agent`.
 const AGENTS: [&str; 2] = ["random", "pag-nav"];
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// Number of parallel runs.
+/// Parallel run count.
 const RUNS_AT_ONCE: usize = 2;
 
 /// Builds houses and missions, runs two agents over gRPC, prints the table and keeps the servers running.
-///
-/// # Errors
-/// If a scene cannot be used, an address is taken, the data folder cannot be written or an agent fails.
-pub async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let doors = Servers::bind(&args.addresses.addresses()).await?;
     let store = data.store().await?;
@@ -75,7 +70,7 @@ pub async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     ended
 }
 
-/// Returns the id of the demo's phase, which is made from the arguments; an existing phase is reused.
+/// Returns the id of the demo's phase; an existing phase is reused.
 async fn prepare(data: &DataFolder, store: &Store, args: &DemoArgs) -> Result<String, Failure> {
     let name = match &args.scene {
         None => format!("practice-{}x{}-seed{}", args.houses, args.missions, args.seed),
@@ -141,7 +136,7 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
     Ok(())
 }
 
-/// Starts an agent as a child process. The token is passed in its environment, because arguments are public.
+/// Starts an agent as a child process.
 fn spawn(
     agent: &str,
     order: Order,
@@ -149,7 +144,7 @@ fn spawn(
     phase: &str,
     token: &str,
 ) -> Result<Child, Failure> {
-    let failed = |error| Failure::new(FailureKind::Internal, format!("cannot start agent {agent}: {error}"));
+    let failed = |error| Failure::internal(format!("cannot start agent {agent}: {error}"));
     let program = std::env::current_exe().map_err(failed)?;
     let server = format!("http://{}", open.grpc);
     Command::new(program)
@@ -163,23 +158,20 @@ fn spawn(
         .map_err(failed)
 }
 
-/// Removes the agents that have exited. Fails with the message of a failed agent.
+/// Removes exited agents. Fails with the message from a failed agent.
 async fn reap(playing: &mut Vec<Child>) -> Result<(), Failure> {
     let mut index = 0;
     while index < playing.len() {
-        let ended = playing[index].try_wait().map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        let ended = playing[index].try_wait().map_err(Failure::internal)?;
         if ended.is_none() {
             index += 1;
             continue;
         }
         let output = playing.swap_remove(index).wait_with_output().await;
-        let output = output.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        let output = output.map_err(Failure::internal)?;
         if !output.status.success() {
             let words = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            return Err(Failure::new(
-                FailureKind::Run,
-                format!("an agent failed ({}): {words}", output.status),
-            ));
+            return Err(Failure::run(format!("an agent failed ({}): {words}", output.status)));
         }
     }
     Ok(())

@@ -20,54 +20,46 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// File with the digests of all other files.
+/// File with all other files' digests.
 const SUMS: &str = "SHA256SUMS";
-/// File with the public key and the signature of [`SUMS`], hexadecimal, one per line.
+/// File with public key and signature for [`SUMS`], hexadecimal, on two lines.
 const SIGNATURE: &str = "SHA256SUMS.sig";
 
-/// Commands on leaderboards.
 #[derive(Debug, Subcommand)]
-pub enum LeaderboardCommand {
+pub(crate) enum LeaderboardCommand {
     /// Write the public pages of one or all phases as static files: leaderboards, runs, replays, tables, and a signed SHA256SUMS
     Freeze(FreezeArgs),
     /// Check that a frozen copy is complete, unchanged, and signed by the server
     Check(CheckCopyArgs),
-    /// Play a phase with the oracle, to show the upper bound on its leaderboards; stop the server before
+    /// Play a phase with the oracle, as upper bound on leaderboards; stop the server before
     Oracle {
-        /// Id of the phase
-        /// Reason, for the audit list
+        /// Phase id
         #[arg(long)]
         phase: String,
     },
 }
 
-/// Arguments of `freeze`.
 #[derive(Clone, Debug, Args)]
-pub struct FreezeArgs {
+pub(crate) struct FreezeArgs {
     /// Folder for the copy, new or empty
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Id of the phase; all public phases by default
+    out: PathBuf,
+    /// Phase id; all public phases by default
     #[arg(long)]
-    pub phase: Option<String>,
+    phase: Option<String>,
 }
 
-/// Arguments of `check`.
 #[derive(Clone, Debug, Args)]
-pub struct CheckCopyArgs {
-    /// Folder of the copy
-    pub folder: PathBuf,
-    /// Expected public key of the server, hexadecimal, as log_key in /api/v1/status; by default any valid signature is accepted and
-    /// its key printed
+pub(crate) struct CheckCopyArgs {
+    /// Copy's folder
+    folder: PathBuf,
+    /// Expected public server key, hexadecimal, as log_key in /api/v1/status; by default any valid signature
+    /// is accepted and the key printed
     #[arg(long, value_name = "KEY")]
-    pub key: Option<String>,
+    key: Option<String>,
 }
 
-/// Runs a command on leaderboards.
-///
-/// # Errors
-/// If a folder or the phase cannot be used, or a copy differs from the signed list.
-pub async fn run(data: &Path, command: LeaderboardCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: LeaderboardCommand) -> Result<(), Failure> {
     match command {
         LeaderboardCommand::Freeze(args) => freeze_copy(data, args).await,
         LeaderboardCommand::Check(args) => check_copy(&args),
@@ -121,7 +113,7 @@ fn freeze_failure(error: FreezeError) -> Failure {
     }
 }
 
-/// A copy in a folder, with the digests of its files.
+/// A copy in a folder, with file digests.
 struct FrozenCopy {
     folder: PathBuf,
     sums: Vec<(String, String)>,
@@ -133,7 +125,7 @@ impl FrozenCopy {
         fs::create_dir_all(folder).map_err(failed)?;
         if fs::read_dir(folder).map_err(failed)?.next().is_some() {
             let message = format!("folder {} is not empty", folder.display());
-            return Err(Failure::new(FailureKind::Data, message).hinted("choose an empty one with --out"));
+            return Err(Failure::data(message).hinted("choose an empty one with --out"));
         }
         Ok(Self { folder: folder.to_owned(), sums: vec![] })
     }
@@ -147,7 +139,7 @@ impl FrozenCopy {
         fs::write(path, bytes)
     }
 
-    /// Writes the list of digests and its signature.
+    /// Writes the digest list and a signature.
     fn sign(mut self, key: &SigningKey) -> io::Result<()> {
         self.sums.sort();
         let mut list = String::new();
@@ -160,7 +152,7 @@ impl FrozenCopy {
     }
 }
 
-/// The signed text for a list of digests.
+/// Returns the signed text for a digest list.
 fn signed_statement(list: &str) -> String {
     // The prefix separates it from run logs, which the same key signs.
     format!("frozen board {}", sha256(list.as_bytes()))
@@ -221,7 +213,7 @@ fn check_files(folder: &Path, list: &str) -> Result<BTreeSet<String>, Failure> {
     Ok(names)
 }
 
-/// Names of all files below `folder`, separated by slashes.
+/// Lists all files below `folder`, separated by slashes.
 fn files(folder: &Path) -> io::Result<BTreeSet<String>> {
     let mut found = BTreeSet::new();
     let mut open = vec![folder.to_owned()];
@@ -247,11 +239,10 @@ fn read(folder: &Path, name: &str) -> Result<String, Failure> {
 }
 
 fn cannot_read(path: &Path, error: &io::Error) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot read {}: {error}", path.display()))
+    Failure::file("read", path, error)
         .hinted("name the folder that `avln challenge leaderboard freeze --out` wrote")
 }
 
 fn cannot_write(folder: &Path, error: &io::Error) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot write to {}: {error}", folder.display()))
-        .hinted("choose a folder of your own with --out")
+    Failure::file("write to", folder, error).hinted("choose a folder of your own with --out")
 }

@@ -1,28 +1,21 @@
-//! The commands, one file each. The documentation of arguments is the help text.
+//! Commands. The documentation of arguments is the help text.
 
-pub mod admin;
-pub mod agent;
-pub mod baselines;
-pub mod calibrate;
-pub mod challenge;
-pub mod conformance;
-pub mod dataset;
-pub mod db;
-pub mod demo;
-pub mod doctor;
-pub mod leaderboard;
-pub mod manual;
-pub mod phase;
-pub mod rescore;
-pub mod rollout;
-pub mod ruling;
-pub mod scene;
-pub mod scene_stats;
-pub mod sealed;
+pub(crate) mod admin;
+pub(crate) mod agent;
+pub(crate) mod baselines;
+pub(crate) mod challenge;
+pub(crate) mod checks;
+pub(crate) mod dataset;
+pub(crate) mod db;
+pub(crate) mod demo;
+pub(crate) mod leaderboard;
+pub(crate) mod phase;
+pub(crate) mod run;
+pub(crate) mod scene;
+pub(crate) mod scene_stats;
+pub(crate) mod sealed;
 mod sealed_sandbox;
-pub mod serve;
-pub mod sim;
-pub mod split;
-pub mod team;
-pub mod token;
-pub mod verify;
+pub(crate) mod serve;
+pub(crate) mod sim;
+pub(crate) mod split;
+pub(crate) mod team;

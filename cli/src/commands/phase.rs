@@ -2,10 +2,11 @@
 
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind, challenge,
+    Failure,
+    actions::{self, Attribution},
+    challenge,
     data::DataFolder,
     now_unix_ms,
-    office::deeds,
     setup::{NewPhase, open_phase},
 };
 use avln_episode::FeedbackRule;
@@ -13,81 +14,78 @@ use avln_store::{Phase, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
 
-/// Commands on phases.
 #[derive(Debug, Subcommand)]
-pub enum PhaseCommand {
-    /// Open a phase on a split, or change its settings
+pub(crate) enum PhaseCommand {
+    /// Open a phase on a split, or change settings
     Open(OpenPhaseArgs),
     /// Close a phase: no more runs can start
     Close {
-        /// Id of the phase
+        /// Phase id
         id: String,
     },
     /// Pause a phase: no runs can start, started runs continue
     Pause {
-        /// Id of the phase
+        /// Phase id
         id: String,
         /// Reason, public
-        /// Reason, for the audit list
         #[arg(long, value_name = "TEXT")]
         reason: String,
     },
-    /// Reopen a paused or closed phase, within its dates
+    /// Reopen a paused or closed phase, within the phase's dates
     Resume {
-        /// Id of the phase
+        /// Phase id
         id: String,
     },
 }
 
-/// Arguments of `open`.
 #[derive(Clone, Debug, Args)]
-pub struct OpenPhaseArgs {
-    /// Id of the phase, for URLs and agents
-    pub id: String,
-    /// Name of the split, in the data folder or in the data set of --dataset
+pub(crate) struct OpenPhaseArgs {
+    /// Phase id, for URLs and agents
+    id: String,
+    /// Split name, in the data folder or in the data set of --dataset
     #[arg(long)]
-    pub split: String,
-    /// Folder of a data set made by avln data dataset build
+    split: String,
+    /// Data set folder made by avln data dataset build
     #[arg(long, value_name = "DIR")]
-    pub dataset: Option<PathBuf>,
+    dataset: Option<PathBuf>,
     /// Title on pages; the id by default
     #[arg(long)]
-    pub title: Option<String>,
-    /// Visibility of scores
+    title: Option<String>,
+    /// Audience for scores
     #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
-    pub scores: VisibleTo,
-    /// Visibility of paths, maps and targets
+    scores: VisibleTo,
+    /// Audience for paths, maps and targets
     #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
-    pub replays: VisibleTo,
-    /// Rule set; that of the split by default. It may differ only in noise and clips: a split for lh-avln-v1 can be played with
+    replays: VisibleTo,
+    /// Rule set; the split's by default. It may differ only in noise and clips: a split for lh-avln-v1 can be played with
     /// lh-avln-noisy-v1 and lh-avln-distinct-v1
     #[arg(long)]
-    pub rules: Option<String>,
-    /// Sound clips of targets: a share of the synthetic clips (all, train, validation or test), or a folder of WAV and FLAC files
-    /// of 1 to 60 s, which are copied to the data folder. By default the share of the houses' furniture pool; all clips for
-    /// scenes from files
+    rules: Option<String>,
+    /// Sound clips for targets: a share of the synthetic clips (all, train, validation or test), or a folder
+    /// with WAV and FLAC files of 1 to 60 s, which are copied to the data folder. By default the share for
+    /// the houses' furniture pool; all clips for scenes from files
     #[arg(long, value_name = "WHAT")]
-    pub sounds: Option<String>,
-    /// SOFA file of a measured head, instead of a sphere; it is copied to the data folder
+    sounds: Option<String>,
+    /// SOFA file with a measured head, instead of a sphere; it is copied to the data folder
     #[arg(long, value_name = "FILE.sofa")]
-    pub head: Option<PathBuf>,
-    /// Feedback to a Submit; that of the rule set by default
+    head: Option<PathBuf>,
+    /// Feedback to a Submit; the rule set's by default
     #[arg(long, value_enum)]
-    pub feedback: Option<FeedbackLevel>,
-    /// Largest number of runs per team; unlimited by default
+    feedback: Option<FeedbackLevel>,
+    /// Limit for runs per team; unlimited by default
     #[arg(long, value_name = "RUNS")]
-    pub quota: Option<u32>,
-    /// Largest number of parallel episodes per run
+    quota: Option<u32>,
+    /// Limit for parallel episodes per run
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub max_slots: u32,
-    /// Largest side of pictures in pixels
+    max_slots: u32,
+    /// Largest picture side in pixels
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=1024))]
-    pub max_side: u32,
+    max_side: u32,
 }
 
-/// The audience of scores or replays.
+/// An audience.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum VisibleTo {
+pub(crate) enum VisibleTo {
     /// Everyone.
     Public,
     /// The run's team.
@@ -98,7 +96,7 @@ pub enum VisibleTo {
 
 /// Feedback to a Submit.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum FeedbackLevel {
+pub(crate) enum FeedbackLevel {
     /// Nothing.
     None,
     /// Confirmation that it was counted.
@@ -107,11 +105,7 @@ pub enum FeedbackLevel {
     Verdict,
 }
 
-/// Runs a command on phases.
-///
-/// # Errors
-/// If the split is unknown or the database fails.
-pub async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
     match command {
@@ -130,7 +124,7 @@ pub async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
         PhaseCommand::Pause { id, reason } => {
             let words = reason.trim().to_owned();
             if words.is_empty() {
-                return Err(Failure::new(FailureKind::Data, "--reason is empty")
+                return Err(Failure::data("--reason is empty")
                     .hinted("say why; visitors can read it: --reason \"the server moves\""));
             }
             reschedule(&store, &id, &reason, |schedule| schedule.paused = Some(words)).await?;
@@ -141,20 +135,20 @@ pub async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
                 (schedule.paused, schedule.closed) = (None, false);
             });
             let state = phase.await?.schedule.state(now_unix_ms());
-            say!("phase {id} is {}", deeds::state_word(state));
+            say!("phase {id} is {}", actions::state_word(state));
         }
     }
     Ok(())
 }
 
-/// Changes the schedule of a phase, with an entry in the audit list.
+/// Changes a phase's schedule, with an audit entry.
 async fn reschedule(
     store: &Store,
     id: &str,
     reason: &str,
     change: impl FnOnce(&mut Schedule),
 ) -> Result<Phase, Failure> {
-    Ok(deeds::reschedule(store, id, (&challenge::actor(), reason), change).await?)
+    Ok(actions::reschedule(store, id, Attribution { actor: &challenge::actor(), reason }, change).await?)
 }
 
 impl From<OpenPhaseArgs> for NewPhase {

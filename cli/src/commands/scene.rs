@@ -1,11 +1,11 @@
 //! Scenes: information, export, import and pictures.
 
 use super::scene_stats;
-use crate::{args::data_option, output::say};
-use avln_arena::{Failure, FailureKind, cache::CacheFolder};
+use crate::{data_option, output::say};
+use avln_arena::{Failure, cache::CacheFolder};
 use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
-use avln_lab::preview::{Picture, Viewer, indoors, storeys};
+use avln_lab::preview::{Picture, SceneRenderer, indoors, storeys};
 use avln_scene::{Scene, Summary};
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::json;
@@ -15,57 +15,51 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Commands on scenes.
 #[derive(Debug, Subcommand)]
-pub enum SceneCommand {
+pub(crate) enum SceneCommand {
     /// Write a scene as a standard GLB file, for Blender or Habitat
     Export {
-        /// Scene
         #[command(flatten)]
         scene: SceneArgs,
         /// The file to write
-        /// Reason, for the audit list
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
-        /// Also write the labels of instances, in files next to OUT.glb: hm3d, the layout that Habitat loads
-        /// Reason, for the audit list
+        /// Also write instance labels, in files next to OUT.glb: hm3d, the layout that Habitat loads
         #[arg(long, value_name = "LAYOUT", hide_possible_values = true)]
         semantics: Option<Semantics>,
     },
-    /// Convert a scan of any supported layout to a scene of the arena
+    /// Convert a scan in any supported layout to a scene of the arena
     Import(ImportSceneArgs),
-    /// Measure size, clutter and navigation complexity of scenes, next to real buildings
+    /// Measure scenes next to real buildings: size, clutter and navigation complexity
     Stats(scene_stats::SceneStatsArgs),
-    /// Print the contents of a scene
+    /// Print a scene's contents
     Info {
-        /// Scene
         #[command(flatten)]
         scene: SceneArgs,
     },
     #[command(arg(data_option()))]
-    /// Draw all storeys from above, and views inside of rooms
+    /// Draw all storeys from above, and views inside rooms
     Preview(PreviewArgs),
 }
 
 /// A scene from a file, or a procedural house.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-pub struct SceneArgs {
+pub(crate) struct SceneArgs {
     /// Scene file or folder, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
-    /// Seed of a procedural house
+    /// Seed for a procedural house
     #[arg(long)]
     seed: Option<u64>,
 }
 
-/// A scene, and the furniture pool of a procedural house.
+/// A scene, with the furniture pool for a procedural house.
 #[derive(Debug, Args)]
-pub struct FurnishedSceneArgs {
-    /// Scene
+pub(crate) struct FurnishedSceneArgs {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Furniture pool of a procedural house: train, validation or test
+    /// Furniture pool for a procedural house: train, validation or test
     #[arg(long, default_value = "train", value_parser = pool)]
     pool: Pool,
 }
@@ -76,7 +70,7 @@ impl FurnishedSceneArgs {
         load_from(&self.scene, self.pool)
     }
 
-    /// The house of `seed`.
+    /// Returns the arguments for a procedural house.
     #[cfg(test)]
     pub(super) fn grown(seed: u64) -> Self {
         Self { scene: SceneArgs { scene: None, seed: Some(seed) }, pool: Pool::default() }
@@ -87,11 +81,7 @@ fn pool(name: &str) -> Result<Pool, String> {
     Pool::from_name(name).ok_or_else(|| format!("no pool is called `{name}`; use train, validation or test"))
 }
 
-/// Runs a command on scenes.
-///
-/// # Errors
-/// If the scene cannot be read or the file cannot be written.
-pub fn run(data: &Path, command: SceneCommand) -> Result<(), Failure> {
+pub(crate) fn run(data: &Path, command: SceneCommand) -> Result<(), Failure> {
     match command {
         SceneCommand::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
         SceneCommand::Import(args) => import(&args),
@@ -108,10 +98,10 @@ fn load(scene: &SceneArgs) -> Result<Scene, Failure> {
     load_from(scene, Pool::default())
 }
 
-/// Opens a scene. A procedural house has the furniture of `pool`.
+/// Opens a scene, or builds a house with furniture from `pool`.
 fn load_from(scene: &SceneArgs, pool: Pool) -> Result<Scene, Failure> {
     match (&scene.scene, scene.seed) {
-        (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
+        (Some(path), _) => open::open(path).map_err(Failure::scene),
         (None, seed) => {
             let seed = seed.unwrap_or_default();
             let options = avln_houses::HouseOptions { pool, ..Default::default() };
@@ -146,14 +136,14 @@ fn print_info(scene: &Scene) {
     }
 }
 
-/// Layout of instance labels in exported files.
+/// Layout for exported instance labels.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Semantics {
+pub(crate) enum Semantics {
     /// As in HM3D: Z up, next to OUT.semantic.glb, OUT.semantic.txt and OUT.scene_dataset_config.json
     Hm3d,
 }
 
-/// Writes a scene and, on request, its instance labels.
+/// Writes a scene and, on request, the instance labels.
 fn export(scene: &Scene, out: &Path, semantics: Option<Semantics>) -> Result<(), Failure> {
     match semantics {
         None => write_file(out, &glb::export(scene))?,
@@ -166,10 +156,10 @@ fn export(scene: &Scene, out: &Path, semantics: Option<Semantics>) -> Result<(),
 fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
     let name = out.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let Some(stem) = name.strip_suffix(".glb").filter(|stem| !stem.is_empty()) else {
-        return Err(Failure::new(
-            FailureKind::Data,
-            format!("{} does not end in .glb, which Habitat needs to find the labels", out.display()),
-        ));
+        return Err(Failure::data(format!(
+            "{} does not end in .glb, which Habitat needs to find the labels",
+            out.display()
+        )));
     };
     let beside = |suffix: &str| -> PathBuf { out.with_file_name(format!("{stem}{suffix}")) };
     let files = hm3d::export(scene);
@@ -181,26 +171,24 @@ fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     std::fs::write(path, bytes).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
-            .hinted("name a file in a folder that exists and has room")
+        Failure::file("write", path, error).hinted("name a file in a folder that exists and has room")
     })?;
     say!("{}: {} bytes", path.display(), bytes.len());
     Ok(())
 }
 
-/// ImportSceneArgs of `avln scene import`.
 #[derive(Debug, Args)]
-pub struct ImportSceneArgs {
-    /// Folder or file in the layout of HM3D, Matterport3D, Replica, Gibson, HSSD or ReplicaCAD, or plain glTF, OBJ or PLY
+pub(crate) struct ImportSceneArgs {
+    /// Folder or file in the layout from HM3D, Matterport3D, Replica, Gibson, HSSD or ReplicaCAD, or plain glTF, OBJ or PLY
     #[arg(value_name = "SRC")]
     source: PathBuf,
     /// GLB file to write; all commands open it as a scene
     #[arg(long, value_name = "S.glb")]
     out: PathBuf,
-    /// Up axis of SRC, if the layout does not define it or is wrong
+    /// Up axis in SRC, if the layout does not define it or is wrong
     #[arg(long, value_enum)]
     up: Option<UpArg>,
-    /// Unit of SRC, if it is not the metre
+    /// Unit in SRC, if it is not the metre
     #[arg(long, value_enum)]
     units: Option<UnitArg>,
     /// Print the report as JSON
@@ -215,7 +203,7 @@ enum UpArg {
     Z,
 }
 
-/// A unit of length.
+/// A length unit.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum UnitArg {
     M,
@@ -225,12 +213,10 @@ enum UnitArg {
 
 fn import(args: &ImportSceneArgs) -> Result<(), Failure> {
     let mut report = ImportReport::default();
-    let scene = open::open_as(&args.source, &import_options(args), &mut report)
-        .map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let scene = open::open_as(&args.source, &import_options(args), &mut report).map_err(Failure::scene)?;
     let bytes = glb::export(&scene);
     std::fs::write(&args.out, &bytes).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", args.out.display()))
-            .hinted("name a file in a folder that exists and has room")
+        Failure::file("write", &args.out, error).hinted("name a file in a folder that exists and has room")
     })?;
     let cached = reopened(&scene, &bytes, args)?;
     let summary = Summary::of(&cached);
@@ -255,10 +241,10 @@ fn import_options(args: &ImportSceneArgs) -> ImportOptions {
     ImportOptions { up, unit }
 }
 
-/// Reopens the written file, so that the report describes its contents.
+/// Reopens the written file, so that the report describes the written contents.
 fn reopened(scene: &Scene, bytes: &[u8], args: &ImportSceneArgs) -> Result<Scene, Failure> {
     let label = args.out.display().to_string();
-    glb::from_bytes(&scene.name, &label, bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
+    glb::from_bytes(&scene.name, &label, bytes).map_err(Failure::internal)
 }
 
 fn as_json(args: &ImportSceneArgs, report: &ImportReport, summary: &Summary) -> serde_json::Value {
@@ -300,16 +286,14 @@ fn listed(counts: &BTreeMap<String, usize>) -> String {
     if words.is_empty() { String::new() } else { format!(": {}", words.join(", ")) }
 }
 
-/// Arguments of `preview`.
 #[derive(Debug, Args)]
-pub struct PreviewArgs {
-    /// Scene
+pub(crate) struct PreviewArgs {
     #[command(flatten)]
     scene: FurnishedSceneArgs,
     /// Folder for the pictures; created if missing
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Number of views inside of rooms
+    /// Indoor view count
     #[arg(long, default_value_t = 8)]
     views: usize,
 }
@@ -319,7 +303,7 @@ fn preview(data: &Path, args: &PreviewArgs) -> Result<(), Failure> {
     std::fs::create_dir_all(&args.out).map_err(|error| cannot_write(&args.out, error))?;
     let mut pictures = storeys(&scene);
     let name = scene.name.clone();
-    pictures.extend(indoors(&Viewer::new(scene, CacheFolder::of_data(data)), args.views));
+    pictures.extend(indoors(&SceneRenderer::new(scene, CacheFolder::of_data(data)), args.views));
     for picture in &pictures {
         write_picture(picture, &args.out.join(format!("{}.png", picture.name)))?;
     }
@@ -334,5 +318,5 @@ fn write_picture(picture: &Picture, path: &Path) -> Result<(), Failure> {
 }
 
 fn cannot_write(path: &Path, error: impl Display) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot write_picture {}: {error}", path.display()))
+    Failure::file("write", path, error)
 }

@@ -1,7 +1,7 @@
-//! Measures of scenes, next to those of real buildings.
+//! Measures of scenes, next to real buildings.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind};
+use avln_arena::Failure;
 use avln_formats::open;
 use avln_scene::Scene;
 use avln_scene::stats::{Census, MATTERPORT_PER_BUILDING, census, divergence_from_matterport};
@@ -10,13 +10,12 @@ use clap::Args;
 use serde_json::json;
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Arguments of `avln scene stats`.
 #[derive(Debug, Args)]
-pub struct SceneStatsArgs {
+pub(crate) struct SceneStatsArgs {
     /// Scene file or folder (can be repeated)
     #[arg(long, value_name = "PATH")]
     scene: Vec<PathBuf>,
-    /// Seed of a procedural house (can be repeated)
+    /// Seed for a procedural house (can be repeated)
     #[arg(long)]
     seed: Vec<u64>,
     /// Procedural houses with seeds from A to B, excluding B
@@ -25,19 +24,19 @@ pub struct SceneStatsArgs {
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Fail if a number is outside its band
+    /// Fail if a number is outside the band
     #[arg(long)]
     check: bool,
 }
 
-/// The measures of a scene.
+/// A measured scene.
 struct MeasuredScene {
     name: String,
     census: Census,
     walk: WalkStats,
 }
 
-/// A number, its band, and the values of real buildings.
+/// A number with band and values from real buildings.
 struct BandedNumber {
     name: &'static str,
     value: f64,
@@ -46,18 +45,12 @@ struct BandedNumber {
 }
 
 /// Measures the scenes.
-///
-/// # Errors
-/// If there is no scene, a scene cannot be read or has no floor, or with `--check` if a number is outside its band.
-pub fn run(args: &SceneStatsArgs) -> Result<(), Failure> {
+pub(crate) fn run(args: &SceneStatsArgs) -> Result<(), Failure> {
     let seeds = args.seed.iter().copied().chain(args.seeds.clone().into_iter().flatten());
     let houses = seeds.map(|seed| {
         Ok(avln_houses::house(&format!("house-{seed}"), seed, &avln_houses::HouseOptions::default()))
     });
-    let files = args
-        .scene
-        .iter()
-        .map(|path| open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)));
+    let files = args.scene.iter().map(|path| open::open(path).map_err(Failure::scene));
     let mut all = Vec::new();
     for scene in files.chain(houses) {
         let measured = measure(&scene?)?;
@@ -68,7 +61,7 @@ pub fn run(args: &SceneStatsArgs) -> Result<(), Failure> {
     }
     if all.is_empty() {
         let hint = "name one with --scene, --seed or --seeds";
-        return Err(Failure::new(FailureKind::Scene, "there is no scene to measure").hinted(hint));
+        return Err(Failure::scene("there is no scene to measure").hinted(hint));
     }
     if args.json {
         let scenes: Vec<_> = all.iter().map(as_json).collect();
@@ -90,11 +83,11 @@ fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
 }
 
 fn measure(scene: &Scene) -> Result<MeasuredScene, Failure> {
-    let walk = walk_stats(scene, 0).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let walk = walk_stats(scene, 0).map_err(Failure::scene)?;
     Ok(MeasuredScene { name: scene.name.clone(), census: census(scene), walk })
 }
 
-/// The numbers of a scene. Real numbers: Matterport3D (90 buildings), HM3D paper, Gibson (572 spaces).
+/// Returns a scene's numbers. Real values: Matterport3D (90 buildings), HM3D paper, Gibson (572 spaces).
 fn lines(measured: &MeasuredScene) -> Vec<BandedNumber> {
     let MeasuredScene { census, walk, .. } = measured;
     let most = f64::INFINITY;
@@ -132,7 +125,7 @@ fn print(measured: &MeasuredScene) {
     lines(measured).iter().for_each(print_line);
 }
 
-/// Prints a number with its band and the values of real buildings.
+/// Prints a number with band and real values.
 fn print_line(line: &BandedNumber) {
     let band = match line.band[1].is_finite() {
         true => format!("{} to {}", line.band[0], line.band[1]),
@@ -150,7 +143,7 @@ fn as_json(measured: &MeasuredScene) -> serde_json::Value {
     json!({ "scene": measured.name, "numbers": numbers, "categories": measured.census.categories })
 }
 
-/// Medians of all numbers, and total counts of categories.
+/// Returns medians of all numbers and category counts.
 fn summary(all: &[MeasuredScene]) -> serde_json::Value {
     let medians: BTreeMap<&str, f64> = medians(all).iter().map(|line| (line.name, line.value)).collect();
     let categories = together(all);
@@ -200,10 +193,7 @@ fn verdict(args: &SceneStatsArgs, all: &[MeasuredScene]) -> Result<(), Failure> 
         return Ok(());
     }
     let (count, first) = (out.len(), &out[0]);
-    Err(Failure::new(
-        FailureKind::Scene,
-        format!("{count} numbers are outside their bands, the first one: {first}"),
-    ))
+    Err(Failure::scene(format!("{count} numbers are outside their bands, the first one: {first}")))
 }
 
 #[cfg(test)]

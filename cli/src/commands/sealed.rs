@@ -1,16 +1,16 @@
 //! Sealed runs: the organiser runs an agent that can reach only the server.
 
-use super::sealed_sandbox::{AgentExit, Sandbox, SandboxKind};
+use super::sealed_sandbox::{AgentExit, Sandbox, SandboxKind, failed};
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind,
+    Failure,
     data::DataFolder,
     now_unix_ms,
-    sealed::{Wanted, start},
+    runs::{SealedRunRequest, start_sealed_run},
     servers::RunningServers,
 };
 use avln_episode::Order;
-use avln_sandbox::SandboxReport;
+use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use avln_store::{RunState, Store};
 use clap::{Args, Subcommand};
 use std::{
@@ -19,73 +19,70 @@ use std::{
     process,
 };
 
-/// Commands on sealed runs.
 #[derive(Debug, Subcommand)]
-pub enum SealedCommand {
-    /// Play a run of a team with an agent in a sandboxed process or container, whose only connection is the server's socket
+pub(crate) enum SealedCommand {
+    /// Play a team's run with an agent in a sandboxed process or container, whose only connection is the server's socket
     Run(Box<SealedRunArgs>),
     /// Internal: start the sandbox
     #[command(hide = true)]
     Enter(EnterArgs),
 }
 
-/// Arguments of `run`.
 #[derive(Clone, Debug, Args)]
-pub struct SealedRunArgs {
-    /// Id of the phase
+pub(crate) struct SealedRunArgs {
+    /// Phase id
     #[arg(long, value_name = "ID")]
-    pub phase: String,
-    /// Name of the team
+    phase: String,
+    /// Team name
     #[arg(long)]
-    pub team: String,
-    /// Name of the method on leaderboards
+    team: String,
+    /// Method name on leaderboards
     #[arg(long, value_name = "NAME")]
-    pub method: String,
-    /// Version of the method
+    method: String,
+    /// Method version
     #[arg(long, default_value = "", value_name = "VERSION")]
-    pub method_version: String,
-    /// Order of goals: ordered or unordered
+    method_version: String,
+    /// Goal order: ordered or unordered
     #[arg(long, default_value = "unordered", value_parser = order)]
-    pub order: Order,
-    /// gRPC address of a server that hosts this data folder in plain text; by default the command hosts the folder itself, and no
-    /// other server may run
+    order: Order,
+    /// gRPC address of a plain-text server for this data folder; by default the command hosts the folder
+    /// itself, and no other server may run
     #[arg(long, value_name = "ADDRESS")]
-    pub server: Option<SocketAddr>,
-    /// Image of a container for Podman or Docker, instead of a process; COMMAND is then optional
+    server: Option<SocketAddr>,
+    /// Container image for Podman or Docker, instead of a process; COMMAND is then optional
     #[arg(long, value_name = "IMAGE")]
-    pub image: Option<String>,
+    image: Option<String>,
     /// Time limit in seconds
     #[arg(long, default_value_t = 86_400, value_parser = clap::value_parser!(u64).range(1..=2_592_000), value_name = "S")]
-    pub wall_s: u64,
-    /// Memory limit of the container or of each process in MiB; unlimited by default
+    wall_s: u64,
+    /// Memory limit for the container or each process in MiB; unlimited by default
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..), value_name = "MIB")]
-    pub memory_mib: Option<u32>,
-    /// Additional readable path of the process, besides system programs and the current folder
+    memory_mib: Option<u32>,
+    /// Additional readable path, besides system programs and the current folder
     #[arg(long, value_name = "PATH", conflicts_with = "image")]
-    pub read: Vec<PathBuf>,
+    read: Vec<PathBuf>,
     /// Device for the agent, such as /dev/nvidia0
     #[arg(long, value_name = "PATH")]
-    pub device: Vec<PathBuf>,
+    device: Vec<PathBuf>,
     /// Environment variable to pass to the process
     #[arg(long, value_name = "NAME", conflicts_with = "image")]
-    pub env: Vec<String>,
+    env: Vec<String>,
     /// Fail if the system cannot enforce all restrictions
     #[arg(long)]
-    pub require_all: bool,
-    /// Command of the agent, with AVLN_SERVER (address) and AVLN_TOKEN (token of the run) in its environment
+    require_all: bool,
+    /// Agent command; the environment contains AVLN_SERVER (address) and AVLN_TOKEN (run token)
     #[arg(last = true, required_unless_present = "image", value_name = "COMMAND")]
-    pub command: Vec<String>,
+    command: Vec<String>,
 }
 
-/// Arguments of the internal command `enter`.
 #[derive(Clone, Debug, Args)]
-pub struct EnterArgs {
+pub(crate) struct EnterArgs {
     /// File with the sandbox plan
     plan: PathBuf,
     /// Second step, in the new namespaces
     #[arg(long)]
     inmate: bool,
-    /// Reason for a second step outside of namespaces
+    /// Reason for a second step outside namespaces
     #[arg(long, requires = "inmate")]
     outside: Option<String>,
 }
@@ -99,11 +96,8 @@ fn order(word: &str) -> Result<Order, String> {
 
 impl EnterArgs {
     /// Runs the step. The first step exits the process with the agent's exit code.
-    ///
-    /// # Errors
-    /// If the sandbox or the agent cannot be started.
-    pub fn take(self) -> Result<(), Failure> {
-        let failed = |error: avln_sandbox::SandboxError| Failure::new(FailureKind::Run, error);
+    pub(crate) fn take(self) -> Result<(), Failure> {
+        let failed = |error: avln_sandbox::SandboxError| Failure::run(error);
         if self.inmate {
             return avln_sandbox::enter(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
         }
@@ -115,11 +109,7 @@ impl EnterArgs {
     }
 }
 
-/// Runs a command on sealed runs.
-///
-/// # Errors
-/// If the sandbox or the run cannot be started, or the agent did not complete the run.
-pub async fn run(data: &Path, command: SealedCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: SealedCommand) -> Result<(), Failure> {
     match command {
         SealedCommand::Run(args) => play(data, *args).await,
         SealedCommand::Enter(step) => step.take(),
@@ -129,7 +119,7 @@ pub async fn run(data: &Path, command: SealedCommand) -> Result<(), Failure> {
 async fn play(data: &Path, args: SealedRunArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
-    let kind = SandboxKind::choose(&data, &args)?;
+    let kind = choose_sandbox(&data, &args)?;
     let host = SealedHost::open(&data, &store, args.server).await?;
     let played = match Sandbox::prepare(&kind, host.address()).await {
         Ok(sandbox) => play_in(sandbox, &data, &store, &args).await,
@@ -150,17 +140,14 @@ async fn play_in(
     tell(&report);
     if args.require_all && !report.missing.is_empty() {
         sandbox.abandon().await;
-        return Err(Failure::new(
-            FailureKind::Run,
-            "this system cannot enforce everything; no run was started",
-        )
-        .hinted("use a newer Linux, or omit --require-all"));
+        return Err(Failure::run("this system cannot enforce everything; no run was started")
+            .hinted("use a newer Linux, or omit --require-all"));
     }
     let SealedRunArgs { phase, team, method, method_version, order, .. } = args;
-    let wanted = Wanted { phase, team, method, version: method_version, order: *order };
+    let wanted = SealedRunRequest { phase, team, method, version: method_version, order: *order };
     let missing: Vec<_> = report.missing.iter().map(|gap| format!("{}: {}", gap.what, gap.why)).collect();
     let enforced = format!("{}: {}", sandbox.kind(), report.enforced.join("; "));
-    let started = start(data, store, &wanted, enforced, missing.join("; ")).await;
+    let started = start_sealed_run(data, store, &wanted, enforced, missing.join("; ")).await;
     let ticket = match started {
         Ok(ticket) => ticket,
         Err(failure) => {
@@ -192,16 +179,13 @@ async fn conclude(store: &Store, run: &str, ended: Result<AgentExit, Failure>) -
         (RunState::Completed, AgentExit::Well) => Ok(()),
         (_, AgentExit::Well) => {
             let message = format!("the agent left after {} of {} episodes", found.done, found.episodes);
-            Err(Failure::new(FailureKind::Run, message)
-                .hinted("the run is cancelled; its scored episodes remain"))
+            Err(Failure::run(message).hinted("the run is cancelled; its scored episodes remain"))
         }
-        (state, AgentExit::Badly(why)) => {
-            Err(Failure::new(FailureKind::Run, format!("{why}; the run is {}", state.as_str())))
-        }
+        (state, AgentExit::Badly(why)) => Err(Failure::run(format!("{why}; the run is {}", state.as_str()))),
     }
 }
 
-/// The host of the data folder during the run.
+/// The server during the run.
 enum SealedHost {
     Own(Box<RunningServers>),
     Other(SocketAddr),
@@ -215,7 +199,7 @@ impl SealedHost {
         }
         if store.open_runs().await?.iter().any(|run| run.state == RunState::Running) {
             let message = "runs of this data folder are being played, so a server may be hosting it";
-            return Err(Failure::new(FailureKind::Data, message).hinted(
+            return Err(Failure::data(message).hinted(
                 "name its gRPC address with --server 127.0.0.1:50051, or start it with: avln serve",
             ));
         }
@@ -235,4 +219,42 @@ impl SealedHost {
             Self::Other(_) => Ok(()),
         }
     }
+}
+
+/// Returns the sandbox for the arguments.
+fn choose_sandbox(data: &DataFolder, args: &SealedRunArgs) -> Result<SandboxKind, Failure> {
+    let nowhere = PathBuf::new();
+    let Some(image) = &args.image else {
+        let workplace = std::env::current_dir().map_err(|error| failed("the current folder", error))?;
+        return Ok(SandboxKind::Process(SandboxPlan {
+            folder: nowhere,
+            command: args.command.clone(),
+            workplace,
+            hidden: data.root().to_owned(),
+            readable: args.read.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
+            devices: args.device.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
+            memory_mib: args.memory_mib,
+            variables: args.env.clone(),
+        }));
+    };
+    let engine = Engine::find(&std::env::var_os("PATH").unwrap_or_default()).ok_or_else(|| {
+        Failure::run("neither podman nor docker is installed, so no image can be run")
+            .hinted("install one of them, or omit --image to run the agent as a process")
+    })?;
+    Ok(SandboxKind::Container(
+        engine,
+        Container {
+            image: image.clone(),
+            command: args.command.clone(),
+            name: String::new(),
+            folder: nowhere,
+            owner: (0, 0),
+            memory_mib: args.memory_mib,
+            devices: args.device.clone(),
+        },
+    ))
+}
+
+fn checked(path: &std::path::Path) -> Result<PathBuf, Failure> {
+    path.canonicalize().map_err(|error| failed(&format!("cannot use {}", path.display()), error))
 }

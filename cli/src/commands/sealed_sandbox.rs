@@ -1,7 +1,6 @@
-//! The outer side of a sandbox: its folder, its sockets, and the process or container inside.
+//! Sandbox from outside: folder, sockets, and the process or container inside.
 
-use super::sealed::SealedRunArgs;
-use avln_arena::{Failure, FailureKind, data::DataFolder};
+use avln_arena::Failure;
 use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use std::{
     io,
@@ -20,15 +19,15 @@ use tokio::{
     time::timeout,
 };
 
-/// The kind of sandbox.
+/// A kind of sandbox.
 pub(super) enum SandboxKind {
-    /// A process. `folder` of the plan is not yet set.
+    /// A process. `folder` is not yet set.
     Process(SandboxPlan),
-    /// A container. Its name and folder are not yet set.
+    /// A container. `name` and `folder` are not yet set.
     Container(Engine, Container),
 }
 
-/// The exit of an agent.
+/// An agent's exit.
 pub(super) enum AgentExit {
     /// With exit code 0.
     Well,
@@ -54,48 +53,8 @@ enum Inside {
     Container(Engine, Container),
 }
 
-fn failed(what: &str, error: impl std::fmt::Display) -> Failure {
-    Failure::new(FailureKind::Run, format!("{what}: {error}"))
-}
-
-impl SandboxKind {
-    /// Returns the kind for the arguments.
-    pub(super) fn choose(data: &DataFolder, args: &SealedRunArgs) -> Result<Self, Failure> {
-        let nowhere = PathBuf::new();
-        let Some(image) = &args.image else {
-            let workplace = std::env::current_dir().map_err(|error| failed("the current folder", error))?;
-            return Ok(Self::Process(SandboxPlan {
-                folder: nowhere,
-                command: args.command.clone(),
-                workplace,
-                hidden: data.root().to_owned(),
-                readable: args.read.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
-                devices: args.device.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
-                memory_mib: args.memory_mib,
-                variables: args.env.clone(),
-            }));
-        };
-        let engine = Engine::find(&std::env::var_os("PATH").unwrap_or_default()).ok_or_else(|| {
-            Failure::new(FailureKind::Run, "neither podman nor docker is installed, so no image can be run")
-                .hinted("install one of them, or omit --image to run the agent as a process")
-        })?;
-        Ok(Self::Container(
-            engine,
-            Container {
-                image: image.clone(),
-                command: args.command.clone(),
-                name: String::new(),
-                folder: nowhere,
-                owner: (0, 0),
-                memory_mib: args.memory_mib,
-                devices: args.device.clone(),
-            },
-        ))
-    }
-}
-
-fn checked(path: &std::path::Path) -> Result<PathBuf, Failure> {
-    path.canonicalize().map_err(|error| failed(&format!("cannot use {}", path.display()), error))
+pub(super) fn failed(what: &str, error: impl std::fmt::Display) -> Failure {
+    Failure::run(format!("{what}: {error}"))
 }
 
 impl Sandbox {
@@ -110,7 +69,7 @@ impl Sandbox {
             SandboxKind::Process(plan) => {
                 let control = listen(SandboxPlan::control_socket(&place))?;
                 let plan = SandboxPlan { folder: place, ..plan.clone() };
-                let plan = plan.write().map_err(|error| Failure::new(FailureKind::Run, error))?;
+                let plan = plan.write().map_err(Failure::run)?;
                 Inside::Process { control, plan, running: None }
             }
             SandboxKind::Container(engine, container) => {
@@ -122,7 +81,7 @@ impl Sandbox {
         Ok(Self { folder, inside, _passage: passage })
     }
 
-    /// A word for the facts of the run.
+    /// Returns a word for the run's record.
     pub(super) fn kind(&self) -> &'static str {
         match &self.inside {
             Inside::Process { .. } => "process",
@@ -130,7 +89,7 @@ impl Sandbox {
         }
     }
 
-    /// Starts the sandboxed process, which waits for its run, and returns the enforced restrictions. A container starts only with its
+    /// Starts the sandboxed process and returns the enforced restrictions. A container starts only with its
     /// run.
     pub(super) async fn enter(&mut self) -> Result<SandboxReport, Failure> {
         match &mut self.inside {
@@ -138,16 +97,13 @@ impl Sandbox {
                 let mut supervisor = spawn_supervisor(plan)?;
                 let mut child_socket = tokio::select! {
                     accepted = control.accept() => BufReader::new(accepted.map_err(|error| failed("the sandbox", error))?.0),
-                    _ = supervisor.wait() => return Err(Failure::new(FailureKind::Run, "the sandbox could not be started")),
+                    _ = supervisor.wait() => return Err(Failure::run("the sandbox could not be started")),
                 };
                 let mut line = String::new();
                 let read = child_socket.read_line(&mut line).await;
                 read.map_err(|error| failed("the sandbox did not report", error))?;
                 let report = serde_json::from_str(&line).map_err(|_| {
-                    Failure::new(
-                        FailureKind::Run,
-                        "the sandbox could not be started; the reason is printed above",
-                    )
+                    Failure::run("the sandbox could not be started; the reason is printed above")
                 })?;
                 *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
@@ -179,7 +135,7 @@ impl Sandbox {
                 (supervisor, None)
             }
             Inside::Process { .. } => {
-                return Err(Failure::new(FailureKind::Internal, "the sandbox is empty"));
+                return Err(Failure::internal("the sandbox is empty"));
             }
             Inside::Container(engine, container) => {
                 let container = Container { name: format!("avln-{run}"), ..container };
@@ -245,7 +201,8 @@ async fn pass(listener: UnixListener, server: SocketAddr) {
         connections.spawn(async move {
             let Ok(mut outside) = TcpStream::connect(server).await else { return };
             let _ = outside.set_nodelay(true);
-            // Either side may close at any time; the error is of no interest, because the other side sees the end of the stream.
+            // Either side may close at any time. The error is irrelevant, because the other side sees the
+            // stream's end.
             let _ = copy_bidirectional(&mut inside, &mut outside).await;
         });
         while connections.try_join_next().is_some() {}

@@ -1,8 +1,8 @@
-//! The servers of a data folder.
+//! `avln serve` and `avln admin`.
 
 use crate::output::say;
 use avln_arena::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    Arena, Failure, SCENE_MEMORY_MIB,
     budget::{Budget, SESSION_MEMORY_MIB},
     data::DataFolder,
     servers::{Addresses, Security, Servers},
@@ -17,70 +17,69 @@ use std::{
     time::Duration,
 };
 
-/// Addresses of the servers.
+/// Server addresses.
 #[derive(Clone, Debug, clap::Args)]
-pub struct AddressArgs {
+pub(crate) struct AddressArgs {
     /// Address for agents
     #[arg(long, env = "AVLN_GRPC", default_value = "127.0.0.1:50051", value_name = "ADDRESS")]
-    pub grpc: SocketAddr,
-    /// Address of the leaderboard
+    grpc: SocketAddr,
+    /// Leaderboard address
     #[arg(long, env = "AVLN_WEB", default_value = "127.0.0.1:8080", value_name = "ADDRESS")]
-    pub web: SocketAddr,
+    web: SocketAddr,
 }
 
 impl AddressArgs {
-    /// The addresses as the servers take them.
-    pub fn addresses(&self) -> Addresses {
+    /// Returns the addresses.
+    pub(crate) fn addresses(&self) -> Addresses {
         Addresses { grpc: self.grpc, web: self.web }
     }
 }
 
 /// TLS files.
 #[derive(Clone, Debug, clap::Args)]
-pub struct TlsArgs {
-    /// PEM file of the certificate and its intermediates; agents and visitors then connect by TLS
+pub(crate) struct TlsArgs {
+    /// PEM file with certificate and intermediates; agents and visitors then connect by TLS
     #[arg(long, env = "AVLN_TLS_CERT", value_name = "FILE", requires = "tls_key")]
-    pub tls_cert: Option<PathBuf>,
-    /// PEM file of the certificate's private key
+    tls_cert: Option<PathBuf>,
+    /// PEM file with the certificate's private key
     #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
-    pub tls_key: Option<PathBuf>,
+    tls_key: Option<PathBuf>,
 }
 
-/// Arguments of `avln serve`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct ServeArgs {
-    /// Addresses
+pub(crate) struct ServeArgs {
     #[command(flatten)]
-    pub addresses: AddressArgs,
-    /// TLS files
+    addresses: AddressArgs,
     #[command(flatten)]
-    pub tls: TlsArgs,
-    /// Address or network of a reverse proxy, repeatable: its X-Forwarded-For names the client, for the sign-in limit
+    tls: TlsArgs,
+    /// Address or network of a reverse proxy, repeatable: X-Forwarded-For from there contains the client, for
+    /// the sign-in limit
     #[arg(long, value_name = "RANGE")]
-    pub trusted_proxy: Vec<TrustedProxy>,
-    /// Address of the admin server on this machine, for metrics and avln admin; off to disable it
+    trusted_proxy: Vec<TrustedProxy>,
+    /// Admin server address on this machine, for metrics and avln admin; off to disable it
     #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
-    pub admin: AdminListener,
+    admin: AdminListener,
     /// Memory for cached scenes in MiB; scenes in use may exceed it
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
-    pub scene_memory: u32,
-    /// Memory for the open episodes of one session in MiB: scenes, ears and frames; larger episodes are reported as server faults
+    scene_memory: u32,
+    /// Memory for a session's open episodes in MiB: scenes, ears and frames; larger episodes are reported as
+    /// server faults
     #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
-    pub session_memory: u32,
-    /// Time limit of a simulator step in seconds; the episode is repeated if it is exceeded
+    session_memory: u32,
+    /// Time limit for a simulator step in seconds; the episode is repeated if it is exceeded
     #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=86400))]
-    pub step_limit: u32,
-    /// Time limit for the preparation of an episode in seconds
+    step_limit: u32,
+    /// Time limit for episode preparation in seconds
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=86400))]
-    pub preparation_limit: u32,
-    /// Size of the disk cache for scenes and sounds in GiB; stored for all commands [default: 4]
+    preparation_limit: u32,
+    /// Disk cache size for scenes and sounds in GiB; stored for all commands [default: 4]
     #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
-    pub cache_size: Option<u32>,
+    cache_size: Option<u32>,
 }
 
-/// The address of the admin server; `None` if it is off.
+/// The admin server address; `None` if it is off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AdminListener(pub Option<SocketAddr>);
+pub(crate) struct AdminListener(pub(crate) Option<SocketAddr>);
 
 impl FromStr for AdminListener {
     type Err = String;
@@ -95,11 +94,8 @@ impl FromStr for AdminListener {
     }
 }
 
-/// Hosts the phases of the data folder until a signal or a drain.
-///
-/// # Errors
-/// If the data folder cannot be used or an address is taken.
-pub async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
+/// Hosts the data folder's phases until a signal or a drain.
+pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     data.limit_cache(args.cache_size)?;
     let security = Security { tls_cert: args.tls.tls_cert, tls_key: args.tls.tls_key };
@@ -118,7 +114,7 @@ pub async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());
-        return Err(Failure::new(FailureKind::Data, message).hinted(
+        return Err(Failure::data(message).hinted(
             "make one with: avln data split make NAME && avln challenge phase open ID --split NAME",
         ));
     }

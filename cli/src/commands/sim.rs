@@ -1,106 +1,92 @@
-//! Simulator queries: distances and paths by Habitat's rules, pictures and sounds.
-
-mod bench;
-mod camera;
-mod hall;
-mod listen;
-mod render;
-mod rir;
-mod walk;
+//! Simulator queries: distances, paths and walks by Habitat's rules, pictures and sounds.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind};
+use avln_arena::Failure;
 use avln_formats::open;
-use avln_geom::Point3;
+use avln_geom::{Point3, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshSettings};
 use clap::{Args, Subcommand};
-use serde::de::DeserializeOwned;
-use std::path::{Path, PathBuf};
-use walk::{MotionArgs, Start};
+use serde::{Serialize, de::DeserializeOwned};
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
-/// Commands on a simulated scene. Positions are in metres in Habitat's frame: Y up, heading 0 is -Z, left turns are positive.
+mod bench;
+mod render;
+mod sound;
+mod surroundings;
+
 #[derive(Debug, Subcommand)]
-pub enum SimCommand {
-    /// Print geodesic distances between pairs of points
+pub(crate) enum SimCommand {
+    /// Print geodesic distances between point pairs
     Geodesic {
-        /// Navmesh
         #[command(flatten)]
         ground: GroundArgs,
-        /// JSON array of pairs [[x,y,z],[x,y,z]] in metres
-        /// Reason, for the audit list
+        /// JSON array with pairs [[x,y,z],[x,y,z]] in metres
         #[arg(long, value_name = "FILE.json")]
         pairs: PathBuf,
-        /// Use the shortest of all paths; Habitat's path through one chain of polygons can be longer
-        /// Reason, for the audit list
+        /// Use the shortest path; Habitat's path through a fixed polygon chain can be longer
         #[arg(long)]
         exact: bool,
-        /// Print a JSON array of metres; null if there is no path
-        /// Reason, for the audit list
+        /// Print a JSON array in metres; null without a path
         #[arg(long)]
         json: bool,
     },
-    /// Print the poses after a sequence of actions
+    /// Print the poses after each action in a sequence
     Walk {
-        /// Navmesh
         #[command(flatten)]
         ground: GroundArgs,
         /// Start pose: x,y,z in metres and the heading in degrees
-        /// Reason, for the audit list
         #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
-        start: Start,
-        /// JSON array of actions: MoveForward, TurnLeft, TurnRight or move_forward, turn_left, turn_right
-        /// Reason, for the audit list
+        start: StartPose,
+        /// JSON array with actions: MoveForward, TurnLeft, TurnRight or move_forward, turn_left, turn_right
         #[arg(long, value_name = "FILE.json")]
         actions: PathBuf,
-        /// Motion
         #[command(flatten)]
         motion: MotionArgs,
-        /// Print {"poses": [[x,y,z,heading],...], "collided": [...]}, with one entry per action
-        /// Reason, for the audit list
+        /// Print {"poses": [[x,y,z,heading],...], "collided": [...]}, with an entry per action
         #[arg(long)]
         json: bool,
     },
     /// Render pictures: colours, depth and instance ids
-    #[command(arg(crate::args::data_option()))]
+    #[command(arg(crate::data_option()))]
     Render(Box<render::RenderArgs>),
-    /// Measure the frame rate of one core
+    /// Measure the frame rate on a single core
     Bench(bench::BenchArgs),
     /// Compute and measure the impulse response from a source to a listener
-    Rir(Box<rir::RirArgs>),
+    Rir(Box<sound::RirArgs>),
     /// Render the sound at the ears along a walk, step by step as in an episode
-    Listen(Box<listen::ListenArgs>),
+    Listen(Box<sound::ListenArgs>),
 }
 
 /// Runs a simulator query.
-///
-/// # Errors
-/// If the scene, the navmesh or the input file cannot be used, or the output cannot be written.
-pub fn run(data: &Path, command: SimCommand) -> Result<(), Failure> {
+pub(crate) fn run(data: &Path, command: SimCommand) -> Result<(), Failure> {
     match command {
         SimCommand::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
         SimCommand::Walk { ground, start, actions, motion, json } => {
-            walk::run(&ground, &start, &actions, &motion, json)
+            run_walk(&ground, &start, &actions, &motion, json)
         }
         SimCommand::Render(args) => render::run(data, &args),
         SimCommand::Bench(args) => bench::run(&args),
-        SimCommand::Rir(args) => rir::run(&args),
-        SimCommand::Listen(args) => listen::run(&args),
+        SimCommand::Rir(args) => sound::run_rir(&args),
+        SimCommand::Listen(args) => sound::run_listen(&args),
     }
 }
 
 /// A navmesh, built from a scene with Habitat's settings or read from a Habitat file.
 #[derive(Debug, Args)]
-pub struct GroundArgs {
+pub(crate) struct GroundArgs {
     /// Scene file or folder, in any supported layout
     #[arg(long, value_name = "PATH", required_unless_present = "navmesh")]
     scene: Option<PathBuf>,
     /// Habitat .navmesh file, instead of building one
     #[arg(long, value_name = "FILE.navmesh")]
     navmesh: Option<PathBuf>,
-    /// Radius of the body, metres
+    /// Body radius, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.1)]
     agent_radius: f32,
-    /// Height of the body, metres
+    /// Body height, metres
     #[arg(long, value_name = "METRES", default_value_t = 1.5)]
     agent_height: f32,
     /// Highest step, metres
@@ -109,10 +95,10 @@ pub struct GroundArgs {
     /// Steepest slope, degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 45.0)]
     max_slope: f32,
-    /// Width of voxels, metres
+    /// Voxel width, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.05)]
     cell_size: f32,
-    /// Height of voxels, metres
+    /// Voxel height, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.2)]
     cell_height: f32,
 }
@@ -120,7 +106,7 @@ pub struct GroundArgs {
 impl GroundArgs {
     /// Reads or builds the navmesh.
     fn mesh(&self) -> Result<NavMesh, Failure> {
-        let failed = |error: &dyn std::fmt::Display| Failure::new(FailureKind::Scene, error);
+        let failed = |error: &dyn std::fmt::Display| Failure::scene(error);
         if let Some(file) = &self.navmesh {
             let named = |error: &dyn std::fmt::Display| failed(&format!("{}: {error}", file.display()));
             let bytes = std::fs::read(file).map_err(|error| named(&error))?;
@@ -172,16 +158,145 @@ fn read<T: DeserializeOwned>(file: &Path, what: &str) -> Result<T, Failure> {
 }
 
 fn unusable(file: &Path, why: impl std::fmt::Display, hint: impl std::fmt::Display) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot use {}: {why}", file.display())).hinted(hint)
+    Failure::data(format!("cannot use {}: {why}", file.display())).hinted(hint)
 }
 
 fn text(value: &impl serde::Serialize) -> Result<String, Failure> {
-    serde_json::to_string(value).map_err(|error| Failure::new(FailureKind::Internal, error))
+    serde_json::to_string(value).map_err(Failure::internal)
+}
+
+/// A step that is shorter than requested by more than this is a collision, square metres (habitat-sim, `object_controls.py`).
+const COLLIDED_M2: f32 = 1e-5;
+
+#[derive(Debug, Args)]
+pub(crate) struct MotionArgs {
+    /// Forward step length, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.25)]
+    forward: f32,
+    /// Turn angle, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 30.0)]
+    turn: f64,
+    /// Stop at walls instead of sliding
+    #[arg(long)]
+    no_sliding: bool,
+}
+
+/// A start pose.
+#[derive(Clone, Debug)]
+pub(crate) struct StartPose {
+    pub(super) position: Point3<f32>,
+    pub(super) heading_deg: f64,
+}
+
+impl FromStr for StartPose {
+    type Err = String;
+
+    fn from_str(words: &str) -> Result<Self, String> {
+        let values: Vec<f64> = words
+            .split(',')
+            .map(|word| word.trim().parse().map_err(|error| format!("'{word}': {error}")))
+            .collect::<Result<_, _>>()?;
+        match *values.as_slice() {
+            [x, y, z, heading_deg] if values.iter().all(|value| value.abs() < 1e6) => {
+                Ok(Self { position: Point3::new(x as f32, y as f32, z as f32), heading_deg })
+            }
+            _ => Err("four numbers are needed: x,y,z in metres and the heading in degrees".to_owned()),
+        }
+    }
+}
+
+/// A finished walk.
+#[derive(Debug, Default, Serialize)]
+struct WalkResult {
+    /// After each action: x, y, z in metres, heading in degrees from -180 (excluded) to 180.
+    poses: Vec<(f32, f32, f32, f64)>,
+    /// Collision flag per action.
+    collided: Vec<bool>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum BodyAction {
+    Forward,
+    Left,
+    Right,
+    Stay,
+}
+
+impl BodyAction {
+    fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "MoveForward" | "move_forward" => Some(Self::Forward),
+            "TurnLeft" | "turn_left" => Some(Self::Left),
+            "TurnRight" | "turn_right" => Some(Self::Right),
+            "Submit" | "submit" | "Stop" | "stop" => Some(Self::Stay),
+            _ => None,
+        }
+    }
+}
+
+fn run_walk(
+    ground: &GroundArgs,
+    start: &StartPose,
+    file: &Path,
+    motion: &MotionArgs,
+    json: bool,
+) -> Result<(), Failure> {
+    let names: Vec<String> = read(file, "an array of action names")?;
+    let action = |(index, name): (usize, &String)| {
+        BodyAction::from_name(name).ok_or_else(|| {
+            let hint = "use MoveForward, TurnLeft, TurnRight, Submit or Stop";
+            unusable(file, format!("action {index} is '{name}'"), hint)
+        })
+    };
+    let actions: Vec<_> = names.iter().enumerate().map(action).collect::<Result<_, _>>()?;
+    let walked = walk(&ground.mesh()?, start, &actions, motion);
+    if json {
+        say!("{}", text(&walked)?);
+        return Ok(());
+    }
+    for ((x, y, z, heading_deg), collided) in walked.poses.iter().zip(&walked.collided) {
+        say!("{x:9.4} {y:9.4} {z:9.4} {heading_deg:7.1}{}", if *collided { "  collided" } else { "" });
+    }
+    Ok(())
+}
+
+fn walk(mesh: &NavMesh, start: &StartPose, actions: &[BodyAction], motion: &MotionArgs) -> WalkResult {
+    let (mut at, mut heading_deg) = (start.position, start.heading_deg);
+    let mut walked = WalkResult::default();
+    for action in actions {
+        let mut collided = false;
+        match action {
+            BodyAction::Forward => (at, collided) = step(mesh, &at, heading_deg, motion),
+            BodyAction::Left => heading_deg += motion.turn,
+            BodyAction::Right => heading_deg -= motion.turn,
+            BodyAction::Stay => {}
+        }
+        heading_deg = wrapped(heading_deg);
+        walked.poses.push((at.x, at.y, at.z, heading_deg));
+        walked.collided.push(collided);
+    }
+    walked
+}
+
+/// Steps forward; returns the new position, and true after a collision.
+fn step(mesh: &NavMesh, at: &Point3<f32>, heading_deg: f64, motion: &MotionArgs) -> (Point3<f32>, bool) {
+    let (sin, cos) = angle::sin_cos(heading_deg.to_radians() as f32);
+    let asked = Vector3::new(-sin, 0.0, -cos) * motion.forward;
+    let end = mesh.try_step(at, &(at + asked), !motion.no_sliding);
+    let collided = (end - at).norm_squared() + COLLIDED_M2 < asked.norm_squared();
+    (end, collided)
+}
+
+/// Wraps a heading to (-180, 180] degrees.
+fn wrapped(heading_deg: f64) -> f64 {
+    let turned = heading_deg.rem_euclid(360.0);
+    if turned > 180.0 { turned - 360.0 } else { turned }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_arena::FailureKind;
 
     #[test]
     fn files_that_hold_something_else_are_refused_with_a_hint() {
@@ -201,5 +316,51 @@ mod tests {
     #[test]
     fn no_way_is_null() {
         assert_eq!(text(&[Some(1.5), None]).expect("text"), "[1.5,null]");
+    }
+
+    #[test]
+    fn starts_are_four_numbers() {
+        let start: StartPose = "-1.5, 0.2,3,-90".parse().expect("a start");
+        assert_eq!((start.position, start.heading_deg), (Point3::new(-1.5, 0.2, 3.0), -90.0));
+        for bad in ["1,2,3", "1,2,3,4,5", "1,2,three,4", "1,2,NaN,4", "1,2,1e9,4", ""] {
+            assert!(bad.parse::<StartPose>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_walk_slides_along_walls_and_says_so() {
+        let scene = avln_houses::house("house-1", 1, &Default::default());
+        let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
+        let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());
+        let start = StartPose { position: on_floor.position(), heading_deg: 170.0 };
+        let motion = MotionArgs { forward: 0.25, turn: 30.0, no_sliding: false };
+        // Straight ahead beyond the house's length: the last steps are blocked completely.
+        let actions =
+            [vec![BodyAction::Left], vec![BodyAction::Forward; 200], vec![BodyAction::Stay; 2]].concat();
+        let walked = walk(&mesh, &start, &actions, &motion);
+        assert_eq!((walked.poses.len(), walked.collided.len()), (203, 203));
+        assert_eq!((walked.poses[0].3, walked.collided[0]), (-160.0, false));
+        assert!(walked.collided[200] && !walked.collided[202]);
+        let (before, last) = (walked.poses[190], walked.poses[202]);
+        assert!((before.0 - last.0).hypot(before.2 - last.2) < 1e-3, "{before:?} {last:?}");
+        for pair in walked.poses.windows(2) {
+            let moved = (pair[1].0 - pair[0].0).hypot(pair[1].2 - pair[0].2);
+            assert!(moved < 0.51, "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn headings_stay_within_one_turn() {
+        assert_eq!(
+            (wrapped(190.0), wrapped(-180.0), wrapped(-30.0), wrapped(720.0)),
+            (-170.0, 180.0, -30.0, 0.0)
+        );
+    }
+
+    #[test]
+    fn actions_have_two_spellings() {
+        assert_eq!(BodyAction::from_name("MoveForward"), BodyAction::from_name("move_forward"));
+        assert_eq!(BodyAction::from_name("turn_left"), Some(BodyAction::Left));
+        assert_eq!(BodyAction::from_name("fly"), None);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::output::{counted, progress_bar, say};
 use avln_arena::{
-    Failure, FailureKind,
+    Failure,
     data::DataFolder,
     dataset::{DatasetFiles, Passphrase, Sealed, SplitFolder},
     setup::{NewSplit, make_split},
@@ -10,10 +10,7 @@ use avln_arena::{
 use avln_dataset::SceneLine;
 use avln_episode::Rules;
 use avln_geom::Point3;
-use avln_lab::dataset::{
-    export::Export,
-    openness::{Openness, phases_of},
-};
+use avln_lab::dataset::export::{Export, Openness, phases_of};
 use avln_referee::source_positions;
 use avln_world::{Cache, SceneAssets};
 use clap::{Args, Subcommand, ValueEnum};
@@ -29,85 +26,81 @@ use std::{
     thread,
 };
 
-/// Commands on splits.
 #[derive(Debug, Subcommand)]
-pub enum SplitCommand {
+pub(crate) enum SplitCommand {
     /// Build scenes, find targets in them, draw missions
     Make(MakeSplitArgs),
-    /// Precompute light, textures and sound of all scenes of a split, so that the first episodes start at once
+    /// Precompute light, textures and sound of a split's scenes, so that the first episodes start at once
     Prepare(PrepareArgs),
-    /// Write the missions of a split in the layout of the LH-AVLN authors, and as Parquet tables
+    /// Write a split's missions in the layout from the LH-AVLN authors, and as Parquet tables
     Export(ExportArgs),
-    /// Encrypt the files of a split in place; the server decrypts them in memory with AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
+    /// Encrypt a split's files in place; the server decrypts them in memory with AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
     Seal(SealArgs),
 }
 
-/// Arguments of `make`.
 #[derive(Clone, Debug, Args)]
-pub struct MakeSplitArgs {
-    /// Name of the split
-    pub name: String,
-    /// Number of procedural houses
+pub(crate) struct MakeSplitArgs {
+    /// Split name
+    name: String,
+    /// Procedural house count
     #[arg(long, default_value_t = 2, conflicts_with = "scene")]
-    pub houses: u32,
+    houses: u32,
     /// Scene file or folder, in any layout that `avln scene import` reads (can be repeated)
     #[arg(long, value_name = "PATH")]
-    pub scene: Vec<PathBuf>,
+    scene: Vec<PathBuf>,
     /// Missions per scene
     #[arg(long, default_value_t = 4)]
-    pub missions: usize,
-    /// Seed of houses and missions
+    missions: usize,
+    /// Seed for houses and missions
     #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    seed: u64,
     /// Rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
     #[arg(long, default_value = Rules::PAPER)]
-    pub rules: String,
+    rules: String,
 }
 
-/// Arguments of `prepare`.
 #[derive(Clone, Debug, Args)]
-pub struct PrepareArgs {
-    /// Name of the split
-    pub name: String,
-    /// Rule set of the phase; that of the split by default
+pub(crate) struct PrepareArgs {
+    /// Split name
+    name: String,
+    /// Phase rule set; the split's by default
     #[arg(long)]
-    pub rules: Option<String>,
+    rules: Option<String>,
     /// Threads; one per processor by default
     #[arg(long)]
-    pub threads: Option<NonZero<usize>>,
-    /// Size of the disk cache for scenes and sounds in GiB; stored for all commands [default: 4]
+    threads: Option<NonZero<usize>>,
+    /// Disk cache size for scenes and sounds in GiB; stored for all commands [default: 4]
     #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
-    pub cache_size: Option<u32>,
+    cache_size: Option<u32>,
 }
 
-/// Arguments of `export`.
 #[derive(Clone, Debug, Args)]
-pub struct ExportArgs {
-    /// Name of the split, in the data folder or in the data set of --dataset
-    pub name: String,
+pub(crate) struct ExportArgs {
+    /// Split name, in the data folder or in the data set of --dataset
+    name: String,
     #[command(flatten)]
     origin: SplitOrigin,
     /// Formats
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [ExportFormat::Authors, ExportFormat::Parquet], value_name = "LIST")]
-    pub format: Vec<ExportFormat>,
+    format: Vec<ExportFormat>,
     /// Folder for the files
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    out: PathBuf,
 }
 
-/// A format of exported splits.
+/// An export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ExportFormat {
-    /// Gzipped JSON in the layout of the LH-AVLN authors
+pub(crate) enum ExportFormat {
+    /// Gzipped JSON in the layout from the LH-AVLN authors
     Authors,
-    /// Parquet tables of plain columns
+    /// Parquet tables with plain columns
     Parquet,
 }
 
-/// The data set of a split, and the permission to publish its ground truth.
+/// A split's data set, and the permission to publish ground truth.
 #[derive(Clone, Debug, Args)]
 pub(super) struct SplitOrigin {
-    /// Folder of a data set made by avln data dataset build
+    /// Data set folder made by avln data dataset build
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Treat scenes from files as training scenes, whose ground truth may be published
@@ -115,24 +108,19 @@ pub(super) struct SplitOrigin {
     training: bool,
 }
 
-/// Arguments of `seal`.
 #[derive(Clone, Debug, Args)]
-pub struct SealArgs {
-    /// Name of the split, in the data folder or in the data set of --dataset
-    pub name: String,
-    /// Folder of a data set made by avln data dataset build
+pub(crate) struct SealArgs {
+    /// Split name, in the data folder or in the data set of --dataset
+    name: String,
+    /// Data set folder made by avln data dataset build
     #[arg(long, value_name = "DIR")]
-    pub dataset: Option<PathBuf>,
+    dataset: Option<PathBuf>,
     /// File with the passphrase; by default AVLN_SEAL_KEY_FILE names the file, or AVLN_SEAL_KEY contains the passphrase
     #[arg(long, value_name = "FILE")]
-    pub key_file: Option<PathBuf>,
+    key_file: Option<PathBuf>,
 }
 
-/// Runs a command on splits.
-///
-/// # Errors
-/// If there is no such split, a scene cannot be used or a folder cannot be written.
-pub async fn run(data: &Path, command: SplitCommand) -> Result<(), Failure> {
+pub(crate) async fn run(data: &Path, command: SplitCommand) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     match command {
         SplitCommand::Make(args) => make(&data, args).await,
@@ -147,7 +135,7 @@ pub async fn run(data: &Path, command: SplitCommand) -> Result<(), Failure> {
 
 async fn on_thread(work: impl FnOnce() -> Result<(), Failure> + Send + 'static) -> Result<(), Failure> {
     let done = tokio::task::spawn_blocking(work).await;
-    done.map_err(|error| Failure::new(FailureKind::Internal, error))?
+    done.map_err(Failure::internal)?
 }
 
 async fn make(data: &DataFolder, args: MakeSplitArgs) -> Result<(), Failure> {
@@ -172,7 +160,7 @@ fn seal(data: &DataFolder, args: &SealArgs) -> Result<(), Failure> {
         None => Passphrase::of_environment()?,
     };
     let passphrase = passphrase.ok_or_else(|| {
-        Failure::new(FailureKind::Data, "there is no passphrase to seal with").hinted(
+        Failure::data("there is no passphrase to seal with").hinted(
             "write one into a file of its own: head -c 24 /dev/urandom | base64 > FILE, then --key-file FILE",
         )
     })?;
@@ -188,10 +176,7 @@ fn seal(data: &DataFolder, args: &SealArgs) -> Result<(), Failure> {
 }
 
 impl SplitOrigin {
-    /// Opens the split and determines which part of it may be published.
-    ///
-    /// # Errors
-    /// If there is no such split, or it is hidden.
+    /// Opens the split and determines its publishable part.
     pub(super) async fn open(
         &self,
         data: &DataFolder,
@@ -221,23 +206,23 @@ fn export(args: &ExportArgs, split: &SplitFolder, openness: Openness) -> Result<
     Ok(())
 }
 
-/// Approximate size of a scene without large textures in the cache, bytes.
+/// Approximate size for a scene without large textures in the cache, bytes.
 const SCENE_BYTES: u64 = 4_000_000;
 
-/// Approximate size of a sound source in the cache, bytes.
+/// Approximate size for a sound source in the cache, bytes.
 const SOURCE_BYTES: u64 = 1_200_000;
 
-/// A scene and the positions of its sound sources.
+/// A scene with sound source positions.
 struct PreparedScene {
     scene: SceneLine,
     positions: Vec<Point3<f32>>,
 }
 
-/// Fills the cache with all scenes and sound sources of a split.
+/// Fills the cache with a split's scenes and sound sources.
 fn prepare(data: &DataFolder, args: &PrepareArgs) -> Result<(), Failure> {
     let split = data.missions(&args.name)?;
     let rules = args.rules.as_deref().unwrap_or(split.rules());
-    let rules = Rules::named(rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(rules).map_err(Failure::scene)?;
     let threads = args.threads.or_else(|| thread::available_parallelism().ok()).map_or(1, NonZero::get);
     data.limit_cache(args.cache_size)?;
     let scenes = split.scenes().iter().map(|scene| sources_of(&split, scene, &rules));
@@ -267,7 +252,7 @@ fn sources_of(split: &SplitFolder, scene: &SceneLine, rules: &Rules) -> Result<P
     Ok(PreparedScene { scene: scene.clone(), positions: distinct(source_positions(rules, &targets)) })
 }
 
-/// Returns a warning if the cache is too small for the split: it would drop the first entries to store the last.
+/// Returns a warning for a cache below the split's size: it would drop the first entries to store the last.
 fn cache_warning(scenes: usize, sources: usize, budget_bytes: u64) -> Option<String> {
     let bytes = scenes as u64 * SCENE_BYTES + sources as u64 * SOURCE_BYTES;
     if bytes <= budget_bytes {

@@ -1,28 +1,24 @@
 //! Resource limits per session.
 
-use super::Arena;
+use crate::Arena;
 use avln_episode::Sensors;
 use avln_grpc::{Reason, Refusal};
 use avln_referee::Referee;
 use avln_world::SceneAssets;
-use std::{
-    sync::{Arc, PoisonError},
-    time::Duration,
-};
+use std::{sync::Arc, time::Duration};
 
-/// Default memory for open episodes of a session, MiB: sixteen scans, or a hundred houses.
+/// Default memory for a session's open episodes, MiB: sixteen scans, or a hundred houses.
 pub const SESSION_MEMORY_MIB: u32 = 4096;
 
-/// Bytes per pixel from renderer to wire: colour, depth and instance as rendered, observed, encoded and
-/// queued.
+/// Bytes per pixel for colour, depth and instance in rendering, observation, encoding and queue.
 const BYTES_PER_PIXEL: usize = 40;
 
 /// Resource limits of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Memory for its open episodes, MiB: scenes (counted once), sound sources, ears and frames.
+    /// Memory for open episodes, MiB: scenes (counted once), sound sources, ears and frames.
     pub session_memory_mib: u32,
-    /// Longest preparation of an episode; longer ones count as hanging.
+    /// Longest episode preparation; longer ones count as hanging.
     pub preparation: Duration,
 }
 
@@ -33,59 +29,58 @@ impl Default for Budget {
 }
 
 impl Budget {
-    pub(super) fn session_bytes(&self) -> usize {
+    pub(crate) fn session_bytes(&self) -> usize {
         (self.session_memory_mib as usize).saturating_mul(1 << 20)
     }
 
-    /// Rejects a memory use above the limit.
+    /// Rejects a size above the limit.
     fn check(&self, bytes: usize) -> Result<(), Refusal> {
         if bytes <= self.session_bytes() {
             return Ok(());
         }
         let (mib, limit) = (bytes.div_ceil(1 << 20), self.session_memory_mib);
         let message = format!(
-            "the session would hold {mib} MiB, {limit} MiB are allowed; give it more with avln serve --session-memory"
+            "the session would use {mib} MiB, but {limit} MiB are allowed; the organiser can raise the limit with avln serve --session-memory"
         );
         Err(Refusal::new(Reason::SimFault, message))
     }
 
-    /// Rejects a scene file larger than the limit before it is read.
-    pub(super) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
+    /// Rejects a scene file above the limit.
+    pub(crate) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
         self.check(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 }
 
-/// Memory of an open episode.
+/// Memory use of an open episode.
 #[derive(Clone)]
-pub(super) struct Holding {
-    pub(super) scene: Arc<SceneAssets>,
-    /// Bytes apart from the scene: ears and frames.
-    pub(super) own_bytes: usize,
+pub(crate) struct MemoryUse {
+    pub(crate) scene: Arc<SceneAssets>,
+    /// Bytes without the scene: ears and frames.
+    pub(crate) own_bytes: usize,
 }
 
-impl Holding {
-    pub(super) fn of(scene: Arc<SceneAssets>, referee: &Referee) -> Self {
+impl MemoryUse {
+    pub(crate) fn of(scene: Arc<SceneAssets>, referee: &Referee) -> Self {
         let own_bytes = referee.most_bytes() + frame_bytes(referee.sensors());
         Self { scene, own_bytes }
     }
 }
 
 impl Arena {
-    /// Rejects an episode that would exceed the memory of its session.
-    pub(super) fn check_memory(&self, run: &str, new: &Holding) -> Result<(), Refusal> {
-        let playing = self.playing.lock().unwrap_or_else(PoisonError::into_inner);
-        let held = playing.of_run(run).cloned().chain([new.clone()]).collect();
-        drop(playing);
-        self.budget.check(bytes_of(held))
+    /// Rejects an episode beyond the session memory.
+    pub(crate) fn check_memory(&self, run: &str, new: &MemoryUse) -> Result<(), Refusal> {
+        let uses = self.open_episodes().memory_of(run).cloned().chain([new.clone()]).collect();
+        // Without the lock: measuring scenes takes time.
+        self.budget.check(bytes_of(uses))
     }
 }
 
-/// Bytes of episodes; scenes that several of them play count once.
-fn bytes_of(mut held: Vec<Holding>) -> usize {
-    let own: usize = held.iter().map(|holding| holding.own_bytes).sum();
-    held.sort_by_key(|holding| Arc::as_ptr(&holding.scene));
-    held.dedup_by_key(|holding| Arc::as_ptr(&holding.scene));
-    own + held.iter().map(|holding| holding.scene.resident_bytes()).sum::<usize>()
+/// Adds up the bytes; shared scenes count once.
+fn bytes_of(mut uses: Vec<MemoryUse>) -> usize {
+    let own: usize = uses.iter().map(|memory| memory.own_bytes).sum();
+    uses.sort_by_key(|memory| Arc::as_ptr(&memory.scene));
+    uses.dedup_by_key(|memory| Arc::as_ptr(&memory.scene));
+    own + uses.iter().map(|memory| memory.scene.resident_bytes()).sum::<usize>()
 }
 
 fn frame_bytes(sensors: &Sensors) -> usize {
@@ -105,18 +100,18 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_counts_once_and_what_each_episode_has_for_itself_each_time() {
+    fn shared_scenes_count_once() {
         let (a, b) = (scene(1), scene(2));
-        let holding = |scene: &Arc<SceneAssets>| Holding { scene: scene.clone(), own_bytes: 1000 };
-        let one = bytes_of(vec![holding(&a)]);
+        let memory = |scene: &Arc<SceneAssets>| MemoryUse { scene: scene.clone(), own_bytes: 1000 };
+        let one = bytes_of(vec![memory(&a)]);
         assert_eq!(one, a.resident_bytes() + 1000);
         assert!(a.resident_bytes() > 100_000, "a house is not nothing: {}", a.resident_bytes());
-        assert_eq!(bytes_of(vec![holding(&a), holding(&b), holding(&a)]), one + b.resident_bytes() + 2000);
+        assert_eq!(bytes_of(vec![memory(&a), memory(&b), memory(&a)]), one + b.resident_bytes() + 2000);
         assert_eq!(frame_bytes(&Sensors::all(256, 256)), 2_621_440);
     }
 
     #[test]
-    fn a_refusal_names_the_size_the_limit_and_the_option() {
+    fn refusals_name_size_limit_and_option() {
         let budget = Budget { session_memory_mib: 2, ..Budget::default() };
         assert_eq!(budget.check(2 << 20), Ok(()));
         let refused = budget.check((2 << 20) + 1).unwrap_err();

@@ -1,12 +1,11 @@
-//! The data folder of a server.
+//! Data folder: database, splits, recordings, heads, run logs, cache.
 
 use crate::{
-    Failure, FailureKind,
+    Failure,
+    audio::{HeadFolder, SoundFolder},
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
-    heads::HeadFolder,
     runlog::{RunLogs, SigningKey},
-    sounds::SoundFolder,
 };
 use avln_dataset::Split;
 use avln_episode::{HeadRule, Rules, Sounds};
@@ -20,8 +19,7 @@ use std::{
     sync::Arc,
 };
 
-/// The data folder of a server: `avln.db`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible
-/// `cache/`.
+/// A server's data folder: `avln.db`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible `cache/`.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -29,16 +27,10 @@ pub struct DataFolder {
 
 impl DataFolder {
     /// Opens the folder, or creates it.
-    ///
-    /// # Errors
-    /// If it cannot be created or written.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::new(
-                FailureKind::Data,
-                format!("cannot write to data folder {}: {error}", root.display()),
-            )
-            .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
+            Failure::data(format!("cannot write to data folder {}: {error}", root.display()))
+                .hinted("choose another folder with --data FOLDER, or add write permission")
         };
         private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
         probe(&root.join(".writable")).map_err(failed)?;
@@ -46,15 +38,12 @@ impl DataFolder {
         Ok(Self { root })
     }
 
-    /// Path of the folder.
+    /// Returns the path.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The clips of `sounds`.
-    ///
-    /// # Errors
-    /// If the recordings are missing.
+    /// Returns the sound clips.
     pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
         match sounds {
             Sounds::Own(digest) => self.sounds().bank(digest),
@@ -62,10 +51,7 @@ impl DataFolder {
         }
     }
 
-    /// The clips and the head of `rules`.
-    ///
-    /// # Errors
-    /// If they are missing.
+    /// Returns the clips and head model for `rules`.
     pub fn audio(&self, rules: &Rules) -> Result<Audio, Failure> {
         let head = match &rules.head {
             HeadRule::Sphere => Head::Sphere,
@@ -74,56 +60,49 @@ impl DataFolder {
         Ok(Audio { bank: self.bank(&rules.sounds)?, head })
     }
 
-    /// Measured heads.
+    /// Returns the measured heads.
     pub fn heads(&self) -> HeadFolder {
         HeadFolder::at(&self.root.join("heads"))
     }
 
-    /// Recordings.
+    /// Returns the recordings.
     pub fn sounds(&self) -> SoundFolder {
         SoundFolder::at(&self.root.join("sounds"))
     }
 
-    /// Run logs.
+    /// Returns the run logs.
     pub fn run_logs(&self) -> RunLogs {
         RunLogs::at(&self.root.join("runs"))
     }
 
-    /// The signing key of the server, created if missing.
-    ///
-    /// # Errors
-    /// If it cannot be read or created.
+    /// Returns the server's signing key, created if missing.
     pub fn signing_key(&self) -> Result<SigningKey, Failure> {
         let path = self.root.join("signing.key");
         SigningKey::at(&path).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("signing key {}: {error}", path.display())).hinted(
-                "restore it from a backup; without it a new one is made, and old logs stay signed by the old",
-            )
+            Failure::file("use signing key", &path, error)
+                .hinted("restore it from a backup; a new key would not fit the signatures of old logs")
         })
     }
 
-    /// Scene cache.
+    /// Returns the scene cache.
     pub fn cache(&self) -> Arc<dyn Cache> {
         Arc::new(self.cache_folder())
     }
 
-    /// The folder of that cache.
+    /// Returns the folder of the scene cache.
     pub fn cache_folder(&self) -> CacheFolder {
         CacheFolder::at(&self.root.join(CacheFolder::IN_DATA))
     }
 
     /// Sets the cache limit in GiB; `None` changes nothing.
-    ///
-    /// # Errors
-    /// If the limit cannot be stored.
     pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
-        gib.map_or(Ok(()), |gib| CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib))
+        match gib {
+            Some(gib) => CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib),
+            None => Ok(()),
+        }
     }
 
     /// Opens the database, or creates it.
-    ///
-    /// # Errors
-    /// If it is of a newer version, invalid or not writable.
     pub async fn store(&self) -> Result<Store, Failure> {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
@@ -134,87 +113,70 @@ impl DataFolder {
     /// If the name is used by other missions, or the folder is not writable.
     pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
         let folder = self.split_folder(&split.name)?;
-        if self.knows(&split.name)? && self.split(&split.name)? != *split {
+        if self.exists(&split.name)? && self.split(&split.name)? != *split {
             return Err(taken(&split.name));
         }
         DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Links a split of an external data set under a derived name and returns the name.
+    /// Links a split of another data set; returns the derived name.
     ///
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
-        let root = dataset.canonicalize().map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
-        })?;
+        let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
         self.link_split_as(&name, &root, split)?;
         Ok(name)
     }
 
-    /// Links a split of an external data set as `name`.
+    /// Links a split of another data set as `name`.
     ///
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
     pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
-        let root = dataset.canonicalize().map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
-        })?;
+        let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
-        if self.knows(name)? && self.missions(name)?.digest() != digest {
+        if self.exists(name)? && self.missions(name)?.digest() != digest {
             return Err(taken(name));
         }
         let link = Link { dataset: root, split: split.to_owned() };
-        let json = serde_json::to_vec(&link).map_err(|error| Failure::new(FailureKind::Internal, error))?;
-        std::fs::write(&path, json).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
-        })
+        let json = serde_json::to_vec(&link).map_err(Failure::internal)?;
+        std::fs::write(&path, json).map_err(|error| Failure::file("write", &path, error))
     }
 
-    /// The split `name`; missions are loaded on demand.
-    ///
-    /// # Errors
-    /// If it is unknown, or its files are invalid.
+    /// Opens a split; missions are loaded on demand.
     pub fn missions(&self, name: &str) -> Result<SplitFolder, Failure> {
         let (folder, path) = (self.split_folder(name)?, self.link_path(name)?);
         if folder.is_dir() {
             return SplitFolder::open(&folder, name);
         }
         let unreadable = |error: String| {
-            Failure::new(
-                FailureKind::Data,
-                format!("cannot read split '{name}' at {}: {error}", path.display()),
+            Failure::file(&format!("read split '{name}' at"), &path, error).hinted(
+                "make it with: avln data split make NAME, or open a phase on a data set with --dataset",
             )
-            .hinted("make it with: avln data split make NAME, or open a phase on a data set with --dataset")
         };
         let bytes = std::fs::read(&path).map_err(|error| unreadable(error.to_string()))?;
         let link: Link = serde_json::from_slice(&bytes).map_err(|error| unreadable(error.to_string()))?;
         SplitFolder::open(&link.dataset, &link.split)
     }
 
-    /// Folder of a split inside the data folder.
-    ///
-    /// # Errors
-    /// If it is unknown or linked.
+    /// Returns the folder of an own split.
     pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
         let folder = self.split_folder(name)?;
         if folder.is_dir() {
             return Ok(folder);
         }
-        Err(Failure::new(FailureKind::Data, format!("the data folder holds no split '{name}' of its own"))
-            .hinted("name the data set that it lies in with --dataset"))
+        Err(Failure::data(format!("the data folder contains no own split '{name}'"))
+            .hinted("name its data set with --dataset"))
     }
 
-    /// The split `name` with all missions in memory.
-    ///
-    /// # Errors
-    /// If it is unknown, or its files are invalid.
+    /// Loads a split with all missions.
     pub fn split(&self, name: &str) -> Result<Split, Failure> {
         Ok(Split { name: name.to_owned(), ..self.missions(name)?.load()? })
     }
 
-    fn knows(&self, name: &str) -> Result<bool, Failure> {
+    fn exists(&self, name: &str) -> Result<bool, Failure> {
         Ok(self.split_folder(name)?.is_dir() || self.link_path(name)?.is_file())
     }
 
@@ -229,7 +191,7 @@ impl DataFolder {
     }
 }
 
-/// Location of a linked split.
+/// The location of a linked split.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Link {
@@ -238,35 +200,35 @@ struct Link {
 }
 
 fn taken(name: &str) -> Failure {
-    Failure::new(FailureKind::Scene, format!("split '{name}' exists with other missions"))
-        .hinted("give the new split another name")
+    Failure::scene(format!("split '{name}' already exists with other missions"))
+        .hinted("choose another name for the new split")
 }
 
-/// Names become file names and parts of URLs: letters, digits, `-` and `_`, at most 64.
+/// Checks that `name` has 1 to 64 letters, digits, `-` and `_`.
 ///
 /// # Errors
-/// When `name` is none.
+/// If it has not; `what` is the noun in the message.
 pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
     const LONGEST: usize = 64;
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
     if !name.is_empty() && name.len() <= LONGEST && name.chars().all(fits) {
         return Ok(());
     }
-    Err(Failure::new(FailureKind::Scene, format!("'{}' cannot be the name of a {what}", name.escape_debug()))
+    Err(Failure::scene(format!("'{}' cannot be the name of a {what}", name.escape_debug()))
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
 }
 
-/// Checks that the folder is writable by creating and deleting a file. A concurrent check may delete it
-/// first; that is not an error.
+/// Checks that the folder is writable by creating and deleting a file.
 fn probe(file: &Path) -> io::Result<()> {
     std::fs::write(file, b"")?;
     match std::fs::remove_file(file) {
+        // Deleted by a concurrent check.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed,
     }
 }
 
-/// Creates a folder and its parents, private to the owner, because it contains ground truth.
+/// Creates a private folder and parents: the content includes ground truth.
 fn private_folder(folder: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     #[cfg(unix)]
@@ -279,7 +241,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_is_opened_by_many_at_once() {
+    fn a_folder_can_be_opened_concurrently() {
         let folder = tempfile::tempdir().expect("a folder");
         std::thread::scope(|scope| {
             for _ in 0..4 {

@@ -1,6 +1,8 @@
-use std::{fmt, process::ExitCode};
+//! Failures of commands.
 
-/// A failure of a command: message, next step, and exit code.
+use std::{fmt, path::Path, process::ExitCode};
+
+/// A failed command: message, next step and exit code.
 #[derive(Debug)]
 pub struct Failure {
     kind: FailureKind,
@@ -13,25 +15,50 @@ pub struct Failure {
 pub enum FailureKind {
     /// An internal error.
     Internal = 1,
-    /// The data folder or its database is unusable.
+    /// An unusable data folder or database.
     Data = 3,
-    /// An address cannot be listened on.
+    /// An unavailable address.
     Address = 4,
-    /// A scene or a split cannot be used.
+    /// An unusable scene or split.
     Scene = 5,
-    /// An agent's run failed: no connection, a refused token, a lost stream.
+    /// A failed run, check or request.
     Run = 6,
 }
 
 impl Failure {
-    /// A failure of `kind` with `message`.
+    /// Creates a failure without a next step.
     pub fn new(kind: FailureKind, message: impl fmt::Display) -> Self {
         Self { kind, message: message.to_string(), hint: None }
     }
 
-    /// A failed run, check or request.
+    /// Creates a failure of kind [`FailureKind::Internal`].
+    pub fn internal(message: impl fmt::Display) -> Self {
+        Self::new(FailureKind::Internal, message)
+    }
+
+    /// Creates a failure of kind [`FailureKind::Data`].
+    pub fn data(message: impl fmt::Display) -> Self {
+        Self::new(FailureKind::Data, message)
+    }
+
+    /// Creates a failure of kind [`FailureKind::Address`].
+    pub fn address(message: impl fmt::Display) -> Self {
+        Self::new(FailureKind::Address, message)
+    }
+
+    /// Creates a failure of kind [`FailureKind::Scene`].
+    pub fn scene(message: impl fmt::Display) -> Self {
+        Self::new(FailureKind::Scene, message)
+    }
+
+    /// Creates a failure of kind [`FailureKind::Run`].
     pub fn run(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Run, message)
+    }
+
+    /// Creates a data failure for a file: "cannot read FILE: error". `verb` is the action.
+    pub fn file(verb: &str, path: &Path, error: impl fmt::Display) -> Self {
+        Self::data(format!("cannot {verb} {}: {error}", path.display()))
     }
 
     /// Adds the next step.
@@ -39,12 +66,12 @@ impl Failure {
         Self { hint: Some(hint.to_string()), ..self }
     }
 
-    /// The exit code.
+    /// Returns the exit code.
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.kind as u8)
     }
 
-    /// Kind of the failure.
+    /// Returns the kind.
     pub fn kind(&self) -> FailureKind {
         self.kind
     }
@@ -64,12 +91,12 @@ impl std::error::Error for Failure {}
 
 impl From<avln_store::StoreError> for Failure {
     fn from(error: avln_store::StoreError) -> Self {
-        Self::new(FailureKind::Data, error)
+        Self::data(error)
     }
 }
 
 impl From<avln_dataset::DatasetError> for Failure {
     fn from(error: avln_dataset::DatasetError) -> Self {
-        Self::new(FailureKind::Scene, error)
+        Self::scene(error)
     }
 }

@@ -1,11 +1,12 @@
-use super::{
-    Arena, BENCHMARK_VERSION, Stage,
-    episode::ArenaEpisode,
+//! The arena as the host behind the gRPC server.
+
+use crate::{
+    Arena, BENCHMARK_VERSION,
+    conversion::{account_of, phase_info, refusal, status, token_refusal, viewer},
+    episodes::ArenaEpisode,
     now_unix_ms,
-    refusals::{refusal, token_refusal},
-    secret,
-    stages::StageList,
-    told::{account_of, phase_info, status, viewer},
+    phases::{HostedPhase, PhaseList, find_phase},
+    runs::IssuedRun,
 };
 use avln_challenge::{Account, EpisodeOutcome, PhaseInfo, Quota, RunStatus};
 use avln_episode::Sensors;
@@ -14,7 +15,7 @@ use avln_grpc::{
     RunTicket, ServerInfo, StoredEnd,
 };
 use avln_store::{NewRun, Run, RunState, RunView, StoreError, Token, TokenState, Viewer};
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 #[avln_grpc::async_trait]
 impl Host for Arena {
@@ -48,25 +49,29 @@ impl Host for Arena {
 
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
         self.control().check_open()?;
-        let stage = self.stage_for(&request.phase, account).await?;
-        let id = format!("run_{}", secret::random_hex().map_err(Refusal::internal)?);
-        let token = secret::new_token("run").map_err(Refusal::internal)?;
+        let phase = self.stage_for(&request.phase, account).await?;
+        let IssuedRun { run, token } = IssuedRun::random().map_err(Refusal::internal)?;
         let new = NewRun {
-            id: &id,
+            id: &run,
             token: &token,
             phase: &request.phase,
             team: &account.team,
             method: &request.method,
             order: request.order,
             client_request_id: Some(request.client_request_id.as_str()).filter(|id| !id.is_empty()),
-            digests: &stage.digests(),
+            digests: &phase.digests(),
         };
         let started = self.store.start_run(&new, now_unix_ms()).await.map_err(refusal)?;
-        self.look_ahead(&started.run.id, &stage);
-        let (episodes, max_slots) = (started.run.episodes, stage.phase.max_slots);
-        let scarcest = started.quotas.into_iter().min_by_key(|quota| quota.remaining.unwrap_or(u32::MAX));
-        let (time, quota) = (stage.phase.time, scarcest);
-        Ok(RunTicket { run: started.run.id, token, episodes, max_slots, time, quota })
+        self.prefetch(&started.run.id, &phase);
+        Ok(RunTicket {
+            run: started.run.id,
+            token,
+            episodes: started.run.episodes,
+            max_slots: phase.settings.max_slots,
+            time: phase.settings.time,
+            // The most restrictive quota.
+            quota: started.quotas.into_iter().min_by_key(|quota| quota.remaining.unwrap_or(u32::MAX)),
+        })
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
@@ -77,10 +82,10 @@ impl Host for Arena {
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
         let viewer = Viewer::Team(account.team.clone());
         let view = self.store.reader().run(&viewer, run).await.map_err(refusal)?;
+        // Other teams' public runs are visible to the reader, but not as own runs.
         let own = view.filter(|view| view.line.team == account.team);
-        let own =
-            own.ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))?;
-        self.status(own).await
+        let unknown = || Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'"));
+        self.status(own.ok_or_else(unknown)?).await
     }
 
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal> {
@@ -111,15 +116,15 @@ impl Host for Arena {
         slot: u32,
         sensors: &Sensors,
     ) -> Result<Option<HostedEpisode<ArenaEpisode>>, Refusal> {
-        self.seat_next(run, slot, sensors).await
+        self.issue_next(run, slot, sensors).await
     }
 
     async fn conclude(
         &self,
         run: &str,
-        seat: HostedEpisode<ArenaEpisode>,
+        hosted: HostedEpisode<ArenaEpisode>,
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
-        self.conclude_seat(run, seat).await
+        self.store_result(run, hosted).await
     }
 
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
@@ -135,11 +140,12 @@ impl Host for Arena {
     }
 
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
-        self.lose_seat(run, handle, ticket).await
+        self.open_episodes().issued.remove(&ticket);
+        self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     async fn overdue(&self) -> Result<Vec<String>, Refusal> {
-        self.overdue_now().await
+        self.overdue_at(now_unix_ms(), self.heartbeat.started.elapsed()).await
     }
 
     async fn expire_run(&self, run: &str) -> Result<(), Refusal> {
@@ -152,21 +158,20 @@ impl Host for Arena {
         let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&finished).await;
         let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
-        let view =
-            view.ok_or_else(|| Refusal::internal(format!("run {run} went away while it was finished")))?;
-        self.status(view).await
+        let missing = || Refusal::internal(format!("run {run} disappeared at its end"));
+        self.status(view.ok_or_else(missing)?).await
     }
 }
 
 impl Arena {
-    /// Cancels a run and signs its log. Running episodes may still be recorded.
+    /// Cancels a run and signs the log. Results of running episodes may still be stored.
     pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
         let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
         self.sign_if_over(&cancelled).await;
         Ok(())
     }
 
-    /// Status of a run for its own team.
+    /// Returns a run's status for the team.
     async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
         let run = self.store.run(&view.line.run).await.map_err(refusal)?;
@@ -174,72 +179,53 @@ impl Arena {
         Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
     }
 
-    /// Run description for its player.
-    pub(super) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
-        let stage = self.stage(&run.phase).await?;
+    /// Describes a run for the client.
+    pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
+        let phase = self.phase(&run.phase).await?;
         Ok(OpenRun {
             run: run.id.clone(),
             team: run.team.clone(),
-            time: stage.phase.time,
+            time: phase.settings.time,
             deadline_unix_ms: run.deadline_unix_ms,
             over: match run.state {
                 state if !state.is_open() => Some(state),
                 _ if run.is_overdue(now_unix_ms()) => Some(RunState::Expired),
                 _ => None,
             },
-            max_slots: stage.phase.max_slots,
-            rules: stage.rules().clone(),
-            sensors: stage.phase.sensors.clone(),
+            max_slots: phase.settings.max_slots,
+            rules: phase.rules().clone(),
+            sensors: phase.settings.sensors.clone(),
             episodes: run.episodes,
             done: run.done,
             sealed: run.is_sealed(),
             digests: Digests {
                 engine: format!("avln {}", env!("CARGO_PKG_VERSION")),
-                dataset: stage.split.digest().to_owned(),
+                dataset: phase.split.digest().to_owned(),
                 scorer: BENCHMARK_VERSION.to_owned(),
-                config: stage.config_digest(),
+                config: phase.config_digest(),
             },
         })
     }
 
-    /// The phases as the organiser has them now.
-    async fn now(&self) -> Result<StageList, Refusal> {
-        self.stages.now(&self.store).await.map_err(Refusal::internal)
+    /// Returns the present phases.
+    async fn now(&self) -> Result<PhaseList, Refusal> {
+        self.phases.now(&self.store).await.map_err(Refusal::internal)
     }
 
-    /// The phase of a run that exists.
-    pub(super) async fn stage(&self, phase: &str) -> Result<Arc<Stage>, Refusal> {
-        let found = self.now().await?.iter().find(|stage| stage.phase.id == phase).cloned();
+    /// Returns the phase of a run.
+    pub(crate) async fn phase(&self, phase: &str) -> Result<Arc<HostedPhase>, Refusal> {
+        let found = find_phase(&self.now().await?, phase);
         found.ok_or_else(|| Refusal::internal(format!("phase '{phase}' is not hosted")))
     }
 
-    /// The phase requested by a team.
-    async fn stage_for(&self, phase: &str, account: &Account) -> Result<Arc<Stage>, Refusal> {
-        if let Some(stage) = self.now().await?.iter().find(|stage| stage.phase.id == phase) {
-            return Ok(stage.clone());
+    /// Returns the phase requested by a team.
+    async fn stage_for(&self, phase: &str, account: &Account) -> Result<Arc<HostedPhase>, Refusal> {
+        if let Some(found) = find_phase(&self.now().await?, phase) {
+            return Ok(found);
         }
         let known = Host::phases(self, Some(account)).await?;
         let known: Vec<_> = known.into_iter().map(|phase| phase.id).collect();
         let message = format!("there is no phase '{phase}'; this server hosts: {}", known.join(", "));
         Err(Refusal::new(Reason::PhaseUnknown, message))
-    }
-}
-
-impl Stage {
-    /// Digests for the record of a run.
-    pub(super) fn digests(&self) -> BTreeMap<String, String> {
-        let digests = [
-            ("benchmark", BENCHMARK_VERSION.to_owned()),
-            ("server", env!("CARGO_PKG_VERSION").to_owned()),
-            ("split", self.split.digest().to_owned()),
-            ("config", self.config_digest()),
-        ];
-        digests.into_iter().map(|(name, digest)| (name.to_owned(), digest)).collect()
-    }
-
-    /// Digest of the rules with every option.
-    fn config_digest(&self) -> String {
-        let rules = serde_json::to_vec(self.rules()).unwrap_or_default();
-        blake3::hash(&rules).to_hex().to_string()
     }
 }

@@ -3,132 +3,110 @@
 //! [`Arena`] implements the `Host` of the gRPC server: it admits teams, starts episodes with a referee each, scores and
 //! stores their records. [`servers`] serves it to agents, visitors and the operator.
 
+pub mod actions;
 pub mod admin;
-mod ahead;
+pub mod audio;
 pub mod backup;
 pub mod budget;
 pub mod cache;
 pub mod challenge;
+mod conversion;
 pub mod data;
 pub mod dataset;
-mod episode;
+mod episodes;
 mod failure;
-pub mod heads;
-mod heart;
+mod heartbeat;
 mod host;
-mod lookout;
-pub mod office;
-mod onlooker;
-mod play;
-mod refusals;
-pub mod register;
-mod replayer;
+pub mod ids;
+mod lru;
+mod management;
+mod phases;
+mod replays;
 pub mod rescoring;
 mod restore;
 pub mod runlog;
-mod scenes;
-pub mod sealed;
-pub mod secret;
+pub mod runs;
 pub mod servers;
 pub mod setup;
-pub mod sounds;
-pub mod stages;
-mod told;
-mod warm;
 
+pub use conversion::fault_count;
 pub use failure::{Failure, FailureKind};
-pub use refusals::fault_count;
-pub use replayer::Replayer;
 
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
-use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
-use episode::{FaultInjection, Observer};
-use heart::Heart;
-use lookout::ControlStatus;
-use onlooker::SceneRenderer;
+use episodes::{FaultInjection, Observer, OpenEpisodes};
+use heartbeat::Heartbeat;
+use jiff::Timestamp;
+use phases::{PhaseCatalog, SceneCache};
+use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
-use scenes::SceneCache;
-use stages::{Stage, Stages};
 use std::{
     collections::BTreeSet,
     sync::{Arc, Mutex},
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::Duration,
 };
+use tokio::{sync::Semaphore, task::spawn_blocking};
 
-use tokio::sync::Semaphore;
-
-/// Version of the benchmark: it changes whenever a score could change.
+/// Benchmark version; changes with every possible change of scores.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
 
-/// Default memory for loaded scenes, MiB: tens of scans or two hundred houses.
+/// Default memory for prepared scenes, MiB: tens of scans or two hundred houses.
 pub const SCENE_MEMORY_MIB: u32 = 2048;
 
-/// The host of all phases of a data folder.
+/// The host of a data folder's phases.
 pub struct Arena {
     store: Store,
-    stages: Arc<Stages>,
+    phases: Arc<PhaseCatalog>,
     scenes: Arc<SceneCache>,
-    /// Episodes in play by ticket.
-    playing: Mutex<play::Playing>,
-    /// Run logs.
+    open_episodes: Mutex<OpenEpisodes>,
     logs: Arc<RunLogs>,
     /// Signing key for logs of ended runs.
     key: Arc<SigningKey>,
-    /// Limits prefetching to a single episode at a time, so that running episodes have priority.
-    ahead: Arc<Semaphore>,
+    /// Permit for prefetching, a single one.
+    prefetching: Arc<Semaphore>,
     control: Control,
     budget: Budget,
-    heart: Heart,
-    /// Renderer of replays for visitors.
-    onlooker: Arc<SceneRenderer>,
-    /// Episodes, by run and handle, that could neither be stored nor taken back.
-    owed: Mutex<Owed>,
+    heartbeat: Heartbeat,
+    replay_renderer: Arc<SceneRenderer>,
+    /// Episodes, by run and handle, that could neither be stored nor reissued.
+    pending_returns: Mutex<PendingReturns>,
     faults: Option<FaultInjection>,
     observer: Option<Observer>,
 }
 
-type Owed = BTreeSet<(String, String)>;
+type PendingReturns = BTreeSet<(String, String)>;
 
 impl Arena {
-    /// Reads the phases of the data folder and their splits. Scenes stay ready in
-    /// `scene_memory_mib` MiB; those that are being played stay even if they take more.
-    ///
-    /// # Errors
-    /// When the database or a split cannot be read.
+    /// Reads the phases and splits of a data folder. Prepared scenes use `scene_memory_mib` MiB; scenes in use may
+    /// exceed it.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
-        let stages = Arc::new(Stages::open(data, &store).await?);
-        let onlooker = Arc::new(SceneRenderer::new(store.clone(), stages.clone(), data.cache()));
-        let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
-        let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
+        let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
+        let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let logs = Arc::new(data.run_logs());
-        keep_safe(&logs);
-        let key = Arc::new(data.signing_key()?);
-        let (playing, ahead) = (Mutex::default(), Arc::new(Semaphore::new(1)));
-        let (control, budget, heart) = (Control::default(), Budget::default(), Heart::new());
-        let made_up = store.credit_downtime(now_unix_ms()).await?;
-        if made_up != DowntimeCredit::default() {
-            let DowntimeCredit { away_ms, runs, phases } = made_up;
-            tracing::info!(away_ms, runs, ?phases, "the server was down; open runs get the lost time back");
+        sync_periodically(&logs);
+        let credit = store.credit_downtime(now_unix_ms()).await?;
+        if credit != DowntimeCredit::default() {
+            let DowntimeCredit { away_ms, runs, phases } = credit;
+            tracing::info!(away_ms, runs, ?phases, "deadlines of open runs are extended by the downtime");
         }
         Ok(Self {
-            store,
-            stages,
-            scenes,
-            playing,
+            scenes: Arc::new(SceneCache::new(scene_bytes, data.cache())),
+            open_episodes: Mutex::default(),
             logs,
-            key,
-            ahead,
-            control,
-            budget,
-            heart,
-            onlooker,
-            owed: Mutex::default(),
+            key: Arc::new(data.signing_key()?),
+            prefetching: Arc::new(Semaphore::new(1)),
+            control: Control::default(),
+            budget: Budget::default(),
+            heartbeat: Heartbeat::new(),
+            replay_renderer: Arc::new(SceneRenderer::new(store.clone(), phases.clone(), data.cache())),
+            pending_returns: Mutex::default(),
             faults: None,
             observer: None,
+            store,
+            phases,
         })
     }
 
@@ -137,20 +115,19 @@ impl Arena {
         Self { budget, ..self }
     }
 
-    /// Injects faults, for tests: calls `disturb` on the simulator thread before every step with the number
-    /// of steps taken.
-    pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
-        Self { faults: Some(Arc::new(disturb)), ..self }
+    /// Injects faults, for tests: calls `inject` on the simulator thread before every step, with the number of
+    /// steps taken.
+    pub fn with_fault_injection(self, inject: impl Fn(u32) + Send + Sync + 'static) -> Self {
+        Self { faults: Some(Arc::new(inject)), ..self }
     }
 
-    /// Adds an observer, for tests and tools: calls `watch` on the simulator thread before every observation
-    /// with the episode handle and referee. The data stays in the process.
-    pub fn watched(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
+    /// Adds an observer, for tests and tools: calls `watch` on the simulator thread before every observation,
+    /// with episode handle and referee.
+    pub fn with_observer(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
         Self { observer: Some(Arc::new(watch)), ..self }
     }
 
-    /// Stops new runs and gives open episodes `patience` to end. The next server extends deadlines by the
-    /// downtime.
+    /// Stops new runs and allows open episodes `patience` to end. The next server extends deadlines by the downtime.
     ///
     /// # Errors
     /// If the database fails; the server then continues.
@@ -160,66 +137,49 @@ impl Arena {
         Ok(())
     }
 
-    /// Control of live runs.
+    /// Returns the control of live runs.
     pub fn control(&self) -> &Control {
         &self.control
     }
 
-    /// Run logs and their signing key.
-    pub fn signed_logs(&self) -> SignedLogs {
-        SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
-    }
-
-    /// Renderer of replays.
-    pub fn onlooker(&self) -> Arc<dyn ReplayRenderer> {
-        self.onlooker.clone()
-    }
-
-    /// Live status for visitors.
-    pub fn lookout(&self) -> Arc<dyn LiveStatus> {
-        Arc::new(ControlStatus(self.control.clone()))
-    }
-
-    /// The database, with the right to write.
-    pub(crate) fn store(&self) -> &Store {
-        &self.store
-    }
-
-    /// Bytes of scenes that are ready.
+    /// Returns the total size of prepared scenes, bytes.
     pub fn scene_bytes(&self) -> usize {
         self.scenes.bytes()
     }
 
-    /// Phase ids with the episode count of a run.
-    ///
-    /// # Errors
-    /// If the phases are unreadable.
+    /// Returns the phase ids, each with the episode count of a run.
     pub async fn phases(&self) -> Result<Vec<(String, u32)>, Failure> {
-        let stages = self.stages.now(&self.store).await?;
-        Ok(stages.iter().map(|stage| (stage.phase.id.clone(), stage.phase.episodes_of_run())).collect())
+        let phases = self.phases.now(&self.store).await?;
+        Ok(phases.iter().map(|phase| (phase.settings.id.clone(), phase.settings.episodes_of_run())).collect())
     }
 }
 
-/// Longest delay of a log sync: steps lost in a power failure are repeated.
-const SYNC_EVERY: Duration = Duration::from_secs(1);
+/// Log sync interval: after a power failure, agents repeat the steps since the last sync.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Syncs run logs to disk periodically, as long as they are in use.
-fn keep_safe(logs: &Arc<RunLogs>) {
+/// Syncs run logs to disk until they are dropped.
+fn sync_periodically(logs: &Arc<RunLogs>) {
     let logs = Arc::downgrade(logs);
     tokio::spawn(async move {
-        let mut ticks = tokio::time::interval(SYNC_EVERY);
+        let mut ticks = tokio::time::interval(SYNC_INTERVAL);
         loop {
             ticks.tick().await;
             let Some(logs) = logs.upgrade() else { return };
-            if let Err(error) = tokio::task::spawn_blocking(move || logs.sync()).await {
-                tracing::error!(%error, "cannot write run logs to the disk");
+            if let Err(error) = spawn_blocking(move || logs.sync()).await {
+                tracing::error!(%error, "cannot sync run logs to disk");
             }
         }
     });
 }
 
-/// The clock that results carry: milliseconds since 1970-01-01 UTC.
+/// Returns the present time, milliseconds since 1970-01-01 UTC.
 pub fn now_unix_ms() -> i64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+    Timestamp::now().as_millisecond()
+}
+
+/// Runs blocking work on another thread.
+pub async fn run_blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, Failure> + Send + 'static,
+) -> Result<T, Failure> {
+    spawn_blocking(work).await.map_err(Failure::internal)?
 }

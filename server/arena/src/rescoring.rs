@@ -1,14 +1,17 @@
-//! Rescoring of runs from recorded facts.
+//! Replay and rescoring of recorded runs.
 
-use crate::{BENCHMARK_VERSION, Failure, FailureKind};
-use avln_episode::Rules;
+use crate::{
+    BENCHMARK_VERSION, Failure, data::DataFolder, episodes::prepare_referee, phases::HostedPhase,
+    phases::SceneCache, runlog::EpisodeHistory,
+};
+use avln_episode::{Order, Rules, Sensors};
 use avln_scoring::{Metrics, Summary, score};
 use avln_store::{Run, ScoredEpisode, Store};
 use avln_truth::{EpisodeTruth, Record};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A scoring function with its version.
+/// A versioned scoring function.
 #[derive(Clone, Copy, Debug)]
 pub struct Scorer {
     /// Benchmark version; equal versions give equal scores.
@@ -18,24 +21,24 @@ pub struct Scorer {
 }
 
 impl Scorer {
-    /// The scorer of this build.
+    /// This build's scorer.
     pub const OURS: Self = Self { version: BENCHMARK_VERSION, score };
 }
 
-/// A run by two scorers.
+/// Two scores of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// The run.
+    /// Run id.
     pub run: String,
     /// Method.
     pub method: String,
-    /// Version of the benchmark that scored it when it was played.
+    /// Benchmark version of the original score.
     pub scorer_before: String,
-    /// Scorer of the new metrics.
+    /// Benchmark version of the new score.
     pub scorer_after: String,
-    /// Episodes that count.
+    /// Number of counted episodes.
     pub episodes: usize,
-    /// Changed episodes by position.
+    /// Indices of changed episodes.
     pub changed: Vec<u32>,
     /// Original summary; `None` without counted episodes.
     pub before: Option<Summary>,
@@ -46,14 +49,14 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Returns true if a benchmark version gave two results, which indicates an unknown change.
+    /// Returns true if equal versions disagree, a sign of an unversioned change.
     pub fn contradicts(&self) -> bool {
         self.scorer_before == self.scorer_after && !self.changed.is_empty()
     }
 }
 
-/// Rescores a run. The original scores stay; new scores are stored by scorer version, unless that version
-/// scored the run first.
+/// Rescores a run. The original scores stay; the new ones are stored under the scorer's version, unless that
+/// version scored the run first.
 ///
 /// # Errors
 /// If facts were pruned, the phase is unknown, or the database fails.
@@ -67,13 +70,15 @@ pub async fn rescore(
     let episodes = store.scored_episodes(&run.id).await?;
     let pruned = episodes.iter().filter(|episode| episode.facts.is_none()).count();
     if pruned > 0 {
-        let message = format!("the records of {pruned} episodes of run {} are not kept any more", run.id);
-        return Err(
-            Failure::new(FailureKind::Data, message).hinted("restore a backup from before they were pruned")
-        );
+        let message = format!("{pruned} episode records of run {} were pruned", run.id);
+        return Err(Failure::data(message).hinted("restore an older backup"));
     }
-    let again: BTreeMap<u32, Metrics> =
-        episodes.iter().filter_map(|episode| again(episode, scorer, &rules)).collect();
+    let mut again: BTreeMap<u32, Metrics> = BTreeMap::new();
+    for episode in &episodes {
+        if let Some(facts) = &episode.facts {
+            again.insert(episode.ordinal, (scorer.score)(&facts.truth, &facts.record, &rules));
+        }
+    }
     let differs = |episode: &&ScoredEpisode| again.get(&episode.ordinal) != Some(&episode.metrics);
     let changed = episodes.iter().filter(differs).map(|episode| episode.ordinal).collect();
     let is_other = run.scorer() != scorer.version;
@@ -91,7 +96,52 @@ pub async fn rescore(
     })
 }
 
-fn again(episode: &ScoredEpisode, scorer: &Scorer, rules: &Rules) -> Option<(u32, Metrics)> {
-    let facts = episode.facts.as_ref()?;
-    Some((episode.ordinal, (scorer.score)(&facts.truth, &facts.record, rules)))
+/// Memory for scenes, bytes.
+const SCENE_BYTES: usize = 1 << 30;
+
+/// A replayer for a phase, without sensors: they do not affect the outcome.
+pub struct Replayer {
+    phase: HostedPhase,
+    scenes: SceneCache,
+    order: Order,
+}
+
+impl Replayer {
+    /// Opens a phase for replay.
+    pub async fn open(data: &DataFolder, phase: &str, order: Order) -> Result<Self, Failure> {
+        let store = data.store().await?;
+        let phase = store.phase(phase).await?;
+        store.close().await;
+        Ok(Self {
+            phase: HostedPhase::read(data, phase, &[])?,
+            scenes: SceneCache::new(SCENE_BYTES, data.cache()),
+            order,
+        })
+    }
+
+    /// Compares the digests of a run with the present ones.
+    ///
+    /// # Errors
+    /// If a digest that affects scores differs; the message names it.
+    pub fn check_digests(&self, then: &BTreeMap<String, String>) -> Result<(), Failure> {
+        self.phase.check_digests(then, &["benchmark", "split", "config"]).map_err(|difference| {
+            Failure::run(difference)
+                .hinted("check it with the data folder and the version of the server that hosted it")
+        })
+    }
+
+    /// Replays an episode; returns the metrics if it has ended and counts.
+    ///
+    /// # Errors
+    /// If a state differs from the log.
+    pub fn replay(&self, history: &EpisodeHistory) -> Result<Option<Metrics>, String> {
+        let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
+        let referee = prepare_referee(&self.phase, &self.scenes, &history.episode, self.order, blind);
+        let mut referee = referee.map_err(|refusal| refusal.message)?.referee;
+        referee.replay(&history.actions).map_err(|error| error.to_string())?;
+        let Some((end, _)) = history.ended else { return Ok(None) };
+        referee.truncate(end);
+        let (truth, record) = referee.into_record();
+        Ok((record.end == end).then(|| score(&truth, &record, self.phase.rules())))
+    }
 }

@@ -1,17 +1,16 @@
-//! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
+//! gRPC server for agents, web server for visitors, and admin server for the operator.
 
 use crate::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
-    admin::{self, Desk},
+    Arena, Failure, SCENE_MEMORY_MIB,
+    admin::{self, AdminState},
     data::DataFolder,
-    office::ArenaOffice,
+    management::{ArenaManagement, ControlStatus},
 };
 use avln_grpc::Control;
-/// Limits changed by [`Servers::with_limits`].
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::{Reader, Store};
-use avln_web::{Site, TrustedProxy};
+use avln_web::{SignedLogs, Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -19,7 +18,7 @@ use std::{
 };
 use tokio::{net::TcpListener, sync::watch, task::JoinSet};
 
-/// Addresses of the gRPC and the web server.
+/// Addresses for agents and visitors.
 #[derive(Clone, Copy, Debug)]
 pub struct Addresses {
     /// Address for agents.
@@ -29,32 +28,28 @@ pub struct Addresses {
 }
 
 impl Addresses {
-    /// Free ports of this machine.
+    /// Free local ports.
     pub const LOCAL: Self = {
         let free = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0));
         Self { grpc: free, web: free }
     };
 }
 
-/// Files of the TLS certificate; none for plain text.
+/// TLS files; plain text without them.
 #[derive(Clone, Debug, Default)]
 pub struct Security {
-    /// PEM file with the certificate and its intermediates.
+    /// PEM file with certificate and intermediates.
     pub tls_cert: Option<PathBuf>,
     /// PEM file of the private key.
     pub tls_key: Option<PathBuf>,
 }
 
 impl Security {
-    /// Reads the certificate files, if any. A certificate that agents would reject is reported on standard
-    /// error.
-    ///
-    /// # Errors
-    /// If the certificates are invalid.
+    /// Reads the certificate, if any, and warns on standard error about one that agents would reject.
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
         let identity = Identity::read(certificate, key).map_err(|error| {
-            Failure::new(FailureKind::Address, error).hinted("see docs/OPERATING.md for how to get a pair")
+            Failure::address(error).hinted("docs/OPERATING.md describes how to get a certificate and key")
         })?;
         if let Some(warning) = identity.warning() {
             eprintln!("warning: {warning}");
@@ -63,7 +58,7 @@ impl Security {
     }
 }
 
-/// The listeners, bound and not yet served.
+/// Bound listeners.
 pub struct Servers {
     grpc: TcpListener,
     web: TcpListener,
@@ -73,13 +68,13 @@ pub struct Servers {
     trusted_proxies: Vec<TrustedProxy>,
 }
 
-/// Both doors, open.
+/// Running servers.
 pub struct RunningServers {
-    /// Address of the gRPC server.
+    /// gRPC address.
     pub grpc: SocketAddr,
-    /// Address of the web server.
+    /// Web address.
     pub web: SocketAddr,
-    /// Address of the admin server, if any.
+    /// Admin address, if any.
     pub admin: Option<SocketAddr>,
     is_secure: bool,
     control: Control,
@@ -88,172 +83,141 @@ pub struct RunningServers {
 }
 
 impl Servers {
-    /// Binds both addresses.
-    ///
-    /// # Errors
-    /// If an address is used or unavailable.
+    /// Binds both addresses without TLS.
     pub async fn bind(addresses: &Addresses) -> Result<Self, Failure> {
         Self::bind_as(addresses, None).await
     }
 
-    /// Binds both addresses, with TLS if there is an identity.
-    ///
-    /// # Errors
-    /// As for [`Servers::bind`].
+    /// Binds both addresses, with TLS for an identity.
     pub async fn bind_as(addresses: &Addresses, identity: Option<Identity>) -> Result<Self, Failure> {
         if identity.is_none() {
-            refuse_open_plain_text(addresses)?;
+            reject_public_plain_text(addresses)?;
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
         Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
     }
 
-    /// Adds the admin server, on this machine only, because it can stop the server.
+    /// Adds the admin server.
     ///
     /// # Errors
     /// If the address is reachable from other machines, or used.
     pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
         if !address.ip().is_loopback() {
-            let message = format!("{address} can be reached from other machines; the operator's door cannot");
-            return Err(Failure::new(FailureKind::Address, message)
-                .hinted("use --admin 127.0.0.1:50052 and reach it through ssh -L 50052:127.0.0.1:50052"));
+            let message =
+                format!("the admin server must not be reachable from other machines, as {address} is");
+            return Err(Failure::address(message)
+                .hinted("use --admin 127.0.0.1:50052, and ssh -L 50052:127.0.0.1:50052 from elsewhere"));
         }
         let admin = listen(address, "the operator", "--admin").await?;
         Ok(Self { admin: Some(admin), ..self })
     }
 
-    /// Changes limits of the gRPC server.
+    /// Changes gRPC limits.
     pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
         Self { limits: change(self.limits), ..self }
     }
 
-    /// Reads client addresses from `X-Forwarded-For` in requests from these proxies, for the sign-in limit.
+    /// Trusts the `X-Forwarded-For` of these proxies, for the sign-in limit.
     pub fn with_trusted_proxies(self, trusted_proxies: Vec<TrustedProxy>) -> Self {
         Self { trusted_proxies, ..self }
     }
 
-    /// Serves the arena through the doors.
-    ///
-    /// # Errors
-    /// When an address cannot be read back from the system.
+    /// Starts serving.
     pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
-        let local = |listener: &TcpListener| {
-            listener.local_addr().map_err(|error| Failure::new(FailureKind::Address, error))
-        };
+        let local = |listener: &TcpListener| listener.local_addr().map_err(Failure::address);
         let (grpc, web) = (local(&self.grpc)?, local(&self.web)?);
         let (stop, stopped) = watch::channel(false);
         let mut tasks = JoinSet::new();
         let identity = self.identity.as_ref();
-        let agents_door = Listener::new(self.grpc, identity, Protocol::Http2);
-        let peoples_door = Listener::new(self.web, identity, Protocol::Http1);
+        let agents = Listener::new(self.grpc, identity, Protocol::Http2);
+        let visitors = Listener::new(self.web, identity, Protocol::Http1);
         let admin = self.admin.as_ref().map(local).transpose()?;
         if let Some(listener) = self.admin {
-            let desk = Desk { arena: arena.clone(), reader: reader.clone() };
+            let desk = AdminState { arena: arena.clone(), reader: reader.clone() };
             let operator = avln_web::serve_router(listener, admin::router(desk), until(stopped.clone()));
-            tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+            tasks.spawn(async { operator.await.map_err(Failure::internal) });
         }
         let control = arena.control().clone();
         let site = Site {
             grpc_port: grpc.port(),
-            logs: Some(arena.signed_logs()),
-            replay_renderer: Some(arena.onlooker()),
-            live_status: Some(arena.lookout()),
-            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            logs: Some(SignedLogs { folder: arena.logs.folder().to_owned(), key: arena.key.public() }),
+            replay_renderer: Some(arena.replay_renderer.clone()),
+            live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
+            management: Some(Arc::new(ArenaManagement::new(arena.clone()))),
             trusted_proxies: self.trusted_proxies,
         };
-        let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
-        tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        let people = avln_web::serve(peoples_door, reader, site, until(stopped));
-        tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        let grpc_server = avln_grpc::serve(agents, arena, self.limits, until(stopped.clone()));
+        tasks.spawn(async { grpc_server.await.map_err(Failure::internal) });
+        let web_server = avln_web::serve(visitors, reader, site, until(stopped));
+        tasks.spawn(async { web_server.await.map_err(Failure::internal) });
         Ok(RunningServers { grpc, web, admin, is_secure: self.identity.is_some(), control, stop, tasks })
     }
 }
 
 impl RunningServers {
-    /// Hosts the phases of a data folder at free ports of this machine.
-    ///
-    /// # Errors
-    /// If a phase cannot be read or there is no free port.
+    /// Hosts a data folder at free local ports.
     pub async fn local(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
         let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
         Self::local_for(arena, store).await
     }
 
-    /// Serves an arena at free ports of this machine.
-    ///
-    /// # Errors
-    /// If there is no free port.
+    /// Serves an arena at free local ports.
     pub async fn local_for(arena: Arena, store: &Store) -> Result<Self, Failure> {
         Servers::bind(&Addresses::LOCAL).await?.open(Arc::new(arena), store.reader())
     }
 
-    /// URL of the gRPC server.
+    /// Returns the gRPC URL.
     pub fn grpc_url(&self) -> String {
         format!("{}://{}", self.scheme(), self.grpc)
     }
 
-    /// URL scheme: `https` with TLS, otherwise `http`.
+    /// Returns the URL scheme: `https` with TLS, otherwise `http`.
     pub fn scheme(&self) -> &'static str {
         if self.is_secure { "https" } else { "http" }
     }
 
-    /// Waits for Ctrl-C, a termination signal or the end of a drain, then closes. A door that fails ends the wait.
-    ///
-    /// # Errors
-    /// When a door failed.
+    /// Waits for Ctrl-C, a termination signal, the end of a drain or a failure, then closes.
     pub async fn wait(mut self) -> Result<(), Failure> {
+        let control = self.control.clone();
         tokio::select! {
             () = signalled() => self.close().await,
-            () = drained(self.control.clone()) => self.close().await,
-            Some(ended) = self.tasks.join_next() => ended.map_err(|error| Failure::new(FailureKind::Internal, error))?,
+            () = control.drained() => self.close().await,
+            Some(ended) = self.tasks.join_next() => ended.map_err(Failure::internal)?,
         }
     }
 
     /// Stops accepting connections, waits for running work, then closes.
-    ///
-    /// # Errors
-    /// If a server failed.
     pub async fn close(mut self) -> Result<(), Failure> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {
-            ended.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+            ended.map_err(Failure::internal)??;
         }
         Ok(())
     }
 }
 
-/// Tokens cross these doors in plain text, so only this machine may reach them.
-fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
+/// Rejects plain text for other machines: tokens would be readable on the network.
+fn reject_public_plain_text(addresses: &Addresses) -> Result<(), Failure> {
     let open = [addresses.grpc, addresses.web].into_iter().find(|address| !address.ip().is_loopback());
     match open {
-        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::new(
-            FailureKind::Address,
-            format!("{address} can be reached from other machines in plain text"),
-        )
-        .hinted(
-            "speak TLS with --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a network you trust",
-        )),
+        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => {
+            Err(Failure::address(format!("{address} is reachable from other machines in plain text"))
+                .hinted("add --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a trusted network"))
+        }
         _ => Ok(()),
     }
 }
 
 async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListener, Failure> {
     TcpListener::bind(address).await.map_err(|error| {
-        Failure::new(FailureKind::Address, format!("cannot listen on {address} for {what}: {error}")).hinted(
-            format!(
-                "stop what uses port {}, or choose another with {flag} {}:{}",
-                address.port(),
-                address.ip(),
-                address.port().wrapping_add(1).max(1024)
-            ),
-        )
+        Failure::address(format!("cannot listen on {address} for {what}: {error}")).hinted(format!(
+            "stop the program on port {}, or choose another with {flag} {}:{}",
+            address.port(),
+            address.ip(),
+            address.port().wrapping_add(1).max(1024)
+        ))
     })
-}
-
-/// Waits for the end of a drain.
-async fn drained(control: Control) {
-    control.drained().await;
 }
 
 async fn until(mut stopped: watch::Receiver<bool>) {
@@ -261,7 +225,7 @@ async fn until(mut stopped: watch::Receiver<bool>) {
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }
 
-/// Waits for Ctrl-C, or for the signal with which services are stopped.
+/// Waits for Ctrl-C or the service manager's termination signal.
 async fn signalled() {
     #[cfg(unix)]
     {

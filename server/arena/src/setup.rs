@@ -1,25 +1,23 @@
 //! Setup of splits, phases and teams.
 
 use crate::{
-    Failure, FailureKind, challenge,
+    Failure, actions, challenge,
     data::{DataFolder, check_name},
     dataset::SplitFolder,
     now_unix_ms,
-    office::deeds,
-    register,
-    stages::commit,
+    phases::{commit, map_of},
 };
-use avln_dataset::{MissionOptions, SceneLine, SceneSource, Split};
-use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
+use avln_dataset::{MissionOptions, PublicGoal, PublicMission, SceneLine, SceneSource, Split};
+use avln_episode::{FeedbackRule, HeadRule, Modality, Rules, Sensors, Sounds};
 use avln_houses::{HouseOptions, Pool};
-use avln_store::{Phase, QuotaLimits, Reference, SceneMap, Store, Visibility};
+use avln_store::{GoalText, Phase, PhaseEpisode, QuotaLimits, Reference, Scene, SceneMap, Store, Visibility};
 use avln_world::Cache;
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
 
-/// The scenes and missions of a new split.
+/// A new split.
 #[derive(Clone, Debug)]
 pub struct NewSplit {
     /// Name of the split.
@@ -30,20 +28,20 @@ pub struct NewSplit {
     pub scenes: Vec<PathBuf>,
     /// Missions per scene.
     pub missions: usize,
-    /// Seed of houses and missions.
+    /// Seed for houses and missions.
     pub seed: u64,
-    /// Name of the rule set.
+    /// Rule set.
     pub rules: String,
 }
 
-/// The settings of a new or changed phase.
+/// Settings of a new or changed phase.
 #[derive(Clone, Debug)]
 pub struct NewPhase {
     /// Id, used in URLs and by agents.
     pub id: String,
-    /// Name of the split.
+    /// Split name.
     pub split: String,
-    /// Folder of the data set that contains the split; `None` for a split of the data folder.
+    /// Data set folder; `None` for a split in the data folder.
     pub dataset: Option<PathBuf>,
     /// Heading on pages; the id if `None`.
     pub title: Option<String>,
@@ -51,24 +49,24 @@ pub struct NewPhase {
     pub scores: Visibility,
     /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Name of the rule set; that of the split if `None`.
+    /// Rule set; by default the split's.
     pub rules: Option<String>,
-    /// The clips of targets: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
+    /// Target clips: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
     pub sounds: Option<String>,
-    /// SOFA file of a measured head; a sphere if `None`.
+    /// SOFA file with a measured head; a sphere if `None`.
     pub head: Option<PathBuf>,
-    /// Feedback to a Submit; that of the rule set if `None`.
+    /// Feedback to a Submit; by default the rule set's.
     pub feedback: Option<FeedbackRule>,
     /// Runs per team; unlimited if `None`.
     pub quota: Option<u32>,
-    /// Largest number of episodes that a run may play in parallel.
+    /// Largest number of parallel episodes.
     pub max_slots: u32,
     /// Largest side of a picture, pixels.
     pub max_side: u32,
 }
 
 impl NewPhase {
-    /// A public phase on the split `split` of the data folder, with the rules and sounds of the split.
+    /// Returns a public phase with the split's rules and sounds.
     pub fn public(id: &str, split: &str) -> Self {
         Self {
             id: id.to_owned(),
@@ -89,17 +87,11 @@ impl NewPhase {
 }
 
 /// Admits a team and returns a new account token. A team with a reference kind does not compete.
-///
-/// # Errors
-/// If the name is invalid or the database fails.
 pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> Result<String, Failure> {
-    Ok(deeds::admit(store, name, reference, now_unix_ms()).await?)
+    Ok(actions::admit(store, name, reference, now_unix_ms()).await?)
 }
 
-/// Makes a split, saves and registers it. `report` receives a line per scene.
-///
-/// # Errors
-/// If a scene cannot be used or the data folder cannot be written.
+/// Makes, saves and registers a split. `report` receives a line per scene.
 pub async fn make_split(
     data: &DataFolder,
     store: &Store,
@@ -109,19 +101,19 @@ pub async fn make_split(
     check_name("split", &new.name)?;
     let cache = data.cache();
     let built = tokio::task::spawn_blocking(move || build_split(&new, &cache, report)).await;
-    let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    let (split, maps) = built.map_err(Failure::internal)??;
     data.save_split(&split)?;
-    register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
+    register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
     Ok(split)
 }
 
-/// Builds the scenes in order and draws missions in each.
+/// Builds the scenes in order and draws their missions.
 fn build_split(
     new: &NewSplit,
     cache: &Arc<dyn Cache>,
     report: impl Fn(String),
 ) -> Result<(Split, Vec<SceneMap>), Failure> {
-    let rules = Rules::named(&new.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(&new.rules).map_err(Failure::scene)?;
     let mut split = Split::new(&new.name, &rules);
     let mut maps = Vec::new();
     for (index, (name, source)) in scene_sources(new)?.into_iter().enumerate() {
@@ -135,12 +127,12 @@ fn build_split(
             assets.navmesh.area_m2(),
             split.episodes.len() - before,
         ));
-        maps.push(register::map_of(&assets));
+        maps.push(map_of(&assets));
     }
     Ok((split, maps))
 }
 
-/// Names and sources of the scenes: the given files, or procedural houses by seed.
+/// Returns names and sources: the given files, or procedural houses by seed.
 fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> {
     if !new.scenes.is_empty() {
         return new.scenes.iter().map(|path| file_source(&new.name, path)).collect();
@@ -156,8 +148,8 @@ fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> 
 
 fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failure> {
     let path = path.canonicalize().map_err(|error| {
-        Failure::new(FailureKind::Scene, format!("cannot find scene {}: {error}", path.display()))
-            .hinted("name a .glb or .gltf file, or the folder of a scene with its semantics")
+        Failure::scene(format!("cannot find scene {}: {error}", path.display()))
+            .hinted("name a .glb or .gltf file, or the folder of a scene")
     })?;
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
@@ -166,9 +158,6 @@ fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failur
 }
 
 /// Opens or changes a phase.
-///
-/// # Errors
-/// If the split is unknown, a file is unusable or the database fails.
 pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Result<Phase, Failure> {
     check_name("phase", &new.id)?;
     let name = match &new.dataset {
@@ -177,12 +166,12 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     };
     let split = data.missions(&name)?;
     if new.dataset.is_some() {
-        register::register_split(store, &name, &split, &[]).await?;
+        register_split(store, &name, &split, &[]).await?;
     }
-    let mut rules = rules_for_phase(register::rules_of(&name, &split)?, new.rules.as_deref())?;
+    let mut rules = rules_for_phase(rules_of(&name, &split)?, new.rules.as_deref())?;
     rules.sounds = sounds_for_phase(data, new.sounds.as_deref(), &split)?;
     if let Some(file) = &new.head {
-        rules.head = HeadRule::Measured(data.heads().adopt(file)?);
+        rules.head = HeadRule::Measured(data.heads().import(file)?);
     }
     if let Some(feedback) = new.feedback {
         rules.feedback = feedback;
@@ -194,10 +183,10 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         replays: new.replays,
         max_slots: new.max_slots,
         quotas: QuotaLimits { total: new.quota, ..QuotaLimits::default() },
-        ..Phase::new(&new.id, &name, rules, register::phase_episodes(&split)?)
+        ..Phase::new(&new.id, &name, rules, phase_episodes(&split)?)
     };
     if phase.episodes.is_empty() {
-        return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
+        return Err(Failure::scene(format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
     let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
@@ -207,10 +196,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     Ok(phase)
 }
 
-/// Returns the clips of targets for a share name or a folder of recordings; by default the share of the split's pool.
-///
-/// # Errors
-/// If the folder of recordings is unusable.
+/// Returns the target clips for a share or a folder; by default the share of the split's pool.
 pub fn sounds_for_phase(
     data: &DataFolder,
     choice: Option<&str>,
@@ -222,11 +208,11 @@ pub fn sounds_for_phase(
         Some("train") => Sounds::Train,
         Some("validation") => Sounds::Validation,
         Some("test") => Sounds::Test,
-        Some(folder) => Sounds::Own(data.sounds().adopt(Path::new(folder))?),
+        Some(folder) => Sounds::Own(data.sounds().import(Path::new(folder))?),
     })
 }
 
-/// Returns the share of the pool that all houses of a split are furnished from.
+/// Returns the share for the pool of a split's houses.
 fn sounds_of_pool(split: &SplitFolder) -> Sounds {
     let of = |scene: &SceneLine| match scene.source {
         SceneSource::Procedural { pool: Pool::Train, .. } => Sounds::Train,
@@ -234,12 +220,12 @@ fn sounds_of_pool(split: &SplitFolder) -> Sounds {
         SceneSource::Procedural { pool: Pool::Test, .. } => Sounds::Test,
         SceneSource::File { .. } => Sounds::All,
     };
-    // Test clips must not occur in training: a split of one pool plays only the clips of that pool.
+    // Test clips must not occur in training, so a split with one pool plays only the clips of that pool.
     let first = split.scenes().first().map_or(Sounds::All, of);
     if split.scenes().iter().all(|scene| of(scene) == first) { first } else { Sounds::All }
 }
 
-/// Rejects a phase whose sound bank has too few clips for one of its episodes.
+/// Rejects a bank with too few clips for an episode.
 pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
     let targets = phase.episodes.iter().map(|episode| episode.goals.len()).max().unwrap_or(0);
     let found = data.bank(&phase.rules.sounds)?.len();
@@ -247,21 +233,71 @@ pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failu
     if found >= needed {
         return Ok(());
     }
-    let message = format!("rules '{}' need {needed} clips, but the folder has {found}", phase.rules.name);
-    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or omit --sounds"))
+    let message = format!("rules '{}' need {needed} clips, but the bank has {found}", phase.rules.name);
+    Err(Failure::data(message).hinted("add recordings, or omit --sounds"))
 }
 
-/// Returns the rule set `name`, or that of the split. The two may differ only in noise and clips.
+/// Returns the rule set `name`, by default the split's. The two may differ only in noise and clips.
 pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
     let Some(name) = name else { return Ok(of_split) };
-    let rules = Rules::named(name).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let rules = Rules::named(name).map_err(Failure::scene)?;
     if rules.fits_episodes_of(&of_split) {
         return Ok(rules);
     }
-    let message = format!(
-        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise and clips",
-        of_split.name
-    );
-    Err(Failure::new(FailureKind::Scene, message)
-        .hinted("make a split with: avln data split make NAME --rules RULES"))
+    let message =
+        format!("rule set '{name}' and the split's '{}' differ in more than noise and clips", of_split.name);
+    Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
+}
+
+/// Stores a split with scenes. Missing maps follow when a scene is first played.
+pub async fn register_split(
+    store: &Store,
+    name: &str,
+    split: &SplitFolder,
+    maps: &[SceneMap],
+) -> Result<(), Failure> {
+    for (index, scene) in split.scenes().iter().enumerate() {
+        let map = maps.get(index).cloned().unwrap_or_default();
+        let row = Scene { name: scene.name.clone(), digest: scene.digest.clone(), map };
+        store.upsert_scene(&row).await?;
+    }
+    let row = avln_store::Split {
+        name: name.to_owned(),
+        digest: split.digest().to_owned(),
+        scenes: split.scenes().len() as u32,
+        episodes: split.mission_count() as u32,
+    };
+    Ok(store.upsert_split(&row).await?)
+}
+
+/// Lists a split's episodes for a phase.
+pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure> {
+    let mut episodes = Vec::with_capacity(split.mission_count());
+    for scene in split.scenes() {
+        let episode = |mission: PublicMission| PhaseEpisode {
+            episode: mission.id,
+            scene: scene.name.clone(),
+            goals: mission.goals.into_iter().map(goal_text).collect(),
+        };
+        episodes.extend(split.public(scene)?.into_iter().map(episode));
+    }
+    Ok(episodes)
+}
+
+fn goal_text(goal: PublicGoal) -> GoalText {
+    match goal {
+        PublicGoal::Category(label) => GoalText { modality: Modality::Category, text: Some(label) },
+        PublicGoal::Description(sentence) => {
+            GoalText { modality: Modality::Description, text: Some(sentence) }
+        }
+        PublicGoal::Image => GoalText { modality: Modality::Image, text: None },
+    }
+}
+
+/// Returns a split's rule set.
+pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
+    Rules::named(split.rules()).map_err(|error| {
+        Failure::scene(format!("split '{name}': {error}"))
+            .hinted("make the split again with: avln data split make NAME --rules RULES")
+    })
 }

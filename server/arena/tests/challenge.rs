@@ -1,11 +1,11 @@
-//! A challenge from its file: checked, applied, shown, played on a running server, and revealed.
+//! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
-use avln_arena::setup::{NewSplit, admit, make_split};
 use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
-    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor},
+    actions::{self, Attribution},
+    challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
     data::DataFolder,
-    office::deeds,
+    setup::{NewSplit, admit, make_split},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_episode::Order;
@@ -60,19 +60,21 @@ impl Hall {
     }
 
     async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
-        deeds::reschedule(&self.store, id, (&actor(), "a test"), change).await.expect("rescheduled");
+        actions::reschedule(&self.store, id, Attribution { actor: &actor(), reason: "a test" }, change)
+            .await
+            .expect("rescheduled");
     }
 
     fn planner(&self) -> Planner<'_> {
         Planner { data: &self.data, store: &self.store, base: Path::new(""), reason: "a test" }
     }
 
-    async fn plan(&self, text: &str) -> Result<Plan, Failure> {
+    async fn plan(&self, text: &str) -> Result<ChallengeChanges, Failure> {
         let explain = |fault: avln_arena::challenge::Fault| fault.explain(Path::new("challenge.toml"), text);
         let file = ChallengeFile::parse(text).map_err(explain)?;
         self.planner().plan(&file).await.map_err(|unplanned| match unplanned {
-            Unplanned::File(fault) => explain(fault),
-            Unplanned::Other(failure) => failure,
+            PlanError::File(fault) => explain(fault),
+            PlanError::Other(failure) => failure,
         })
     }
 
@@ -149,13 +151,13 @@ async fn values_that_make_no_sense_are_refused_by_line() {
     let hall = Hall::new().await;
     let cases = [
         ("split = \"val\"", "split = \"train\"", 4, "split 'train'"),
-        ("id = \"finals\"", "id = \"practice\"", 10, "earlier phase"),
+        ("id = \"finals\"", "id = \"practice\"", 10, "another phase"),
         ("id = \"finals\"", "id = \"../finals\"", 10, "letters"),
-        ("episodes = 2", "episodes = 4", 15, "4 is not 1 to 3"),
-        ("anchors = 1", "anchors = 3", 15, "3 is not 0 to 2"),
-        ("total = 2", "total = 0", 16, "0 lets nobody play"),
-        ("feedback = \"verdict\"", "max_slots = 65", 7, "65 is not 1 to 64"),
-        ("feedback = \"verdict\"", "max_side = 32", 7, "32 is not 64 to 1024"),
+        ("episodes = 2", "episodes = 4", 15, "4 is outside of 1 to 3"),
+        ("anchors = 1", "anchors = 3", 15, "3 is outside of 0 to 2"),
+        ("total = 2", "total = 0", 16, "0 permits no run"),
+        ("feedback = \"verdict\"", "max_slots = 65", 7, "65 is outside of 1 to 64"),
+        ("feedback = \"verdict\"", "max_side = 32", 7, "32 is outside of 64 to 1024"),
         ("feedback = \"verdict\"", "orders = []", 7, "one order or both"),
         ("feedback = \"verdict\"", "sounds = \"kept:00\"", 7, "sounds"),
         ("feedback = \"verdict\"", "rules = \"habitat\"", 7, "habitat"),
@@ -165,7 +167,7 @@ async fn values_that_make_no_sense_are_refused_by_line() {
             "feedback = \"verdict\"",
             "opens = 2026-07-02T00:00:00Z\ncloses = 2026-07-01T00:00:00Z",
             8,
-            "closes before it opens",
+            "close before it opens",
         ),
     ];
     for (good, bad, line, said) in cases {
@@ -230,8 +232,8 @@ async fn runs_fix_the_sample_and_the_promise_is_kept() {
     assert_eq!(promised.len(), 64);
     arena.start_run(&account(), request("finals")).await.expect("a run");
     let text = FILE.replace("episodes = 2", "episodes = 3");
-    let refused = hall.plan(&text).await.expect_err("the phase has runs").to_string();
-    assert!(refused.contains("line 15: ") && refused.contains("the phase has runs"), "{refused}");
+    let refused = hall.plan(&text).await.expect_err("existing runs fix").to_string();
+    assert!(refused.contains("line 15: ") && refused.contains("existing runs fix"), "{refused}");
     hall.reschedule("finals", |schedule| schedule.closed = true).await;
     let (promise, values) =
         hall.store.reveal_phase("finals", AuditNote::default(), 1 << 42).await.expect("a closed phase");

@@ -1,16 +1,16 @@
-//! Damaged files: every file of `corpus/` is read as is, and with random changes, cuts and insertions.
+//! Damaged files: every file in `corpus/` is read unchanged, and with random changes, cuts and insertions.
 //! Readers may reject or accept, but must not panic or use much memory.
 //!
-//! Files of past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
+//! Files from past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
 //! tries by a hundred.
 
-use avln_arena::{challenge::ChallengeFile, runlog::History, sounds};
+use avln_arena::{audio, challenge::ChallengeFile, runlog::History};
 use avln_geom::Rng;
 use std::path::{Path, PathBuf};
 
-/// Copies of each file that are tried.
+/// Damaged copies per file.
 const COPIES: usize = 400;
-/// Memory limit of all readers, MiB; files of the corpus are a thousandth of it.
+/// Memory limit, MiB; corpus files are a thousand times smaller.
 const MOST_MIB: u64 = 256;
 
 /// Typical traps for readers.
@@ -111,7 +111,7 @@ fn run_logs() {
     let follow = |bytes: &[u8]| {
         if let Ok(history) = History::parse(bytes) {
             let _ =
-                (history.away(), history.episodes().map(|all| all.values().map(|one| one.deaths()).max()));
+                (history.away(), history.episodes().map(|all| all.values().map(|one| one.crashes()).max()));
         }
     };
     try_all("logs", 2, |_, bytes| {
@@ -151,6 +151,6 @@ fn recordings() {
     let folder = tempfile::tempdir().expect("a folder");
     try_all("sounds", 4, |file, bytes| {
         std::fs::write(folder.path().join(file.file_name().expect("a name")), bytes).expect("a copy");
-        let _ = sounds::read_folder(folder.path());
+        let _ = audio::read_recordings(folder.path());
     });
 }

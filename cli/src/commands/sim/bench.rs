@@ -1,8 +1,8 @@
-use super::camera::{CameraPose, Hfov, PictureSize, camera};
+use super::render::{CameraPose, Hfov, PictureSize, camera};
 use super::text;
 use crate::commands::scene::FurnishedSceneArgs;
 use crate::output::say;
-use avln_arena::{Failure, FailureKind};
+use avln_arena::Failure;
 use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::NavMesh;
 use avln_render::{Camera, Renderer};
@@ -14,19 +14,17 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Height of the eye above the floor, metres.
+/// Eye height above the floor, metres.
 const EYE_M: f32 = 1.0;
-/// Repetitions per picture; the fastest one counts.
+/// Repetitions per picture; the fastest counts.
 const ROUNDS: usize = 5;
-/// Default sides of pictures, pixels.
+/// Default picture sides, pixels.
 const SIDES_PX: [u32; 3] = [128, 256, 512];
-/// Seed of positions and headings.
+/// Seed for positions and headings.
 const SEED: u64 = 1;
 
-/// Arguments of `avln sim bench`.
 #[derive(Debug, Args)]
-pub struct BenchArgs {
-    /// Scene
+pub(crate) struct BenchArgs {
     #[command(flatten)]
     scene: FurnishedSceneArgs,
     /// Width and height in pixels, 1 to 4096; 128x128, 256x256 and 512x512 by default
@@ -38,24 +36,24 @@ pub struct BenchArgs {
     /// Horizontal field of view, degrees from 0.2 to 179.8
     #[arg(long, value_name = "DEGREES", default_value = "90")]
     hfov: Hfov,
-    /// Print one JSON object
+    /// Print a JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// The results of the benchmark.
+/// Benchmark results.
 #[derive(Debug, Serialize)]
 struct BenchReport {
     scene: String,
     triangles: usize,
     textures: usize,
-    /// Size of the RGBA textures, bytes.
+    /// RGBA texture size, bytes.
     texture_bytes: usize,
-    /// Time from the loaded scene to the first picture, of one pixel, seconds.
+    /// Time from the loaded scene to a first picture with a single pixel, seconds.
     prepare_s: f64,
-    /// Memory of the renderer including textures, bytes.
+    /// Renderer memory with textures, bytes.
     resident_bytes: usize,
-    /// Memory of triangles and their search tree per triangle, bytes.
+    /// Memory for triangles and their search tree, bytes per triangle.
     geometry_bytes_per_triangle: f64,
     eyes: &'static str,
     frames: usize,
@@ -134,7 +132,7 @@ fn measure(args: &BenchArgs) -> Result<BenchReport, Failure> {
     })
 }
 
-/// Takes all pictures in turn, several times; a picture's fastest time is the one that nothing else disturbed.
+/// Renders all pictures in turn, several times.
 fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     for _ in 0..ROUNDS {
@@ -148,11 +146,12 @@ fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
     Rate { width: size.width, height: size.height, frames_per_s: 1.0 / mean_s, mean_ms: mean_s * 1e3 }
 }
 
-/// Random level cameras, and a description of their positions.
+/// Returns random level cameras, and a description of their positions.
 fn poses(scene: &Scene, count: usize) -> Result<(Vec<CameraPose>, &'static str), Failure> {
-    let middle = scene.bounds().map(|bounds| bounds.center()).ok_or_else(|| {
-        Failure::new(FailureKind::Scene, format!("scene '{}' has no triangle to see", scene.name))
-    })?;
+    let middle = scene
+        .bounds()
+        .map(|bounds| bounds.center())
+        .ok_or_else(|| Failure::scene(format!("scene '{}' has no triangle to see", scene.name)))?;
     let navmesh = NavMesh::build_with(scene, &Default::default()).ok();
     let mut rng = Rng::new(SEED);
     let mut pose = || {

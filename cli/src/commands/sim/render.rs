@@ -1,12 +1,16 @@
 //! `avln sim render`: pictures from given camera poses.
 
-use super::camera::{CameraPose, Hfov, MaxDepth, PictureSize, camera, eye};
-use super::{read, unusable};
-use crate::commands::scene::FurnishedSceneArgs;
-use crate::output::say;
-use avln_arena::{Failure, FailureKind, cache::CacheFolder};
-use avln_geom::angle;
-use avln_lab::{npy, preview::Picture, scene_renderer::SceneRenderer};
+use crate::{
+    commands::{
+        scene::FurnishedSceneArgs,
+        sim::{read, unusable},
+    },
+    output::say,
+};
+use avln_arena::{Failure, cache::CacheFolder};
+use avln_geom::{Point3, UnitQuaternion, angle};
+use avln_lab::npy;
+use avln_lab::preview::{Picture, SceneRenderer};
 use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use serde::de::DeserializeOwned;
@@ -15,14 +19,139 @@ use std::{
     fmt::Display,
     fs::File,
     io::{BufWriter, Write},
+    ops::RangeInclusive,
     path::{Path, PathBuf},
+    str::FromStr,
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-/// Arguments of `avln sim render`.
+/// Picture sides, pixels.
+pub(super) const SIDES_PX: RangeInclusive<u32> = 1..=4096;
+/// Fields of view for a pinhole camera, degrees.
+pub(super) const HFOV_DEG: RangeInclusive<f64> = 0.2..=179.8;
+/// Largest camera coordinate, metres.
+pub(super) const REACH_M: f64 = 1e6;
+
+/// Picture size, pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PictureSize {
+    pub(super) width: u32,
+    pub(super) height: u32,
+}
+
+/// Horizontal field of view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hfov {
+    pub(super) degrees: f64,
+}
+
+/// Camera position and orientation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct CameraPose {
+    pub(super) eye: Point3<f32>,
+    pub(super) world_from_camera: UnitQuaternion<f32>,
+}
+
+/// A distance above 0, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct MaxDepth(pub(super) f32);
+
+impl PictureSize {
+    pub(super) fn new(width: u32, height: u32) -> Result<Self, String> {
+        let (least, most) = (SIDES_PX.start(), SIDES_PX.end());
+        for (name, side) in [("width", width), ("height", height)] {
+            if !SIDES_PX.contains(&side) {
+                return Err(format!("{name} {side}: pictures have {least} to {most} pixels along a side"));
+            }
+        }
+        Ok(Self { width, height })
+    }
+}
+
+impl FromStr for PictureSize {
+    type Err = String;
+
+    fn from_str(words: &str) -> Result<Self, String> {
+        let sides = words.split_once(['x', 'X']);
+        let sides = sides.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+        let (width, height) = sides.ok_or("write width x height, such as 256x256")?;
+        Self::new(width, height)
+    }
+}
+
+impl Hfov {
+    pub(super) fn new(degrees: f64) -> Result<Self, String> {
+        let (least, most) = (HFOV_DEG.start(), HFOV_DEG.end());
+        match HFOV_DEG.contains(&degrees) {
+            true => Ok(Self { degrees }),
+            false => Err(format!("hfov {degrees}: angles of view lie between {least} and {most} degrees")),
+        }
+    }
+}
+
+impl FromStr for Hfov {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        Self::new(word.parse().map_err(|_| "write degrees, such as 90")?)
+    }
+}
+
+impl FromStr for MaxDepth {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let metres = word.parse().ok().filter(|metres: &f32| *metres > 0.0 && metres.is_finite());
+        metres.map(Self).ok_or_else(|| "write metres above 0, such as 10".to_owned())
+    }
+}
+
+impl FromStr for CameraPose {
+    type Err = String;
+
+    fn from_str(words: &str) -> Result<Self, String> {
+        let number = |word: &str| word.trim().parse().map_err(|error| format!("'{word}': {error}"));
+        let values: Vec<f64> = words.split(',').map(number).collect::<Result<_, _>>()?;
+        let (place, heading_deg, pitch_deg) = match *values.as_slice() {
+            [x, y, z, heading_deg] => ([x, y, z], heading_deg, 0.0),
+            [x, y, z, heading_deg, pitch_deg] => ([x, y, z], heading_deg, pitch_deg),
+            _ => {
+                return Err(
+                    "write x,y,z in metres, the heading and, if you like, the pitch in degrees".into()
+                );
+            }
+        };
+        if let Some(value) = [heading_deg, pitch_deg].into_iter().find(|value| !value.is_finite()) {
+            return Err(format!("'{value}' is no angle; write degrees"));
+        }
+        let turned = angle::about_up(heading_deg.to_radians() as f32);
+        let tipped = angle::about_right(pitch_deg.to_radians() as f32);
+        Ok(Self { eye: eye(place)?, world_from_camera: turned * tipped })
+    }
+}
+
+/// Returns the pinhole at `position`, metres.
+pub(super) fn eye(position: [f64; 3]) -> Result<Point3<f32>, String> {
+    match position.iter().find(|value| value.is_nan() || value.abs() > REACH_M) {
+        Some(value) => Err(format!("position {value}: cameras stand within {REACH_M} m of the origin")),
+        None => Ok(Point3::from(position.map(|value| value as f32))),
+    }
+}
+
+/// Returns the camera. Depth is unlimited if `reach` is `None`.
+pub(super) fn camera(pose: &CameraPose, size: PictureSize, hfov: Hfov, reach: Option<MaxDepth>) -> Camera {
+    Camera {
+        eye: pose.eye,
+        world_from_camera: pose.world_from_camera,
+        width: size.width,
+        height: size.height,
+        hfov_rad: hfov.degrees.to_radians() as f32,
+        depth_max_m: reach.map_or(f32::MAX, |reach| reach.0),
+    }
+}
+
 #[derive(Debug, Args)]
-pub struct RenderArgs {
-    /// Scene
+pub(crate) struct RenderArgs {
     #[command(flatten)]
     scene: FurnishedSceneArgs,
     /// Camera pose: x,y,z in metres, heading and pitch in degrees; heading 0 is -Z, left and up are positive
@@ -53,8 +182,8 @@ pub struct RenderArgs {
     /// File for instance ids: uint32, height x width, 0 for no instance
     #[arg(long, value_name = "IDS.npy", conflicts_with = "poses")]
     ids: Option<PathBuf>,
-    /// JSON array with one entry per picture: {"position": [x,y,z], "rotation": [x,y,z,w]}, camera to world, -Z forward; optional
-    /// "hfov_deg", "width" and "height" (90, 256 and 256 by default)
+    /// JSON array with an entry per picture: {"position": [x,y,z], "rotation": [x,y,z,w]}, camera to world,
+    /// -Z forward; optional "hfov_deg", "width" and "height" (90, 256 and 256 by default)
     #[arg(long, value_name = "FILE.json", requires = "out_dir", conflicts_with = "pose")]
     poses: Option<PathBuf>,
     /// Folder for 000.rgb.png, 000.depth.npy, 000.ids.npy, 001.rgb.png and so on; created if missing
@@ -69,7 +198,7 @@ pub struct RenderArgs {
     /// Colour noise: none or gaussian, with a deviation of 51 grey levels
     #[arg(long, value_name = "MODEL", default_value = "none", value_parser = rgb_noise)]
     rgb_noise: RgbNoise,
-    /// Seed of the noise, combined with the picture's index
+    /// Seed for the noise, combined with the picture's index
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     noise_seed: u64,
     /// Threads, 1 to 256 [default: one per core]; files do not depend on it
@@ -77,7 +206,7 @@ pub struct RenderArgs {
     threads: Option<u16>,
 }
 
-/// A picture and its files.
+/// A picture with output files.
 struct Shot {
     camera: Camera,
     files: PictureFiles,
@@ -92,10 +221,9 @@ pub(super) fn run(data: &Path, args: &RenderArgs) -> Result<(), Failure> {
     take(&scene_renderer.renderer, &shots, &args.noise(), args.threads())?;
     match (&args.out_dir, shots.as_slice()) {
         (Some(folder), _) => say!("{} pictures in {}", shots.len(), folder.display()),
-        (None, shots) => shots
-            .iter()
-            .flat_map(|camera_args| camera_args.files.paths())
-            .for_each(|path| say!("{}", path.display())),
+        (None, shots) => {
+            shots.iter().flat_map(|shot| shot.files.paths()).for_each(|path| say!("{}", path.display()))
+        }
     }
     Ok(())
 }
@@ -105,17 +233,16 @@ impl RenderArgs {
         if let (Some(file), Some(folder)) = (&self.poses, &self.out_dir) {
             return self.many(file, folder);
         }
-        let pose =
-            self.pose.as_ref().ok_or_else(|| Failure::new(FailureKind::Internal, "no pose was given"))?;
+        let pose = self.pose.as_ref().ok_or_else(|| Failure::internal("no pose was given"))?;
         let files = PictureFiles { rgb: self.out.clone(), depth: self.depth.clone(), ids: self.ids.clone() };
         Ok(vec![Shot { camera: camera(pose, self.size, self.hfov, self.max_depth), files }])
     }
 
-    /// Reads the pictures of a file of poses.
+    /// Reads pictures from a pose file.
     fn many(&self, file: &Path, folder: &Path) -> Result<Vec<Shot>, Failure> {
         let entries: Vec<Value> = read(file, "an array of poses")?;
         let digits = entries.len().saturating_sub(1).to_string().len().max(3);
-        let camera_args = |(index, entry): (usize, &Value)| {
+        let shot = |(index, entry): (usize, &Value)| {
             let wanted = PoseEntry::from_json(entry).map_err(|why| {
                 unusable(file, format!("pose {index}: {why}"), "the first pose of the array is pose 0")
             })?;
@@ -124,7 +251,7 @@ impl RenderArgs {
                 files: PictureFiles::numbered(folder, &format!("{index:0digits$}")),
             })
         };
-        entries.iter().enumerate().map(camera_args).collect()
+        entries.iter().enumerate().map(shot).collect()
     }
 
     fn noise(&self) -> Noise {
@@ -153,10 +280,10 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
     let work = || {
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(camera_args) = shots.get(index) else { return Ok(()) };
-            let mut frame = renderer.render(&camera_args.camera);
-            noise.apply(&mut frame, index as u64, camera_args.camera.depth_max_m);
-            if let Err(failure) = camera_args.files.write(frame) {
+            let Some(shot) = shots.get(index) else { return Ok(()) };
+            let mut frame = renderer.render(&shot.camera);
+            noise.apply(&mut frame, index as u64, shot.camera.depth_max_m);
+            if let Err(failure) = shot.files.write(frame) {
                 next.store(shots.len(), Ordering::Relaxed);
                 return Err(failure);
             }
@@ -164,12 +291,12 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
     };
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(shots.len())).map(|_| scope.spawn(work)).collect();
-        let broken = |_| Err(Failure::new(FailureKind::Internal, "a thread that takes pictures broke"));
+        let broken = |_| Err(Failure::internal("a thread that takes pictures broke"));
         workers.into_iter().try_for_each(|worker| worker.join().unwrap_or_else(broken))
     })
 }
 
-/// Output files of a picture.
+/// A picture's output files.
 struct PictureFiles {
     rgb: Option<PathBuf>,
     depth: Option<PathBuf>,
@@ -177,7 +304,7 @@ struct PictureFiles {
 }
 
 impl PictureFiles {
-    /// All files of picture `number`.
+    /// Returns all files for picture `number`.
     fn numbered(folder: &Path, number: &str) -> Self {
         let file = |ending: &str| Some(folder.join(format!("{number}.{ending}")));
         Self { rgb: file("rgb.png"), depth: file("depth.npy"), ids: file("ids.npy") }
@@ -190,10 +317,12 @@ impl PictureFiles {
     fn write(&self, frame: CameraImage) -> Result<(), Failure> {
         let shape = [frame.height, frame.width];
         if let Some(path) = &self.depth {
-            written(path, |out| npy::write(out, shape, frame.depth.iter().copied()))?;
+            let depths = frame.depth.iter().map(|depth_m| depth_m.to_le_bytes());
+            written(path, |out| npy::write(out, "<f4", shape, depths))?;
         }
         if let Some(path) = &self.ids {
-            written(path, |out| npy::write(out, shape, frame.instances.iter().map(|id| id.0)))?;
+            let ids = frame.instances.iter().map(|id| id.0.to_le_bytes());
+            written(path, |out| npy::write(out, "<u4", shape, ids))?;
         }
         match &self.rgb {
             Some(path) => written(path, |out| Picture::of(String::new(), frame).write_png(out)),
@@ -213,13 +342,12 @@ fn written<E: Display>(
 }
 
 fn cannot_write(path: &Path, error: impl Display) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
-        .hinted("choose an existing folder with write access")
+    Failure::file("write", path, error).hinted("choose an existing folder with write access")
 }
 
 const FIELDS: [&str; 5] = ["position", "rotation", "hfov_deg", "width", "height"];
 
-/// An entry of a file of poses.
+/// An entry in a pose file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PoseEntry {
     pose: CameraPose,
@@ -229,9 +357,6 @@ struct PoseEntry {
 
 impl PoseEntry {
     /// Parses an entry.
-    ///
-    /// # Errors
-    /// If a field is missing, unknown or invalid; the message names it.
     fn from_json(entry: &Value) -> Result<Self, String> {
         let fields = entry.as_object().ok_or("it is no object")?;
         if let Some(name) = fields.keys().find(|name| !FIELDS.contains(&name.as_str())) {

@@ -10,31 +10,31 @@ use std::{
 
 /// Version of the layout.
 const FORMAT: u32 = 1;
-/// Name of the manifest, which comes last: an archive that was cut off has none.
+/// Manifest file; the last one, so that truncated archives have none.
 const MANIFEST: &str = "manifest.json";
-/// Largest manifest that is read, bytes: a million files.
+/// Largest manifest, bytes: a million files.
 const MAX_MANIFEST_BYTES: u64 = 256 << 20;
 
-/// Content list of a backup.
+/// The file list of a backup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// Version of the layout.
+    /// Layout version.
     pub format: u32,
-    /// Version of the program that wrote it.
+    /// Program version.
     pub server: String,
-    /// Version of the database's schema.
+    /// Database schema version.
     pub schema: i64,
-    /// Start time, milliseconds since 1970-01-01 UTC.
+    /// Start time, Unix milliseconds.
     pub made_ms: i64,
     /// Files by path.
-    pub files: BTreeMap<String, Kept>,
+    pub files: BTreeMap<String, ArchivedFile>,
 }
 
 /// A file of a backup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Kept {
+pub struct ArchivedFile {
     /// Size in bytes.
     pub bytes: u64,
     /// BLAKE3 digest, hexadecimal.
@@ -42,19 +42,19 @@ pub struct Kept {
 }
 
 impl Manifest {
-    /// Of a backup without files that is begun now.
+    /// Returns an empty manifest.
     pub(super) fn new(schema: i64, made_ms: i64) -> Self {
         let server = env!("CARGO_PKG_VERSION").to_owned();
         Self { format: FORMAT, server, schema, made_ms, files: BTreeMap::new() }
     }
 
-    /// Length of all files, bytes.
+    /// Returns the total size, bytes.
     pub fn bytes(&self) -> u64 {
         self.files.values().map(|kept| kept.bytes).sum()
     }
 }
 
-/// An archive that is being written.
+/// An archive writer.
 pub(super) struct Writer<W: Write> {
     archive: tar::Builder<W>,
     manifest: Manifest,
@@ -65,18 +65,18 @@ impl<W: Write> Writer<W> {
         Self { archive: tar::Builder::new(to), manifest }
     }
 
-    /// Adds `bytes` bytes of `from` as the file `path`.
+    /// Adds a file of `bytes` bytes.
     pub(super) fn add(&mut self, path: &str, bytes: u64, from: impl Read) -> io::Result<()> {
         let mut from = Hashed::new(from.take(bytes));
         self.archive.append_data(&mut self.header(bytes), path, &mut from)?;
         if from.bytes != bytes {
-            return Err(io::Error::other(format!("{path} was cut short while it was read")));
+            return Err(io::Error::other(format!("{path} became shorter during the backup")));
         }
         self.manifest.files.insert(path.to_owned(), from.kept());
         Ok(())
     }
 
-    /// Adds the manifest and returns the writer.
+    /// Adds the manifest; returns the output.
     pub(super) fn finish(mut self) -> io::Result<(W, Manifest)> {
         let json = serde_json::to_vec_pretty(&self.manifest)?;
         self.archive.append_data(&mut self.header(json.len() as u64), MANIFEST, json.as_slice())?;
@@ -92,12 +92,11 @@ impl<W: Write> Writer<W> {
     }
 }
 
-/// Reads an archive: calls `take` for every file with its validated relative path. Returns the manifest after
-/// verification.
+/// Reads and verifies an archive. Calls `take` with the relative path and content of every file.
 ///
 /// # Errors
 /// If the archive is not a backup, is modified or truncated, or `take` fails.
-pub(super) fn go_through(
+pub(super) fn read_archive(
     from: impl Read,
     mut take: impl FnMut(&Path, &mut dyn Read) -> io::Result<()>,
 ) -> io::Result<Manifest> {
@@ -107,7 +106,7 @@ pub(super) fn go_through(
         let mut entry = entry?;
         let path = plain_path(&entry)?;
         if manifest.is_some() {
-            return Err(damaged(format!("{path} comes after the manifest")));
+            return Err(damaged(format!("{path} follows the manifest")));
         }
         if path == MANIFEST {
             manifest = Some(read_manifest(&mut entry)?);
@@ -117,12 +116,13 @@ pub(super) fn go_through(
         take(Path::new(&path), &mut file)?;
         io::copy(&mut file, &mut io::sink())?;
         if found.insert(path.clone(), file.kept()).is_some() {
-            return Err(damaged(format!("{path} is in it twice")));
+            return Err(damaged(format!("{path} occurs twice")));
         }
     }
-    let manifest = manifest.ok_or_else(|| damaged("it has no manifest: it was cut off, or is no backup"))?;
+    let manifest =
+        manifest.ok_or_else(|| damaged("it is truncated, or not a backup: the manifest is missing"))?;
     match found.iter().find(|(path, kept)| manifest.files.get(*path) != Some(kept)) {
-        Some((path, _)) => Err(damaged(format!("{path} is not what was written"))),
+        Some((path, _)) => Err(damaged(format!("{path} differs from the manifest"))),
         None => match manifest.files.keys().find(|path| !found.contains_key(*path)) {
             Some(path) => Err(damaged(format!("{path} is missing"))),
             None => Ok(manifest),
@@ -130,9 +130,9 @@ pub(super) fn go_through(
     }
 }
 
-/// Verifies an archive without storing its content.
+/// Verifies an archive.
 pub(super) fn check(from: &File) -> io::Result<Manifest> {
-    go_through(io::BufReader::new(from), |_, _| Ok(()))
+    read_archive(io::BufReader::new(from), |_, _| Ok(()))
 }
 
 fn damaged(what: impl Into<String>) -> io::Error {
@@ -147,7 +147,7 @@ fn plain_path(entry: &tar::Entry<'_, impl Read>) -> io::Result<String> {
             Ok(text.to_owned())
         }
         _ => Err(damaged(format!(
-            "'{}' is no file that a backup has",
+            "'{}' cannot be a file in a backup",
             path.display().to_string().escape_debug()
         ))),
     }
@@ -157,14 +157,16 @@ fn read_manifest(entry: impl Read) -> io::Result<Manifest> {
     let mut json = Vec::new();
     entry.take(MAX_MANIFEST_BYTES).read_to_end(&mut json)?;
     let manifest: Manifest = serde_json::from_slice(&json)
-        .map_err(|error| damaged(format!("its manifest cannot be read: {error}")))?;
+        .map_err(|error| damaged(format!("cannot parse the manifest: {error}")))?;
     match manifest.format {
         FORMAT => Ok(manifest),
-        other => Err(damaged(format!("its layout is version {other}, this program knows {FORMAT}"))),
+        other => {
+            Err(damaged(format!("its layout has version {other}, but this program reads version {FORMAT}")))
+        }
     }
 }
 
-/// A reader that counts and hashes bytes.
+/// A reader with a byte count and hash.
 struct Hashed<R> {
     from: R,
     bytes: u64,
@@ -176,8 +178,8 @@ impl<R> Hashed<R> {
         Self { from, bytes: 0, hasher: blake3::Hasher::new() }
     }
 
-    fn kept(&self) -> Kept {
-        Kept { bytes: self.bytes, digest: self.hasher.finalize().to_hex().to_string() }
+    fn kept(&self) -> ArchivedFile {
+        ArchivedFile { bytes: self.bytes, digest: self.hasher.finalize().to_hex().to_string() }
     }
 }
 
@@ -202,9 +204,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_comes_back() {
+    fn written_files_are_read_back() {
         let mut files = BTreeMap::new();
-        let manifest = go_through(written().as_slice(), |path, from| {
+        let manifest = read_archive(written().as_slice(), |path, from| {
             let mut text = String::new();
             from.read_to_string(&mut text)?;
             files.insert(path.display().to_string(), text);
@@ -217,31 +219,32 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_that_was_changed_is_found_wherever_it_is() {
+    fn every_changed_byte_is_detected() {
         let whole = written();
         for at in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x10;
-            if let Ok(manifest) = go_through(bytes.as_slice(), |_, _| Ok(())) {
+            if let Ok(manifest) = read_archive(bytes.as_slice(), |_, _| Ok(())) {
                 // Owner, time and padding are not part of the content.
                 assert_eq!(manifest.files.len(), 2, "byte {at}");
                 let mut contents = Vec::new();
-                let read = go_through(bytes.as_slice(), |_, from| from.read_to_end(&mut contents).map(drop));
+                let read =
+                    read_archive(bytes.as_slice(), |_, from| from.read_to_end(&mut contents).map(drop));
                 assert!(read.is_ok() && contents == b"rows!line", "byte {at}");
             }
         }
     }
 
     #[test]
-    fn one_that_was_cut_off_is_none() {
+    fn truncated_archives_are_refused() {
         let whole = written();
         for end in (0..whole.len() - 1024).step_by(64) {
-            assert!(go_through(&whole[..end], |_, _| Ok(())).is_err(), "{end} of {}", whole.len());
+            assert!(read_archive(&whole[..end], |_, _| Ok(())).is_err(), "{end} of {}", whole.len());
         }
     }
 
     #[test]
-    fn paths_lead_nowhere_else() {
+    fn paths_outside_the_folder_are_refused() {
         for name in ["../outside", "/etc/outside", "a/../../outside"] {
             let mut archive = tar::Builder::new(Vec::new());
             let mut header = tar::Header::new_old();
@@ -251,15 +254,15 @@ mod tests {
             header.set_cksum();
             archive.append(&header, &b"x"[..]).unwrap();
             let bytes = archive.into_inner().unwrap();
-            let refused = go_through(bytes.as_slice(), |_, _| panic!("{name} was handed out")).unwrap_err();
-            assert!(refused.to_string().contains("no file that a backup has"), "{refused}");
+            let refused = read_archive(bytes.as_slice(), |_, _| panic!("{name} was handed out")).unwrap_err();
+            assert!(refused.to_string().contains("cannot be a file in a backup"), "{refused}");
         }
     }
 
     #[test]
-    fn a_file_that_shrinks_meanwhile_fails_the_backup() {
+    fn shrinking_files_fail_the_backup() {
         let mut writer = Writer::new(Vec::new(), Manifest::new(3, 1000));
         let refused = writer.add("a", 9, &b"short"[..]).unwrap_err();
-        assert!(refused.to_string().contains("cut short"), "{refused}");
+        assert!(refused.to_string().contains("became shorter"), "{refused}");
     }
 }

@@ -1,14 +1,21 @@
-//! Run logs in a backup, truncated to the state of the database copy.
+//! Run logs in backups, and pruning of old logs and records.
 
-use super::{Out, unread};
 use crate::{
     Failure,
+    backup::{Out, cannot_back_up},
+    challenge::actor,
+    data::DataFolder,
     runlog::{Entry, History},
 };
-use avln_store::KeptRun;
-use std::{collections::BTreeMap, fs, fs::File, io, path::Path};
+use avln_store::{AuditNote, KeptRun, calendar::rfc3339};
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io,
+    path::Path,
+};
 
-/// Adds the logs of `runs` from `folder`.
+/// Adds the runs' logs.
 pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Result<(), Failure> {
     for run in runs {
         let path = folder.join(format!("{}.log", run.id));
@@ -26,15 +33,15 @@ pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Resu
                 .map_err(|(line, what)| io::Error::other(format!("line {line}: {what}")))?;
             writer.add(&name, known as u64, &bytes[..known])
         };
-        add().map_err(unread(&path))?;
+        add().map_err(cannot_back_up(&path))?;
     }
     Ok(())
 }
 
-/// Length of a log before the first episode issued after the database copy.
+/// Returns the log length known to the database copy, bytes: up to the first episode issued after the copy.
 ///
-/// The log is read after the database, so it is at least as new. Known episodes may have more steps, as after
-/// a crash. An unknown episode would start twice after the server issues it again.
+/// The log is at least as new as the copy. For known episodes, more steps do no harm, as after a crash. An
+/// unknown episode would begin twice, because the restored server issues it again.
 fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usize, String)> {
     let history = History::parse(log)?;
     let (mut left, mut known) = (attempts.clone(), 0);
@@ -50,6 +57,82 @@ fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usiz
     Ok(known)
 }
 
+/// Options for pruning.
+#[derive(Clone, Copy, Debug)]
+pub struct PruneOptions {
+    /// Minimum days since a run's end.
+    pub older_than_days: u32,
+    /// Also delete records and ground truth; the runs cannot be replayed or rescored then.
+    pub records: bool,
+    /// Only count.
+    pub dry_run: bool,
+}
+
+impl PruneOptions {
+    /// Returns the latest end of pruned runs, Unix milliseconds.
+    pub fn cutoff_ms(&self, now_unix_ms: i64) -> i64 {
+        const DAY_MS: i64 = 86_400_000;
+        now_unix_ms - i64::from(self.older_than_days) * DAY_MS
+    }
+}
+
+/// Counts of deleted items; in a dry run, of items to delete.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pruned {
+    /// Ended runs.
+    pub runs: usize,
+    /// Run logs.
+    pub logs: u32,
+    /// Total log size, bytes.
+    pub bytes: u64,
+    /// Episode records; 0 unless requested.
+    pub records: u64,
+}
+
+/// Deletes logs, and on request records, for runs before the cutoff; adds audit entries.
+pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Result<Pruned, Failure> {
+    let data = DataFolder::open(data)?;
+    let store = data.store().await?;
+    let logs = data.run_logs();
+    let cutoff = options.cutoff_ms(now_unix_ms);
+    let runs = store.runs_ended_before(cutoff).await?;
+    let mut pruned = Pruned { runs: runs.len(), ..Pruned::default() };
+    for path in runs.iter().map(|run| logs.path(run)) {
+        let length = remove(&path, options.dry_run)
+            .map_err(|error| Failure::data(format!("cannot remove {}: {error}", path.display())))?;
+        pruned.logs += u32::from(length.is_some());
+        pruned.bytes += length.unwrap_or(0);
+    }
+    if options.records {
+        pruned.records = store.old_records(cutoff).await?;
+    }
+    let note = |what: &str, number: u64| AuditNote {
+        actor: actor(),
+        subject: format!("runs before {}", rfc3339(cutoff)),
+        what: what.to_owned(),
+        before: Some(number.to_string()),
+        ..AuditNote::default()
+    };
+    if pruned.logs > 0 && !options.dry_run {
+        store.add_audit_note(note("logs pruned", u64::from(pruned.logs)), now_unix_ms).await?;
+    }
+    if pruned.records > 0 && !options.dry_run {
+        store.prune_records(cutoff, note("records pruned", pruned.records), now_unix_ms).await?;
+    }
+    store.close().await;
+    Ok(pruned)
+}
+
+/// Removes a file, except in a dry run. Returns the size, bytes; `None` for a missing file.
+fn remove(path: &Path, dry_run: bool) -> io::Result<Option<u64>> {
+    match path.metadata() {
+        Ok(file) if dry_run => Ok(Some(file.len())),
+        Ok(file) => fs::remove_file(path).map(|()| Some(file.len())),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -62,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_ends_before_what_the_database_does_not_know() {
+    fn logs_end_before_unknown_episodes() {
         let folder = tempfile::tempdir().unwrap();
         let logs = RunLogs::at(folder.path());
         let (run, phase) = ("run_1".to_owned(), "practice".to_owned());

@@ -1,15 +1,17 @@
-use super::{
-    ChallengeFile, Fault, PhaseFile, Place, SplitSource, actor,
-    file::{KEPT, SPHERE, Sensor, unix_ms},
-    notes,
-};
-use crate::setup::{check_sounds, rules_for_phase, sounds_for_phase};
+//! Comparison of a challenge file with the data folder.
+
 use crate::{
     Failure,
+    challenge::{
+        ChallengeFile, Fault, KeyPath, PhaseFile, SplitSource, actor,
+        file::{KEPT, SPHERE, Sensor, unix_ms},
+        notes,
+    },
     data::{DataFolder, check_name},
     dataset::SplitFolder,
-    now_unix_ms, register,
-    stages::commit,
+    now_unix_ms,
+    phases::commit,
+    setup::{self, check_sounds, rules_for_phase, sounds_for_phase},
 };
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
@@ -18,76 +20,73 @@ use std::{
     path::Path,
 };
 
-/// Turns a file into changes of a data folder.
+/// Computes and applies the changes by a challenge file.
 pub struct Planner<'a> {
-    /// The data folder.
+    /// Data folder.
     pub data: &'a DataFolder,
     /// Database.
     pub store: &'a Store,
-    /// Base folder of relative paths.
+    /// Base folder for relative paths.
     pub base: &'a Path,
-    /// Why it is changed, for the audit list; may be empty.
+    /// Reason for audit entries; may be empty.
     pub reason: &'a str,
 }
 
 /// Changes by a file.
 #[derive(Debug, Default)]
-pub struct Plan {
-    /// Splits to be taken in: name and source.
+pub struct ChallengeChanges {
+    /// New splits: name and source.
     splits: Vec<(String, SplitSource)>,
-    /// Phases that are new or differ.
+    /// New or changed phases.
     phases: Vec<Phase>,
-    /// Audit notes on the differences.
+    /// Audit entries for the differences.
     pub notes: Vec<AuditNote>,
-    /// Phases of the data folder that the file leaves out; they stay as they are.
+    /// Phases missing in the file; they stay unchanged.
     pub left_out: Vec<String>,
 }
 
 /// Errors of planning.
 #[derive(Debug)]
-pub enum Unplanned {
-    /// Something in the file is wrong.
+pub enum PlanError {
+    /// A fault in the file.
     File(Fault),
     /// Any other failure.
     Other(Failure),
 }
 
-impl From<Fault> for Unplanned {
+impl From<Fault> for PlanError {
     fn from(fault: Fault) -> Self {
         Self::File(fault)
     }
 }
 
-impl From<Failure> for Unplanned {
+impl From<Failure> for PlanError {
     fn from(failure: Failure) -> Self {
         Self::Other(failure)
     }
 }
 
-impl From<avln_store::StoreError> for Unplanned {
+impl From<avln_store::StoreError> for PlanError {
     fn from(error: avln_store::StoreError) -> Self {
         Self::Other(error.into())
     }
 }
 
 impl Planner<'_> {
-    /// Computes the changes by a file. Only recordings named in the file are written, to the data folder.
-    ///
-    /// # Errors
-    /// If a value is invalid, or the data folder is unreadable.
-    pub async fn plan(&self, file: &ChallengeFile) -> Result<Plan, Unplanned> {
+    /// Computes the changes. Writes nothing except imported recordings and heads.
+    pub async fn plan(&self, file: &ChallengeFile) -> Result<ChallengeChanges, PlanError> {
         let before = self.store.phases().await?;
         let splits = self.splits(file)?;
         refuse_repeated(file)?;
         let positions = positions(file, &before);
-        let mut plan = Plan::default();
+        let mut plan = ChallengeChanges::default();
         for (index, (entry, position)) in file.phases.iter().zip(positions).enumerate() {
             let old = before.iter().find(|phase| phase.id == entry.id);
-            let desk = Desk { planner: self, index: &index.to_string(), entry };
-            let phase = Phase { position, ..desk.phase(&splits, old)? };
+            let conversion = PhaseConversion { planner: self, index: &index.to_string(), entry };
+            let phase = Phase { position, ..conversion.phase(&splits, old)? };
             let differs = notes(&actor(), old, &phase, self.reason);
             if !differs.is_empty() {
-                self.refuse_fixed(&desk, old, &phase).await?;
+                self.refuse_fixed(&conversion, old, &phase).await?;
                 plan.phases.push(phase);
             }
             plan.notes.extend(differs);
@@ -100,14 +99,11 @@ impl Planner<'_> {
         Ok(plan)
     }
 
-    /// Carries a plan out. Phases and notes are written together or not at all.
-    ///
-    /// # Errors
-    /// When a split cannot be taken in or the database refuses.
-    pub async fn apply(&self, plan: Plan) -> Result<(), Failure> {
+    /// Applies the changes; phases and audit entries in a single transaction.
+    pub async fn apply(&self, plan: ChallengeChanges) -> Result<(), Failure> {
         for (name, source) in &plan.splits {
             self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;
-            register::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
+            setup::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
         }
         if plan.notes.is_empty() {
             return Ok(());
@@ -119,20 +115,25 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// The splits that the file names, opened.
+    /// Opens the splits named in the file.
     fn splits(&self, file: &ChallengeFile) -> Result<BTreeMap<String, SplitFolder>, Fault> {
         let mut open = BTreeMap::new();
         for (name, SplitSource { dataset, split }) in &file.splits {
-            let place = Place { path: &["splits", name] };
-            check_name("split", name).map_err(|failure| place.fault(one_line(&failure)))?;
+            let path = KeyPath { path: &["splits", name] };
+            check_name("split", name).map_err(|failure| path.fault(one_line(&failure)))?;
             let folder = SplitFolder::open(&self.base.join(dataset), split);
-            open.insert(name.clone(), folder.map_err(|failure| place.fault(one_line(&failure)))?);
+            open.insert(name.clone(), folder.map_err(|failure| path.fault(one_line(&failure)))?);
         }
         Ok(open)
     }
 
     /// Rejects changes of settings fixed by existing runs.
-    async fn refuse_fixed(&self, desk: &Desk<'_>, old: Option<&Phase>, new: &Phase) -> Result<(), Unplanned> {
+    async fn refuse_fixed(
+        &self,
+        conversion: &PhaseConversion<'_>,
+        old: Option<&Phase>,
+        new: &Phase,
+    ) -> Result<(), PlanError> {
         let Some(old) = old else { return Ok(()) };
         let key = if old.split != new.split || old.episodes != new.episodes {
             "split"
@@ -144,8 +145,8 @@ impl Planner<'_> {
             return Ok(());
         };
         if self.store.has_runs(&old.id).await? {
-            let said = "the phase has runs, which fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
-            return Err(desk.fault(key, said).into());
+            let problem = "existing runs fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
+            return Err(conversion.fault(key, problem).into());
         }
         Ok(())
     }
@@ -163,22 +164,22 @@ impl Planner<'_> {
 }
 
 /// Conversion of a file entry to a phase.
-struct Desk<'a> {
+struct PhaseConversion<'a> {
     planner: &'a Planner<'a>,
     /// Index in the file, from 0.
     index: &'a str,
     entry: &'a PhaseFile,
 }
 
-impl Desk<'_> {
-    fn fault(&self, key: &str, said: impl std::fmt::Display) -> Fault {
+impl PhaseConversion<'_> {
+    fn fault(&self, key: &str, problem: impl std::fmt::Display) -> Fault {
         let mut path = vec!["phases", self.index];
         path.extend(key.split('.'));
-        Place { path: &path }.fault(said)
+        KeyPath { path: &path }.fault(problem)
     }
 
-    /// The phase of the entry; a manual start is taken from the previous version.
-    fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, Unplanned> {
+    /// Returns the phase. Pause and closing by hand come from the previous version.
+    fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, PlanError> {
         let entry = self.entry;
         check_name("phase", &entry.id).map_err(|failure| self.fault("id", one_line(&failure)))?;
         self.check_texts()?;
@@ -192,7 +193,7 @@ impl Desk<'_> {
             }
         };
         let rules = self.rules(split)?;
-        let episodes = register::phase_episodes(split)?;
+        let episodes = setup::phase_episodes(split)?;
         if episodes.is_empty() {
             return Err(self.fault("split", format!("split '{}' has no episodes", entry.split)).into());
         }
@@ -223,7 +224,7 @@ impl Desk<'_> {
         if (least..=most).contains(&value) {
             return Ok(value);
         }
-        Err(self.fault(key, format!("{value} is not {least} to {most}")))
+        Err(self.fault(key, format!("{value} is outside of {least} to {most}")))
     }
 
     fn check_texts(&self) -> Result<(), Fault> {
@@ -240,8 +241,8 @@ impl Desk<'_> {
         Ok(())
     }
 
-    fn rules(&self, split: &SplitFolder) -> Result<Rules, Unplanned> {
-        let of_split = register::rules_of(&self.entry.split, split)?;
+    fn rules(&self, split: &SplitFolder) -> Result<Rules, PlanError> {
+        let of_split = setup::rules_of(&self.entry.split, split)?;
         let played = rules_for_phase(of_split, self.entry.rules.as_deref());
         let mut rules = played.map_err(|failure| self.fault("rules", one_line(&failure)))?;
         rules.sounds = self.sounds(split)?;
@@ -259,7 +260,7 @@ impl Desk<'_> {
                 Some(digest) => {
                     data.bank(&Sounds::Own(digest.to_owned())).map(|_| Sounds::Own(digest.to_owned()))
                 }
-                None => data.sounds().adopt(&self.planner.base.join(word)).map(Sounds::Own),
+                None => data.sounds().import(&self.planner.base.join(word)).map(Sounds::Own),
             },
         };
         found.map_err(|failure| self.fault("sounds", one_line(&failure)))
@@ -271,7 +272,7 @@ impl Desk<'_> {
             None | Some(SPHERE) => return Ok(HeadRule::Sphere),
             Some(word) => match word.strip_prefix(KEPT) {
                 Some(digest) => heads.head(digest).map(|_| digest.to_owned()),
-                None => heads.adopt(&self.planner.base.join(word)),
+                None => heads.import(&self.planner.base.join(word)),
             },
         };
         found.map(HeadRule::Measured).map_err(|failure| self.fault("head", one_line(&failure)))
@@ -281,7 +282,7 @@ impl Desk<'_> {
         let orders = self.entry.orders.clone().unwrap_or_else(|| vec![Order::Ordered, Order::Unordered]);
         let different: BTreeSet<_> = orders.iter().map(|order| order.as_str()).collect();
         if orders.is_empty() || different.len() != orders.len() {
-            return Err(self.fault("orders", "name one order or both, each once"));
+            return Err(self.fault("orders", "list one or both orders, without repetition"));
         }
         Ok(orders)
     }
@@ -290,7 +291,7 @@ impl Desk<'_> {
         let all = vec![Sensor::Rgb, Sensor::Depth, Sensor::Audio];
         let wanted = self.entry.sensors.clone().unwrap_or(all);
         if wanted.is_empty() {
-            return Err(self.fault("sensors", "name one sensor or more"));
+            return Err(self.fault("sensors", "list at least one sensor"));
         }
         let has = |sensor| wanted.contains(&sensor);
         let (rgb, depth, audio) = (has(Sensor::Rgb), has(Sensor::Depth), has(Sensor::Audio));
@@ -299,13 +300,13 @@ impl Desk<'_> {
     }
 
     fn schedule(&self, old: Option<&Phase>) -> Result<Schedule, Fault> {
-        let moment = |key, written| unix_ms(written, Place { path: &["phases", self.index, key] });
+        let moment = |key, written| unix_ms(written, KeyPath { path: &["phases", self.index, key] });
         let opens = moment("opens", self.entry.opens.as_ref())?;
         let closes = moment("closes", self.entry.closes.as_ref())?;
         if let (Some(opens), Some(closes)) = (opens, closes)
             && opens >= closes
         {
-            return Err(self.fault("closes", "the phase closes before it opens"));
+            return Err(self.fault("closes", "the phase would close before it opens"));
         }
         let by_hand = old.map(|old| old.schedule.clone()).unwrap_or_default();
         Ok(Schedule { opens_unix_ms: opens, closes_unix_ms: closes, ..by_hand })
@@ -321,7 +322,7 @@ impl Desk<'_> {
             ("quota.uncharged", quota.uncharged),
         ];
         match limits.into_iter().find(|(_, limit)| *limit == Some(0)) {
-            Some((key, _)) => Err(self.fault(key, "0 lets nobody play; leave it out for any number of runs")),
+            Some((key, _)) => Err(self.fault(key, "0 permits no run; omit the key for any number of runs")),
             None => Ok(quota),
         }
     }
@@ -329,9 +330,8 @@ impl Desk<'_> {
     fn time(&self) -> Result<avln_episode::TimeLimits, Fault> {
         let time = self.entry.time;
         if time.disconnect_s > time.disconnect_total_s {
-            let said =
-                "one lost connection cannot be away for longer than all of a run's (disconnect_total_s)";
-            return Err(self.fault("time.disconnect_s", said));
+            let problem = "a single disconnection cannot last longer than all in total (disconnect_total_s)";
+            return Err(self.fault("time.disconnect_s", problem));
         }
         Ok(time)
     }
@@ -340,11 +340,11 @@ impl Desk<'_> {
         let teams = &self.entry.teams;
         for (key, names) in [("teams.allow", &teams.allow), ("teams.deny", &teams.deny)] {
             if names.iter().any(|name| name.trim().is_empty()) {
-                return Err(self.fault(key, "a team without a name"));
+                return Err(self.fault(key, "a team name is empty"));
             }
         }
         match teams.allow.iter().find(|name| teams.deny.contains(name)) {
-            Some(both) => Err(self.fault("teams.deny", format!("team '{both}' is allowed and denied"))),
+            Some(both) => Err(self.fault("teams.deny", format!("team '{both}' is both allowed and denied"))),
             None => Ok(teams.clone()),
         }
     }
@@ -360,24 +360,24 @@ impl Desk<'_> {
     }
 }
 
-/// Two phases cannot share an id.
+/// Rejects repeated ids.
 fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
     let mut seen = BTreeSet::new();
     for (index, entry) in file.phases.iter().enumerate() {
         if !seen.insert(&entry.id) {
-            let place = Place { path: &["phases", &index.to_string(), "id"] };
-            return Err(place.fault(format!("'{}' is the id of an earlier phase", entry.id)));
+            let path = KeyPath { path: &["phases", &index.to_string(), "id"] };
+            return Err(path.fault(format!("'{}' is already the id of another phase", entry.id)));
         }
     }
     Ok(())
 }
 
-/// Positions of the phases: unchanged if the order is equal, otherwise counted from 0.
+/// Returns the positions: unchanged for the same order, otherwise counted from 0.
 fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
-    let place = |id: &str| before.iter().position(|phase| phase.id == id);
-    let known: Vec<usize> = file.phases.iter().map_while(|entry| place(&entry.id)).collect();
+    let path = |id: &str| before.iter().position(|phase| phase.id == id);
+    let known: Vec<usize> = file.phases.iter().map_while(|entry| path(&entry.id)).collect();
     let new = &file.phases[known.len()..];
-    let kept = known.is_sorted() && new.iter().all(|entry| place(&entry.id).is_none());
+    let kept = known.is_sorted() && new.iter().all(|entry| path(&entry.id).is_none());
     if !kept {
         return (0..file.phases.len() as u32).collect();
     }
@@ -386,7 +386,7 @@ fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
     old.chain((next..).take(new.len())).collect()
 }
 
-/// A failure and its hint in a line.
+/// Joins message and hint on one line.
 fn one_line(failure: &Failure) -> String {
     failure.to_string().replace('\n', "; ")
 }

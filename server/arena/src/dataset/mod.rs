@@ -1,10 +1,349 @@
 //! Data sets on disk, read scene by scene.
 
-/// Files of a data set.
-pub mod files;
-mod folder;
+use crate::{Failure, lru::LruCache};
+use avln_dataset::{
+    DatasetError, EpisodeSpec, Manifest, PublicMission, SceneLine, SceneSpec, Split, SplitLine, Statistics,
+    format::{
+        DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
+        read_scenes, scenes_bytes, write_scene,
+    },
+};
+use seal::{Keyring, Salt};
+use std::{
+    collections::BTreeMap,
+    io::Read,
+    path::{Path, PathBuf},
+};
+
 mod seal;
 
-pub use files::{DatasetFiles, Sealed};
-pub use folder::SplitFolder;
 pub use seal::Passphrase;
+
+/// Largest file, bytes: a scene's missions take some megabytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// The files of a data set.
+#[derive(Clone, Debug)]
+pub struct DatasetFiles {
+    root: PathBuf,
+}
+
+impl DatasetFiles {
+    /// Opens the data set in `root`, existing or not.
+    pub fn at(root: &Path) -> Self {
+        Self { root: root.to_owned() }
+    }
+
+    /// Returns the folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Returns the path of `dataset.json`.
+    pub fn manifest_path(&self) -> PathBuf {
+        self.root.join("dataset.json")
+    }
+
+    /// Returns the path of a scene list.
+    pub fn scenes_path(&self, split: &str) -> PathBuf {
+        self.root.join(split).join("scenes.jsonl")
+    }
+
+    /// Returns the path of a scene's public missions.
+    pub fn missions_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("missions").join(format!("{scene}.jsonl"))
+    }
+
+    /// Returns the path of a scene's ground truth.
+    pub fn sealed_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
+    }
+
+    /// Returns true for a complete data set.
+    pub fn is_complete(&self) -> bool {
+        self.manifest_path().is_file()
+    }
+
+    /// Reads the manifest.
+    pub fn manifest(&self) -> Result<Manifest, Failure> {
+        let path = self.manifest_path();
+        let bytes = read(&path).map_err(|failure| {
+            failure.hinted("build a data set there with: avln data dataset build CONFIG --out FOLDER")
+        })?;
+        Ok(read_manifest(File { name: &path.display().to_string(), bytes: &bytes })
+            .map_err(DatasetError::from)?)
+    }
+
+    /// Reads a scene list.
+    pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
+        check_plain(&split.name)?;
+        self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
+    }
+
+    /// Parses a scene list.
+    fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
+        let name = self.scenes_path(&split.name).display().to_string();
+        let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
+        scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
+        Ok(scenes)
+    }
+
+    /// Returns true if a split is sealed.
+    pub fn is_sealed(&self, split: &str) -> Result<bool, Failure> {
+        Ok(seal::is_sealed(&read_as_is(&self.scenes_path(split))?))
+    }
+
+    /// Writes a scene list; returns the split's manifest line.
+    pub fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
+        let bytes = scenes_bytes(scenes)?;
+        write_whole(&self.scenes_path(split), &bytes)?;
+        let missions = scenes.iter().map(|scene| scene.missions).sum();
+        Ok(SplitLine { name: split.to_owned(), scenes: scenes.len(), missions, digest: digest_of(&bytes) })
+    }
+
+    /// Writes `dataset.json`.
+    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
+        write_whole(&self.manifest_path(), &manifest_bytes(manifest)?)
+    }
+
+    /// Writes the statistics as JSON and as a page; returns the page's path.
+    pub fn write_statistics(&self, name: &str, splits: &[(String, Statistics)]) -> Result<PathBuf, Failure> {
+        let numbers: BTreeMap<_, _> =
+            splits.iter().map(|(split, numbers)| (split.as_str(), numbers)).collect();
+        let json = serde_json::to_vec_pretty(&numbers).map_err(Failure::internal)?;
+        write_whole(&self.root.join("statistics.json"), &json)?;
+        let page = self.root.join("statistics.html");
+        write_whole(&page, avln_dataset::page(name, splits).as_bytes())?;
+        Ok(page)
+    }
+
+    /// Seals missions, truth and scene list in place; sealed files stay unchanged.
+    ///
+    /// # Errors
+    /// If the split is unknown, a file is sealed with another passphrase, or a file is not writable.
+    pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
+        let manifest = self.manifest()?;
+        let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
+            let message = format!("data set {} has no split '{split}'", self.root.display());
+            Failure::scene(message)
+        })?;
+        let (ring, salt) = (Keyring::new(Some(passphrase)), Salt::random()?);
+        let list = self.scenes_path(split);
+        let mut paths = Vec::new();
+        for scene in self.scenes_in(line, &ring.open(&list, read_as_is(&list)?)?)? {
+            paths.extend([self.missions_path(split, &scene.name), self.sealed_path(split, &scene.name)]);
+        }
+        paths.push(list);
+        let mut sealed = Sealed::default();
+        for path in paths {
+            let bytes = read_as_is(&path)?;
+            if seal::is_sealed(&bytes) {
+                ring.open(&path, bytes)?;
+                sealed.before += 1;
+            } else {
+                write_whole(&path, &ring.seal(&salt, &path, &bytes)?)?;
+                sealed.now += 1;
+            }
+        }
+        Ok(sealed)
+    }
+
+    /// Writes a split as a data set.
+    pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
+        let mut lines = Vec::new();
+        for scene in &split.scenes {
+            let episodes: Vec<_> =
+                split.episodes.iter().filter(|episode| episode.scene == scene.name).cloned().collect();
+            let written = write_scene(scene, None, &episodes)?;
+            write_whole(&self.missions_path(&split.name, &scene.name), &written.missions)?;
+            write_whole(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
+            lines.push(written.line);
+        }
+        let line = self.write_scenes(&split.name, &lines)?;
+        self.write_manifest(&Manifest {
+            format: Manifest::FORMAT.to_owned(),
+            version: DATASET_VERSION,
+            name: split.name.clone(),
+            rules: split.rules.clone(),
+            recipe: None,
+            splits: vec![line],
+        })
+    }
+}
+
+/// File counts after sealing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sealed {
+    /// Newly sealed files.
+    pub now: usize,
+    /// Previously sealed files.
+    pub before: usize,
+}
+
+/// Checks a scene or split name: names become file names.
+///
+/// # Errors
+/// If it has other characters than letters, digits, `-`, `_` and `.`, or is too long.
+pub fn check_plain(name: &str) -> Result<(), Failure> {
+    let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
+    if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
+        return Ok(());
+    }
+    Err(Failure::scene(format!(
+        "'{}' cannot be the name of a scene or split of a data set",
+        name.escape_debug()
+    )))
+}
+
+/// Reads a data set file; sealed files are decrypted in memory.
+pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    seal::opened(path, read_as_is(path)?)
+}
+
+/// Reads a file without decryption.
+fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
+    std::fs::File::open(path).and_then(limited).map_err(|error| Failure::file("read", path, error))?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        let message = format!("{} is larger than {MAX_FILE_BYTES} bytes", path.display());
+        return Err(Failure::data(message));
+    }
+    Ok(bytes)
+}
+
+/// Writes a file under another name and renames it, so that it is always complete.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&partial, bytes))
+        .and_then(|()| std::fs::rename(&partial, path))
+        .map_err(|error| Failure::file("write", path, error))
+}
+
+/// Number of scenes with cached missions.
+const CACHED_SCENES: usize = 16;
+
+/// A split on disk. Missions are read per scene on demand.
+pub struct SplitFolder {
+    files: DatasetFiles,
+    /// Name of the split in its data set.
+    split: String,
+    rules: String,
+    digest: String,
+    is_sealed: bool,
+    missions: usize,
+    scenes: Vec<SceneLine>,
+    by_name: BTreeMap<String, usize>,
+    /// Missions by scene index.
+    cache: LruCache<usize, Vec<EpisodeSpec>>,
+}
+
+impl SplitFolder {
+    /// Opens a split and reads the scene list.
+    pub fn open(root: &Path, split: &str) -> Result<Self, Failure> {
+        let files = DatasetFiles::at(root);
+        let manifest = files.manifest()?;
+        let Some(line) = manifest.splits.iter().find(|line| line.name == split) else {
+            let known: Vec<_> = manifest.splits.iter().map(|line| line.name.as_str()).collect();
+            let message = format!("data set {} has no split '{split}'", root.display());
+            return Err(Failure::scene(message).hinted(format!("its splits are: {}", known.join(", "))));
+        };
+        let (scenes, is_sealed) = (files.scenes(line)?, files.is_sealed(split)?);
+        let by_name = scenes.iter().map(|scene| scene.name.clone()).zip(0..).collect();
+        Ok(Self {
+            files,
+            split: line.name.clone(),
+            rules: manifest.rules.clone(),
+            digest: line.digest.clone(),
+            is_sealed,
+            missions: line.missions,
+            scenes,
+            by_name,
+            cache: LruCache::new(CACHED_SCENES, |_| 1),
+        })
+    }
+
+    /// Returns the rule set's name.
+    pub fn rules(&self) -> &str {
+        &self.rules
+    }
+
+    /// Returns the digest over all files.
+    pub fn digest(&self) -> &str {
+        &self.digest
+    }
+
+    /// Name in the data set.
+    pub fn name(&self) -> &str {
+        &self.split
+    }
+
+    /// Returns true if the files need a passphrase.
+    pub fn is_sealed(&self) -> bool {
+        self.is_sealed
+    }
+
+    /// Returns the mission count.
+    pub fn mission_count(&self) -> usize {
+        self.missions
+    }
+
+    /// Returns the scenes.
+    pub fn scenes(&self) -> &[SceneLine] {
+        &self.scenes
+    }
+
+    /// Returns the specification of a scene.
+    pub fn scene(&self, name: &str) -> Option<SceneSpec> {
+        self.by_name.get(name).map(|&index| self.scenes[index].spec())
+    }
+
+    /// Returns true if `id` can be a mission in `scene`; reads no files.
+    pub fn may_hold(&self, scene: &str, id: &str) -> bool {
+        self.by_name.contains_key(scene) && scene_of(id) == Some(scene)
+    }
+
+    /// Reads the public part of a scene's missions.
+    pub fn public(&self, scene: &SceneLine) -> Result<Vec<PublicMission>, Failure> {
+        let path = self.files.missions_path(&self.split, &scene.name);
+        let (name, bytes) = (path.display().to_string(), read(&path)?);
+        Ok(read_missions(File { name: &name, bytes: &bytes }, &scene.name).map_err(DatasetError::from)?)
+    }
+
+    /// Reads both parts of a scene's missions.
+    pub fn episodes(&self, scene: &SceneLine) -> Result<Vec<EpisodeSpec>, Failure> {
+        let public = self.files.missions_path(&self.split, &scene.name);
+        let sealed = self.files.sealed_path(&self.split, &scene.name);
+        let (public_bytes, sealed_bytes) = (read(&public)?, read(&sealed)?);
+        let (public, sealed) = (public.display().to_string(), sealed.display().to_string());
+        let public = File { name: &public, bytes: &public_bytes };
+        let sealed = File { name: &sealed, bytes: &sealed_bytes };
+        Ok(read_scene(scene, public, sealed).map_err(DatasetError::from)?)
+    }
+
+    /// Returns a mission; `None` if unknown.
+    pub fn episode(&self, id: &str) -> Result<Option<EpisodeSpec>, Failure> {
+        let Some(&index) = scene_of(id).and_then(|scene| self.by_name.get(scene)) else { return Ok(None) };
+        let (episodes, _) = self.cache.get(index, || self.episodes(&self.scenes[index]))?;
+        Ok(episodes.iter().find(|episode| episode.id == id).cloned())
+    }
+
+    /// Loads all missions.
+    pub fn load(&self) -> Result<Split, Failure> {
+        let mut episodes = Vec::new();
+        for scene in &self.scenes {
+            episodes.extend(self.episodes(scene)?);
+        }
+        let scenes = self.scenes.iter().map(SceneLine::spec).collect();
+        Ok(Split { name: self.split.clone(), rules: self.rules.clone(), scenes, episodes })
+    }
+}
+
+/// Returns the scene in a mission id: the part before the last `-`.
+fn scene_of(id: &str) -> Option<&str> {
+    id.rsplit_once('-').map(|(scene, _)| scene)
+}

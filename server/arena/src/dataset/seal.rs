@@ -1,10 +1,10 @@
 //! Encryption of split files with a passphrase.
 //!
-//! A sealed file replaces the plain file: [`MAGIC`], 16 bytes of salt, 24 of nonce, and the text under
-//! XChaCha20-Poly1305, bound to the name and folder of the file. The key is Argon2id of passphrase and salt,
-//! shared by all files of a sealing. Plain text exists only in memory.
+//! A sealed file replaces the plain file: [`MAGIC`], 16 bytes salt, 24 bytes nonce, and the text under
+//! XChaCha20-Poly1305, bound to the file's name and folder. The key is derived by Argon2id from passphrase
+//! and salt; all files sealed together share it. Plain text exists only in memory.
 
-use crate::{Failure, FailureKind};
+use crate::Failure;
 use argon2::{Algorithm, Argon2, Params, Version};
 use chacha20poly1305::{
     Key, KeyInit, XChaCha20Poly1305, XNonce,
@@ -20,28 +20,16 @@ use std::{
 const MAGIC: &[u8] = b"avln sealed 1\n";
 const SALT_BYTES: usize = 16;
 const NONCE_BYTES: usize = 24;
-/// Memory, passes and lanes of Argon2id: above the RFC 9106 values for small machines.
+/// Argon2id memory, passes and lanes: above the RFC 9106 values for small machines.
 const MEMORY_KIB: u32 = 64 * 1024;
 const PASSES: u32 = 3;
 const LANES: u32 = 4;
-/// Fewest letters of a passphrase, and fewest different ones.
+/// Fewest letters and fewest different letters in a passphrase.
 const LEAST_LETTERS: usize = 16;
 const LEAST_DIFFERENT: usize = 8;
-/// Common placeholders instead of a secret.
-const LISTED: [&str; 12] = [
-    "password",
-    "passphrase",
-    "changeme",
-    "secret",
-    "letmein",
-    "qwerty",
-    "admin",
-    "default",
-    "example",
-    "12345",
-    "abcdef",
-    "test",
-];
+/// Common placeholders.
+const COMMON_WORDS: &str =
+    "password passphrase changeme secret letmein qwerty admin default example 12345 abcdef test";
 
 /// Environment variable of the passphrase file.
 const KEY_FILE: &str = "AVLN_SEAL_KEY_FILE";
@@ -51,14 +39,14 @@ const KEY: &str = "AVLN_SEAL_KEY";
 pub struct Passphrase(String);
 
 impl Passphrase {
-    /// Takes `words`, without white space around them.
+    /// Checks a passphrase; surrounding white space is removed.
     ///
     /// # Errors
-    /// When they are short, repetitive, or hardly more than a word that everybody tries.
+    /// If it is short, repetitive, or consists mostly of common words.
     pub fn new(words: &str) -> Result<Self, Failure> {
         let words = words.trim();
         let weak = |why: String| {
-            Err(Failure::new(FailureKind::Data, format!("the passphrase is too weak: {why}"))
+            Err(Failure::data(format!("the passphrase is too weak: {why}"))
                 .hinted("make one with: head -c 24 /dev/urandom | base64"))
         };
         let mut different: Vec<char> = words.chars().collect();
@@ -68,41 +56,34 @@ impl Passphrase {
         if count < LEAST_LETTERS || different.len() < LEAST_DIFFERENT {
             let found = format!("{count} letters, {} of them different", different.len());
             return weak(format!(
-                "{found}; use {LEAST_LETTERS} or more, {LEAST_DIFFERENT} of them different"
+                "{found}; use at least {LEAST_LETTERS}, with {LEAST_DIFFERENT} different ones"
             ));
         }
         if is_repeated(words) {
-            return weak("it repeats itself".to_owned());
+            return weak("it repeats a shorter text".to_owned());
         }
         let mut rest = words.to_lowercase();
-        LISTED.iter().for_each(|listed| rest = rest.replace(listed, ""));
+        for word in COMMON_WORDS.split(' ') {
+            rest = rest.replace(word, "");
+        }
         if rest.chars().count() < LEAST_LETTERS / 2 {
-            return weak("without words that everybody tries, little is left of it".to_owned());
+            return weak("it consists mostly of common words".to_owned());
         }
         Ok(Self(words.to_owned()))
     }
 
     /// Reads a passphrase file.
-    ///
-    /// # Errors
-    /// If the file is unreadable or the passphrase is weak.
     pub fn of_file(path: &Path) -> Result<Self, Failure> {
         const LONGEST_BYTES: usize = 4096;
-        let text =
-            std::fs::read_to_string(path).map_err(|error| super::files::cannot("read", path, &error))?;
+        let text = std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))?;
         if text.len() > LONGEST_BYTES {
             let message = format!("{} has more than {LONGEST_BYTES} bytes", path.display());
-            return Err(
-                Failure::new(FailureKind::Data, message).hinted("name a file that holds one passphrase")
-            );
+            return Err(Failure::data(message).hinted("name a file with a passphrase only"));
         }
         Self::new(&text)
     }
 
-    /// The passphrase from `AVLN_SEAL_KEY_FILE` or `AVLN_SEAL_KEY`; `None` without either.
-    ///
-    /// # Errors
-    /// If the file is unreadable or the passphrase is weak.
+    /// Reads the passphrase from `AVLN_SEAL_KEY_FILE` or `AVLN_SEAL_KEY`; `None` without either.
     pub fn of_environment() -> Result<Option<Self>, Failure> {
         if let Some(path) = std::env::var_os(KEY_FILE) {
             return Self::of_file(&PathBuf::from(path)).map(Some);
@@ -110,9 +91,9 @@ impl Passphrase {
         std::env::var(KEY).ok().map(|words| Self::new(&words)).transpose()
     }
 
-    /// The key that comes of it with a salt.
+    /// Derives the key for a salt.
     fn key(&self, salt: &[u8]) -> Result<Key, Failure> {
-        let failed = |error: argon2::Error| Failure::new(FailureKind::Internal, error);
+        let failed = |error: argon2::Error| Failure::internal(error);
         let params = Params::new(MEMORY_KIB, PASSES, LANES, Some(32)).map_err(failed)?;
         let mut key = [0; 32];
         let argon = Argon2::new(Algorithm::Argon2id, Version::V0x13, params);
@@ -121,27 +102,25 @@ impl Passphrase {
     }
 }
 
-/// Returns true if the text repeats a shorter one.
+/// Returns true for a repeated shorter text.
 fn is_repeated(words: &str) -> bool {
     let letters: Vec<char> = words.chars().collect();
     (1..=letters.len() / 2).any(|period| letters.iter().zip(&letters[period..]).all(|(a, b)| a == b))
 }
 
-/// Keys for sealing and opening files with a passphrase.
+/// The keys of a passphrase.
 pub(super) struct Keyring {
-    /// The passphrase, if known.
     passphrase: Option<Passphrase>,
-    /// The key for each salt that was met.
+    /// Derived keys by salt.
     keys: Mutex<BTreeMap<Vec<u8>, Key>>,
 }
 
 impl Keyring {
-    /// Keys of a passphrase.
     pub(super) fn new(passphrase: Option<Passphrase>) -> Self {
         Self { passphrase, keys: Mutex::default() }
     }
 
-    /// The keys of the environment's passphrase, which is read once.
+    /// Returns the keys for the environment's passphrase, read once.
     fn of_environment() -> Result<&'static Self, Failure> {
         static RING: OnceLock<Keyring> = OnceLock::new();
         match RING.get() {
@@ -153,7 +132,7 @@ impl Keyring {
         }
     }
 
-    /// The key for a salt, which is worked out once; `None` without a passphrase.
+    /// Returns the key for a salt, derived once; `None` without a passphrase.
     fn key(&self, salt: &[u8]) -> Result<Option<Key>, Failure> {
         let Some(passphrase) = &self.passphrase else { return Ok(None) };
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
@@ -165,46 +144,41 @@ impl Keyring {
         Ok(Some(key))
     }
 
-    /// The plain text of the file at `path`: `bytes` themselves unless they are sealed.
+    /// Decrypts the file `path`; plain `bytes` are returned unchanged.
     pub(super) fn open(&self, path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
         let Some(body) = bytes.strip_prefix(MAGIC) else { return Ok(bytes) };
         let refused = |message: &str| {
-            Failure::new(FailureKind::Data, format!("{} is sealed: {message}", path.display()))
-                .hinted(format!("name the file with its passphrase in {KEY_FILE}, or set {KEY}"))
+            Failure::data(format!("{} is sealed: {message}", path.display()))
+                .hinted(format!("set {KEY_FILE} to the file with the passphrase, or {KEY} to the passphrase"))
         };
         let parts = body.split_at_checked(SALT_BYTES);
         let parts = parts.and_then(|(salt, body)| Some((salt, body.split_first_chunk::<NONCE_BYTES>()?)));
-        let Some((salt, (nonce, body))) = parts else { return Err(refused("it is cut short")) };
-        let Some(key) = self.key(salt)? else { return Err(refused("there is no passphrase")) };
+        let Some((salt, (nonce, body))) = parts else { return Err(refused("it is truncated")) };
+        let Some(key) = self.key(salt)? else { return Err(refused("no passphrase is set")) };
         let place = place(path);
         let payload = Payload { msg: body, aad: place.as_bytes() };
         let plain = XChaCha20Poly1305::new(&key).decrypt(&XNonce::from(*nonce), payload);
-        plain.map_err(|_| refused("the passphrase is another one, or the file was changed"))
+        plain.map_err(|_| refused("wrong passphrase, or a changed file"))
     }
 
-    /// Encrypts `plain` as the file `path` with the salt of a sealing.
-    ///
-    /// # Errors
-    /// Without a passphrase or random source.
+    /// Encrypts `plain` as the file `path`.
     pub(super) fn seal(&self, salt: &Salt, path: &Path, plain: &[u8]) -> Result<Vec<u8>, Failure> {
         let key = self.key(&salt.0)?;
-        let key =
-            key.ok_or_else(|| Failure::new(FailureKind::Data, "there is no passphrase to seal with"))?;
+        let key = key.ok_or_else(|| Failure::data("a passphrase is needed for sealing"))?;
         let mut nonce = [0; NONCE_BYTES];
         fill(&mut nonce)?;
         let place = place(path);
         let payload = Payload { msg: plain, aad: place.as_bytes() };
         let sealed = XChaCha20Poly1305::new(&key).encrypt(&XNonce::from(nonce), payload);
-        let sealed = sealed.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        let sealed = sealed.map_err(Failure::internal)?;
         Ok([MAGIC, &salt.0, &nonce, &sealed].concat())
     }
 }
 
-/// Salt of a sealing.
+/// The salt of files sealed together.
 pub(super) struct Salt([u8; SALT_BYTES]);
 
 impl Salt {
-    /// A random salt.
     pub(super) fn random() -> Result<Self, Failure> {
         let mut salt = [0; SALT_BYTES];
         fill(&mut salt)?;
@@ -213,10 +187,10 @@ impl Salt {
 }
 
 fn fill(bytes: &mut [u8]) -> Result<(), Failure> {
-    getrandom::fill(bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
+    getrandom::fill(bytes).map_err(Failure::internal)
 }
 
-/// Context of a sealed file: name and folder.
+/// Returns the context of a sealed file: folder and name.
 fn place(path: &Path) -> String {
     let name = |path: Option<&Path>| {
         path.and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
@@ -224,12 +198,12 @@ fn place(path: &Path) -> String {
     format!("{}/{}", name(path.parent()), name(Some(path)))
 }
 
-/// Returns true for the bytes of a sealed file.
+/// Returns true for sealed bytes.
 pub(super) fn is_sealed(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-/// The plain text of the file at `path` by the environment's passphrase; `bytes` themselves unless they are sealed.
+/// Decrypts the file `path` with the environment's passphrase; plain `bytes` are returned unchanged.
 pub(super) fn opened(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
     if is_sealed(&bytes) { Keyring::of_environment()?.open(path, bytes) } else { Ok(bytes) }
 }
@@ -239,13 +213,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weak_passphrases_are_refused_and_told_why() {
+    fn weak_passphrases_are_refused_with_a_reason() {
         let cases = [
             ("short", "letters"),
             ("aaaaaaaabbbbbbbb", "different"),
             ("correct7horse8correct7horse8", "repeats"),
-            ("password12345678", "everybody tries"),
-            ("ChangeMe-Secret-Admin", "everybody tries"),
+            ("password12345678", "common words"),
+            ("ChangeMe-Secret-Admin", "common words"),
         ];
         for (words, why) in cases {
             let refused = Passphrase::new(words).err().expect(words).to_string();
@@ -259,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_opens_under_its_passphrase_and_place_only() {
+    fn sealed_files_need_their_passphrase_and_path() {
         let own = ring("V3ry-l0ng.and/unlike+others");
         let (salt, path) = (Salt::random().expect("a salt"), Path::new("val/sealed/house.jsonl"));
         let seal = || own.seal(&salt, path, b"target 17").expect("sealed");
@@ -274,7 +248,7 @@ mod tests {
         let elsewhere = refused(&own, "val/missions/house.jsonl", first.clone());
         assert!(elsewhere.contains("changed"), "{elsewhere}");
         let other = refused(&ring("An0ther-long.and/good+one"), "val/sealed/house.jsonl", first.clone());
-        assert!(other.contains("another one"), "{other}");
+        assert!(other.contains("wrong passphrase"), "{other}");
         let none = refused(&Keyring::new(None), "val/sealed/house.jsonl", first.clone());
         assert!(none.contains("no passphrase") && none.contains(KEY_FILE), "{none}");
         for length in MAGIC.len()..first.len() {

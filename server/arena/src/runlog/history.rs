@@ -1,4 +1,6 @@
-use super::{DIGITS, Entry, link};
+//! Run logs as read from disk.
+
+use crate::runlog::{DIGITS, Entry, link};
 use avln_episode::{Action, EndReason, Sensors};
 use avln_scoring::Metrics;
 use std::{
@@ -7,78 +9,78 @@ use std::{
     time::Duration,
 };
 
-/// Content of a run log.
+/// The history of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
-    /// The entries, in order.
+    /// Entries in order.
     pub entries: Vec<Entry>,
-    /// Bytes of the lines that are whole.
+    /// Size of complete lines, bytes.
     pub whole_bytes: u64,
-    /// The digits in front of the last line; empty where there is none.
+    /// Digits of the last line; empty without lines.
     pub head: String,
 }
 
-/// Content of a run log about one episode.
+/// The history of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeHistory {
-    /// The slot that played it.
+    /// Slot.
     pub slot: u32,
-    /// Place in the run's list, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
-    /// Id of the episode inside the split.
+    /// Episode id in the split.
     pub episode: String,
-    /// Sensors of the agent.
+    /// Requested sensors.
     pub sensors: Sensors,
-    /// Its actions, each with the hash of the state that it led to.
-    pub taken: Vec<(Action, u64)>,
+    /// Actions, each with the hash of the new state.
+    pub actions: Vec<(Action, u64)>,
     /// Remaining time bank; `None` before the first action.
     pub bank_left: Option<Duration>,
-    /// Number of consecutive server crashes during the restore of the episode.
-    deaths_on_the_way: u32,
-    /// Number of consecutive server crashes in the first step after a restore.
-    deaths_in_a_step: u32,
-    danger: Danger,
-    /// Why it ended and what it was worth, where that is written.
+    /// Consecutive server crashes during a restoration.
+    restore_crashes: u32,
+    /// Consecutive server crashes in the first step after a restoration.
+    step_crashes: u32,
+    critical: CriticalPhase,
+    /// End reason and score, if the log contains them.
     pub ended: Option<(EndReason, Box<Metrics>)>,
 }
 
-/// Why a run log cannot be used.
+/// Errors of run logs.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
-    /// It cannot be read or written.
+    /// Unreadable or not writable.
     #[error("run log {path}: {source}")]
     File {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the system.
+        /// System error.
         source: std::io::Error,
     },
-    /// A line is not what was written.
-    #[error("run log {path}, line {line}: {what}; this is not the log as the server wrote it")]
+    /// Damaged or modified.
+    #[error("run log {path}, line {line}: {what}; the log is damaged or was changed")]
     Line {
-        /// Path of the file.
+        /// Path.
         path: PathBuf,
-        /// Number of the line, counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// Defect of the log.
+        /// Problem.
         what: String,
     },
 }
 
 impl History {
-    /// Reads the log at `path` and checks its chain.
+    /// Reads a log and verifies the hash chain.
     ///
     /// # Errors
-    /// When it cannot be read, or a line that is whole is not what was written.
+    /// If it is unreadable, damaged or modified.
     pub fn read(path: &Path) -> Result<Self, LogError> {
         let bytes = std::fs::read(path).map_err(|source| LogError::File { path: path.to_owned(), source })?;
         Self::parse(&bytes).map_err(|(line, what)| LogError::Line { path: path.to_owned(), line, what })
     }
 
-    /// The same for a log in memory; an error names the line, counted from 1.
+    /// Parses a log and verifies the hash chain.
     ///
     /// # Errors
-    /// When a line that is whole is not what was written.
+    /// If it is damaged or modified; with the line number, from 1.
     pub fn parse(bytes: &[u8]) -> Result<Self, (usize, String)> {
         let mut history = Self::default();
         let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
@@ -89,41 +91,41 @@ impl History {
         match history.entries.first() {
             Some(Entry::Run { format: Entry::FORMAT, .. }) | None => Ok(history),
             Some(Entry::Run { format, .. }) => {
-                Err((1, format!("format {format} is not known, {} is", Entry::FORMAT)))
+                Err((1, format!("format {format} is not supported, only {}", Entry::FORMAT)))
             }
-            Some(_) => Err((1, "it does not say whose log it is".to_owned())),
+            Some(_) => Err((1, "the entry of the run is missing".to_owned())),
         }
     }
 
     fn add(&mut self, line: &[u8]) -> Result<(), String> {
-        let text = std::str::from_utf8(line).map_err(|_| "it is not text".to_owned())?;
+        let text = std::str::from_utf8(line).map_err(|_| "it is not valid UTF-8".to_owned())?;
         let (digits, json) = text.split_once(' ').ok_or("it has no hash")?;
         if digits.len() != DIGITS || digits != link(&self.head, json) {
-            return Err("its hash does not fit".to_owned());
+            return Err("its hash does not fit the lines before".to_owned());
         }
         let entry = serde_json::from_str(json).map_err(|error| error.to_string())?;
         if matches!(&entry, Entry::Signed { head, .. } if *head != self.head) {
-            return Err("it signs other lines".to_owned());
+            return Err("its signature belongs to other lines".to_owned());
         }
         self.entries.push(entry);
         self.head = digits.to_owned();
         Ok(())
     }
 
-    /// The episodes by handle.
+    /// Returns the episodes by handle.
     ///
     /// # Errors
-    /// When entries do not fit together; names the line, counted from 1.
+    /// If entries contradict each other; with the line number, from 1.
     pub fn episodes(&self) -> Result<BTreeMap<String, EpisodeHistory>, (usize, String)> {
         let mut episodes = BTreeMap::new();
-        let mut held: BTreeMap<u32, String> = BTreeMap::new();
+        let mut slots: BTreeMap<u32, String> = BTreeMap::new();
         for (index, entry) in self.entries.iter().enumerate() {
-            follow(entry, &mut episodes, &mut held).map_err(|what| (index + 1, what))?;
+            follow(entry, &mut episodes, &mut slots).map_err(|what| (index + 1, what))?;
         }
         Ok(episodes)
     }
 
-    /// Total disconnection time charged to the run.
+    /// Returns the run's total disconnection time.
     pub fn away(&self) -> Duration {
         let away = |entry: &Entry| match entry {
             Entry::ClockRestarted { away_us, at_ms, .. } => Some((*at_ms, *away_us)),
@@ -136,90 +138,93 @@ impl History {
     }
 }
 
-/// Activity of the server with a restored episode.
+/// The part of a restoration in progress: a server stop in it counts as a crash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Danger {
+enum CriticalPhase {
     None,
-    OnTheWay,
-    InAStep,
+    Restore,
+    FirstStep,
 }
 
 impl EpisodeHistory {
-    /// Consecutive server crashes in the same phase of a restoration, as far as known.
-    pub fn deaths(&self) -> u32 {
+    /// Returns the consecutive crashes in the same part of a restoration.
+    pub fn crashes(&self) -> u32 {
         let mut now = self.clone();
-        now.survive();
-        now.deaths_on_the_way.max(now.deaths_in_a_step)
+        now.count_crash();
+        now.restore_crashes.max(now.step_crashes)
     }
 
-    /// A new server has started after a crash.
-    fn survive(&mut self) {
-        match self.danger {
-            Danger::None => {}
-            Danger::OnTheWay => self.deaths_on_the_way += 1,
-            Danger::InAStep => self.deaths_in_a_step += 1,
+    /// Counts the last server stop as a crash if it happened in a critical phase.
+    fn count_crash(&mut self) {
+        match self.critical {
+            CriticalPhase::None => {}
+            CriticalPhase::Restore => self.restore_crashes += 1,
+            CriticalPhase::FirstStep => self.step_crashes += 1,
         }
-        self.danger = Danger::None;
+        self.critical = CriticalPhase::None;
     }
 }
 
-/// Adds an entry to the episode that it is about.
+/// Applies an entry to the episode.
 fn follow(
     entry: &Entry,
     episodes: &mut BTreeMap<String, EpisodeHistory>,
-    held: &mut BTreeMap<u32, String>,
+    slots: &mut BTreeMap<u32, String>,
 ) -> Result<(), String> {
     match entry {
         Entry::Began { slot, handle, ordinal, episode, sensors, .. } => {
-            held.insert(*slot, handle.clone());
+            slots.insert(*slot, handle.clone());
             let begun = EpisodeHistory {
                 slot: *slot,
                 ordinal: *ordinal,
                 episode: episode.clone(),
                 sensors: sensors.clone(),
-                taken: Vec::new(),
+                actions: Vec::new(),
                 bank_left: None,
-                deaths_on_the_way: 0,
-                deaths_in_a_step: 0,
-                danger: Danger::None,
+                restore_crashes: 0,
+                step_crashes: 0,
+                critical: CriticalPhase::None,
                 ended: None,
             };
             match episodes.insert(handle.clone(), begun) {
                 None => Ok(()),
-                Some(_) => Err(format!("episode {handle} begins twice")),
+                Some(_) => Err(format!("episode {handle} starts twice")),
             }
         }
         Entry::Acted { slot, step, action, state, bank_us, .. } => {
-            let episode = held.get(slot).and_then(|handle| episodes.get_mut(handle));
-            let episode = episode.ok_or_else(|| format!("slot {slot} acts and holds no episode"))?;
-            let state = u64::from_str_radix(state, 16).map_err(|_| format!("'{state}' is no state"))?;
-            if episode.ended.is_some() || *step as usize != episode.taken.len() + 1 {
-                return Err(format!("step {step} of slot {slot} is out of turn"));
+            let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
+            let episode = episode.ok_or_else(|| format!("slot {slot} acts without an episode"))?;
+            let state =
+                u64::from_str_radix(state, 16).map_err(|_| format!("'{state}' is not a state hash"))?;
+            if episode.ended.is_some() || *step as usize != episode.actions.len() + 1 {
+                return Err(format!("step {step} of slot {slot} is out of order"));
             }
-            episode.taken.push((*action, state));
+            episode.actions.push((*action, state));
             episode.bank_left = Some(Duration::from_micros(*bank_us));
-            (episode.deaths_in_a_step, episode.danger) = (0, Danger::None);
+            (episode.step_crashes, episode.critical) = (0, CriticalPhase::None);
             Ok(())
         }
-        Entry::TakenUp { slot, handle, .. } => {
-            held.insert(*slot, handle.clone());
-            let episode = episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never began"))?;
-            episode.survive();
-            episode.danger = Danger::OnTheWay;
+        Entry::RestoreStarted { slot, handle, .. } => {
+            slots.insert(*slot, handle.clone());
+            let episode =
+                episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
+            episode.count_crash();
+            episode.critical = CriticalPhase::Restore;
             Ok(())
         }
-        Entry::Stands { slot, .. } | Entry::Tries { slot, .. } => {
-            let episode = held.get(slot).and_then(|handle| episodes.get_mut(handle));
-            let episode = episode.ok_or_else(|| format!("slot {slot} holds no episode"))?;
-            if matches!(entry, Entry::Tries { .. }) {
-                episode.danger = Danger::InAStep;
+        Entry::RestoreDone { slot, .. } | Entry::StepAttempted { slot, .. } => {
+            let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
+            let episode = episode.ok_or_else(|| format!("slot {slot} has no episode"))?;
+            if matches!(entry, Entry::StepAttempted { .. }) {
+                episode.critical = CriticalPhase::FirstStep;
             } else {
-                (episode.deaths_on_the_way, episode.danger) = (0, Danger::None);
+                (episode.restore_crashes, episode.critical) = (0, CriticalPhase::None);
             }
             Ok(())
         }
         Entry::Ended { handle, end, metrics, .. } => {
-            let episode = episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never began"))?;
+            let episode =
+                episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.ended = Some((*end, metrics.clone()));
             Ok(())
         }

@@ -1,6 +1,11 @@
-use super::{Entry, History, LogError, SigningKey, link};
-use crate::now_unix_ms;
+//! Writing and signing of run logs.
+
+use crate::{
+    now_unix_ms,
+    runlog::{Entry, History, LogError, link},
+};
 use avln_grpc::{Acted, EpisodeLog};
+use ring::signature::{ED25519, Ed25519KeyPair, KeyPair, UnparsedPublicKey};
 use std::{
     collections::BTreeMap,
     fs::{File, OpenOptions},
@@ -12,24 +17,25 @@ use std::{
     },
     time::Duration,
 };
+use tempfile::NamedTempFile;
 
-/// The run logs of a data folder.
+/// The run logs in a folder.
 #[derive(Debug)]
 pub struct RunLogs {
     folder: PathBuf,
     open: Mutex<BTreeMap<String, Arc<RunLog>>>,
 }
 
-/// The log of a run, open for writing.
+/// An open run log.
 #[derive(Debug)]
 pub struct RunLog {
     path: PathBuf,
     end: Mutex<End>,
-    /// True if lines may not be on disk yet.
+    /// True for lines that may not be on disk yet.
     dirty: AtomicBool,
 }
 
-/// Position of the next line.
+/// State after the last line.
 #[derive(Debug)]
 struct End {
     file: File,
@@ -38,34 +44,28 @@ struct End {
 }
 
 impl RunLogs {
-    /// The logs in `folder`, which is made when the first is written.
+    /// Opens the logs in `folder`, created on first use.
     pub fn at(folder: &Path) -> Self {
         Self { folder: folder.to_owned(), open: Mutex::default() }
     }
 
-    /// Folder of the logs.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Path of the log of `run`.
+    /// Returns the path for a run.
     pub fn path(&self, run: &str) -> PathBuf {
         self.folder.join(format!("{run}.log"))
     }
 
-    /// History of `run`; `None` without a log.
-    ///
-    /// # Errors
-    /// If the log is unreadable or modified.
+    /// Reads a run's history; `None` without a log.
     pub fn history(&self, run: &str) -> Result<Option<History>, LogError> {
         let path = self.path(run);
         if path.exists() { History::read(&path).map(Some) } else { Ok(None) }
     }
 
-    /// Opens the log of `run` for writing; `first` creates the first entry of a new log.
-    ///
-    /// # Errors
-    /// If it cannot be read or written.
+    /// Opens a run's log for writing; `first` creates the first entry.
     pub fn open(&self, run: &str, first: impl FnOnce() -> Entry) -> Result<Arc<RunLog>, LogError> {
         let mut open = self.opened();
         if let Some(log) = open.get(run) {
@@ -76,10 +76,7 @@ impl RunLogs {
         Ok(log)
     }
 
-    /// Signs the log of `run`, if it exists and has changed since the last signature.
-    ///
-    /// # Errors
-    /// If it cannot be read or written, with the reason.
+    /// Signs a run's log, if it has lines since the last signature.
     pub fn sign(&self, run: &str, key: &SigningKey) -> Result<(), String> {
         let Some(history) = self.history(run).map_err(|error| error.to_string())? else { return Ok(()) };
         let (Some(first), Some(last)) = (history.entries.first(), history.entries.last()) else {
@@ -100,7 +97,7 @@ impl RunLogs {
         drop(open);
         for log in logs {
             if let Err(error) = log.sync() {
-                tracing::error!(path = %log.path.display(), %error, "cannot write a run log to the disk");
+                tracing::error!(path = %log.path.display(), %error, "cannot sync a run log to disk");
             }
         }
     }
@@ -119,7 +116,7 @@ impl RunLog {
         let history = if path.exists() { History::read(path)? } else { History::default() };
         let options = OpenOptions::new().create(true).write(true).truncate(false).open(path);
         let mut file = options.map_err(failed)?;
-        // The rest of a line that was being written when the server died.
+        // A line that a server crash interrupted is removed: the next line must follow the hash chain.
         file.set_len(history.whole_bytes).map_err(failed)?;
         file.seek(SeekFrom::End(0)).map_err(failed)?;
         let end = End { file, bytes: history.whole_bytes, head: history.head };
@@ -130,10 +127,7 @@ impl RunLog {
         Ok(log)
     }
 
-    /// Signs the lines so far.
-    ///
-    /// # Errors
-    /// If the signature cannot be written or synced.
+    /// Signs all lines.
     pub fn sign(&self, key: &SigningKey) -> io::Result<()> {
         let head = self.end.lock().unwrap_or_else(PoisonError::into_inner).head.clone();
         let signature = key.sign(&head);
@@ -141,11 +135,11 @@ impl RunLog {
         self.sync()
     }
 
-    /// Writes an entry. When this returns, it survives the death of this process; with the next [`RunLog::sync`], that of the
-    /// machine.
+    /// Writes an entry. It survives a crash of the process, and after the next [`RunLog::sync`] a crash of
+    /// the machine.
     ///
     /// # Errors
-    /// When it cannot be written; the log is then as it was.
+    /// If it cannot be written; the log is then unchanged.
     pub fn write(&self, entry: &Entry) -> io::Result<()> {
         let json = serde_json::to_string(entry)?;
         let mut end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
@@ -163,10 +157,7 @@ impl RunLog {
         Ok(())
     }
 
-    /// Syncs to disk.
-    ///
-    /// # Errors
-    /// If the sync fails.
+    /// Syncs the lines to disk.
     pub fn sync(&self) -> io::Result<()> {
         if !self.dirty.swap(false, Ordering::AcqRel) {
             return Ok(());
@@ -176,21 +167,21 @@ impl RunLog {
     }
 }
 
-/// Log of a slot.
+/// The log of a slot.
 #[derive(Debug)]
 pub struct SlotLog {
-    /// The run's log.
+    /// Run log.
     pub log: Arc<RunLog>,
-    /// The slot.
+    /// Slot.
     pub slot: u32,
-    /// True if the episode was restored and has had no action since.
-    pub taken_up: bool,
+    /// True for a restored episode before the first action.
+    pub restored: bool,
 }
 
 impl EpisodeLog for SlotLog {
     fn acting(&mut self, step: u32) -> io::Result<()> {
-        match std::mem::take(&mut self.taken_up) {
-            true => self.log.write(&Entry::Tries { slot: self.slot, step, at_ms: now_unix_ms() }),
+        match std::mem::take(&mut self.restored) {
+            true => self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms: now_unix_ms() }),
             false => Ok(()),
         }
     }
@@ -215,4 +206,112 @@ impl EpisodeLog for SlotLog {
 
 fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
+}
+
+/// Secret key size, bytes.
+const SEED_BYTES: usize = 32;
+
+/// The server's Ed25519 key (RFC 8032).
+pub struct SigningKey(Ed25519KeyPair);
+
+impl SigningKey {
+    /// Reads a key, or creates it, readable by the owner only.
+    ///
+    /// # Errors
+    /// If the file cannot be read or created, or does not contain exactly 32 bytes.
+    pub fn at(path: &Path) -> io::Result<Self> {
+        match std::fs::read(path) {
+            Ok(seed) => Self::from_seed(&seed),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Self::make(path),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Creates a key. If programs create it at the same time, the first one wins.
+    fn make(path: &Path) -> io::Result<Self> {
+        let mut seed = [0; SEED_BYTES];
+        getrandom::fill(&mut seed).map_err(io::Error::other)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        // Temporary files are readable by their owner only.
+        let mut file = NamedTempFile::new_in(folder)?;
+        file.write_all(&seed)?;
+        file.as_file().sync_all()?;
+        match file.persist_noclobber(path) {
+            Ok(_) => Self::from_seed(&seed),
+            Err(refused) if refused.error.kind() == io::ErrorKind::AlreadyExists => Self::at(path),
+            Err(refused) => Err(refused.error),
+        }
+    }
+
+    fn from_seed(seed: &[u8]) -> io::Result<Self> {
+        let pair = Ed25519KeyPair::from_seed_unchecked(seed);
+        let damaged = |_| io::Error::new(io::ErrorKind::InvalidData, "a signing key has 32 bytes");
+        pair.map(Self).map_err(damaged)
+    }
+
+    /// Returns the public key, hexadecimal.
+    pub fn public(&self) -> String {
+        hex::encode(self.0.public_key())
+    }
+
+    /// Returns the signature over `head`, a line's digits, hexadecimal.
+    pub fn sign(&self, head: &str) -> String {
+        hex::encode(self.0.sign(head.as_bytes()))
+    }
+}
+
+impl std::fmt::Debug for SigningKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SigningKey").field(&self.public()).finish()
+    }
+}
+
+/// Returns true for a valid signature of `public` over `head`; key and signature are hexadecimal.
+pub fn is_signed(public: &str, head: &str, signature: &str) -> bool {
+    let (Ok(public), Ok(signature)) = (hex::decode(public), hex::decode(signature)) else { return false };
+    UnparsedPublicKey::new(&ED25519, public).verify(head.as_bytes(), &signature).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stored_key_signs_identically() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("signing.key");
+        let (made, found) = (SigningKey::at(&path).unwrap(), SigningKey::at(&path).unwrap());
+        let signature = made.sign("abc");
+        assert_eq!(signature, found.sign("abc"));
+        assert!(is_signed(&made.public(), "abc", &signature));
+        assert!(!is_signed(&made.public(), "abd", &signature));
+        assert!(!is_signed(&signature, "abc", &made.public()));
+        assert!(!is_signed("é", "abc", "x"));
+        std::fs::write(&path, b"short").unwrap();
+        assert!(SigningKey::at(&path).unwrap_err().to_string().contains("32 bytes"));
+    }
+
+    #[test]
+    fn concurrent_programs_share_one_key() {
+        for _ in 0..50 {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("signing.key");
+            let key = || SigningKey::at(&path).unwrap().public();
+            let keys = std::thread::scope(|scope| {
+                let made = [(); 4].map(|()| scope.spawn(key));
+                made.map(|made| made.join().unwrap())
+            });
+            assert!(keys.iter().all(|key| *key == keys[0]), "{keys:?}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn key_file_is_private() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("signing.key");
+        SigningKey::at(&path).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+    }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use avln_arena::FailureKind;
 use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
 use avln_houses::house;
 use avln_lab::npy;
@@ -31,7 +32,7 @@ fn folder() -> (TempDir, impl Fn(&str) -> String) {
     (folder, move |name: &str| path.join(name).to_str().expect("Unicode").to_owned())
 }
 
-/// Width, height and bytes of an RGB picture.
+/// Returns width, height and bytes from an RGB picture.
 fn png(path: &str) -> (u32, u32, Vec<u8>) {
     let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path).expect("a file")));
     let mut reader = decoder.read_info().expect("a header");
@@ -151,7 +152,7 @@ fn pictures_show_what_rays_meet_whatever_way_the_camera_is_held() {
     assert!(different * 200 <= compared, "{different} of {compared} pixels are not what their rays meet");
 }
 
-/// A camera turned to the left, then tipped up, then rolled over its own axis, radians.
+/// Returns a camera that is turned left, tipped up and rolled, radians.
 fn held([heading, pitch, roll]: [f32; 3]) -> UnitQuaternion<f32> {
     let (sin, cos) = angle::sin_cos(0.5 * roll);
     let roll = angle::rotation([0.0, 0.0, sin.into(), cos.into()]).expect("a rotation");
@@ -330,4 +331,47 @@ fn what_is_wrong_with_a_pose_is_named() {
         assert!(PoseEntry::from_json(&bad).is_err_and(|refused| refused.contains("hfov")), "{hfov_deg}");
     }
     assert!(PoseEntry::from_json(&json!([1, 2])).is_err());
+}
+
+fn ahead(words: &str) -> Vector3<f32> {
+    let pose: CameraPose = words.parse().expect("a pose");
+    pose.world_from_camera * -Vector3::z()
+}
+
+#[test]
+fn headings_turn_left_and_pitches_look_up() {
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    for (words, [x, y, z]) in [
+        ("1,2,3,0", [0.0, 0.0, -1.0]),
+        ("1,2,3,90", [-1.0, 0.0, 0.0]),
+        (" -1, 2,3 ,-90", [1.0, 0.0, 0.0]),
+        ("1,2,3,0,45", [0.0, half, -half]),
+        ("1,2,3,180,-45", [0.0, -half, half]),
+        ("1,2,3,77,-90", [0.0, -1.0, 0.0]),
+    ] {
+        assert!((ahead(words) - Vector3::new(x, y, z)).norm() < 1e-6, "{words}: {:?}", ahead(words));
+    }
+    let pose: CameraPose = "-1,2.5,3,10,20".parse().expect("a pose");
+    assert_eq!(pose.eye, Point3::new(-1.0, 2.5, 3.0));
+    assert!((pose.world_from_camera * Vector3::x()).y.abs() < 1e-7, "the horizon is level");
+}
+
+#[test]
+fn poses_sizes_and_angles_without_sense_are_refused() {
+    for bad in
+        ["", "1,2,3", "1,2,3,4,5,6", "1,2,three,4", "1,2,3,NaN", "1,2,3,4,inf", "1e7,0,0,0", "nan,0,0,0"]
+    {
+        assert!(bad.parse::<CameraPose>().is_err(), "{bad}");
+    }
+    for bad in ["", "256", "0x1", "1x0", "4097x2", "2x4097", "-1x2", "1.5x2", "axb", "1x2x3"] {
+        assert!(bad.parse::<PictureSize>().is_err(), "{bad}");
+    }
+    for bad in ["", "0", "0.1", "179.9", "180", "-90", "NaN", "inf", "wide"] {
+        assert!(bad.parse::<Hfov>().is_err(), "{bad}");
+    }
+    for bad in ["", "0", "-1", "NaN", "inf", "far"] {
+        assert!(bad.parse::<MaxDepth>().is_err(), "{bad}");
+    }
+    assert_eq!("4096x1".parse(), Ok(PictureSize { width: 4096, height: 1 }));
+    assert_eq!("0.2".parse(), Ok(Hfov { degrees: 0.2 }));
 }

@@ -1,0 +1,86 @@
+//! Sealed runs, started by the organiser.
+
+use crate::{
+    Failure,
+    data::DataFolder,
+    ids, now_unix_ms,
+    phases::{PhaseCatalog, find_phase},
+};
+use avln_challenge::MethodInfo;
+use avln_episode::Order;
+use avln_store::{NewRun, Run, Store};
+
+/// A run id and a token.
+#[derive(Clone, Debug)]
+pub struct IssuedRun {
+    /// Id of the run.
+    pub run: String,
+    /// Token for this run only.
+    pub token: String,
+}
+
+impl IssuedRun {
+    /// Returns a new id and token.
+    pub(crate) fn random() -> Result<Self, getrandom::Error> {
+        Ok(Self { run: format!("run_{}", ids::random_hex()?), token: ids::new_token("run")? })
+    }
+}
+
+/// A request of the organiser for a sealed run.
+#[derive(Clone, Copy, Debug)]
+pub struct SealedRunRequest<'a> {
+    /// Id of the phase.
+    pub phase: &'a str,
+    /// Team.
+    pub team: &'a str,
+    /// Method name on leaderboards.
+    pub method: &'a str,
+    /// Method version; may be empty.
+    pub version: &'a str,
+    /// Order of goals.
+    pub order: Order,
+}
+
+/// Starts a run and records the enforced and the missing restrictions; `missing` may be empty.
+///
+/// # Errors
+/// If the phase is not open, the team is not allowed, the quota is used up, or the database fails.
+pub async fn start_sealed_run(
+    data: &DataFolder,
+    store: &Store,
+    request: &SealedRunRequest<'_>,
+    enforced: String,
+    missing: String,
+) -> Result<IssuedRun, Failure> {
+    let phases = PhaseCatalog::open(data, store).await?.now(store).await?;
+    let Some(phase) = find_phase(&phases, request.phase) else {
+        return Err(unknown(request.phase, phases.iter().map(|phase| phase.settings.id.as_str()).collect()));
+    };
+    let mut digests = phase.digests();
+    digests.insert(Run::SEALED.to_owned(), enforced);
+    if !missing.is_empty() {
+        digests.insert(Run::UNSEALED.to_owned(), missing);
+    }
+    let issued = IssuedRun::random().map_err(Failure::internal)?;
+    let new = NewRun {
+        id: &issued.run,
+        token: &issued.token,
+        phase: request.phase,
+        team: request.team,
+        method: &MethodInfo::new(request.method, request.version),
+        order: request.order,
+        client_request_id: None,
+        digests: &digests,
+    };
+    store.start_run(&new, now_unix_ms()).await?;
+    Ok(issued)
+}
+
+fn unknown(phase: &str, known: Vec<&str>) -> Failure {
+    let message = format!("there is no phase '{}'", phase.escape_debug());
+    let hint = match known.join(", ") {
+        none if none.is_empty() => "make one with: avln challenge phase open ID --split NAME".to_owned(),
+        known => format!("the data folder has: {known}"),
+    };
+    Failure::data(message).hinted(hint)
+}
