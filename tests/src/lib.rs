@@ -20,7 +20,7 @@ use avln_arena::{
     servers::{Addresses, Limits, RunningServers, Security, Servers},
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
-pub use avln_lab::suite::walk;
+pub use avln_lab::suite::{PASSED_M, Walker, distance_m};
 use avln_store::Visibility;
 use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};

@@ -377,7 +377,7 @@ mod baselines {
         let lock = fs::File::create(place.path().join("lock")).expect("the lock");
         lock.lock().expect("it is free");
         let refused = suite::run(place.path(), &SuiteOptions::default()).await.expect_err("it is taken");
-        assert!(refused.to_string().contains("another ladder is played"), "{refused}");
+        assert!(refused.to_string().contains("another baseline suite is running"), "{refused}");
     }
 }
 

@@ -6,13 +6,12 @@ use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensor
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup,
+    PASSED_M, PHASE, TestServer, TestSetup, Walker, distance_m,
     hidden_facts::HiddenFacts,
     http,
     raw::{MOVE_FORWARD, RawClient, SUBMIT},
     recording_proxy,
     recording_proxy::RecordingProxy,
-    walk::{PASSED_M, Walker, distance_m},
 };
 use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};

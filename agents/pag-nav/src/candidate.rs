@@ -48,7 +48,7 @@ impl SoundSupport {
         let off = self.off_m / weights.sound_scale_m;
         let certain = (self.certainty / weights.certain).min(1.0);
         let loud = (weights.look_range_m / self.loudest_range_m).min(1.0);
-        (-0.5 * off * off).exp() * certain * loud * self.explained
+        libm::expf(-0.5 * off * off) * certain * loud * self.explained
     }
 }
 

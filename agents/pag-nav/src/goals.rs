@@ -107,7 +107,8 @@ impl GoalPairing {
         let (mut right, mut all) = (0.0, 1e-9);
         permutations(&mut sources, 0, &mut |pairing| {
             let pairs = pairing.iter().zip(&open_goals);
-            let likelihood = pairs.map(|(&source, &goal)| self.score(source, goal)).sum::<f32>().exp();
+            let score = pairs.map(|(&source, &goal)| self.score(source, goal)).sum();
+            let likelihood = libm::expf(score);
             all += likelihood;
             right += if pairing.get(place) == Some(&source) { likelihood } else { 0.0 };
         });

@@ -113,7 +113,11 @@ impl BaselinesRunArgs {
     fn options(&self) -> SuiteOptions {
         let slots = || processors().min(16) as u32;
         SuiteOptions {
-            agents: if self.agents.is_empty() { AgentVariant::ALL.to_vec() } else { self.agents.clone() },
+            agents: if self.agents.is_empty() {
+                AgentVariant::value_variants().to_vec()
+            } else {
+                self.agents.clone()
+            },
             orders: match self.orders {
                 OrderChoice::Both => vec![Order::Ordered, Order::Unordered],
                 OrderChoice::Ordered => vec![Order::Ordered],

@@ -8,7 +8,7 @@ use crate::{
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
-use avln_lab::preview::{Picture, Viewer, indoors, storeys};
+use avln_lab::preview::{Picture, SceneRenderer, indoors, storeys};
 use avln_scene::{Scene, Summary};
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::json;
@@ -299,7 +299,7 @@ fn preview(data: &Path, args: &PreviewArgs) -> Result<(), Failure> {
     std::fs::create_dir_all(&args.out).map_err(|error| cannot_write(&args.out, error))?;
     let mut pictures = storeys(&scene);
     let name = scene.name.clone();
-    pictures.extend(indoors(&Viewer::new(scene, CacheFolder::of_data(data)), args.views));
+    pictures.extend(indoors(&SceneRenderer::new(scene, CacheFolder::of_data(data)), args.views));
     for picture in &pictures {
         write_picture(picture, &args.out.join(format!("{}.png", picture.name)))?;
     }

@@ -11,10 +11,7 @@ use avln_arena::{
 use avln_dataset::SceneLine;
 use avln_episode::Rules;
 use avln_geom::Point3;
-use avln_lab::dataset::{
-    export::Export,
-    openness::{Openness, phases_of},
-};
+use avln_lab::dataset::export::{Export, Openness, phases_of};
 use avln_referee::source_positions;
 use avln_world::{Cache, SceneAssets};
 use clap::{Args, Subcommand, ValueEnum};

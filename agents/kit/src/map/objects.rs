@@ -151,7 +151,7 @@ impl ObjectHypothesis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::palette::Palette;
+    use crate::perception::objects::Palette;
     use avln_client::GoalCue;
 
     fn detection(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> DetectedObject {

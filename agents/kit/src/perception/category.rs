@@ -166,14 +166,14 @@ pub(crate) fn has_trait(detection: &DetectedObject, category: &str, word: &str) 
 /// Returns 1 inside a range, with a Gaussian fall-off of width `spread` outside.
 fn inside(value: f32, [low, high]: [f32; 2], spread: f32) -> f32 {
     let out = (low - value).max(value - high).max(0.0) / spread;
-    (-0.5 * out * out).exp()
+    libm::expf(-0.5 * out * out)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::FloorPoint;
-    use crate::perception::palette::Palette;
+    use crate::perception::objects::Palette;
 
     fn detection(size_m: [f32; 2], low_m: f32, high_m: f32, rgb: [u8; 3]) -> DetectedObject {
         DetectedObject {

@@ -1,6 +1,5 @@
 use crate::perception::category::{has_trait, likeness, noun_of};
-use crate::perception::objects::DetectedObject;
-use crate::perception::palette::{Palette, is_color};
+use crate::perception::objects::{DetectedObject, Palette, is_color};
 use avln_client::{GoalCue, Image, RgbImage};
 use std::ops::Range;
 

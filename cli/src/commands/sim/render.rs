@@ -9,7 +9,8 @@ use crate::{
 };
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_geom::{Point3, UnitQuaternion, angle};
-use avln_lab::{npy, preview::Picture, scene_renderer::SceneRenderer};
+use avln_lab::npy;
+use avln_lab::preview::{Picture, SceneRenderer};
 use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use serde::de::DeserializeOwned;
@@ -315,10 +316,12 @@ impl PictureFiles {
     fn write(&self, frame: CameraImage) -> Result<(), Failure> {
         let shape = [frame.height, frame.width];
         if let Some(path) = &self.depth {
-            written(path, |out| npy::write(out, shape, frame.depth.iter().copied()))?;
+            let depths = frame.depth.iter().map(|depth_m| depth_m.to_le_bytes());
+            written(path, |out| npy::write(out, "<f4", shape, depths))?;
         }
         if let Some(path) = &self.ids {
-            written(path, |out| npy::write(out, shape, frame.instances.iter().map(|id| id.0)))?;
+            let ids = frame.instances.iter().map(|id| id.0.to_le_bytes());
+            written(path, |out| npy::write(out, "<u4", shape, ids))?;
         }
         match &self.rgb {
             Some(path) => written(path, |out| Picture::of(String::new(), frame).write_png(out)),

@@ -1,4 +1,4 @@
-//! Seconds per stage for a scene in the recipe `paper` on one core, against half an hour on two cores for the whole
+//! Seconds per stage for a scene in the recipe `paper` on a single core, against half an hour on two cores for the whole
 //! recipe: `cargo bench -p avln-dataset --bench build`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]

@@ -1,4 +1,4 @@
-//! Seconds for a house survey on one core, and its results: `cargo bench -p avln-dataset`.
+//! Seconds for a house survey on a single core, and the results: `cargo bench -p avln-dataset`.
 //!
 //! `-- words` also prints the sentences for the first house.
 

@@ -66,7 +66,7 @@ impl Recipe {
         let split = &self.splits[job.split];
         let SceneChoice::Houses { rooms, storeys, pool, .. } = &split.scenes else {
             let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
-            return Err(DatasetError::Recipe { reason });
+            return Err(DatasetError::Recipe(reason));
         };
         // A generator per attempt: the number of attempts in this scene changes no other scene.
         let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
@@ -90,7 +90,7 @@ impl Recipe {
 /// in `cache`.
 ///
 /// # Errors
-/// If the scene is unusable or has too few missions: files need at least one; houses are redrawn until one has all.
+/// If the scene is unusable, a file has no mission, or all draws of a house have too few.
 ///
 /// # Panics
 /// If the recipe has no such split.
@@ -119,7 +119,7 @@ pub fn build_scene(
                 build(source, missions_seed, split.missions_per_scene)
             };
             // A house can lack instances for all missions, which only the survey detects. Another draw is cheaper than a
-            // search for the limits of each house.
+            // search for suitable limits.
             let mut last = house(0);
             for attempt in 1..Recipe::HOUSE_DRAWS {
                 if last.is_ok() {

@@ -74,34 +74,20 @@ pub enum Constraint {
     Reuse,
 }
 
-impl Constraint {
-    /// Returns the name in reports.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::UniqueIds => "unique-ids",
-            Self::GoalCount => "goal-count",
-            Self::Modalities => "modalities",
-            Self::Categories => "categories",
-            Self::Distractors => "distractors",
-            Self::Target => "target",
-            Self::Cue => "cue",
-            Self::Source => "source",
-            Self::Region => "region",
-            Self::Start => "start",
-            Self::Reachable => "reachable",
-            Self::StartDistance => "start-distance",
-            Self::Separation => "separation",
-            Self::ReferencePath => "reference-path",
-            Self::ReferenceSteps => "reference-steps",
-            Self::ReferenceLength => "reference-length",
-            Self::Reuse => "reuse",
+impl fmt::Display for Constraint {
+    /// Writes the variant's name in report style: `goal-count` for `GoalCount`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, letter) in format!("{self:?}").char_indices() {
+            let hyphen = if index > 0 && letter.is_ascii_uppercase() { "-" } else { "" };
+            write!(f, "{hyphen}{}", letter.to_ascii_lowercase())?;
         }
+        Ok(())
     }
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.mission, self.constraint.as_str(), self.found)
+        write!(f, "{}: {}: {}", self.mission, self.constraint, self.found)
     }
 }
 
@@ -152,23 +138,22 @@ impl SceneCheck<'_> {
     fn mission(&mut self, episode: &EpisodeSpec, thorough: bool) {
         self.composition(episode);
         for goal in &episode.goals {
-            let faults = self.goals.check(goal, self.limits, thorough);
-            self.faults.extend(faults.into_iter().map(|(constraint, found)| Fault {
-                mission: episode.id.clone(),
-                constraint,
-                found,
-            }));
+            for (constraint, found) in self.goals.check(goal, self.limits, thorough) {
+                self.fault(episode, constraint, found);
+            }
         }
         let navmesh = &self.assets.navmesh;
         let start = navmesh.snap(&episode.start.position, SNAP_M);
         let Some(start) = start.filter(|start| navmesh.island_of(start) == navmesh.largest_island()) else {
-            let found = format!("nobody can stand at {}", episode.start.position);
+            let found = format!("no reachable floor is at {}", episode.start.position);
             return self.fault(episode, Constraint::Start, found);
         };
-        self.distances(episode, &start);
+        let stands: Vec<Vec<NavPoint>> =
+            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
+        self.distances(episode, &start, &stands);
         self.paths(episode);
         if thorough {
-            self.tours(episode, start);
+            self.tours(episode, start, &stands);
         }
     }
 
@@ -176,41 +161,36 @@ impl SceneCheck<'_> {
     fn composition(&mut self, episode: &EpisodeSpec) {
         let (count, [fewest, most]) = (episode.goals.len(), self.limits.goals);
         if !(fewest..=most).contains(&count) {
-            self.fault(
-                episode,
-                Constraint::GoalCount,
-                format!("{count} goals, {fewest} to {most} are allowed"),
-            );
+            let found = format!("{count} goals, {fewest} to {most} are allowed");
+            self.fault(episode, Constraint::GoalCount, found);
         }
         let modalities: BTreeSet<_> = episode.goals.iter().map(|goal| goal.cue.modality()).collect();
         if modalities.len() < 2.min(count) {
-            self.fault(episode, Constraint::Modalities, "all goals have one modality".to_owned());
+            self.fault(episode, Constraint::Modalities, "all goals have the same modality".to_owned());
         }
         let categories: BTreeSet<_> = episode.goals.iter().map(|goal| &goal.target.category).collect();
         if categories.len() < count {
-            self.fault(episode, Constraint::Categories, "two targets have one category".to_owned());
+            self.fault(episode, Constraint::Categories, "two targets have the same category".to_owned());
         }
     }
 
     /// Checks reachability, start distances, separation.
-    fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint) {
+    fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint, stands: &[Vec<NavPoint>]) {
         let navmesh = &self.assets.navmesh;
         let from_start = navmesh.field(&[(*start, 0.0)]);
-        let stands: Vec<Vec<NavPoint>> =
-            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
         let mut fields = Vec::new();
-        for (goal, points) in episode.goals.iter().zip(&stands) {
-            let least = |field: &avln_world::DistanceField| {
+        for (goal, points) in episode.goals.iter().zip(stands) {
+            let least = |field: &DistanceField| {
                 let ways = points.iter().filter_map(|point| field.distance_m(navmesh, point));
                 ways.fold(f64::INFINITY, f64::min)
             };
-            let (found_m, told_m) = (least(&from_start), goal.target.start_distance_m);
+            let (found_m, stated_m) = (least(&from_start), goal.target.start_distance_m);
             let instance = goal.target.instance;
             if !found_m.is_finite() {
-                self.fault(episode, Constraint::Reachable, format!("no way leads to instance {instance}"));
-            } else if (found_m - told_m).abs() > LENGTH_M {
+                self.fault(episode, Constraint::Reachable, format!("no path leads to instance {instance}"));
+            } else if (found_m - stated_m).abs() > LENGTH_M {
                 let found = format!(
-                    "instance {instance} is {found_m:.3} m from the start, the file says {told_m:.3} m"
+                    "instance {instance} is {found_m:.3} m from the start, {stated_m:.3} m in the file"
                 );
                 self.fault(episode, Constraint::StartDistance, found);
             }
@@ -240,7 +220,7 @@ impl SceneCheck<'_> {
             let walked: f64 = tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
             if (walked - tour.length_m).abs() > 0.02 + 1e-4 * tour.length_m {
                 let found =
-                    format!("the {name} tour is {walked:.3} m long, the file says {:.3} m", tour.length_m);
+                    format!("the {name} tour is {walked:.3} m long, {:.3} m in the file", tour.length_m);
                 self.fault(episode, Constraint::ReferencePath, found);
             }
             let begins =
@@ -252,26 +232,24 @@ impl SceneCheck<'_> {
             let steps =
                 reference_steps(self.rules, &episode.start, &tour.path, tour.length_m, episode.goals.len());
             if steps != tour.steps {
-                let found = format!("the {name} tour takes {steps} steps, the file says {}", tour.steps);
+                let found = format!("the {name} tour takes {steps} steps, {} in the file", tour.steps);
                 self.fault(episode, Constraint::ReferenceSteps, found);
             }
         }
     }
 
     /// Recomputes both tour lengths.
-    fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint) {
-        let stands: Vec<Vec<NavPoint>> =
-            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
-        let tours = Tours::new(&self.assets.navmesh, &stands);
-        let told = [
+    fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint, stands: &[Vec<NavPoint>]) {
+        let tours = Tours { navmesh: &self.assets.navmesh, regions: stands };
+        let lengths = [
             ("ordered", tours.ordered_m(start), episode.ordered.length_m),
             ("unordered", tours.unordered_m(start), episode.unordered.length_m),
         ];
-        for (name, found_m, told_m) in told {
-            let off_m = (found_m - told_m).abs();
+        for (name, found_m, stated_m) in lengths {
+            let off_m = (found_m - stated_m).abs();
             if off_m.is_nan() || off_m > LENGTH_M {
                 let found =
-                    format!("the shortest {name} tour is {found_m:.4} m, the file says {told_m:.4} m");
+                    format!("the shortest {name} tour is {found_m:.4} m, {stated_m:.4} m in the file");
                 self.fault(episode, Constraint::ReferenceLength, found);
             }
         }
@@ -290,9 +268,7 @@ impl SceneCheck<'_> {
         if let Some((instance, &count)) = most
             && count as f64 > REUSE_FACTOR * mean + REUSE_SLACK
         {
-            let found = format!(
-                "instance {instance} is asked for {count} times, a target {mean:.1} times in the mean"
-            );
+            let found = format!("instance {instance} is a target {count} times, the mean is {mean:.1} times");
             self.fault(&episodes[0], Constraint::Reuse, found);
         }
     }
@@ -304,11 +280,7 @@ struct Tours<'a> {
     regions: &'a [Vec<NavPoint>],
 }
 
-impl<'a> Tours<'a> {
-    fn new(navmesh: &'a NavMesh, regions: &'a [Vec<NavPoint>]) -> Self {
-        Self { navmesh, regions }
-    }
-
+impl Tours<'_> {
     /// Length in region order, metres; infinite if unreachable.
     fn ordered_m(&self, start: NavPoint) -> f64 {
         let mut field = self.navmesh.field(&[(start, 0.0)]);

@@ -42,7 +42,6 @@ pub struct CueView {
 }
 
 impl CueView {
-    /// Renders the picture.
     pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> CameraImage {
         let mut eye = self.pose.position;
         eye.y += rules.camera_height_m;
@@ -72,7 +71,6 @@ impl CueSpec {
         }
     }
 
-    /// Returns the cue for the agent.
     pub(crate) fn present(&self, assets: &SceneAssets, rules: &Rules, target: &Target) -> GoalCue {
         match self {
             Self::Category => GoalCue::Category(target.category.clone()),
@@ -89,13 +87,10 @@ impl CueSpec {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Claims {
-    /// Target noun.
     pub(crate) head: Name,
-    /// Claims about the target.
     pub(crate) list: Vec<Claim>,
 }
 
-/// Single claim about a target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Claim {
@@ -103,7 +98,6 @@ pub(crate) enum Claim {
     Shape(String),
     Color(String),
     Material(String),
-    /// Room noun.
     Room(String),
     /// Location relative to landmarks.
     Place(Relation, Vec<Landmark>),
@@ -127,7 +121,6 @@ pub(crate) enum Relation {
     LeftOf,
     /// Right of a landmark on the same wall, for a viewer facing the wall.
     RightOf,
-    /// Between two landmarks.
     Between,
     /// Closer than an arm's length.
     NextTo,
@@ -135,13 +128,11 @@ pub(crate) enum Relation {
     Near,
     /// Across the room, wall to wall.
     Opposite,
-    /// In a room corner.
     Corner,
     /// Back against a wall.
     AgainstWall,
 }
 
-/// Landmark in a relation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Landmark {
@@ -151,7 +142,6 @@ pub(crate) struct Landmark {
     pub(crate) only: bool,
 }
 
-/// Noun with the category.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Name {

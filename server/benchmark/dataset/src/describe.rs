@@ -1,4 +1,4 @@
-//! Sentences: facts of a scene, claims, words for the claims, and a check of each sentence.
+//! Sentences: facts of a scene, claims, words for the claims, and a sentence check.
 
 mod check;
 mod facts;

@@ -160,7 +160,6 @@ pub(super) struct SealedMission {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SealedGoal {
-    /// Instance id of the target.
     pub(super) instance: u32,
     /// Walking distance from the start to the success region, metres.
     pub(super) start_distance_m: f64,
@@ -178,9 +177,7 @@ impl Manifest {
 }
 
 impl Header {
-    /// File kind of missions files.
     pub(super) const MISSIONS: &str = "avln-missions";
-    /// File kind of sealed files.
     pub(super) const SEALED: &str = "avln-sealed";
 }
 

@@ -2,7 +2,7 @@
 //!
 //! In reading order: [`survey()`] finds potential targets in a scene, [`sample_missions`] draws missions, and a [`Split`]
 //! has missions for several scenes in memory. [`build_scene`] runs the pipeline for a scene in a [`Recipe`] and returns
-//! its files in the [`mod@format`]; [`check_scene`] verifies them independently.
+//! files in the [`mod@format`]; [`check_scene`] verifies them independently.
 //!
 //! *Never*: depends on a clock or on hash order; puts hidden data into public files; touches a disk.
 
@@ -28,4 +28,6 @@ pub use mission::{
 pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
 pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
-pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with, target_at};
+pub use survey::{
+    Instance, SurveyOptions, ThresholdsOnly, Verifier, distractors, survey, survey_with, target_at,
+};

@@ -48,7 +48,7 @@ pub struct GoalSpec {
 pub struct ReferenceTour {
     /// Length, metres.
     pub length_m: f64,
-    /// Actions: moves, turns and one claim per goal. Turns connect the headings closest to the legs.
+    /// Actions: moves, turns and a claim per goal. Turns connect the headings closest to the legs.
     #[serde(default)]
     pub steps: u32,
     /// Corners on the floor.
@@ -102,7 +102,7 @@ pub struct MissionOptions {
 
 /// Wanted reference steps in ordered missions.
 ///
-/// Each mission is drawn several times, and the draw closest to a wanted step count is kept. That count is `mean` for
+/// Every mission is drawn several times; the draw closest to a wanted step count wins. That count is `mean` for
 /// the middle goal count, proportional for others, and uniform within `spread`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -143,7 +143,6 @@ const CHANCE_USES: f64 = 2.0;
 const OWN_WEIGHT: f64 = 4.0;
 /// Random shift in the modality choice.
 const CHANCE_MODALITY: f64 = 3.0;
-/// Modalities in counting order.
 const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
 
 /// Draws missions in a scene; fewer than requested if the scene has no more.
@@ -168,7 +167,6 @@ pub fn sample_missions(
         .collect()
 }
 
-/// State for drawing missions in a scene.
 struct Sampler<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
@@ -177,7 +175,6 @@ struct Sampler<'a> {
     pool: CandidatePool<'a>,
 }
 
-/// Start and targets with the ordered tour.
 struct Draft {
     start: Pose,
     departure: Departure,
@@ -246,7 +243,6 @@ impl<'a> Sampler<'a> {
         best
     }
 
-    /// Drafts with `count` goals.
     fn attempts(&self, count: usize, rng: &mut Rng) -> impl Iterator<Item = Draft> {
         (0..ATTEMPTS).filter_map(move |_| self.attempt(count, rng))
     }
@@ -319,7 +315,6 @@ pub fn reference_tours(
     Some([ordered, unordered])
 }
 
-/// Candidate targets with their use counts.
 struct CandidatePool<'a> {
     instances: Vec<&'a Instance>,
     uses: Vec<u32>,
@@ -341,7 +336,7 @@ impl<'a> CandidatePool<'a> {
         }
     }
 
-    /// Chooses `count` targets with distinct categories, apart from the start and from each other.
+    /// Chooses `count` targets with distinct categories, apart from the start and other targets.
     fn targets(
         &self,
         atlas: &Atlas,
@@ -397,7 +392,6 @@ impl<'a> CandidatePool<'a> {
         best.map(|best| best.1)
     }
 
-    /// Returns a random cue for an instance.
     fn cue(&self, index: usize, modality: Modality, rng: &mut Rng) -> Option<CueSpec> {
         let instance = self.instances[index];
         match modality {
@@ -422,7 +416,7 @@ fn available(instance: &Instance) -> Vec<Modality> {
     MODALITIES.into_iter().filter(can).collect()
 }
 
-/// All combinations with one entry per list.
+/// All combinations with an entry per list.
 fn choices(lists: Vec<Vec<Modality>>) -> Vec<Vec<Modality>> {
     lists.into_iter().fold(vec![Vec::new()], |begun, list| {
         let longer = |begin: &Vec<Modality>| {

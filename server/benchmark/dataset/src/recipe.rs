@@ -116,16 +116,13 @@ impl Recipe {
     fn check(&self) -> Result<(), DatasetError> {
         self.rules()?;
         check_name("name", &self.name)?;
-        if self.splits.is_empty() {
-            return Err(refused("`splits` is empty; list at least one".to_owned()));
-        }
+        require(!self.splits.is_empty(), || "`splits` is empty; list at least one".to_owned())?;
         self.missions.check()?;
         self.survey.check().map_err(refused)?;
         for (index, split) in self.splits.iter().enumerate() {
             check_name("splits.name", &split.name)?;
-            if self.splits[..index].iter().any(|other| other.name == split.name) {
-                return Err(refused(format!("two splits are called '{}'", split.name)));
-            }
+            let is_new = self.splits[..index].iter().all(|other| other.name != split.name);
+            require(is_new, || format!("two splits are called '{}'", split.name))?;
             limit("missions_per_scene", split.missions_per_scene, 1, Self::MAX_MISSIONS)?;
             limit("scenes", split.scene_count(), 1, Self::MAX_SCENES)?;
             split.scenes.check()?;
@@ -148,11 +145,11 @@ impl SplitRecipe {
 impl SceneChoice {
     fn check(&self) -> Result<(), DatasetError> {
         let Self::Houses { rooms, storeys, pool, .. } = self else { return Ok(()) };
-        if Pool::from_name(pool).is_none() {
-            return Err(refused(format!("`pool` is '{pool}'; use train, validation or test")));
-        }
-        range("rooms", rooms[0].into(), rooms[1].into(), 1, 64)?;
-        range("storeys", storeys[0].into(), storeys[1].into(), 1, 4)
+        require(Pool::from_name(pool).is_some(), || {
+            format!("`pool` is '{pool}'; use train, validation or test")
+        })?;
+        range("rooms", rooms.map(usize::from), 1, 64)?;
+        range("storeys", storeys.map(usize::from), 1, 4)
     }
 }
 
@@ -171,50 +168,47 @@ impl MissionRules {
     }
 
     fn check(&self) -> Result<(), DatasetError> {
-        range("goals", self.goals[0], self.goals[1], 1, 8)?;
-        range("distractors", self.distractors[0].into(), self.distractors[1].into(), 0, 255)?;
+        range("goals", self.goals, 1, 8)?;
+        range("distractors", self.distractors.map(usize::from), 0, 255)?;
         metres("min_start_m", self.min_start_m)?;
         metres("min_separation_m", self.min_separation_m)?;
         let Some(steps) = &self.steps else { return Ok(()) };
         let fits = (1.0..=1e6).contains(&steps.mean) && (0.0..=1.0).contains(&steps.spread);
-        if !fits || !(1..=1000).contains(&steps.draws) {
-            let message = "`steps` needs a mean of 1 to 1000000, a spread of 0 to 1 and 1 to 1000 draws";
-            return Err(refused(message.to_owned()));
-        }
-        Ok(())
+        require(fits && (1..=1000).contains(&steps.draws), || {
+            "`steps` needs a mean of 1 to 1000000, a spread of 0 to 1 and 1 to 1000 draws".to_owned()
+        })
     }
 }
 
 fn refused(reason: String) -> DatasetError {
-    DatasetError::Recipe { reason }
+    DatasetError::Recipe(reason)
+}
+
+fn require(fits: bool, reason: impl FnOnce() -> String) -> Result<(), DatasetError> {
+    if fits { Ok(()) } else { Err(refused(reason())) }
 }
 
 fn check_name(field: &str, name: &str) -> Result<(), DatasetError> {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
-    if (1..=24).contains(&name.len()) && name.chars().all(fits) {
-        return Ok(());
-    }
-    let name = name.escape_debug();
-    Err(refused(format!("`{field}` is '{name}'; use 1 to 24 letters, digits, - and _")))
+    require((1..=24).contains(&name.len()) && name.chars().all(fits), || {
+        format!("`{field}` is '{}'; use 1 to 24 letters, digits, - and _", name.escape_debug())
+    })
 }
 
 fn limit(field: &str, value: usize, least: usize, most: usize) -> Result<(), DatasetError> {
-    if (least..=most).contains(&value) {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is {value}; {least} to {most} are possible")))
+    require((least..=most).contains(&value), || {
+        format!("`{field}` is {value}; {least} to {most} are possible")
+    })
 }
 
-fn range(field: &str, low: usize, high: usize, least: usize, most: usize) -> Result<(), DatasetError> {
-    if least <= low && low <= high && high <= most {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is [{low}, {high}]; use [fewest, most] between {least} and {most}")))
+fn range(field: &str, [low, high]: [usize; 2], least: usize, most: usize) -> Result<(), DatasetError> {
+    require(least <= low && low <= high && high <= most, || {
+        format!("`{field}` is [{low}, {high}]; use [fewest, most] between {least} and {most}")
+    })
 }
 
 fn metres(field: &str, value_m: f64) -> Result<(), DatasetError> {
-    if (0.0..=1000.0).contains(&value_m) {
-        return Ok(());
-    }
-    Err(refused(format!("`{field}` is {value_m}; 0 to 1000 metres are possible")))
+    require((0.0..=1000.0).contains(&value_m), || {
+        format!("`{field}` is {value_m}; 0 to 1000 metres are possible")
+    })
 }

@@ -11,12 +11,10 @@ use std::f32::consts::TAU;
 /// Shortest leg with a turn, metres.
 const SHORTEST_LEG_M: f32 = 1e-3;
 
-/// Tour without its step count.
+/// Tour without step count.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tour {
-    /// Length, metres.
     pub(crate) length_m: f64,
-    /// Corners on the floor, including the start.
     pub(crate) path: Vec<Point3<f32>>,
 }
 
@@ -79,7 +77,7 @@ struct Table {
 impl Table {
     fn fill(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Self {
         let count = regions.len();
-        // 2^n sets with n ends each. Missions have at most 8 goals, so the table has at most 2,048 rows.
+        // 2^n sets with n ends. Missions have at most 8 goals, so the table has at most 2,048 rows.
         let mut table = Self { regions: count, costs: vec![Costs::new(); count << count] };
         for visited in 1_usize..1 << count {
             for last in (0..count).filter(|last| visited >> last & 1 == 1) {
@@ -108,7 +106,7 @@ fn least(mut a: Costs, b: Costs) -> Costs {
     a
 }
 
-/// Cheapest point with its cost, if reachable.
+/// Cheapest reachable point, and the cost.
 fn cheapest(costs: &Costs) -> Option<(usize, f64)> {
     let best = costs.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
     best.1.is_finite().then_some(best)
@@ -130,7 +128,7 @@ fn prepend(tail: &mut Vec<Point3<f32>>, mut leg: Vec<Point3<f32>>) {
     *tail = leg;
 }
 
-/// Returns the action count for a tour: moves, turns, one claim per goal.
+/// Returns the action count for a tour: moves, turns, a claim per goal.
 ///
 /// Moves are the tour length over the step length, rounded up once. Turns connect the allowed headings closest to
 /// consecutive legs.
@@ -141,7 +139,7 @@ pub(crate) fn reference_steps(
     length_m: f64,
     goals: usize,
 ) -> u32 {
-    // The margin keeps exactly n moves at n although the length is a rounded sum.
+    // The margin: the length is a rounded sum, and exactly n moves must stay n.
     let moves = (length_m / f64::from(rules.forward_m) - 1e-6).ceil().max(0.0) as u32;
     let headings = (360 / rules.turn_deg.max(1)).max(1) as i32;
     let unit_rad = TAU / headings as f32;

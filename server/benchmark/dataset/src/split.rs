@@ -97,21 +97,15 @@ pub enum DatasetError {
         /// Recorded digest.
         expected: String,
     },
-    /// Invalid recipe.
-    #[error("invalid recipe: {reason}")]
-    Recipe {
-        /// Field, value and allowed range.
-        reason: String,
-    },
+    /// Invalid recipe: field, value and allowed range.
+    #[error("invalid recipe: {0}")]
+    Recipe(String),
     /// Invalid data set file.
     #[error(transparent)]
     Format(#[from] FormatError),
     /// Invalid split file.
-    #[error("invalid split file: {reason}")]
-    Malformed {
-        /// Cause.
-        reason: String,
-    },
+    #[error("invalid split file: {0}")]
+    Malformed(String),
 }
 
 /// Error in a data set file.
@@ -167,7 +161,6 @@ impl SceneSpec {
         self.prepare(scene, rules, cache)
     }
 
-    /// Prepares an opened `scene` for the rules.
     pub(crate) fn prepare(
         &self,
         scene: Scene,
@@ -185,7 +178,6 @@ impl SceneSpec {
 pub(crate) struct DrawnScene {
     pub(crate) spec: SceneSpec,
     pub(crate) assets: SceneAssets,
-    /// Count of potential targets.
     pub(crate) instances: usize,
     pub(crate) episodes: Vec<EpisodeSpec>,
 }
@@ -207,7 +199,6 @@ impl DrawnScene {
         Ok(Self { spec, assets, instances: instances.len(), episodes })
     }
 
-    /// Returns the error for too few missions.
     pub(crate) fn no_mission(&self) -> DatasetError {
         DatasetError::NoMission {
             scene: self.spec.name.clone(),

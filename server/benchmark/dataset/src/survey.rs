@@ -18,7 +18,7 @@ use avln_world::{CameraImage, SceneAssets};
 use look::{Look, Palette, collect_colors};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Potential target: reachable and recognisable from its success region.
+/// Potential target, reachable and recognisable from the success region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instance {
     /// Target; missions overwrite the modality.
@@ -29,7 +29,7 @@ pub struct Instance {
     pub sentences: Vec<Description>,
     /// Unambiguous reference pictures, best first, at most three; possibly empty.
     pub images: Vec<CueView>,
-    /// Least difference between its pictures and those of its category: 1 for a unique instance, 0 without pictures.
+    /// Least difference to other pictures in the category: 1 for a unique instance, 0 without pictures.
     pub image_margin: f32,
     /// Other instances in the same category, at most 255.
     pub distractors: u8,
@@ -62,7 +62,6 @@ fn instance(
 ) -> Instance {
     let scene = &assets.scene;
     let object = &scene.objects[sighting.index];
-    let same = |other: &&Object| other.category == object.category && other.id != object.id;
     let rng = Rng::new(options.seed).fork(&format!("{} {}", scene.name, object.id.0));
     let sentences = writer.sentences(sighting, rng);
     let (images, image_margin) = choose_pictures(scene, sighting, all, options);
@@ -72,8 +71,15 @@ fn instance(
         sentences: sentences.into_iter().map(Description::from).collect(),
         images,
         image_margin,
-        distractors: u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX),
+        distractors: distractors(scene, object.id),
     }
+}
+
+/// Returns the count of other objects in the same category, at most 255.
+pub fn distractors(scene: &Scene, id: InstanceId) -> u8 {
+    let own = scene.objects.iter().find(|object| object.id == id);
+    let same = |other: &&Object| own.is_some_and(|own| own.category == other.category && own.id != other.id);
+    u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
 /// Attempts before giving up on an invisible object.
@@ -111,14 +117,12 @@ pub(crate) fn look_around(
 
 /// Recognised object.
 pub(crate) struct Sighting {
-    /// Index in the scene.
     pub(crate) index: usize,
     pub(crate) target: Target,
     /// Good looks, best first; never empty.
     pub(crate) looks: Vec<Look>,
 }
 
-/// Survey state.
 struct Surveyor<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
@@ -213,7 +217,7 @@ fn margin(scene: &Scene, sighting: &Sighting, look: &Look, rival: &Sighting) -> 
     let (own, other) = (&scene.objects[sighting.index], &scene.objects[rival.index]);
     let rooms_differ = own.region.is_some() && other.region.is_some() && own.region != other.region;
     let room = if rooms_differ { nearest(&|other| look.context.distance(&other.context)) } else { 0.0 };
-    // One clear difference is enough to tell two instances apart, so the largest counts.
+    // A single clear difference is enough for a visitor to distinguish two instances: the largest counts.
     colors.max(room).max(company(scene, own, look, other))
 }
 
@@ -275,7 +279,7 @@ mod tests {
         }
     }
 
-    /// Sofa `index`, seen in one colour before another, with or without the lamp.
+    /// Sofa `index`, seen in a colour before another, with or without the lamp.
     fn sighting(scene: &Scene, index: usize, color: [u8; 3], around: [u8; 3], lamp: bool) -> Sighting {
         let bounds = scene.objects[index].bounds;
         let view = CueView { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };

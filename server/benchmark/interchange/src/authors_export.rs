@@ -38,7 +38,7 @@ impl SceneMissions {
     }
 }
 
-/// Returns the index file for a split; [`authors_scene`] returns its scene files.
+/// Returns the index file for a split; [`authors_scene`] returns the scene files.
 ///
 /// # Errors
 /// If the compression fails.
@@ -63,7 +63,7 @@ pub fn authors_index(split: &str) -> Result<ExportedFile, InterchangeError> {
 
 /// Returns the file for a scene.
 ///
-/// A record has one sentence, so an instance with two sentences gets two records. Unknown fields (sounds, pixel counts,
+/// A record has a single sentence, so an instance with two sentences gets two records. Unknown fields (sounds, pixel counts,
 /// detections) are omitted; the authors' loader fills them in. Without ground truth every goal has a separate record
 /// with the cue and instance 0, which does not exist.
 ///
@@ -96,13 +96,11 @@ fn scene_id(scene: &str) -> String {
 }
 
 fn file(path: String, value: &Value) -> Result<ExportedFile, InterchangeError> {
-    match pack(value.to_string().as_bytes()) {
-        Ok(bytes) => Ok(ExportedFile { path, bytes }),
-        Err(error) => Err(InterchangeError::Unwritable { file: path, cause: error.to_string() }),
-    }
+    let bytes =
+        pack(value.to_string().as_bytes()).map_err(|error| InterchangeError::unwritable(&path, &error))?;
+    Ok(ExportedFile { path, bytes })
 }
 
-/// Episodes, and instance records by key.
 type Content = (Vec<Value>, Map<String, Value>);
 
 fn whole_content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Content {
@@ -135,7 +133,7 @@ fn public_content(scene: &str, missions: &[PublicMission], rules: &Rules) -> Con
     (episodes, records)
 }
 
-/// Modality and record for a goal without its target.
+/// Modality and record for a goal without the target.
 fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     match goal {
         PublicGoal::Category(label) => ("object", json!({"semantic_id": 0, "category": label})),
@@ -146,9 +144,10 @@ fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     }
 }
 
-/// Episode numbers from the ends of ids, else indices.
+/// Episode numbers from id ends, or indices.
 fn numbers<'a>(scene: &str, ids: impl Iterator<Item = &'a str> + Clone) -> Vec<u64> {
-    // The authors' loader requires numbers.
+    // The authors' loader requires numbers. Our ids end with one, but imported and renamed missions may not: then all are
+    // numbered, so that no number occurs twice.
     let own = |id: &str| id.strip_prefix(scene)?.strip_prefix('-')?.parse().ok();
     let all: Option<Vec<u64>> = ids.clone().map(own).collect();
     all.unwrap_or_else(|| (0..ids.count() as u64).collect())
@@ -182,7 +181,6 @@ fn object(value: Value) -> Map<String, Value> {
     }
 }
 
-/// Instance records in a scene.
 struct Records {
     camera_m: f32,
     all: Vec<Record>,

@@ -3,37 +3,19 @@
 use avln_geom::{Aabb, Point3, Pose};
 use std::collections::BTreeMap;
 
-/// Error while reading or writing a foreign file.
+/// Error while reading or writing a foreign file, with file and cause.
 #[derive(Debug, thiserror::Error)]
-pub enum InterchangeError {
-    /// Malformed value.
-    #[error("{file}, at {place}: {cause}")]
-    Malformed {
-        /// File.
-        file: String,
-        /// Path to the value.
-        place: String,
-        /// Cause.
-        cause: String,
-    },
-    /// Unknown format.
-    #[error("{file} has no known format: its keys are {keys}; name the format if it is one of {known}")]
-    Unknown {
-        /// File.
-        file: String,
-        /// Keys in the file.
-        keys: String,
-        /// Known formats.
-        known: String,
-    },
-    /// Unwritable file.
-    #[error("cannot write {file}: {cause}")]
-    Unwritable {
-        /// File.
-        file: String,
-        /// Cause.
-        cause: String,
-    },
+#[error("{0}")]
+pub struct InterchangeError(pub(crate) String);
+
+impl InterchangeError {
+    pub(crate) fn malformed(file: &str, place: &str, cause: &str) -> Self {
+        Self(format!("{file}, at {place}: {cause}"))
+    }
+
+    pub(crate) fn unwritable(file: &str, cause: &impl std::fmt::Display) -> Self {
+        Self(format!("cannot write {file}: {cause}"))
+    }
 }
 
 /// Contents of a foreign file.

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Default field of view, degrees.
 const HFOV_DEG: f64 = 42.0;
 
-/// Goals by key: instance lists, or one instance.
+/// Goals by key: instance lists, or single instances.
 type Goals<'a> = BTreeMap<&'a str, Cursor<'a>>;
 
 fn goals<'a>(root: &Cursor<'a>, key: &str) -> Result<Goals<'a>, InterchangeError> {
@@ -36,7 +36,6 @@ fn read(
     Ok(foreign)
 }
 
-/// Scene file name: the prefix for goal keys.
 fn scene_file(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
@@ -56,7 +55,7 @@ pub(crate) fn object_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError>
     })
 }
 
-/// Reads InstanceImageNav: one instance picture per episode.
+/// Reads InstanceImageNav: an instance picture per episode.
 pub(crate) fn image_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     let all = goals(root, "goals")?;
     read(root, |cursor, episode, foreign| {

@@ -1,7 +1,9 @@
 //! Import: finds foreign goals in a scene, and computes success regions and reference tours.
 
 use crate::foreign::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
-use avln_dataset::{CueSpec, CueView, Description, EpisodeSpec, GoalSpec, reference_tours, target_at};
+use avln_dataset::{
+    CueSpec, CueView, Description, EpisodeSpec, GoalSpec, distractors, reference_tours, target_at,
+};
 use avln_episode::Rules;
 use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 use avln_scene::{InstanceId, Object, Scene, categories::mpcat40};
@@ -85,6 +87,7 @@ impl<'a> Importer<'a> {
         let pose = Pose::new(start.position(), foreign.start.heading_rad);
         let tours = reference_tours(self.assets, self.rules, &pose, start, &goals);
         let [ordered, unordered] = tours.ok_or("no path leads through all goals")?;
+        // With a goal left out, the tour is shorter than the stated tour, and the lengths are not comparable.
         if imported.losses.is_empty() {
             let lengths_m = [ordered.length_m, unordered.length_m];
             if foreign.stated_m.iter().zip(lengths_m).any(|(stated, ours)| deviates(*stated, ours)) {
@@ -108,6 +111,7 @@ impl<'a> Importer<'a> {
     ) -> Result<GoalSpec, String> {
         let cue = self.cue(&goal.cue, imported)?;
         let mut reason = "the file has no instance of this goal".to_owned();
+        // Any instance completes a category goal: the nearest is the target, as in the stated shortest path.
         let mut best: Option<Target> = None;
         for instance in &goal.instances {
             let object = find(&self.assets.scene, instance);
@@ -123,7 +127,7 @@ impl<'a> Importer<'a> {
         }
         let target = best.ok_or(reason)?;
         let target = Target { modality: cue.modality(), ..target };
-        let distractors = distractors(&self.assets.scene, target.instance);
+        let distractors = distractors(&self.assets.scene, InstanceId(target.instance));
         Ok(GoalSpec { target, cue, distractors })
     }
 
@@ -184,19 +188,12 @@ impl<'a> Importer<'a> {
     }
 }
 
-/// True if a stated length deviates from the computed one by more than the tolerance.
+/// True if a stated length deviates from the computed length by more than the tolerance.
 fn deviates(stated_m: Option<f64>, computed_m: f64) -> bool {
     stated_m.is_some_and(|m| m > 1e-6 && (m - computed_m).abs() > NOTED_DEVIATION * m)
 }
 
-/// Other objects in the same category, at most 255.
-fn distractors(scene: &Scene, instance: u32) -> u8 {
-    let own = scene.objects.iter().find(|object| object.id.0 == instance);
-    let same = |other: &&Object| own.is_some_and(|own| own.category == other.category && own.id != other.id);
-    u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
-}
-
-/// Finds a foreign instance's object: by box, else by number, else by centre.
+/// Finds a foreign instance's object by box, number or centre, in this order.
 ///
 /// # Errors
 /// If no object matches: the reason.

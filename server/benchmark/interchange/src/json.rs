@@ -24,14 +24,10 @@ pub(crate) fn unpack(file: &str, bytes: &[u8]) -> Result<Value, InterchangeError
 }
 
 fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<Value, InterchangeError> {
-    let malformed = |place: &str, cause: String| InterchangeError::Malformed {
-        file: file.to_owned(),
-        place: place.to_owned(),
-        cause,
-    };
+    let malformed = |place: &str, cause: String| InterchangeError::malformed(file, place, &cause);
     let mut plain = Vec::new();
     let text = if bytes.starts_with(&GZIP_MAGIC) {
-        // One byte more than the limit: a small file can expand without end.
+        // A byte more than the limit: a small file can expand without end.
         let mut reader = MultiGzDecoder::new(bytes).take(limit + 1);
         let read = reader.read_to_end(&mut plain);
         read.map_err(|error| malformed("the gzip stream", format!("{error}; copy the file again")))?;
@@ -72,8 +68,8 @@ impl<'a> Cursor<'a> {
 
     /// Returns an error at this place.
     pub(crate) fn error(&self, cause: impl Into<String>) -> InterchangeError {
-        let place = if self.path.is_empty() { "the top".to_owned() } else { self.path.clone() };
-        InterchangeError::Malformed { file: self.file.to_owned(), place, cause: cause.into() }
+        let place = if self.path.is_empty() { "the top" } else { &self.path };
+        InterchangeError::malformed(self.file, place, &cause.into())
     }
 
     fn unexpected(&self, expected: &str) -> InterchangeError {
@@ -85,13 +81,11 @@ impl<'a> Cursor<'a> {
         Self { file: self.file, path: format!("{}{dot}{name}", self.path), value }
     }
 
-    /// Returns the value for a key; `None` if missing or null.
     pub(crate) fn find(&self, key: &str) -> Option<Self> {
         let value = self.value.get(key).filter(|value| !value.is_null())?;
         Some(self.child(key, value))
     }
 
-    /// Returns the value for a required key.
     pub(crate) fn get(&self, key: &str) -> Result<Self, InterchangeError> {
         self.find(key).ok_or_else(|| self.error(format!("`{key}` is missing")))
     }
@@ -104,7 +98,6 @@ impl<'a> Cursor<'a> {
         self.value.is_array()
     }
 
-    /// Returns list entries.
     pub(crate) fn list(&self) -> Result<Vec<Self>, InterchangeError> {
         let entries = self.value.as_array().ok_or_else(|| self.unexpected("a list"))?;
         if entries.len() > MAX_ENTRIES {
@@ -114,7 +107,6 @@ impl<'a> Cursor<'a> {
         Ok(entries.iter().enumerate().map(child).collect())
     }
 
-    /// Returns object entries by key.
     pub(crate) fn entries(&self) -> Result<Vec<(&'a str, Self)>, InterchangeError> {
         let entries: &Map<String, Value> =
             self.value.as_object().ok_or_else(|| self.unexpected("an object"))?;
@@ -125,13 +117,11 @@ impl<'a> Cursor<'a> {
         self.value.as_str().ok_or_else(|| self.unexpected("a string"))
     }
 
-    /// Returns an integer, also from a string.
     pub(crate) fn whole(&self) -> Result<i64, InterchangeError> {
         let parsed = self.value.as_str().and_then(|text| text.trim().parse().ok());
         self.value.as_i64().or(parsed).ok_or_else(|| self.unexpected("an integer"))
     }
 
-    /// Returns an id from a string or a number.
     pub(crate) fn id(&self) -> Result<String, InterchangeError> {
         match self.value {
             Value::String(text) if !text.is_empty() => Ok(text.clone()),
@@ -184,10 +174,8 @@ impl<'a> Cursor<'a> {
 
     /// Returns the pose from `position` and `rotation`.
     pub(crate) fn pose(&self) -> Result<Pose, InterchangeError> {
-        let rotation = match self.find("rotation") {
-            Some(rotation) => rotation.rotation()?,
-            None => Rotation::default(),
-        };
+        let rotation =
+            self.find("rotation").map(|rotation| rotation.rotation()).transpose()?.unwrap_or_default();
         Ok(Pose::new(self.get("position")?.point()?, rotation.heading_rad))
     }
 
@@ -251,7 +239,6 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// View direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Rotation {
     /// As in [`Pose`].
@@ -296,7 +283,7 @@ mod tests {
         let rotation = |value: Value| Cursor::root("f", &value).rotation().map_err(|error| error.to_string());
         assert_eq!(rotation(json!([0, 0, 0, 1])).unwrap(), Rotation::default());
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        // A quarter turn about +Y is a left turn; one about +X looks up.
+        // A quarter turn about +Y is a left turn; a quarter turn about +X looks up.
         let left = rotation(json!([0, half, 0, half])).unwrap();
         assert!((left.heading_rad - FRAC_PI_2).abs() < 1e-5 && left.pitch_rad.abs() < 1e-5, "{left:?}");
         let up = rotation(json!([half, 0, 0, half])).unwrap();

@@ -1,6 +1,6 @@
 //! Data sets in other formats: import of foreign missions, export of ours.
 //!
-//! [`read`] parses the bytes of one file, gzip or plain, to [`ForeignEpisode`]s; [`Importer`] finds their goals in an opened
+//! [`read`] parses a file, gzip or plain, to [`ForeignEpisode`]s; [`Importer`] finds the goals in an opened
 //! scene and makes missions. Goals that cannot be imported are reported as [`Loss`]es.
 //! [`authors_index`] and [`authors_scene`] write the layout of the LH-AVLN authors, [`Tables`] write Parquet.
 //!
@@ -27,7 +27,7 @@ use json::Cursor;
 /// Foreign data set format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// LH-AVLN as published by its authors.
+    /// LH-AVLN as published by the authors.
     Authors,
     /// GOAT-Bench.
     Goat,
@@ -84,7 +84,7 @@ impl Format {
     }
 }
 
-/// Parses a file, named `file` in errors. Without a `format` its keys decide. An index file, which only refers to scene
+/// Parses a file, named `file` in errors. Without a `format` the keys decide. An index file, which only refers to scene
 /// files, has no episodes.
 ///
 /// # Errors
@@ -102,8 +102,10 @@ pub fn read(
     }
     let Some(format) = format.or_else(|| Format::recognise(&root)) else {
         let keys: Vec<&str> = root.entries()?.into_iter().map(|(key, _)| key).take(8).collect();
-        let known = Format::ALL.map(Format::name).join(", ");
-        return Err(InterchangeError::Unknown { file: file.to_owned(), keys: keys.join(", "), known });
+        let (keys, known) = (keys.join(", "), Format::ALL.map(Format::name).join(", "));
+        return Err(InterchangeError(format!(
+            "{file} has no known format: its keys are {keys}; name the format if it is one of {known}"
+        )));
     };
     let foreign = match format {
         Format::Authors => authors::read(&root),

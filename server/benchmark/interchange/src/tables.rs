@@ -101,7 +101,6 @@ fn double(name: &'static str, values: impl Iterator<Item = f64>) -> Column {
     column(name, Values::Double, values)
 }
 
-/// Three columns for points.
 fn place(names: [&'static str; 3], places: &[Point3<f32>]) -> [Column; 3] {
     let along = |axis: usize| single(names[axis], places.iter().map(move |place| place[axis]));
     [0, 1, 2].map(along)
@@ -259,15 +258,13 @@ struct ParquetFile {
 }
 
 impl ParquetFile {
-    /// Returns an empty file, named `name` in errors.
     fn new(name: &str) -> Self {
         Self { name: name.to_owned(), writer: None }
     }
 
     /// Appends rows. Names and types of the columns must agree between calls, and their lengths within a call.
     fn append(&mut self, columns: &[Column]) -> Result<(), InterchangeError> {
-        let result = self.try_append(columns);
-        result.map_err(|error| unwritable(&self.name, &error))
+        self.try_append(columns).map_err(|error| InterchangeError::unwritable(&self.name, &error))
     }
 
     fn try_append(&mut self, columns: &[Column]) -> Result<(), ParquetError> {
@@ -286,14 +283,12 @@ impl ParquetFile {
 
     fn finish(self) -> Result<Vec<u8>, InterchangeError> {
         match self.writer {
-            Some(writer) => writer.into_inner().map_err(|error| unwritable(&self.name, &error)),
+            Some(writer) => {
+                writer.into_inner().map_err(|error| InterchangeError::unwritable(&self.name, &error))
+            }
             None => Ok(Vec::new()),
         }
     }
-}
-
-fn unwritable(name: &str, error: &ParquetError) -> InterchangeError {
-    InterchangeError::Unwritable { file: name.to_owned(), cause: error.to_string() }
 }
 
 fn writer(columns: &[Column]) -> Result<SerializedFileWriter<Vec<u8>>, ParquetError> {
@@ -388,7 +383,7 @@ mod tests {
 
     #[test]
     fn files_of_the_former_writer_have_equal_rows() {
-        // Written before the crate `parquet` was used: one page per column, without statistics.
+        // Written before the crate `parquet` was used: a page per column, without statistics.
         let old = rows(std::fs::read(golden("former-writer.parquet")).unwrap());
         assert_eq!(old.len(), 5);
         assert!(old[4].contains("größer"), "{old:?}");

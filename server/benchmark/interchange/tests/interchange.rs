@@ -1,4 +1,4 @@
-//! Round trips and reports: files in the published layouts, imported into a procedural house, and exported again.
+//! Round trips and reports: files in the published layouts, imported into a procedural house, and exported.
 
 use avln_dataset::{CueSpec, Description, EpisodeSpec, Instance, survey};
 use avln_episode::Rules;
@@ -208,7 +208,7 @@ fn sequences_end_at_the_goal_limit() {
         goals.insert(format!("house.glb_{category}"), json!([goal]));
         tasks.push(json!([category, "description", format!("{category}_{}", target.instance), null]));
     }
-    // The first again, as a category, and then one more than the limit.
+    // The first goal as a category, and a goal beyond the limit.
     tasks.insert(1, json!([chosen[0].target.category, "object", null]));
     tasks.push(json!([chosen[0].target.category, "object", null]));
     let (format, foreign) =

@@ -365,7 +365,7 @@ fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
     }
     let region = |region: RegionExtras| {
         let bounds =
-            finite_box(region.min, region.max).ok_or_else(|| fail("gives a region no finite box"))?;
+            finite_box(region.min, region.max).ok_or_else(|| fail("has a region without a finite box"))?;
         Ok(Region {
             label: region.label.chars().take(MAX_WORD_CHARS).collect(),
             bounds,

@@ -156,7 +156,7 @@ fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();
     let (height, other) = (size[up.index()], size[up.other().index()]);
-    // Extent alone is not enough: a tower is higher than wide. Floors and ceilings decide.
+    // Extent is not enough: a tower is higher than wide. Floors and ceilings decide.
     other < CLEARLY_SMALLER * height && other < CLEARLY_SMALLER * size.x && {
         let area = area_by_axis(mesh);
         area[up.other().index()] > area[up.index()]

@@ -9,7 +9,6 @@ use avln_scene::describe::Surfaces;
 use avln_scene::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// A scene under construction.
 #[derive(Default)]
 pub(super) struct Assembly {
     mesh: Mesh,
@@ -170,7 +169,6 @@ impl Assembly {
     }
 }
 
-/// Returns a surface's shadow strength.
 fn soften(paint: &Paint) -> f32 {
     // Bright surfaces light their surroundings and themselves.
     1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)

@@ -13,13 +13,13 @@ use super::model::{Facet, Model, about};
 use super::plan::{CEILING_M, Plan, RoomKind, Window, remainder};
 use super::rect::{Rect, Side, common, turned};
 use super::space::{Claim, Patch, Space};
-use super::taste::Taste;
+use super::styles::StyleSampler;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
 /// A room part in progress.
 pub(super) struct Decorator<'a> {
     assembly: &'a mut Assembly,
-    taste: &'a mut Taste,
+    sampler: &'a mut StyleSampler,
     rng: Rng,
     plan: &'a Plan,
     index: usize,
@@ -33,7 +33,6 @@ pub(super) struct Decorator<'a> {
     laid: Vec<Aabb>,
 }
 
-/// A placed piece.
 #[derive(Clone, Copy, Debug)]
 struct Spot {
     /// Origin of the piece frame.
@@ -55,7 +54,6 @@ enum Wish {
     Facing(Side, f32),
 }
 
-/// A possible wall position.
 #[derive(Clone, Copy)]
 struct WallPlace {
     side: Side,
@@ -78,7 +76,7 @@ const PASSAGE_WIDTH_M: f32 = 1.0;
 /// Furnishes a room and returns the footprints on the floor.
 pub(super) fn furnish(
     assembly: &mut Assembly,
-    taste: &mut Taste,
+    sampler: &mut StyleSampler,
     rng: &Rng,
     plan: &Plan,
     index: usize,
@@ -91,7 +89,7 @@ pub(super) fn furnish(
         let rng = rng.fork(&format!("part {number}"));
         let (laid, rugs) = (vec![], vec![]);
         let mut decorator =
-            Decorator { assembly, taste, rng, plan, index, space, doors, covered, rugs, laid };
+            Decorator { assembly, sampler, rng, plan, index, space, doors, covered, rugs, laid };
         match number {
             0 => decorator.fit_out(room.kind),
             _ => decorator.fit_out_rest(room.kind),
@@ -206,14 +204,14 @@ impl Decorator<'_> {
     }
 
     /// Places a piece at a wall with `front_m` free floor in front.
-    fn put(&mut self, make: &Make, wish: Wish, front_m: f32) -> Option<Spot> {
-        let piece = make.any(self.taste);
+    fn put(&mut self, kind: &FurnitureKind, wish: Wish, front_m: f32) -> Option<Spot> {
+        let piece = kind.any(self.sampler);
         self.stand(&piece, wish, front_m)
     }
 
     /// Places a piece with an approximate width, height and depth.
-    fn put_sized(&mut self, make: &Make, size: [f32; 3], wish: Wish, front_m: f32) -> Option<Spot> {
-        let piece = make.sized(self.taste, size);
+    fn put_sized(&mut self, kind: &FurnitureKind, size: [f32; 3], wish: Wish, front_m: f32) -> Option<Spot> {
+        let piece = kind.sized(self.sampler, size);
         self.stand(&piece, wish, front_m)
     }
 
@@ -342,7 +340,7 @@ impl Decorator<'_> {
 
     /// Places a rug around `center`, wide in the direction of `side`, if it fits.
     fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
-        let rug = textiles::RUG.sized(self.taste, [width, 0.0, depth]);
+        let rug = textiles::RUG.sized(self.sampler, [width, 0.0, depth]);
         let size = rug.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
         let rect = Rect::around(center, size_xz);
@@ -387,7 +385,6 @@ impl Decorator<'_> {
 }
 
 impl Spot {
-    /// Floor position of the centre.
     fn center(&self) -> [f32; 2] {
         Rect::of(&self.bounds).center()
     }
@@ -404,6 +401,12 @@ impl Spot {
     fn along(&self) -> f32 {
         let span = self.side.span(&Rect::of(&self.bounds));
         (span[0] + span[1]) / 2.0
+    }
+
+    /// Width and depth in the piece frame.
+    fn footprint(&self) -> [f32; 2] {
+        let size = self.bounds.size();
+        if self.side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] }
     }
 
     fn height_m(&self) -> f32 {

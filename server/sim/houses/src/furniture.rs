@@ -1,5 +1,5 @@
 //! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
-//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.p`.
+//! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.paint`.
 
 pub(super) mod beds;
 pub(super) mod cabinets;
@@ -23,14 +23,14 @@ pub(super) mod textiles;
 use super::assembly::Piece;
 use super::model::{Model, Span, about};
 use super::paint::{Paint, Substance, Substance::*, Tint};
-use super::taste::{self, Taste, size_word};
+use super::styles::{self, StyleSampler, size_word};
 use super::texture::Pattern;
 use avln_geom::{Point3, Rng, Vector3, angle};
 use avln_scene::{Attributes, Lamp};
 use parts::*;
 
 /// A furniture kind.
-pub(super) struct Make {
+pub(super) struct FurnitureKind {
     /// Category, from mpcat40 if possible.
     pub(super) category: &'static str,
     /// Common name if the category is more general; otherwise empty.
@@ -39,7 +39,7 @@ pub(super) struct Make {
     pub(super) styles: usize,
     /// Materials, likelier first.
     pub(super) substances: &'static [Substance],
-    /// Colour words, likelier first.
+    /// Colour words separated by spaces, likelier first.
     pub(super) colors: &'static str,
     /// Draws the draft's style; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
@@ -50,13 +50,12 @@ pub(super) type Words = [&'static str; 2];
 
 /// A piece in progress.
 pub(super) struct Draft {
-    pub(super) m: Model,
+    pub(super) model: Model,
     pub(super) rng: Rng,
     pub(super) style: usize,
     pub(super) tint: Tint,
     pub(super) substance: Substance,
-    /// Main paint.
-    pub(super) p: Paint,
+    pub(super) paint: Paint,
     /// Paint for legs, frames and handles.
     pub(super) trim: Paint,
     /// Requested width, height and depth, metres; 0 for any.
@@ -94,7 +93,7 @@ impl Draft {
 
     /// Returns the style's entry in `words`, which are separated by `|`.
     pub(super) fn by_style(&self, words: &'static str) -> &'static str {
-        words.split('|').nth(self.style).unwrap_or("")
+        words.split('|').nth(self.style).expect("a word for every style")
     }
 
     /// Returns true for upholstered or draped pieces.
@@ -104,7 +103,7 @@ impl Draft {
 
     /// Returns true for a dark paint, which bright parts would dominate.
     pub(super) fn dark(&self) -> bool {
-        self.p.brightness() < 0.3
+        self.paint.brightness() < 0.3
     }
 
     /// Metal paint for taps, pipes and handles.
@@ -116,18 +115,18 @@ impl Draft {
     /// Adds a box in the main paint: upholstered for soft substances, otherwise with fine bevels.
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
-        self.m.soft(x, y, z, bevel, self.p);
+        self.model.soft(x, y, z, bevel, self.paint);
     }
 
     /// Adds a turned shape in the main paint; `profile` is in shares of `radius` and `height`.
     pub(super) fn turned(&mut self, profile: &[[f32; 2]], radius: f32, height: f32, sides: usize) {
         let profile: Vec<[f32; 2]> = profile.iter().map(|[s, y]| [s * radius, y * height]).collect();
-        self.m.lathe([0.0, 0.0], &profile, sides, self.p);
+        self.model.lathe([0.0, 0.0], &profile, sides, self.paint);
     }
 
     /// Adds a plain box in the main paint.
     pub(super) fn board(&mut self, x: Span, y: Span, z: Span) {
-        self.m.block(x, y, z, self.p);
+        self.model.block(x, y, z, self.paint);
     }
 }
 
@@ -151,7 +150,7 @@ fn trim(rng: &mut Rng, main: Paint) -> Paint {
     *rng.choose(paints).expect("the list is not empty")
 }
 
-impl Make {
+impl FurnitureKind {
     const fn new(
         category: &'static str,
         noun: &'static str,
@@ -165,31 +164,32 @@ impl Make {
         Self { substances, colors, ..self }
     }
 
-    /// Draws a look.
-    pub(super) fn look(&self, taste: &mut Taste) -> Look {
-        let style = taste.style(self.styles);
-        let (substance, tint) = taste.look(self.category, style, self.substances, self.colors);
-        let trim = trim(&mut taste.rng, substance.paint(tint));
-        Look { rng: taste.rng.fork(self.category), style, substance, tint, trim }
+    /// Draws style, material and colours.
+    pub(super) fn look(&self, sampler: &mut StyleSampler) -> Look {
+        let style = sampler.style(self.styles);
+        let (substance, tint) = sampler.look(self.category, style, self.substances, self.colors);
+        let trim = trim(&mut sampler.rng, substance.paint(tint));
+        Look { rng: sampler.rng.fork(self.category), style, substance, tint, trim }
     }
 
     /// Draws a piece with any size.
-    pub(super) fn any(&self, taste: &mut Taste) -> Piece {
-        self.sized(taste, [0.0; 3])
+    pub(super) fn any(&self, sampler: &mut StyleSampler) -> Piece {
+        self.sized(sampler, [0.0; 3])
     }
 
     /// Draws a piece with an approximate width, height and depth; zeros are free.
-    pub(super) fn sized(&self, taste: &mut Taste, wish: [f32; 3]) -> Piece {
-        let look = self.look(taste);
+    pub(super) fn sized(&self, sampler: &mut StyleSampler, wish: [f32; 3]) -> Piece {
+        let look = self.look(sampler);
         self.drawn(&look, wish)
     }
 
     /// Draws a piece with a given look.
     pub(super) fn drawn(&self, look: &Look, wish: [f32; 3]) -> Piece {
         let Look { rng, style, substance, tint, trim } = look.clone();
-        let p = substance.paint(tint);
+        let paint = substance.paint(tint);
         let (noun, material) = (self.noun, substance.word());
-        let mut draft = Draft { m: Model::new(), rng, style, tint, substance, p, trim, wish, noun, material };
+        let mut draft =
+            Draft { model: Model::new(), rng, style, tint, substance, paint, trim, wish, noun, material };
         let [size, shape] = (self.draw)(&mut draft);
         let said = |word: &str| word.to_owned();
         let attributes = Attributes {
@@ -199,7 +199,7 @@ impl Make {
             size: said(size),
             shape: said(shape),
         };
-        Piece { category: self.category, model: draft.m, attributes }
+        Piece { category: self.category, model: draft.model, attributes }
     }
 }
 
@@ -208,12 +208,12 @@ mod tests {
     use super::*;
     use crate::Pool;
     use crate::assembly::Assembly;
-    use crate::taste::combination_owner;
+    use crate::styles::combination_owner;
     use avln_scene::colors::PALETTE;
     use std::collections::{BTreeMap, BTreeSet};
 
     /// All furniture except doors and windows.
-    const MAKES: &[&Make] = &[
+    const KINDS: &[&FurnitureKind] = &[
         &seats::CHAIR,
         &seats::OFFICE_CHAIR,
         &seats::ARMCHAIR,
@@ -284,31 +284,31 @@ mod tests {
     ];
 
     /// Draws a piece with a given style; `seed` determines the rest.
-    fn piece(make: &Make, style: usize, seed: u64) -> Piece {
-        let mut taste = Taste::new(Rng::new(seed).fork(make.category), Pool::Train);
-        let (substance, tint) = taste.look(make.category, style, make.substances, make.colors);
-        let trim = trim(&mut taste.rng, substance.paint(tint));
-        let look = Look { rng: taste.rng.fork("piece"), style, substance, tint, trim };
-        make.drawn(&look, [0.0; 3])
+    fn piece(kind: &FurnitureKind, style: usize, seed: u64) -> Piece {
+        let mut sampler = StyleSampler::new(Rng::new(seed).fork(kind.category), Pool::Train);
+        let (substance, tint) = sampler.look(kind.category, style, kind.substances, kind.colors);
+        let trim = trim(&mut sampler.rng, substance.paint(tint));
+        let look = Look { rng: sampler.rng.fork("piece"), style, substance, tint, trim };
+        kind.drawn(&look, [0.0; 3])
     }
 
     #[test]
     fn categories_have_many_shapes_colours_and_materials() {
         let mut kinds: BTreeMap<&str, (usize, BTreeSet<&str>, BTreeSet<&str>)> = BTreeMap::new();
-        for make in MAKES {
-            let (shapes, colors, materials) = kinds.entry(make.category).or_default();
-            *shapes += make.styles;
-            colors.extend(make.colors.split(' '));
-            match make.category {
+        for kind in KINDS {
+            let (shapes, colors, materials) = kinds.entry(kind.category).or_default();
+            *shapes += kind.styles;
+            colors.extend(kind.colors.split(' '));
+            match kind.category {
                 "picture" => (0..80).for_each(|seed| {
-                    let said = piece(make, 0, seed).attributes.material;
+                    let said = piece(kind, 0, seed).attributes.material;
                     materials.extend(
                         ["painted", "printed", "woven", "wooden", "metal", "ceramic"]
                             .iter()
                             .filter(|w| **w == said),
                     );
                 }),
-                _ => materials.extend(make.substances.iter().map(|substance| substance.word())),
+                _ => materials.extend(kind.substances.iter().map(|substance| substance.word())),
             }
         }
         assert_eq!(kinds.len(), 36, "{:?}", kinds.keys());
@@ -322,11 +322,11 @@ mod tests {
     #[test]
     fn pieces_have_20_to_400_triangles_and_stand_on_their_base() {
         let mut strange = Vec::new();
-        for make in MAKES {
-            for style in 0..make.styles {
+        for kind in KINDS {
+            for style in 0..kind.styles {
                 for seed in 0..6 {
-                    let piece = piece(make, style, seed);
-                    let named = format!("{} {} {style} {seed}", make.category, piece.attributes.noun);
+                    let piece = piece(kind, style, seed);
+                    let named = format!("{} {} {style} {seed}", kind.category, piece.attributes.noun);
                     let count = piece.model.triangles.len();
                     if !(20..=400).contains(&count) {
                         strange.push(format!("{named}: {count} triangles"));
@@ -334,7 +334,7 @@ mod tests {
                     let bounds = piece.model.bounds();
                     let finite = piece.model.corners.iter().all(|c| c.normal.iter().all(|n| n.is_finite()));
                     assert!(finite, "{named}");
-                    let hangs = make.noun == "ceiling lamp" || make.noun == "kitchen sink";
+                    let hangs = kind.noun == "ceiling lamp" || kind.noun == "kitchen sink";
                     if !hangs && bounds.min.y.abs() > 0.16 || bounds.size().max() > 2.6 {
                         strange.push(format!("{named}: {bounds:?}"));
                     }
@@ -347,17 +347,17 @@ mod tests {
     #[test]
     fn styles_of_a_furniture_kind_differ() {
         let mut alike = Vec::new();
-        for make in MAKES {
-            let shapes: BTreeSet<String> = (0..make.styles)
+        for kind in KINDS {
+            let shapes: BTreeSet<String> = (0..kind.styles)
                 .map(|style| {
-                    let piece = piece(make, style, 5);
+                    let piece = piece(kind, style, 5);
                     let [x, y, z]: [f32; 3] = piece.size().into();
                     let sum: f32 = piece.model.corners.iter().map(|c| c.position.coords.abs().sum()).sum();
                     format!("{} {sum:.3} {x:.3} {y:.3} {z:.3}", piece.model.triangles.len())
                 })
                 .collect();
-            if shapes.len() < make.styles {
-                alike.push((make.category, make.noun, shapes.len()));
+            if shapes.len() < kind.styles {
+                alike.push((kind.category, kind.noun, shapes.len()));
             }
         }
         assert!(alike.is_empty(), "{alike:?}");
@@ -367,18 +367,18 @@ mod tests {
     fn mean_colours_nearly_always_match_their_word() {
         let mut missed: BTreeMap<&str, u32> = BTreeMap::new();
         let (mut all, mut wrong) = (0, 0);
-        for make in MAKES.iter().filter(|make| make.category != "mirror") {
-            for style in 0..make.styles {
+        for kind in KINDS.iter().filter(|kind| kind.category != "mirror") {
+            for style in 0..kind.styles {
                 for seed in 0..5 {
                     let mut assembly = Assembly::default();
-                    let wanted = piece(make, style, seed);
+                    let wanted = piece(kind, style, seed);
                     assembly.add_object(&wanted, 0);
                     let scene = assembly.into_scene("one", vec![]);
                     all += 1;
                     if scene.objects[0].attributes.color.is_empty() {
                         wrong += 1;
                         *missed
-                            .entry(if make.noun.is_empty() { make.category } else { make.noun })
+                            .entry(if kind.noun.is_empty() { kind.category } else { kind.noun })
                             .or_default() += 1;
                     }
                 }
@@ -390,14 +390,14 @@ mod tests {
     #[test]
     fn reserved_combinations_stay_in_their_pool() {
         for pool in Pool::ALL {
-            let mut taste = Taste::new(Rng::new(3), pool);
+            let mut sampler = StyleSampler::new(Rng::new(3), pool);
             for _ in 0..40 {
-                for make in [&seats::CHAIR, &seats::SOFA, &beds::CUSHION, &decor::VASE] {
-                    let style = taste.style(make.styles);
-                    let (substance, tint) = taste.look(make.category, style, make.substances, make.colors);
+                for kind in [&seats::CHAIR, &seats::SOFA, &beds::CUSHION, &decor::VASE] {
+                    let style = sampler.style(kind.styles);
+                    let (substance, tint) = sampler.look(kind.category, style, kind.substances, kind.colors);
                     let owner = combination_owner(style, substance, tint.word);
                     assert!(owner.is_none_or(|owner| owner == pool), "{owner:?} in {pool:?}");
-                    let owner = taste::owner(style, make.styles);
+                    let owner = styles::owner(style, kind.styles);
                     assert!(owner.is_none_or(|owner| owner == pool), "{owner:?} in {pool:?}");
                 }
             }
@@ -406,7 +406,7 @@ mod tests {
 
     #[test]
     fn size_words_fit_the_sizes() {
-        for (make, small, large, axis) in [
+        for (kind, small, large, axis) in [
             (&seats::SOFA, "small", "large", 0),
             (&tables::DESK, "small", "large", 0),
             (&cabinets::SIDEBOARD, "low", "tall", 1),
@@ -416,7 +416,7 @@ mod tests {
             (&hearths::RADIATOR, "short", "long", 0),
         ] {
             let sized: Vec<(String, f32)> = (0..120)
-                .map(|seed| piece(make, seed as usize % make.styles, seed))
+                .map(|seed| piece(kind, seed as usize % kind.styles, seed))
                 .map(|piece| (piece.attributes.size.clone(), piece.size()[axis]))
                 .collect();
             let of = |word: &str| {
@@ -427,7 +427,7 @@ mod tests {
             assert!(
                 longest > 0.0 && shortest < 9.0 && longest < shortest,
                 "{}: {longest} {shortest}",
-                make.noun
+                kind.noun
             );
         }
     }

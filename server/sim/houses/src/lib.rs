@@ -14,7 +14,7 @@ mod reach;
 mod rect;
 mod shell;
 mod space;
-mod taste;
+mod styles;
 mod texture;
 
 use assembly::Assembly;
@@ -26,7 +26,7 @@ use rect::Rect;
 use serde::{Deserialize, Serialize};
 use shell::Finish;
 use std::ops::RangeInclusive;
-use taste::Taste;
+use styles::StyleSampler;
 
 /// House properties.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,7 +40,6 @@ pub struct HouseOptions {
     pub pool: Pool,
 }
 
-/// Largest room count.
 const MOST_ROOMS: u8 = 24;
 
 impl HouseOptions {
@@ -117,7 +116,6 @@ fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     }
 }
 
-/// Draws a house once.
 fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");
@@ -131,13 +129,14 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     }
     let mut assembly = Assembly::default();
     add_building(&mut assembly, &plan, &finishes);
-    let mut taste = Taste::new(rng.fork("taste"), pool);
+    // Labels are part of the random stream: another label means another house.
+    let mut sampler = StyleSampler::new(rng.fork("taste"), pool);
     for (index, finish) in finishes.iter().enumerate() {
         assembly.on_floor_at(floor_m(plan.rooms[index].storey));
         shell::add_room(&mut assembly, &plan, index, finish);
         let room_rng = rng.fork(&format!("room {index}"));
         // Furniture comes before the floor, which is darker below it.
-        let covered = furnish::furnish(&mut assembly, &mut taste, &room_rng, &plan, index);
+        let covered = furnish::furnish(&mut assembly, &mut sampler, &room_rng, &plan, index);
         shell::add_floor(&mut assembly, &plan, index, finish, &covered);
         shell::add_far_windows(&mut assembly, &plan, index);
     }
@@ -203,7 +202,7 @@ fn size(rng: &mut Rng, options: &HouseOptions) -> (usize, usize) {
     let classes = SIZES.map(|(class, weight)| ((*class.start()).max(low)..=(*class.end()).min(high), weight));
     let classes: Vec<_> = classes.into_iter().filter(|(class, _)| !class.is_empty()).collect();
     let weights: Vec<f32> = classes.iter().map(|(_, weight)| *weight).collect();
-    let drawn = taste::weighted(rng, &weights).map(|index| classes[index].0.clone());
+    let drawn = styles::weighted(rng, &weights).map(|index| classes[index].0.clone());
     let (low, high) = drawn.map_or((low, high), RangeInclusive::into_inner);
     let rooms = usize::from(low) + rng.below(usize::from(high - low) + 1);
     let (fewest, most) = (*options.storeys.start(), (*options.storeys.end()).min(2));

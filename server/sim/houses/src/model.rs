@@ -7,7 +7,6 @@ use avln_scene::Lamp;
 
 mod shapes;
 
-/// A triangle corner.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corner {
     pub(super) position: Point3<f32>,
@@ -15,7 +14,6 @@ pub(super) struct Corner {
     pub(super) uv: Point2<f32>,
 }
 
-/// Painted triangles.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Model {
     pub(super) corners: Vec<Corner>,
@@ -53,7 +51,6 @@ impl Model {
         self.quad([p(0, 0), p(1, 0), p(1, 1), p(0, 1)], paint);
     }
 
-    /// Marks a box as solid.
     fn solid(&mut self, x: Span, y: Span, z: Span) {
         let corner = |end: usize| Point3::new(x[end], y[end], z[end]);
         self.solids.push(Aabb::new(corner(0), corner(1)));
@@ -192,7 +189,6 @@ impl Model {
     }
 }
 
-/// A triangle in space.
 pub(crate) struct Facet {
     points: [Point3<f32>; 3],
     normal: Vector3<f32>,

@@ -16,7 +16,6 @@ fn byte(value: f32) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// A surface paint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Paint {
     /// Material, a word known to the acoustics.
@@ -51,7 +50,6 @@ impl Paint {
         (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
     }
 
-    /// Scales the brightness.
     pub(super) fn times(self, factor: f32) -> Self {
         Self { rgb: self.rgb.map(|value| byte(f32::from(value) * factor)), ..self }
     }
@@ -128,7 +126,6 @@ const SUBSTANCES: [(Substance, &str, &str, Option<Pattern>); 25] = [
 ];
 
 impl Substance {
-    /// Describing word.
     pub(super) fn word(self) -> &'static str {
         SUBSTANCES[self as usize].1
     }

@@ -28,7 +28,6 @@ const DRAWS: usize = 10;
 // The requirement is 10; furniture adds up to an eighth.
 const LONGEST_DETOUR: f32 = 8.5;
 
-/// Room use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum RoomKind {
     Hallway,
@@ -109,7 +108,6 @@ impl Room {
         }
     }
 
-    /// Floor between the walls.
     pub(super) fn outline(&self) -> Outline {
         Outline::inset(&self.cells, WALL_M / 2.0)
     }
@@ -119,12 +117,10 @@ impl Room {
         self.outline().rects()
     }
 
-    /// Inner wall surfaces.
     pub(super) fn faces(&self) -> Vec<Face> {
         self.outline().faces()
     }
 
-    /// Rectangle around the floor.
     pub(super) fn extent(&self) -> Rect {
         around(&self.floor())
     }
@@ -183,7 +179,6 @@ pub(super) struct Plan {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
     pub(super) windows: Vec<Window>,
-    /// The closed front door.
     pub(super) entrance: Option<Window>,
 }
 

@@ -143,7 +143,6 @@ pub(super) fn turned(quarter: u8, [x, z]: [f32; 2]) -> [f32; 2] {
     }
 }
 
-/// Lattice cell edge, metres.
 pub(super) const CELL_M: f32 = 0.1;
 
 /// Square cells over one or two storeys, storey by storey, row by row.

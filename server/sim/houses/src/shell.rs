@@ -11,7 +11,6 @@ use super::rect::{Rect, Side};
 use super::texture::Pattern;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
-/// Room paints.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Finish {
     floor: Paint,
@@ -23,7 +22,6 @@ pub(super) struct Finish {
     ceiling: Paint,
 }
 
-/// Skirting board height, metres.
 const SKIRTING_M: f32 = 0.08;
 
 impl Finish {

@@ -13,9 +13,7 @@ mod patterns;
 pub(super) enum Pattern {
     /// Floor boards in u, four per tile.
     Planks,
-    /// Short floor boards.
     Parquet,
-    /// A board's grain.
     Grain,
     Bamboo,
     Wicker,
@@ -40,21 +38,15 @@ pub(super) enum Pattern {
     /// Corduroy ribs in v.
     Ribs,
     Knit,
-    /// Slanted ribs.
     Twill,
-    /// Stitched diamonds.
     Quilt,
     ClothStripes,
-    /// Crossing stripes.
     Gingham,
     Dots,
     /// Broad wallpaper stripes in v.
     Stripes,
-    /// Ornamental wallpaper.
     Damask,
-    /// Flowered wallpaper.
     Floral,
-    /// Wallpaper with a lattice.
     Trellis,
     /// Book spines in a row, in their own colours.
     Books(u8),

@@ -12,7 +12,8 @@ use crate::{
         look_around,
     },
 };
-use avln_episode::Rules;
+use avln_episode::{Modality, Rules};
+use avln_geom::Point3;
 use avln_scene::InstanceId;
 use avln_truth::Target;
 use avln_world::{NavPoint, SceneAssets};
@@ -37,11 +38,9 @@ pub(super) struct GoalCheck<'a> {
     cues: Vec<(u32, CueSpec)>,
 }
 
-/// Checked target.
 struct Known {
     target: Target,
     distractors: u8,
-    /// Success region on the mesh.
     stands: Vec<NavPoint>,
 }
 
@@ -58,11 +57,7 @@ impl<'a> GoalCheck<'a> {
     /// Checks a goal; renders the picture if `thorough`.
     pub(super) fn check(&mut self, goal: &GoalSpec, limits: &MissionRules, thorough: bool) -> Faults {
         let mut faults = Faults::new();
-        let target = Target {
-            modality: avln_episode::Modality::Category,
-            start_distance_m: 0.0,
-            ..goal.target.clone()
-        };
+        let target = Target { modality: Modality::Category, start_distance_m: 0.0, ..goal.target.clone() };
         match self.known.entry(goal.target.instance) {
             Entry::Vacant(entry) => {
                 let (stands, found) = inspect(self.assets, self.rules, &target);
@@ -73,21 +68,21 @@ impl<'a> GoalCheck<'a> {
             Entry::Occupied(entry)
                 if entry.get().target != target || entry.get().distractors != goal.distractors =>
             {
-                faults
-                    .push((Constraint::Target, format!("instance {} is told in two ways", target.instance)));
+                let found = format!("two goals describe instance {} differently", target.instance);
+                faults.push((Constraint::Target, found));
             }
             Entry::Occupied(_) => {}
         }
         faults.extend(self.cue(goal, thorough));
-        faults.extend(self.told_apart(goal).map(|found| (Constraint::Cue, found)));
+        faults.extend(self.ambiguity(goal).map(|found| (Constraint::Cue, found)));
         faults
     }
 
     /// Reason for an ambiguous cue; every cue is checked once.
-    fn told_apart(&mut self, goal: &GoalSpec) -> Option<String> {
+    fn ambiguity(&mut self, goal: &GoalSpec) -> Option<String> {
         let seen = self.seen?;
         let (instance, cue) = (goal.target.instance, &goal.cue);
-        if self.cues.iter().any(|(known, told)| *known == instance && told == cue) {
+        if self.cues.iter().any(|(known, checked)| *known == instance && checked == cue) {
             return None;
         }
         self.cues.push((instance, cue.clone()));
@@ -105,11 +100,11 @@ impl<'a> GoalCheck<'a> {
             CueSpec::Description(sentence) => {
                 let words = sentence.text.split_whitespace().count();
                 if !(1..=MAX_WORDS).contains(&words) {
-                    faults.push((Constraint::Cue, format!("a description of {words} words")));
+                    faults.push((Constraint::Cue, format!("the description has {words} words")));
                 }
                 if let Some(word) = sentence.claims.as_ref().and_then(|claims| unsaid(&sentence.text, claims))
                 {
-                    faults.push((Constraint::Cue, format!("'{}' does not say {word}", sentence.text)));
+                    faults.push((Constraint::Cue, format!("'{}' lacks the word '{word}'", sentence.text)));
                 }
             }
             CueSpec::Image(view) if thorough => {
@@ -136,12 +131,11 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
         object.category == target.category && off <= BOX_M
     });
     if !same {
-        let found = format!("the scene has no {} of number {id} in that box", target.category);
+        let found = format!("the scene has no {} with number {id} in that box", target.category);
         faults.push((Constraint::Target, found));
     }
     if target.bounds.distance_m(&target.source) > BOX_M {
-        faults
-            .push((Constraint::Source, format!("the sound of instance {id} comes from outside of its box")));
+        faults.push((Constraint::Source, format!("the sound source of instance {id} is outside the box")));
     }
     let navmesh = &assets.navmesh;
     let stand = |place| {
@@ -150,12 +144,15 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
     };
     let stands: Vec<NavPoint> = target.region.iter().filter_map(stand).collect();
     if stands.is_empty() || stands.len() < target.region.len() {
-        let found =
-            format!("{} of {} places of instance {id} can be reached", stands.len(), target.region.len());
+        let found = format!(
+            "{} of {} success points of instance {id} can be reached",
+            stands.len(),
+            target.region.len()
+        );
         faults.push((Constraint::Region, found));
     }
     let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
-    let outside = |base: &&avln_geom::Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
+    let outside = |base: &&Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
     if let Some(base) = target.region.iter().find(outside) {
         faults.push((Constraint::Region, format!("a Submit for instance {id} would not count at {base}")));
     }
@@ -172,7 +169,7 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
     let (count, [fewest, most]) = (u8::try_from(others).unwrap_or(u8::MAX), limits.distractors);
     let mut faults = Faults::new();
     if count != goal.distractors {
-        let found = format!("instance {id} has {count} distractors, the file says {}", goal.distractors);
+        let found = format!("instance {id} has {count} distractors, {} in the file", goal.distractors);
         faults.push((Constraint::Distractors, found));
     }
     if !(fewest..=most).contains(&count) {
@@ -199,7 +196,7 @@ impl<'a> Seen<'a> {
     /// Returns the problem with a sentence about `instance`.
     pub(super) fn sentence(&self, instance: u32, said: &Description) -> Option<String> {
         let Some(claims) = &said.claims else {
-            return Some("the description comes without its claims".to_owned());
+            return Some("the description has no claims".to_owned());
         };
         let facts = Facts::new(self.assets, &self.palettes);
         let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
@@ -214,6 +211,8 @@ impl<'a> Seen<'a> {
         let known = sighting.is_some_and(|sighting| {
             choose_pictures(&self.assets.scene, sighting, &self.sightings, self.options).0.contains(view)
         });
-        (!known).then(|| format!("the picture does not tell instance {instance} from others of its kind"))
+        (!known).then(|| {
+            format!("the picture does not distinguish instance {instance} from others in the category")
+        })
     }
 }

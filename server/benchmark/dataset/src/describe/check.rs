@@ -1,6 +1,6 @@
 //! Check of sentences, independent of their generation: from claims to matching objects.
 //!
-//! Every claim has two readings. The plain one must be true for the target. The generous one, with wide thresholds and
+//! Every claim has two readings. The plain reading must be true for the target. The generous reading, with wide thresholds and
 //! every benefit of the doubt, must fail for all rivals.
 
 use crate::{
@@ -156,7 +156,6 @@ fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, re
     }
 }
 
-/// Distance between two boxes, metres.
 fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
     let gaps = [0, 1, 2].map(|axis| (a.min[axis] - b.max[axis]).max(b.min[axis] - a.max[axis]).max(0.0));
     gaps.iter().map(|gap| gap * gap).sum::<f32>().sqrt()
@@ -169,7 +168,7 @@ fn within_plan(a: &Aabb, b: &Aabb, slack_m: f32) -> bool {
     inside(0) && inside(2)
 }
 
-/// True if the lower box carries the upper one, on its top or seat.
+/// True if the lower box carries the upper box, on the top or seat.
 fn carries(lower: &Aabb, upper: &Aabb, reading: Reading) -> bool {
     /// Objects sink into a thick rug.
     const SINKS_IN_M: f32 = 0.03;
@@ -179,7 +178,7 @@ fn carries(lower: &Aabb, upper: &Aabb, reading: Reading) -> bool {
         && upper.min.y <= lower.max.y + reading.pick(0.08, 0.2)
 }
 
-/// True if a box is inside another one's floor plan, below its top.
+/// True if the inner box is inside the outer floor plan, below the top.
 fn is_below_top(inner: &Aabb, outer: &Aabb, reading: Reading) -> bool {
     within_plan(outer, inner, reading.pick(0.02, 0.4))
         && inner.min.y <= outer.min.y + reading.pick(0.15, 0.5)

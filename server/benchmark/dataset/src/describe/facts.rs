@@ -33,7 +33,7 @@ impl<'a> Facts<'a> {
         self.palettes.get(&object.id).filter(|palette| palette.pixels() >= ENOUGH)
     }
 
-    /// Colour word of an object: its mean observed colour, unless the label contradicts.
+    /// Colour word by mean observed colour, unless the label contradicts.
     pub(crate) fn color_of(&self, object: &Object) -> Option<&'static str> {
         let palette = self.palette(object)?;
         let word = palette.mean_word()?;
@@ -69,7 +69,7 @@ impl<'a> Facts<'a> {
         self.structure_m(&origin, &Vector3::new(x, 0.0, z), reach_m)
     }
 
-    /// Floor height under an object: its room's, or the building surface below, metres.
+    /// Floor height under an object, by the room or the building surface below, metres.
     pub(crate) fn floor_y(&self, object: &Object) -> f32 {
         const STOREY_M: f32 = 4.0;
         let region = object.region.and_then(|region| self.scene.regions.get(usize::from(region)));
@@ -81,7 +81,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// Distance to the building surface along the unit vector `direction`, ignoring furniture, metres.
+    /// Distance to the building surface in a direction (unit vector), ignoring furniture, metres.
     fn structure_m(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<f32> {
         const PAST_M: f32 = 1e-3;
         const THINGS: usize = 24;

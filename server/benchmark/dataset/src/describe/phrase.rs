@@ -10,8 +10,8 @@ use avln_geom::Rng;
 ///
 /// `{the np}` and `{a np}` are the noun with the adjectives, `{a noun}` and `{the noun}` the bare noun with the adjectives
 /// in `{be}` (`is` is not part of it). `{r1}` to `{r3}` are places after a noun (`next to the bed`), `{p1}` to `{p3}` places
-/// after *it* or *that* (`stands next to the bed`); `{p12}`, `{p23}` and `{p123}` join some, `{also2}` is `{p2}` with *also*.
-/// `{in}` is the room. A slot with a capital begins with one.
+/// after *it* or *that* (`hangs above the bed`); `{p12}`, `{p23}` and `{p123}` join some, `{also2}` is `{p2}` with *also*.
+/// `{in}` is the room. A capital in a slot becomes the first letter.
 const FRAMES: &[&str] = &[
     "{The np} that {p1}.",
     "Find the {np} that {p1}.",
@@ -99,7 +99,7 @@ pub(crate) struct Words<'a> {
     pub(crate) places: Vec<&'a Claim>,
     /// Room noun, and whether it is unique in the house.
     pub(crate) room: Option<(&'a str, bool)>,
-    /// Verb: `stands`, `hangs`, `lies` or `is`.
+    /// `is`, or a verb such as `hangs`.
     pub(crate) verb: &'static str,
 }
 
@@ -257,7 +257,7 @@ fn things(landmarks: &[Landmark]) -> String {
     landmarks.iter().map(said).collect::<Vec<_>>().join(" and ")
 }
 
-/// Verbs and locations without repeated verbs: `stands next to the bed and near a window`.
+/// Verbs and locations without repeated verbs: `hangs above the bed and near a window`.
 fn predicate(places: &[&Said]) -> String {
     let groups = places.chunk_by(|a, b| a.verb == b.verb);
     let clause = |group: &[&Said]| {
@@ -267,7 +267,7 @@ fn predicate(places: &[&Said]) -> String {
     groups.map(clause).collect::<Vec<_>>().join(" and ")
 }
 
-/// `also stands next to the bed`, `is also next to the bed`.
+/// `also hangs above the bed`, `is also above the bed`.
 fn with_also(predicate: &str) -> String {
     match predicate.strip_prefix("is ") {
         Some(rest) => format!("is also {rest}"),

@@ -63,13 +63,12 @@ fn is_always_at_wall(category: &str) -> bool {
     )
 }
 
-/// Spatial relations in a scene.
 pub(crate) struct Relater<'a> {
     pub(crate) facts: Facts<'a>,
     /// Per object: sides with a wall close behind.
     walls: Vec<[bool; 4]>,
     /// Per object: whether it hangs, above the floor without support.
-    hangs: Vec<bool>,
+    pub(crate) hangs: Vec<bool>,
 }
 
 impl<'a> Relater<'a> {
@@ -132,13 +131,12 @@ impl<'a> Relater<'a> {
         }
     }
 
-    /// Left or right on the same wall, for a viewer facing the wall.
     fn side_on_wall(&self, index: usize, landmark: usize) -> Option<Relation> {
         let objects = &self.facts.scene.objects;
         let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
         let side = (0..4).find(|&side| self.walls[index][side] && self.walls[landmark][side])?;
         let [x, z] = SIDES[side];
-        // For a viewer looking along (x, z), right is (-z, x).
+        // For a viewer looking in direction (x, z), right is (-z, x).
         let span = |bounds: &Aabb| {
             let ends = [bounds.min, bounds.max].map(|corner| corner.z * x - corner.x * z);
             [ends[0].min(ends[1]), ends[0].max(ends[1])]
@@ -151,11 +149,6 @@ impl<'a> Relater<'a> {
             return None;
         }
         Some(if own[0] >= other[1] { Relation::RightOf } else { Relation::LeftOf })
-    }
-
-    /// True if an object hangs.
-    pub(crate) fn hangs(&self, index: usize) -> bool {
-        self.hangs[index]
     }
 
     /// True if both objects are on opposite walls, facing each other across the floor.
@@ -269,7 +262,6 @@ fn near_m(a: &Aabb, b: &Aabb) -> f32 {
     (flat * flat + y * y).sqrt()
 }
 
-/// Overlap between two spans.
 fn overlap_m(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[1].min(b[1]) - a[0].max(b[0])
 }
@@ -281,7 +273,6 @@ fn is_over(lower: &Aabb, upper: &Aabb, margin_m: f32) -> bool {
     lower.grown(margin_m).contains(&middle)
 }
 
-/// True if `own` rests on `other`.
 fn rests_on(own: &Object, other: &Object) -> bool {
     let (a, b) = (&own.bounds, &other.bounds);
     let smaller = a.size().x.max(a.size().z) < 1.05 * b.size().x.max(b.size().z);

@@ -71,7 +71,7 @@ impl Flat {
         }
     }
 
-    /// Adds a coloured object; its index is the insertion order.
+    /// Adds a coloured object; indices follow insertion order.
     fn with(mut self, category: &str, color: &str, min: [f32; 3], max: [f32; 3]) -> Self {
         let id = InstanceId(self.scene.objects.len() as u32 + 1);
         self.block(min, max, id);
@@ -109,7 +109,7 @@ const CHAIR: usize = 7;
 fn bedroom() -> (SceneAssets, BTreeMap<InstanceId, Palette>) {
     let flat = Flat::new()
         .with("bed", "blue", [2.0, 0.0, 0.02], [3.6, 0.9, 2.0])
-        // Right of the bed for a viewer facing the wall z = 0, along -z.
+        // Right of the bed for a viewer facing the wall z = 0, in direction -z.
         .with("chest_of_drawers", "brown", [3.7, 0.0, 0.02], [4.2, 0.5, 0.45])
         .with("lamp", "red", [3.85, 0.5, 0.1], [4.05, 0.9, 0.3])
         .with("picture", "green", [2.4, 1.3, 0.01], [3.2, 1.9, 0.04])
@@ -180,7 +180,7 @@ fn checker_accepts_all_written_claims() {
     }
 }
 
-/// Claims with the noun for `index` and one location by the noun for `landmark`.
+/// Claims with the noun for `index` and a location by the noun for `landmark`.
 fn place(facts: &Facts, index: usize, relation: Relation, landmark: usize) -> Claims {
     let name = |index: usize| lexicon::names(&facts.scene.objects[index]).swap_remove(0);
     let mark = Landmark { name: name(landmark), color: None, only: true };
@@ -225,7 +225,7 @@ fn same_coloured_twin_is_a_rival() {
         claims.list = vec![Claim::Color("red".into())];
         (by_place, check::rivals(&facts, &claims, 1))
     };
-    // The other chair is 0.9 m from the table: too far even for a generous "next to".
+    // The other chair is 0.9 m from the table: too much even for a generous "next to".
     assert_eq!(rivals_of_the_red("red"), (vec![], vec![2]));
     assert_eq!(rivals_of_the_red("blue"), (vec![], vec![]));
 }
@@ -368,7 +368,7 @@ fn fits(scene: &Scene, object: &Object, claim: &Claim, blank: bool) -> bool {
     }
 }
 
-/// True if the path between the two objects bends less than 50 degrees at this one.
+/// True if the path between the two objects bends less than 50 degrees at this object.
 fn is_amid(object: &Object, a: &Object, b: &Object) -> bool {
     let flat = |from: &Object, to: &Object| (to.bounds.center() - from.bounds.center()).xz();
     flat(a, object).angle(&flat(object, b)) < 50_f32.to_radians()
@@ -417,7 +417,7 @@ fn is_so(scene: &Scene, relation: Relation, object: &Object, thing: &Object) -> 
     }
 }
 
-/// True if one object is right of another for a viewer facing a common wall.
+/// True if an object is right of another for a viewer facing a common wall.
 fn may_be_right_of(scene: &Scene, object: &Object, thing: &Object) -> bool {
     const DEEP_M: f32 = 0.25;
     let (own, other) = (&object.bounds, &thing.bounds);
@@ -430,7 +430,7 @@ fn may_be_right_of(scene: &Scene, object: &Object, thing: &Object) -> bool {
     north || south || west || east
 }
 
-/// True if an object may have its back to a side of its room's box (0: low end, 1: high end), or, away from both, to an
+/// True if an object's back may be at a side of the room's box (0: low end, 1: high end), or, far from both ends, at an
 /// inner wall: then it is wider than deep.
 fn may_stand_at(scene: &Scene, object: &Object, axis: usize, end: usize) -> bool {
     const CLOSE_M: f32 = 0.3;

@@ -29,7 +29,6 @@ const LANDMARK_SHARE: f32 = 0.004;
 pub(crate) struct Sentence {
     pub(crate) text: String,
     pub(crate) claims: Claims,
-    /// Sentence frame.
     pub(crate) frame: &'static str,
 }
 
@@ -39,7 +38,6 @@ impl From<Sentence> for Description {
     }
 }
 
-/// Sentence writer for a scene.
 pub(crate) struct Writer<'a> {
     relater: Relater<'a>,
     options: &'a SurveyOptions,
@@ -138,13 +136,13 @@ impl<'a> Writer<'a> {
         match category {
             _ if on && LAID.contains(&category) => "lies",
             _ if BUILT_IN.contains(&category) => "is",
-            _ if self.relater.hangs(index) => "hangs",
+            _ if self.relater.hangs[index] => "hangs",
             _ if LAID.contains(&category) => "is",
             _ => "stands",
         }
     }
 
-    /// Tries one sentence: random claims, then the most selective ones until no rival remains.
+    /// Tries a sentence: random claims, then the most selective ones until no rival remains.
     fn attempt(&self, pool: &Pool, rng: &mut Rng) -> Option<Sentence> {
         let head = if rng.chance(0.7) { pool.names.first() } else { rng.choose(&pool.names) }?.clone();
         let empty = Claims { head: head.clone(), list: Vec::new() };
@@ -153,7 +151,7 @@ impl<'a> Writer<'a> {
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
         }
-        // Random claims give variety; the greedy rest keeps sentences short.
+        // Random claims add variety; the greedy rest makes sentences short.
         while !rivals.is_empty() {
             let next = pool.most_telling(&chosen, &rivals)?;
             rivals.retain(|rival| pool.might_fit[next].contains(rival));
@@ -168,7 +166,7 @@ impl<'a> Writer<'a> {
         checked.then_some(Sentence { text, claims, frame })
     }
 
-    /// Words for the claims, in a frame that gives an allowed length.
+    /// Words for the claims, in a frame with an allowed length.
     fn words(&self, pool: &Pool, claims: &Claims, rng: &mut Rng) -> Option<(String, &'static str)> {
         let is_place = |claim: &&Claim| matches!(claim, Claim::Place(..));
         let room = claims.list.iter().find_map(|claim| match claim {
@@ -265,7 +263,7 @@ impl Pool {
     }
 }
 
-/// True if a relation mentions a wall: a sentence has at most one.
+/// True if a relation mentions a wall: a sentence has at most one such relation.
 fn is_at_wall(relation: Relation) -> bool {
     use Relation::{AgainstWall, Corner, LeftOf, Opposite, RightOf};
     matches!(relation, LeftOf | RightOf | Opposite | Corner | AgainstWall)

@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_MISSIONS: usize = 100_000;
 /// Most targets per scene.
 const MAX_TARGETS: usize = 100_000;
-/// Most goals per mission: the record has one bit per goal.
+/// Most goals per mission: the record has a bit per goal.
 const MAX_GOALS: usize = 8;
 /// Most scenes per split.
 const MAX_SCENES: usize = 1_000_000;
@@ -46,11 +46,17 @@ impl<'a> File<'a> {
         serde_json::from_slice(line).map_err(|error| self.error(Some(number), json_error(&error)))
     }
 
+    fn require(
+        &self,
+        holds: bool,
+        line: Option<usize>,
+        cause: impl FnOnce() -> String,
+    ) -> Result<(), FormatError> {
+        if holds { Ok(()) } else { Err(self.error(line, cause())) }
+    }
+
     fn limit(&self, what: &str, found: usize, limit: usize) -> Result<(), FormatError> {
-        if found <= limit {
-            return Ok(());
-        }
-        Err(self.error(None, format!("{found} {what}, the limit is {limit}")))
+        self.require(found <= limit, None, || format!("{found} {what}, the limit is {limit}"))
     }
 
     fn finite(&self, line: usize, bad: finite::Bad) -> Result<(), FormatError> {
@@ -72,38 +78,30 @@ impl<'a> File<'a> {
 
     /// Compares the file kind or scene.
     fn equal(&self, found: &str, expected: &str, line: Option<usize>) -> Result<(), FormatError> {
-        if found == expected {
-            return Ok(());
-        }
-        Err(self.error(line, format!("found {found}, expected {expected}; was a file renamed?")))
+        self.require(found == expected, line, || {
+            format!("found {found}, expected {expected}; was a file renamed?")
+        })
     }
 
     fn version(&self, found: u32) -> Result<(), FormatError> {
-        if found == DATASET_VERSION {
-            return Ok(());
-        }
-        let cause = format!(
-            "version {found} is not supported, this program reads version {DATASET_VERSION}; rebuild the data set or update the program"
-        );
-        Err(self.error(Some(1), cause))
+        self.require(found == DATASET_VERSION, Some(1), || {
+            format!(
+                "version {found} is not supported, this program reads version {DATASET_VERSION}; rebuild the data set or update the program"
+            )
+        })
     }
 
     fn count(&self, what: &str, found: usize, promised: usize) -> Result<(), FormatError> {
-        if found == promised {
-            return Ok(());
-        }
-        let cause = format!(
-            "{found} {what}, but the header promises {promised}; the file is truncated or was assembled by hand"
-        );
-        Err(self.error(None, cause))
+        self.require(found == promised, None, || {
+            format!(
+                "{found} {what}, but the header promises {promised}; the file is truncated or was assembled by hand"
+            )
+        })
     }
 
     fn tied(&self, expected: &str) -> Result<(), FormatError> {
         let found = digest_of(self.bytes);
-        if found == expected {
-            return Ok(());
-        }
-        Err(self.error(None, digest_cause(&found, expected)))
+        self.require(found == expected, None, || digest_cause(&found, expected))
     }
 }
 
@@ -133,9 +131,8 @@ pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatE
     let (mut scenes, mut names) = (Vec::new(), BTreeSet::new());
     for line in file.lines() {
         let scene: SceneLine = file.parse(line)?;
-        if !names.insert(scene.name.clone()) {
-            return Err(file.error(Some(line.0), format!("scene {} occurs twice", scene.name)));
-        }
+        let is_new = names.insert(scene.name.clone());
+        file.require(is_new, Some(line.0), || format!("scene {} occurs twice", scene.name))?;
         file.finite(line.0, scene.facts.and_then(|facts| finite::number(facts.area_m2, "facts.area_m2")))?;
         scenes.push(scene);
         file.limit("scenes", scenes.len(), MAX_SCENES)?;
@@ -154,14 +151,13 @@ pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, Form
     let (mut missions, mut ids) = (Vec::new(), BTreeSet::new());
     for line in file.lines().skip(1) {
         let mission: PublicMission = file.parse(line)?;
-        if !ids.insert(mission.id.clone()) {
-            return Err(file.error(Some(line.0), format!("mission {} occurs twice", mission.id)));
-        }
+        let is_new = ids.insert(mission.id.clone());
+        file.require(is_new, Some(line.0), || format!("mission {} occurs twice", mission.id))?;
         file.finite(line.0, finite::pose(&mission.start, "start"))?;
-        if !(1..=MAX_GOALS).contains(&mission.goals.len()) {
-            let cause = format!("{} goals, the limit is {MAX_GOALS}", mission.goals.len());
-            return Err(file.error(Some(line.0), cause));
-        }
+        let goals = mission.goals.len();
+        file.require((1..=MAX_GOALS).contains(&goals), Some(line.0), || {
+            format!("{goals} goals, the limit is {MAX_GOALS}")
+        })?;
         missions.push(mission);
         file.limit("missions", missions.len(), header.missions.max(1))?;
     }
@@ -177,7 +173,7 @@ pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
     let header = sealed.header(Header::SEALED, &line.name)?;
-    // The sealed file names its public file, so that files from two builds are not mixed.
+    // The sealed file names the public file, so that files from two builds are not mixed.
     if header.public.as_deref() != Some(line.public.as_str()) {
         let cause = digest_cause(&header.public.unwrap_or_default(), &line.public);
         return Err(sealed.error(Some(1), cause));
@@ -202,9 +198,8 @@ fn read_targets(file: &File, count: usize) -> Result<BTreeMap<u32, SealedTarget>
         let sealed: SealedTarget = file.parse(line)?;
         file.finite(line.0, finite::target(&sealed.target))?;
         let id = sealed.target.instance;
-        if targets.insert(id, sealed).is_some() {
-            return Err(file.error(Some(line.0), format!("target {id} occurs twice")));
-        }
+        let is_new = targets.insert(id, sealed).is_none();
+        file.require(is_new, Some(line.0), || format!("target {id} occurs twice"))?;
     }
     file.count("targets", targets.len(), count)?;
     Ok(targets)
@@ -279,7 +274,7 @@ fn goal_of(
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 
-/// Message from serde with the column; its line number is always 1 and is dropped.
+/// Message from serde with the column, without the line number, which is always 1.
 fn json_error(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());

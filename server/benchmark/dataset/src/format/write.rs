@@ -159,5 +159,5 @@ fn push(bytes: &mut Vec<u8>, line: &impl Serialize) -> Result<(), DatasetError> 
 }
 
 fn unwritable(error: serde_json::Error) -> DatasetError {
-    DatasetError::Malformed { reason: error.to_string() }
+    DatasetError::Malformed(error.to_string())
 }

@@ -8,7 +8,7 @@ use std::cell::OnceCell;
 pub(crate) struct Atlas<'a> {
     navmesh: &'a NavMesh,
     regions: Vec<Region>,
-    /// Stands from all regions, region by region.
+    /// Sample points in all regions, region by region.
     places: Places,
     /// Shortest paths to each corner, computed on first use.
     ways: Vec<OnceCell<CornerWays>>,
@@ -24,7 +24,6 @@ pub(crate) struct Departure {
     exits: Exits,
 }
 
-/// Path between two points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Way {
     pub(crate) distance_m: f64,
@@ -110,7 +109,6 @@ impl<'a> Atlas<'a> {
         }
     }
 
-    /// Returns the region count.
     pub(crate) fn len(&self) -> usize {
         self.regions.len()
     }
@@ -168,7 +166,7 @@ impl<'a> Atlas<'a> {
         reached
     }
 
-    /// Returns paths from every point in `from` to one point.
+    /// Returns paths from every point in `from` to a point.
     pub(crate) fn back(&self, to: (usize, usize), from: usize) -> Vec<Way> {
         let (here, there) = (&self.regions[from], &self.regions[to.0]);
         let exits: Vec<_> =
@@ -222,7 +220,7 @@ impl<'a> Atlas<'a> {
         leg
     }
 
-    /// Best path from a corner over one of `exits`.
+    /// Best path from a corner by `exits`.
     fn way_out(&self, corner: u32, exits: &[(u32, f64)]) -> Way {
         let mut way = NO_WAY;
         for &(home, distance_m) in exits {
@@ -245,9 +243,8 @@ impl<'a> Atlas<'a> {
     }
 }
 
-/// Success region.
 struct Region {
-    /// Index of its first point among all points.
+    /// First point's index among all points.
     first: usize,
     stands: Vec<Stand>,
     /// Exit corners, ascending.
@@ -256,14 +253,12 @@ struct Region {
     near_m: Vec<f64>,
 }
 
-/// Sampled point in a region.
 struct Stand {
     position: Point3<f32>,
     /// Visible exit corners: index in the region, and distance in metres.
     exits: Vec<(u32, f64)>,
 }
 
-/// Two points in line of sight.
 struct Straight {
     from: u32,
     to: u32,
@@ -310,7 +305,7 @@ impl Region {
         self.stands.iter().map(least).collect()
     }
 
-    /// Stands visible from a start, with distances in metres.
+    /// Sample points visible from a start, with distances in metres.
     fn seen_from(&self, start: &Departure) -> impl Iterator<Item = (usize, f64)> {
         let places = &start.exits.places;
         let from = places.partition_point(|place| (place.0 as usize) < self.first);

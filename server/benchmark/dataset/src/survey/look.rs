@@ -103,7 +103,6 @@ const RING_SHARE: f32 = 0.08;
 
 /// Steps per channel in the colour name table.
 const STEPS: usize = 32;
-/// Colour words.
 const WORDS: usize = colors::PALETTE.len();
 
 /// Colour word index per RGB cell.
@@ -156,7 +155,6 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
     hue * 4 + vivid * 2 + usize::from(most >= 128)
 }
 
-/// Measurements of an instance in a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
     pub(crate) view: CueView,
@@ -168,9 +166,7 @@ pub(crate) struct Look {
     pub(crate) contrast: f32,
     /// Colour distance to the surrounding ring, 0 to 1.
     pub(crate) distinctness: f32,
-    /// Object colours.
     pub(crate) object: Histogram,
-    /// Background colours.
     pub(crate) context: Histogram,
     /// Pixels per other instance.
     pub(crate) beside: BTreeMap<InstanceId, u32>,
@@ -242,7 +238,6 @@ fn rgb_at(frame: &CameraImage, pixel: usize) -> [u8; 3] {
     [frame.rgb[3 * pixel], frame.rgb[3 * pixel + 1], frame.rgb[3 * pixel + 2]]
 }
 
-/// Pixels of an instance.
 struct Mask<'a> {
     frame: &'a CameraImage,
     instance: InstanceId,
@@ -336,7 +331,6 @@ impl<'a> Mask<'a> {
     }
 }
 
-/// Observed colours.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Palette {
     counts: [u64; WORDS],
@@ -344,14 +338,12 @@ pub(crate) struct Palette {
 }
 
 impl Palette {
-    /// Adds a pixel.
     pub(crate) fn add(&mut self, rgb: [u8; 3]) {
         let [r, g, b] = rgb.map(|value| usize::from(value) * STEPS / 256);
         self.counts[usize::from(NAMES[(r * STEPS + g) * STEPS + b])] += 1;
         (0..3).for_each(|channel| self.sums[channel] += u64::from(rgb[channel]));
     }
 
-    /// Returns the pixel count.
     pub(crate) fn pixels(&self) -> u64 {
         self.counts.iter().sum()
     }

@@ -17,7 +17,7 @@ const SNAP_M: f32 = 0.5;
 /// Most viewpoints of an imported target.
 const MAX_VIEWPOINTS: usize = 12;
 
-/// Returns the target for an object with its success region, without viewpoints; `None` if the region is too small.
+/// Returns the target for an object with the success region, without viewpoints; `None` if the region is too small.
 pub(crate) fn target_without_views(
     assets: &SceneAssets,
     rules: &Rules,
@@ -39,7 +39,7 @@ pub(crate) fn target_without_views(
     (target.region.len() >= MIN_REGION_POINTS).then_some(target)
 }
 
-/// Returns the target for an imported object. Keeps the given viewpoints near the floor; without any, spreads
+/// Returns the target for an imported object. Uses the given viewpoints near the floor; without any, spreads
 /// viewpoints over the success region. `None` if the region is too small.
 pub fn target_at(
     assets: &SceneAssets,
@@ -94,7 +94,7 @@ fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<P
         .collect()
 }
 
-/// Chooses up to `count` places in all directions from `center`, near and far in turn.
+/// Chooses up to `count` places in all directions from `center`, near and distant in turn.
 pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize) -> Vec<Point3<f32>> {
     let sectors = count.max(1);
     let mut around: Vec<Vec<(f32, Point3<f32>)>> = vec![Vec::new(); sectors];
@@ -120,7 +120,6 @@ pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize)
     chosen
 }
 
-/// Returns the pose at `base` facing `place`.
 pub(crate) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
     let offset: Vector3<f32> = place - base;
     Pose::new(*base, angle::atan2(-offset.x, -offset.z))

@@ -24,7 +24,7 @@ fn mini() -> Vec<BuiltScene> {
     recipe.jobs().map(|job| build_scene(&recipe, job, None).expect("a scene with missions")).collect()
 }
 
-/// One line per number, then one per scene with geometry and file digests.
+/// A line per number, then a line per scene with geometry and file digests.
 fn report(scenes: &[BuiltScene]) -> String {
     let mut sum = Statistics::default();
     scenes.iter().for_each(|scene| sum.add(&scene.statistics));
@@ -275,7 +275,7 @@ fn survey_is_deterministic() {
     assert_eq!(found(&ThresholdsOnly), *FOUND);
 }
 
-/// Recognises objects in one category.
+/// Recognises objects in a single category.
 struct Only(&'static str);
 
 impl Verifier for Only {

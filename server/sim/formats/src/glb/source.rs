@@ -129,7 +129,7 @@ pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Ch
         base64(encoded).ok_or("a data: URI is not valid base64; export it as .glb")?
     } else {
         let folder = folder.ok_or_else(|| {
-            format!("it keeps data in another file, {address:?}; open it by its path, or export it as .glb")
+            format!("it refers to another file, {address:?}; open it by its path, or export it as .glb")
         })?;
         read_limited(&neighbour(folder, address)?, *budget).map_err(|error| {
             format!(

@@ -47,15 +47,15 @@ impl Assembly {
         &mut self,
         stage: &Template,
         instance: &InstanceEntry,
-        says: &dyn Fn(String) -> SceneError,
+        fail: &dyn Fn(String) -> SceneError,
         report: &mut ImportReport,
     ) -> Result<(), SceneError> {
         let path = stage.asset.as_deref().ok_or_else(|| {
-            says(format!("its stage {:?} has no mesh in the data set; add the file", stage.name))
+            fail(format!("its stage {:?} has no mesh in the data set; add the file", stage.name))
         })?;
         let asset = self.asset(path, report)?;
-        let place = stage_place(stage, instance).map_err(|why| says(format!("its stage {why}")))?;
-        self.append(&asset, &place).map(|_| ()).map_err(says)
+        let place = stage_place(stage, instance).map_err(|why| fail(format!("its stage {why}")))?;
+        self.append(&asset, &place).map(|_| ()).map_err(fail)
     }
 
     /// Adds an object; an object without a mesh is left out, with a warning.

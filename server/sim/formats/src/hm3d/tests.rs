@@ -12,8 +12,8 @@ const TABLE: &str = "HM3D Semantic Annotations\n\
     4,FA0163,\"wall\",5\n\
     6,0000FF,\"shade, desk lamp\",-1\n";
 
-/// A one-material scene of flat rectangles, Z up, each `[x0, y0, x1, y1]` at height z = 1 with `pieces` strips.
-/// The texture's columns are `colors`, one for each rectangle.
+/// A scene with flat rectangles `[x0, y0, x1, y1]` in `pieces` strips, Z up, at height z = 1, with a single material.
+/// The texture has a column per rectangle, in `colors`.
 fn flat(rectangles: &[[f32; 4]], colors: &[[u8; 3]], pieces: u32) -> Scene {
     let mut mesh = Mesh::default();
     for (index, &[x0, y0, x1, y1]) in rectangles.iter().enumerate() {
@@ -130,7 +130,7 @@ fn unmatched_colours_and_numbers_are_reported() {
     }
 }
 
-/// Exports a scene and imports it again.
+/// Exports and imports a scene.
 fn back(scene: &Scene) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -153,7 +153,7 @@ fn exported_house_preserves_its_instances() {
     let things: Vec<&Object> = scene.objects.iter().filter(is_thing).collect();
     assert_eq!(back.objects.len(), things.len());
     for (found, object) in back.objects.iter().zip(things) {
-        // A vase is one of mpcat40's objects.
+        // A vase is in mpcat40's category `objects`.
         let Meaning::Object { category, .. } = meaning(&object.category) else { panic!("{object:?}") };
         assert_eq!((found.id, &found.category), (object.id, &category));
         let (a, b) = (&found.bounds, &object.bounds);

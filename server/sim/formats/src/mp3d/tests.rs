@@ -116,7 +116,7 @@ fn inconsistent_files_are_refused_by_name() {
     let error =
         import(&table, &ImportOptions::default(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("made_semantic.ply") && error.contains("line"), "{error}");
-    // One object more in the table than on the mesh, and one object less.
+    // The table has an additional object, and lacks another.
     let more = TABLE_TEXT
         .replace("E 0 0", "O 9 0 2 4 4 1 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0\nE 0 0")
         .replace("O 1 0", "O 8 0");

@@ -238,8 +238,8 @@ impl ObjParser {
         if let Some(part) = self.part {
             return Ok(part);
         }
-        let says_more = self.object.is_empty() || category_of_name(&self.group).is_some();
-        let name = if says_more { &self.group } else { &self.object };
+        let has_category = self.object.is_empty() || category_of_name(&self.group).is_some();
+        let name = if has_category { &self.group } else { &self.object };
         let next = self.found.parts.len();
         let part = match self.part_of.get(name) {
             Some(&known) => known,

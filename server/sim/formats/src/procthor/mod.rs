@@ -274,7 +274,7 @@ mod tests {
         "polygon": [corner(from, 0.0), corner(to, 0.0), corner(from, 2.5), corner(to, 2.5)] })
     }
 
-    /// Two rooms, 0 to 4 and 4 to 6 in x, both 3 m deep in Unity's z, with a door between them, one that leads outside
+    /// Two rooms, 0 to 4 and 4 to 6 in x, both 3 m deep in Unity's z, with a door between them, a door to the outside
     /// and a window.
     fn house() -> Value {
         let rectangle =

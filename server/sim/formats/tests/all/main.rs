@@ -138,7 +138,7 @@ fn house_folder(test: &str) -> Option<PathBuf> {
     Some(scene_folder(test)?.join("aws_small_house"))
 }
 
-/// Category and box of each thing that is no part of the building.
+/// Category and box per object, without building parts.
 fn expected_objects(house: &Path) -> Vec<(String, Aabb)> {
     let text = std::fs::read_to_string(house.join("instances.json")).expect("a list of instances");
     let list: Vec<serde_json::Value> = serde_json::from_str(&text).expect("JSON");

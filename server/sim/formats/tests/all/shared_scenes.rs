@@ -237,7 +237,7 @@ fn procthor_houses_use_asset_database_sizes() {
         [1, 1, 2, 6]
     );
     assert_eq!(report.warnings, [""; 0], "all sizes are known");
-    // Bed_8 stands on the floor: its centre is as high as half of its box.
+    // Bed_8 is on the floor: the centre is at half the box height.
     let bed = scene.objects.iter().find(|object| object.category == "bed").unwrap();
     assert!(bed.bounds.min.y.abs() < 0.02, "{:?}", bed.bounds);
     assert!(scene.objects.iter().all(|object| object.region.is_some()));

@@ -43,7 +43,7 @@ impl Decorator<'_> {
     }
 
     fn wardrobe(&mut self) {
-        let width = self.taste.rng.range(0.95, 1.5);
+        let width = self.sampler.rng.range(0.95, 1.5);
         for (width, wish, front) in [(width, Wish::Corner, 0.6), (0.8, Wish::Anywhere, 0.45)] {
             if self.put_sized(&cabinets::WARDROBE, [width, 0.0, 0.0], wish, front).is_some() {
                 return;
@@ -62,14 +62,14 @@ impl Decorator<'_> {
     /// Adds a bed with cushions, clothes, nightstands, a bench and a rug.
     fn bed_group(&mut self) -> Option<Spot> {
         let wide = self.maybe(0.7);
-        let width = if wide { self.taste.rng.range(1.4, 1.7) } else { self.taste.rng.range(0.95, 1.1) };
-        let mut bed = beds::BED.sized(self.taste, [width, 0.0, 0.0]);
+        let width = if wide { self.sampler.rng.range(1.4, 1.7) } else { self.sampler.rng.range(0.95, 1.1) };
+        let mut bed = beds::BED.sized(self.sampler, [width, 0.0, 0.0]);
         let mut spot = self.stand(&bed, Wish::Middle, 0.6);
         for _ in 0..NARROW_BEDS {
             if spot.is_some() {
                 break;
             }
-            bed = beds::BED.sized(self.taste, [0.95, 0.0, 0.0]);
+            bed = beds::BED.sized(self.sampler, [0.95, 0.0, 0.0]);
             spot = self.stand(&bed, Wish::Anywhere, 0.0).or_else(|| self.stand_along_wall(&bed));
         }
         let spot = spot?;
@@ -81,14 +81,14 @@ impl Decorator<'_> {
         if self.maybe(0.2) {
             self.lay_flat(&textiles::FOLDED, &spot, [width * 0.2, 0.6], beds::COVER_M);
         }
-        let nightstand = cabinets::NIGHTSTAND.any(self.taste);
+        let nightstand = cabinets::NIGHTSTAND.any(self.sampler);
         for hand in [-1.0, 1.0] {
             if let Some(nightstand) = self.beside(&nightstand, &spot, hand) {
                 self.lamp_on(&nightstand, 0.0);
             }
         }
         if wide && self.maybe(0.4) {
-            let bench = stools::SEATING.sized(self.taste, [width * 0.8, 0.0, 0.4]);
+            let bench = stools::SEATING.sized(self.sampler, [width * 0.8, 0.0, 0.4]);
             self.stand_at(&bench, spot.side, spot.before(0.03 + bench.size().z / 2.0));
         }
         if self.maybe(0.6) {
@@ -103,12 +103,12 @@ impl Decorator<'_> {
 
     /// Adds a chest of drawers, sometimes with a television, opposite the bed if possible.
     fn chest(&mut self, bed: Option<&Spot>) {
-        let chest = cabinets::CHEST.any(self.taste);
+        let chest = cabinets::CHEST.any(self.sampler);
         let wish = bed.map_or(Wish::Anywhere, |bed| Wish::Facing(bed.side.opposite(), bed.along()));
         let facing = self.stand(&chest, wish, 0.6);
         let Some(spot) = facing.or_else(|| self.stand(&chest, Wish::Anywhere, 0.6)) else { return };
         if self.maybe(0.25) {
-            let tv = screens::TV.sized(self.taste, [0.72, 0.0, 0.0]);
+            let tv = screens::TV.sized(self.sampler, [0.72, 0.0, 0.0]);
             self.piece_on_top(&tv, &spot, [0.0, -0.3]);
         } else {
             self.clutter(&spot, 2);

@@ -24,7 +24,7 @@ impl Decorator<'_> {
             &[Sink(0.8)],
         ];
         let first = self.rng.below(2);
-        let look = kitchen::COUNTER.look(self.taste);
+        let look = kitchen::COUNTER.look(self.sampler);
         let row = rows[first..].iter().find(|row| self.row_of(row, &look));
         if row.is_none_or(|row| !row.contains(&Fridge)) {
             self.put(&kitchen::FRIDGE, Wish::Corner, 0.6);
@@ -70,15 +70,15 @@ impl Decorator<'_> {
         match unit {
             KitchenUnit::Counter(width) => kitchen::COUNTER.drawn(look, [width, 0.0, 0.0]),
             KitchenUnit::Sink(width) => kitchen::COUNTER.drawn(look, [width, 0.0, 1.0]),
-            KitchenUnit::Cooker => kitchen::COOKER.any(self.taste),
-            KitchenUnit::Fridge => kitchen::FRIDGE.any(self.taste),
-            KitchenUnit::Washer => kitchen::WASHER.any(self.taste),
+            KitchenUnit::Cooker => kitchen::COOKER.any(self.sampler),
+            KitchenUnit::Fridge => kitchen::FRIDGE.any(self.sampler),
+            KitchenUnit::Washer => kitchen::WASHER.any(self.sampler),
         }
     }
 
     fn set_row(&mut self, units: &[KitchenUnit], pieces: &[Piece], side: Side, start: f32, look: &Look) {
         let room = self.space.room;
-        let style = self.taste.style(cabinets::WALL_CABINET.styles);
+        let style = self.sampler.style(cabinets::WALL_CABINET.styles);
         let upper = self.maybe(0.8).then(|| Look { style, ..look.clone() });
         let mut at = start;
         for (unit, piece) in units.iter().zip(pieces) {
@@ -88,7 +88,7 @@ impl Decorator<'_> {
             let spot = self.set(piece, side, &side.band(&room, along, [GAP_M, GAP_M + size.z]), 0.0);
             match unit {
                 KitchenUnit::Sink(_) => {
-                    let sink = sanitary::KITCHEN_SINK.any(self.taste);
+                    let sink = sanitary::KITCHEN_SINK.any(self.sampler);
                     self.lay(&sink, &spot, [0.0, kitchen::COUNTER_M, 0.0]);
                     self.above(upper.as_ref(), size.x, side, middle);
                 }
@@ -97,7 +97,7 @@ impl Decorator<'_> {
                     self.above(upper.as_ref(), size.x, side, middle);
                 }
                 KitchenUnit::Cooker if self.maybe(0.25) => {
-                    let hood = kitchen::HOOD.any(self.taste);
+                    let hood = kitchen::HOOD.any(self.sampler);
                     self.hang_deep(&hood, 1.55, side, middle);
                 }
                 KitchenUnit::Fridge => {
@@ -128,14 +128,14 @@ impl Decorator<'_> {
 
     /// Adds an island with stools; returns false without room.
     fn island(&mut self, look: &Look) -> bool {
-        let width = self.taste.rng.range(1.1, 1.6);
+        let width = self.sampler.rng.range(1.1, 1.6);
         let Some((side, center)) = self.place_for([width, 0.7 + 0.5]) else { return false };
-        let style = self.taste.style(kitchen::ISLAND.styles);
+        let style = self.sampler.style(kitchen::ISLAND.styles);
         let island = kitchen::ISLAND.drawn(&Look { style, ..look.clone() }, [width, 0.0, 0.0]);
         let Some(spot) = self.stand_at(&island, side, shifted(side, center, [0.0, -0.25])) else {
             return false;
         };
-        let stool = stools::BAR_STOOL.any(self.taste);
+        let stool = stools::BAR_STOOL.any(self.sampler);
         for x in [-width * 0.27, width * 0.27] {
             self.stand_at(&stool, side, shifted(side, spot.center(), [x, 0.35 + 0.24]));
         }
@@ -146,8 +146,8 @@ impl Decorator<'_> {
     pub(super) fn dining_room(&mut self) {
         let chairs = [4, 6, 6, 8][self.rng.below(4)];
         self.dining_set(chairs);
-        let make = if self.maybe(0.7) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
-        if let Some(cabinet) = self.put(make, Wish::Middle, 0.6)
+        let kind = if self.maybe(0.7) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
+        if let Some(cabinet) = self.put(kind, Wish::Middle, 0.6)
             && cabinet.height_m() < 1.1
         {
             self.clutter(&cabinet, 2);
@@ -182,7 +182,7 @@ impl Decorator<'_> {
             }
         }
         if let Some(table) = self.put_sized(&tables::DINING_TABLE, [0.8, 0.0, 0.75], Wish::Anywhere, 0.9) {
-            let chair = seats::CHAIR.any(self.taste);
+            let chair = seats::CHAIR.any(self.sampler);
             let distance = chair.size().z / 2.0 + 0.04;
             self.stand_at(&chair, table.side.opposite(), table.before(distance));
             self.clutter(&table, 1);
@@ -190,9 +190,9 @@ impl Decorator<'_> {
     }
 
     fn table_with_chairs(&mut self, size: [f32; 2], chairs: usize, ends: bool, side: Side, center: [f32; 2]) {
-        let table = tables::DINING_TABLE.sized(self.taste, [size[0], 0.0, size[1]]);
+        let table = tables::DINING_TABLE.sized(self.sampler, [size[0], 0.0, size[1]]);
         let Some(table) = self.stand_at(&table, side, center) else { return };
-        let chair = seats::CHAIR.any(self.taste);
+        let chair = seats::CHAIR.any(self.sampler);
         let away = size[1] / 2.0 + chair.size().z / 2.0 + 0.03;
         let columns = (chairs / 2).max(1);
         for column in 0..columns {
@@ -206,8 +206,8 @@ impl Decorator<'_> {
             self.stand_at(&chair, left, shifted(side, center, [-away, 0.0]));
             self.stand_at(&chair, right, shifted(side, center, [away, 0.0]));
         }
-        let make = if self.maybe(0.6) { &decor::VASE } else { &plants::SMALL_PLANT };
-        self.on_top(make, &table, [0.0, 0.0]);
+        let kind = if self.maybe(0.6) { &decor::VASE } else { &plants::SMALL_PLANT };
+        self.on_top(kind, &table, [0.0, 0.0]);
         if self.maybe(0.5) {
             let rug = [size[0] + 1.1, size[1] + 1.3];
             self.lay_rug(rug, side, center);

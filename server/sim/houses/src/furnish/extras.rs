@@ -19,7 +19,7 @@ use Way::*;
 use Wish::*;
 
 /// A furniture kind, weight and placement.
-type Extra = (&'static Make, f32, Way);
+type Extra = (&'static FurnitureKind, f32, Way);
 
 const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);
 const PLANT: Extra = (&plants::FLOOR_PLANT, 1.00, Stand(Corner, 0.0));
@@ -80,28 +80,28 @@ impl Decorator<'_> {
         let weights: Vec<f32> = choice.iter().map(|(_, weight, _)| *weight).collect();
         let wanted = (least + self.area_m2() * 0.26).min(11.0) as usize;
         for _ in 0..wanted {
-            let (make, _, way) = choice[self.taste.weighted(&weights)];
-            self.extra(make, way);
+            let (furniture, _, way) = choice[self.sampler.weighted(&weights)];
+            self.extra(furniture, way);
         }
     }
 
-    fn extra(&mut self, make: &'static Make, way: Way) {
+    fn extra(&mut self, kind: &'static FurnitureKind, way: Way) {
         match way {
             Stand(wish, front_m) => {
-                let spot = self.put(make, wish, front_m);
+                let spot = self.put(kind, wish, front_m);
                 let low =
-                    spot.filter(|spot| matches!(make.category, "table" | "cabinet") && spot.height_m() < 1.1);
+                    spot.filter(|spot| matches!(kind.category, "table" | "cabinet") && spot.height_m() < 1.1);
                 if let Some(spot) = low {
                     self.clutter(&spot, 2);
                 }
-                if let Some(bench) = spot.filter(|_| make.category == "seating")
+                if let Some(bench) = spot.filter(|_| kind.category == "seating")
                     && self.maybe(0.6)
                 {
                     self.on_top(&beds::CUSHION, &bench, [-0.8, 0.0]);
                 }
             }
             Hang(middle_m) => {
-                let piece = make.any(self.taste);
+                let piece = kind.any(self.sampler);
                 let base_m = middle_m - piece.size().y / 2.0;
                 if piece.size().z > 0.12 {
                     self.hang_somewhere(&piece, base_m);
@@ -123,7 +123,7 @@ impl Decorator<'_> {
     /// Adds a reading corner: an armchair, a lamp or small table, a shelf.
     pub(super) fn corner(&mut self) {
         if let Some(chair) = self.armchair(Wish::Corner) {
-            let table = tables::SIDE_TABLE.any(self.taste);
+            let table = tables::SIDE_TABLE.any(self.sampler);
             match [1.0, -1.0].into_iter().find_map(|hand| self.beside(&table, &chair, hand)) {
                 Some(table) => self.lamp_on(&table, 0.0),
                 None => drop(self.put(&lights::FLOOR_LAMP, Wish::Corner, 0.0)),
@@ -135,7 +135,6 @@ impl Decorator<'_> {
         self.put(&plants::FLOOR_PLANT, Wish::Corner, 0.0);
     }
 
-    /// Adds a desk or shelves.
     pub(super) fn work_corner(&mut self) {
         if self.maybe(0.5) {
             self.desk();
@@ -146,8 +145,8 @@ impl Decorator<'_> {
 
     /// Adds storage for tableware.
     pub(super) fn pantry(&mut self) {
-        let make = if self.maybe(0.5) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
-        if let Some(cabinet) = self.put(make, Wish::Anywhere, 0.5)
+        let kind = if self.maybe(0.5) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
+        if let Some(cabinet) = self.put(kind, Wish::Anywhere, 0.5)
             && cabinet.height_m() < 1.1
         {
             self.clutter(&cabinet, 2);

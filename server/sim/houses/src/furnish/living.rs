@@ -7,7 +7,7 @@ impl Decorator<'_> {
         if let Some(sofa) = self.sofa_group(2.15) {
             self.television(Wish::Facing(sofa.side.opposite(), sofa.along()));
             for hand in [1.0, -1.0] {
-                let table = tables::SIDE_TABLE.any(self.taste);
+                let table = tables::SIDE_TABLE.any(self.sampler);
                 if let Some(table) = self.beside(&table, &sofa, hand) {
                     self.lamp_on(&table, 0.0);
                 }
@@ -37,11 +37,11 @@ impl Decorator<'_> {
 
     /// Adds a sofa with cushions, a low table and a rug in front.
     fn sofa_group(&mut self, width: f32) -> Option<Spot> {
-        let width = width + self.taste.rng.range(-0.3, 0.25);
-        let mut sofa = seats::SOFA.sized(self.taste, [width, 0.0, 0.0]);
+        let width = width + self.sampler.rng.range(-0.3, 0.25);
+        let mut sofa = seats::SOFA.sized(self.sampler, [width, 0.0, 0.0]);
         let mut spot = self.stand(&sofa, Wish::Middle, 1.3);
         if spot.is_none() {
-            sofa = seats::SOFA.sized(self.taste, [1.5, 0.0, 0.0]);
+            sofa = seats::SOFA.sized(self.sampler, [1.5, 0.0, 0.0]);
             spot = self.stand(&sofa, Wish::Anywhere, 0.6);
         }
         let spot = spot?;
@@ -55,7 +55,7 @@ impl Decorator<'_> {
             _ => 0.35,
         };
         self.lean_cushions(&spot, &sofa.attributes.color, &all[..count], [0.455, back - depth / 2.0]);
-        let table = tables::COFFEE_TABLE.any(self.taste);
+        let table = tables::COFFEE_TABLE.any(self.sampler);
         let center = spot.before(0.42 + table.size().z / 2.0);
         if let Some(table) = self.stand_at(&table, spot.side, center) {
             self.clutter(&table, 2);
@@ -68,7 +68,7 @@ impl Decorator<'_> {
 
     /// Adds an armchair, often with a cushion.
     pub(super) fn armchair(&mut self, wish: Wish) -> Option<Spot> {
-        let chair = seats::ARMCHAIR.any(self.taste);
+        let chair = seats::ARMCHAIR.any(self.sampler);
         let spot = self.stand(&chair, wish, 0.5)?;
         let deep = !["round", "open"].contains(&chair.attributes.shape.as_str());
         if deep && self.maybe(0.8) {
@@ -80,18 +80,18 @@ impl Decorator<'_> {
 
     /// Adds a television on a stand or on the wall, preferably at `wish`.
     pub(super) fn television(&mut self, wish: Wish) {
-        let width = self.taste.rng.range(0.95, 1.25);
+        let width = self.sampler.rng.range(0.95, 1.25);
         let Some(stand) = self.put_sized(&cabinets::TV_STAND, [width + 0.3, 0.0, 0.0], wish, 0.6) else {
-            let tv = screens::WALL_TV.sized(self.taste, [width, 0.0, 0.0]);
+            let tv = screens::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
             if self.hang(&tv, 1.05, wish).is_none() && !matches!(wish, Wish::Anywhere) {
                 self.television(Wish::Anywhere);
             }
             return;
         };
         let above = self.maybe(0.4);
-        let tv = screens::WALL_TV.sized(self.taste, [width, 0.0, 0.0]);
+        let tv = screens::WALL_TV.sized(self.sampler, [width, 0.0, 0.0]);
         if !above || self.hang(&tv, 0.95, Wish::Facing(stand.side, stand.along())).is_none() {
-            let tv = screens::TV.sized(self.taste, [width, 0.0, 0.0]);
+            let tv = screens::TV.sized(self.sampler, [width, 0.0, 0.0]);
             self.piece_on_top(&tv, &stand, [0.0, -0.2]);
         }
     }
@@ -102,7 +102,7 @@ impl Decorator<'_> {
         }
         for _ in 0..self.count(1, 2) {
             if let Some(chair) = self.armchair(Wish::Corner) {
-                let table = tables::SIDE_TABLE.any(self.taste);
+                let table = tables::SIDE_TABLE.any(self.sampler);
                 if let Some(table) = self.beside(&table, &chair, 1.0) {
                     self.clutter(&table, 1);
                 }
@@ -154,17 +154,17 @@ impl Decorator<'_> {
     ) {
         if curtained && self.maybe(0.36) {
             let low = if self.maybe(0.5) { 0.06 } else { sill - 0.12 };
-            let curtain = openings::CURTAIN.sized(self.taste, [0.28, head + 0.12 - low, 0.0]);
+            let curtain = openings::CURTAIN.sized(self.sampler, [0.28, head + 0.12 - low, 0.0]);
             for hand in [-1.0, 1.0] {
                 self.fix_if_free(&curtain, side, middle + hand * (width / 2.0 + 0.22), low, true);
             }
         } else if self.maybe(0.2) {
             let height = (head - sill) * self.rng.range(0.3, 0.6);
-            let blind = openings::BLIND.sized(self.taste, [width + 0.02, height, 0.0]);
+            let blind = openings::BLIND.sized(self.sampler, [width + 0.02, height, 0.0]);
             self.fix_over(&blind, side, middle, head + 0.02 - height);
         }
         if sill > 0.8 && self.maybe(0.3) {
-            let radiator = hearths::RADIATOR.sized(self.taste, [(width * 0.8).max(0.6), 0.0, 0.0]);
+            let radiator = hearths::RADIATOR.sized(self.sampler, [(width * 0.8).max(0.6), 0.0, 0.0]);
             self.stand(&radiator, Wish::Facing(side, middle), 0.0);
         }
     }
@@ -176,12 +176,12 @@ impl Decorator<'_> {
         wish: Wish,
         eye_m: f32,
     ) -> Option<Spot> {
-        let picture = pictures::PICTURE.sized(self.taste, [width, height, 0.0]);
+        let picture = pictures::PICTURE.sized(self.sampler, [width, height, 0.0]);
         self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
     }
 
     pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
-        let mirror = pictures::MIRROR.sized(self.taste, [width, height, 0.0]);
+        let mirror = pictures::MIRROR.sized(self.sampler, [width, height, 0.0]);
         self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);
     }
 
@@ -205,7 +205,7 @@ impl Decorator<'_> {
         if self.maybe(0.5) {
             self.armchair(Wish::Corner);
         }
-        let board = pictures::BOARD.any(self.taste);
+        let board = pictures::BOARD.any(self.sampler);
         self.hang(&board, 1.5 - board.size().y / 2.0, Wish::Middle);
         self.bin();
     }
@@ -213,13 +213,13 @@ impl Decorator<'_> {
     /// Adds a desk with a monitor, a lamp and a chair.
     pub(super) fn desk(&mut self) {
         let Some(desk) = self.put(&tables::DESK, Wish::Middle, 0.9) else { return };
-        let monitor = screens::MONITOR.any(self.taste);
+        let monitor = screens::MONITOR.any(self.sampler);
         self.piece_on_top(&monitor, &desk, [0.0, -0.5]);
         if self.maybe(0.6) {
             self.on_top(&lights::TABLE_LAMP, &desk, [-1.0, -0.6]);
         }
-        let make = if self.maybe(0.75) { &seats::OFFICE_CHAIR } else { &seats::CHAIR };
-        let chair = make.any(self.taste);
+        let kind = if self.maybe(0.75) { &seats::OFFICE_CHAIR } else { &seats::CHAIR };
+        let chair = kind.any(self.sampler);
         let distance = chair.size().z / 2.0 + 0.05;
         self.stand_at(&chair, desk.side.opposite(), desk.before(distance));
         self.clutter(&desk, 1);
@@ -237,7 +237,7 @@ impl Decorator<'_> {
             self.put(&stools::SEATING, Wish::Anywhere, 0.4);
         }
         if self.maybe(0.5) {
-            let tv = screens::WALL_TV.sized(self.taste, [0.9, 0.0, 0.0]);
+            let tv = screens::WALL_TV.sized(self.sampler, [0.9, 0.0, 0.0]);
             self.hang(&tv, 1.3, Wish::Middle);
         }
         self.mirror([0.9, 1.4], Wish::Middle);

@@ -4,8 +4,8 @@ use super::*;
 
 impl Decorator<'_> {
     /// Places a piece on top of another; `place` is -1 to 1 over width and depth. Returns false without room.
-    pub(super) fn on_top(&mut self, make: &Make, spot: &Spot, place: [f32; 2]) -> bool {
-        let piece = make.any(self.taste);
+    pub(super) fn on_top(&mut self, kind: &FurnitureKind, spot: &Spot, place: [f32; 2]) -> bool {
+        let piece = kind.any(self.sampler);
         self.piece_on_top(&piece, spot, place)
     }
 
@@ -42,7 +42,7 @@ impl Decorator<'_> {
 
     /// Adds small objects on a table, chest or cabinet.
     pub(super) fn clutter(&mut self, spot: &Spot, most: usize) {
-        const THINGS: [(&Make, f32); 7] = [
+        const THINGS: [(&FurnitureKind, f32); 7] = [
             (&decor::VASE, 2.0),
             (&decor::BOOKS, 2.0),
             (&plants::SMALL_PLANT, 2.2),
@@ -53,7 +53,7 @@ impl Decorator<'_> {
         ];
         let wanted = self.count(0, most);
         for _ in 0..wanted {
-            let chosen = self.taste.weighted(&THINGS.map(|(_, weight)| weight));
+            let chosen = self.sampler.weighted(&THINGS.map(|(_, weight)| weight));
             let place = [self.rng.range(-1.0, 1.0), self.rng.range(-0.8, 0.3)];
             self.on_top(THINGS[chosen].0, spot, place);
         }
@@ -88,19 +88,19 @@ impl Decorator<'_> {
 
     /// Draws a cushion with a colour other than `unlike`.
     pub(super) fn cushion(&mut self, unlike: &str) -> Piece {
-        let mut piece = beds::CUSHION.any(self.taste);
+        let mut piece = beds::CUSHION.any(self.sampler);
         for _ in 0..4 {
             if piece.attributes.color != unlike {
                 break;
             }
-            piece = beds::CUSHION.any(self.taste);
+            piece = beds::CUSHION.any(self.sampler);
         }
         piece
     }
 
     /// Adds a flat piece on a bed or bench, `place` metres from the centre in the other's frame.
-    pub(super) fn lay_flat(&mut self, make: &Make, spot: &Spot, place: [f32; 2], height_m: f32) {
-        let piece = make.any(self.taste);
+    pub(super) fn lay_flat(&mut self, kind: &FurnitureKind, spot: &Spot, place: [f32; 2], height_m: f32) {
+        let piece = kind.any(self.sampler);
         let [x, z] = turned(spot.side.quarter(), place);
         let origin = Vector3::new(spot.origin.x + x, height_m, spot.origin.z + z);
         self.add_if_free(&piece, spot.side, origin);
@@ -112,12 +112,4 @@ fn without_base(piece: &Piece) -> Piece {
     let base_m = piece.model.bounds().min.y;
     let model = piece.model.without(|face| face.is_underside(base_m + 0.001));
     Piece { model, ..piece.clone() }
-}
-
-impl Spot {
-    /// Width and depth in the piece frame.
-    pub(super) fn footprint(&self) -> [f32; 2] {
-        let size = self.bounds.size();
-        if self.side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] }
-    }
 }

@@ -7,7 +7,7 @@ impl Decorator<'_> {
     pub(super) fn entrance(&mut self) {
         let here = |door: &Window| door.room == self.index && door.is_on(&self.space.room);
         if let Some(place) = self.plan.entrance.filter(here) {
-            let door = openings::door(self.taste);
+            let door = openings::door(self.sampler);
             self.fix(&door, place.side, (place.along[0] + place.along[1]) / 2.0, 0.0);
             self.space.add_door(place.side, place.along, place.y[1]);
             self.doors += 1;
@@ -122,19 +122,17 @@ impl Decorator<'_> {
         }
     }
 
-    /// Adds towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
-            let towel = textiles::TOWEL.any(self.taste);
+            let towel = textiles::TOWEL.any(self.sampler);
             let base = 1.42 - towel.size().y / 2.0;
             self.hang(&towel, base, Wish::Anywhere);
         }
     }
 
-    /// Adds clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
-            let coat = textiles::HANGING.any(self.taste);
+            let coat = textiles::HANGING.any(self.sampler);
             self.hang_somewhere(&coat, 1.78 - coat.size().y);
         }
     }
@@ -150,7 +148,7 @@ impl Decorator<'_> {
 
     /// Adds ceiling lamps, one per 16 square metres.
     pub(super) fn ceiling_lamps(&mut self) {
-        let lamp = lights::PENDANT.any(self.taste);
+        let lamp = lights::PENDANT.any(self.sampler);
         let room = self.space.room;
         let [x, z] = room.center();
         let count = ((self.area_m2() / 16.0) as usize).clamp(1, 3);

@@ -4,21 +4,24 @@ use super::*;
 
 const FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Bamboo, Wicker, Glass];
 
-pub(crate) const WARDROBE: Make = Make::new("cabinet", "wardrobe", 5, wardrobe).made_of(FACES, taste::WOOD);
-pub(crate) const SIDEBOARD: Make =
-    Make::new("cabinet", "sideboard", 8, sideboard).made_of(FACES, taste::WOOD);
-pub(crate) const TV_STAND: Make = Make::new("cabinet", "tv stand", 4, tv_stand).made_of(FACES, taste::WOOD);
+pub(crate) const WARDROBE: FurnitureKind =
+    FurnitureKind::new("cabinet", "wardrobe", 5, wardrobe).made_of(FACES, styles::WOOD);
+pub(crate) const SIDEBOARD: FurnitureKind =
+    FurnitureKind::new("cabinet", "sideboard", 8, sideboard).made_of(FACES, styles::WOOD);
+pub(crate) const TV_STAND: FurnitureKind =
+    FurnitureKind::new("cabinet", "tv stand", 4, tv_stand).made_of(FACES, styles::WOOD);
 
 /// Base at y = 0.
-pub(crate) const WALL_CABINET: Make =
-    Make::new("cabinet", "wall cabinet", 4, wall_cabinet).made_of(FACES, taste::WOOD);
+pub(crate) const WALL_CABINET: FurnitureKind =
+    FurnitureKind::new("cabinet", "wall cabinet", 4, wall_cabinet).made_of(FACES, styles::WOOD);
 
 /// A low cabinet below a basin.
-pub(crate) const VANITY: Make = Make::new("cabinet", "vanity", 4, vanity).made_of(FACES, taste::WOOD);
+pub(crate) const VANITY: FurnitureKind =
+    FurnitureKind::new("cabinet", "vanity", 4, vanity).made_of(FACES, styles::WOOD);
 
 /// A tall cabinet with glass doors, or a locker.
-pub(crate) const TALL_CABINET: Make = Make::new("cabinet", "", 4, tall_cabinet)
-    .made_of(&[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker], taste::WOOD);
+pub(crate) const TALL_CABINET: FurnitureKind = FurnitureKind::new("cabinet", "", 4, tall_cabinet)
+    .made_of(&[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker], styles::WOOD);
 
 fn wardrobe(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(0.9, 1.5), k.len(1.85, 2.2), k.len(0.52, 0.62));
@@ -28,28 +31,28 @@ fn wardrobe(k: &mut Draft) -> Words {
         0 => carcass(k, &Carcass { size: [w, h, d], feet: 0.06, cells: [columns, 1], doors: true }),
         1 => {
             carcass(k, &Carcass { size: [w, h, d], feet: 0.12, cells: [columns, 1], doors: true });
-            let looks = Fronts { panel: k.p.times(0.95), handle: handle(k), doors: false };
-            fronts(&mut k.m, about(0.0, w - 0.02), [0.14, 0.46], d / 2.0 + 0.018, [columns, 1], &looks);
+            let looks = Fronts { panel: k.paint.times(0.95), handle: handle(k), doors: false };
+            fronts(&mut k.model, about(0.0, w - 0.02), [0.14, 0.46], d / 2.0 + 0.018, [columns, 1], &looks);
         }
         2 => {
             k.board(about(0.0, w), [0.0, h], about(0.0, d));
             for i in 0..2 {
                 let x = about((i as f32 - 0.5) * w * 0.48, w * 0.5);
                 let z = d / 2.0 + 0.02 * i as f32;
-                k.m.lid(x, [0.05, h - 0.04], [z, z + 0.02], k.p.times(1.03));
+                k.model.lid(x, [0.05, h - 0.04], [z, z + 0.02], k.paint.times(1.03));
                 let at = x[0] + 0.05;
-                k.m.lid(about(at, 0.03), [0.8, 1.3], [z + 0.02, z + 0.03], Paint::STEEL);
+                k.model.lid(about(at, 0.03), [0.8, 1.3], [z + 0.02, z + 0.03], Paint::STEEL);
             }
         }
         3 => {
             carcass(k, &Carcass { size: [w, h - 0.1, d], feet: 0.08, cells: [columns, 2], doors: true });
-            k.m.soft(about(0.0, w + 0.1), [h - 0.1, h], about(0.02, d + 0.08), 0.03, k.p);
+            k.model.soft(about(0.0, w + 0.1), [h - 0.1, h], about(0.02, d + 0.08), 0.03, k.paint);
         }
         _ => {
             carcass(k, &Carcass { size: [w, h, d], feet: 0.06, cells: [2, 1], doors: true });
             let x = w / 4.0 - 0.01;
             let glass = [0.3, h - 0.2];
-            k.m.lid(about(x, w * 0.3), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::MIRROR);
+            k.model.lid(about(x, w * 0.3), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::MIRROR);
         }
     }
     [size, k.by_style("||sliding|corniced|mirrored")]
@@ -64,23 +67,23 @@ fn sideboard(k: &mut Draft) -> Words {
         2 => carcass(k, &Carcass { size, feet: 0.05, cells: [columns, 2], doors: false }),
         3 => carcass(k, &Carcass { size, feet: 0.18, cells: [1, 2], doors: false }),
         4 => {
-            k.m.soft(about(0.0, w), [0.12, h], about(0.0, d), 0.04, k.p);
-            splayed_legs(&mut k.m, [w - 0.2, d], 0.13, 0.02, k.trim);
-            let looks = Fronts { panel: k.p.times(0.95), handle: handle(k), doors: true };
-            fronts(&mut k.m, about(0.0, w - 0.1), [0.17, h - 0.05], d / 2.0, [columns, 1], &looks);
+            k.model.soft(about(0.0, w), [0.12, h], about(0.0, d), 0.04, k.paint);
+            k.splayed_legs([w - 0.2, d], 0.13, 0.02, k.trim);
+            let looks = Fronts { panel: k.paint.times(0.95), handle: handle(k), doors: true };
+            fronts(&mut k.model, about(0.0, w - 0.1), [0.17, h - 0.05], d / 2.0, [columns, 1], &looks);
         }
         5 => {
             let outline = oval([0.0, 0.0], [w / 2.0, d / 2.0], 16);
-            k.m.prism_y(&outline, [0.08, h], k.p);
-            legs(&mut k.m, [w * 0.7, d * 0.7], 0.08, 0.05, 0.0, k.trim);
+            k.model.prism_y(&outline, [0.08, h], k.paint);
+            k.legs([w * 0.7, d * 0.7], 0.08, 0.05, 0.0, k.trim);
             for x in [-0.05, 0.05] {
                 let z = [d / 2.0 - 0.005, d / 2.0 + 0.025];
-                k.m.lid(about(x, 0.02), about(h * 0.55, 0.14), z, Paint::BRASS);
+                k.model.lid(about(x, 0.02), about(h * 0.55, 0.14), z, Paint::BRASS);
             }
         }
         6 => carcass(k, &Carcass { size, feet: 0.05, cells: [4, 1], doors: true }),
         _ => {
-            k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], about(0.0, d), k.p);
+            k.model.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], about(0.0, d), k.paint);
             for y in [0.06, h * 0.5, h - 0.03] {
                 k.board(about(0.0, w - 0.06), [y, y + 0.03], about(0.0, d));
             }
@@ -95,20 +98,21 @@ fn tv_stand(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(1.1, 1.6), k.len(0.38, 0.56), 0.4);
     match k.style {
         0 => {
-            legs(&mut k.m, [w, d], 0.1, 0.05, 0.03, k.p.times(0.85));
+            k.legs([w, d], 0.1, 0.05, 0.03, k.paint.times(0.85));
             k.board(about(0.0, w), [0.1, h - 0.16], about(0.0, d));
             k.board(about(0.0, w), [h - 0.03, h], about(0.0, d));
-            k.m.pair([w / 2.0 - 0.03, w / 2.0], [h - 0.16, h - 0.03], about(0.0, d), k.p);
+            k.model.pair([w / 2.0 - 0.03, w / 2.0], [h - 0.16, h - 0.03], about(0.0, d), k.paint);
             k.board(about(0.0, w - 0.06), [h - 0.16, h - 0.03], [-d / 2.0, -d / 2.0 + 0.02]);
-            let looks = Fronts { panel: k.p.times(1.04), handle: handle(k), doors: false };
-            fronts(&mut k.m, about(0.0, w - 0.04), [0.12, h - 0.18], d / 2.0, [2, 1], &looks);
+            let looks = Fronts { panel: k.paint.times(1.04), handle: handle(k), doors: false };
+            fronts(&mut k.model, about(0.0, w - 0.04), [0.12, h - 0.18], d / 2.0, [2, 1], &looks);
         }
         1 => carcass(k, &Carcass { size: [w, h, d], feet: 0.12, cells: [3, 1], doors: true }),
         2 => carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [2, 2], doors: false }),
         _ => {
-            k.m.soft(about(0.0, w), [0.1, h], about(0.0, d), 0.05, k.p);
-            legs(&mut k.m, [w - 0.2, d], 0.1, 0.04, 0.0, Paint::DARK_METAL);
-            k.m.lid(about(0.0, w * 0.4), [0.16, h - 0.06], [d / 2.0, d / 2.0 + 0.012], k.p.times(0.85));
+            k.model.soft(about(0.0, w), [0.1, h], about(0.0, d), 0.05, k.paint);
+            k.legs([w - 0.2, d], 0.1, 0.04, 0.0, Paint::DARK_METAL);
+            let z = [d / 2.0, d / 2.0 + 0.012];
+            k.model.lid(about(0.0, w * 0.4), [0.16, h - 0.06], z, k.paint.times(0.85));
         }
     }
     [size_word(w, 1.25, 1.45, ["short", "long"]), k.by_style("open|legged|drawered|rounded")]
@@ -117,21 +121,21 @@ fn tv_stand(k: &mut Draft) -> Words {
 fn wall_cabinet(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(0.45, 1.2), k.height(0.5, 0.72), k.depth(0.28, 0.34));
     let columns = ((w / 0.45).round() as usize).max(1);
-    let p = k.p;
+    let p = k.paint;
     k.board(about(0.0, w), [0.0, h], about(0.0, d));
     let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: true };
     let (x, y) = (about(0.0, w - 0.01), [0.01, h - 0.01]);
     match k.style {
-        0 => fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &looks),
-        1 => fronts(&mut k.m, x, y, d / 2.0, [columns, 2], &looks),
+        0 => fronts(&mut k.model, x, y, d / 2.0, [columns, 1], &looks),
+        1 => fronts(&mut k.model, x, y, d / 2.0, [columns, 2], &looks),
         2 => {
-            fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &Fronts { handle: Paint::DARK_METAL, ..looks });
+            fronts(&mut k.model, x, y, d / 2.0, [columns, 1], &Fronts { handle: Paint::DARK_METAL, ..looks });
             let glass = [h * 0.3, h * 0.85];
-            k.m.lid(about(0.0, w * 0.6), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::PANE);
+            k.model.lid(about(0.0, w * 0.6), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::PANE);
         }
         _ => {
-            k.m.soft(about(0.0, w + 0.04), [h, h + 0.05], about(0.01, d + 0.05), 0.015, p.times(0.97));
-            fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &Fronts { doors: false, ..looks });
+            k.model.soft(about(0.0, w + 0.04), [h, h + 0.05], about(0.01, d + 0.05), 0.015, p.times(0.97));
+            fronts(&mut k.model, x, y, d / 2.0, [columns, 1], &Fronts { doors: false, ..looks });
         }
     }
     [size_word(w, 0.6, 1.0, ["small", "long"]), k.by_style("|panelled|glazed|corniced")]
@@ -149,13 +153,13 @@ fn vanity(k: &mut Draft) -> Words {
 fn tall_cabinet(k: &mut Draft) -> Words {
     let (w, h, d) = (k.width(0.55, 0.95), k.len(1.4, 1.95), k.depth(0.34, 0.44));
     let size = size_word(h, 1.55, 1.8, ["low", "tall"]);
-    let p = k.p;
+    let p = k.paint;
     match k.style {
         0 | 1 => {
             carcass(k, &Carcass { size: [w, h, d], feet: [0.05, 0.16][k.style], cells: [2, 1], doors: true });
             let z = [d / 2.0 + 0.018, d / 2.0 + 0.022];
             for x in [-w / 4.0, w / 4.0] {
-                k.m.lid(about(x + 0.01, w * 0.3), [h * 0.5, h - 0.14], z, Paint::PANE);
+                k.model.lid(about(x + 0.01, w * 0.3), [h * 0.5, h - 0.14], z, Paint::PANE);
             }
         }
         2 => {
@@ -165,8 +169,8 @@ fn tall_cabinet(k: &mut Draft) -> Words {
         _ => {
             k.board(about(0.0, w), [0.0, h * 0.45], about(0.0, d));
             let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: true };
-            fronts(&mut k.m, about(0.0, w), [0.04, h * 0.45 - 0.02], d / 2.0, [2, 1], &looks);
-            k.m.pair([w / 2.0 - 0.03, w / 2.0], [h * 0.45, h], about(-0.04, d - 0.08), p);
+            fronts(&mut k.model, about(0.0, w), [0.04, h * 0.45 - 0.02], d / 2.0, [2, 1], &looks);
+            k.model.pair([w / 2.0 - 0.03, w / 2.0], [h * 0.45, h], about(-0.04, d - 0.08), p);
             for y in [h * 0.7, h - 0.03] {
                 k.board(about(0.0, w - 0.06), [y, y + 0.03], about(-0.04, d - 0.08));
             }
@@ -178,14 +182,15 @@ fn tall_cabinet(k: &mut Draft) -> Words {
 
 const CHEST_FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Wicker, Bamboo, Leather];
 
-pub(crate) const CHEST: Make = Make::new("chest_of_drawers", "", 8, chest).made_of(CHEST_FACES, taste::WOOD);
-pub(crate) const NIGHTSTAND: Make =
-    Make::new("chest_of_drawers", "nightstand", 5, nightstand).made_of(CHEST_FACES, taste::WOOD);
+pub(crate) const CHEST: FurnitureKind =
+    FurnitureKind::new("chest_of_drawers", "", 8, chest).made_of(CHEST_FACES, styles::WOOD);
+pub(crate) const NIGHTSTAND: FurnitureKind =
+    FurnitureKind::new("chest_of_drawers", "nightstand", 5, nightstand).made_of(CHEST_FACES, styles::WOOD);
 
 fn chest(k: &mut Draft) -> Words {
     let (w, d) = (k.width(0.78, 1.25), k.len(0.42, 0.5));
     let rows = 3 + k.rng.below(3);
-    let p = k.p;
+    let p = k.paint;
     let rows = if k.style == 5 { rows.min(4) } else { rows };
     let (feet, columns, step) = match k.style {
         0 => (0.04, 1, 0.19),
@@ -200,8 +205,8 @@ fn chest(k: &mut Draft) -> Words {
     let h = feet + 0.04 + step * rows as f32;
     carcass(k, &Carcass { size: [w, h, d], feet, cells: [columns, rows], doors: false });
     match k.style {
-        4 => k.m.soft(about(0.0, w + 0.06), [h, h + 0.04], about(0.01, d + 0.08), 0.015, p),
-        7 => k.m.pair([w / 2.0, w / 2.0 + 0.04], [0.0, h], about(0.0, d + 0.03), p),
+        4 => k.model.soft(about(0.0, w + 0.06), [h, h + 0.04], about(0.01, d + 0.08), 0.015, p),
+        7 => k.model.pair([w / 2.0, w / 2.0 + 0.04], [0.0, h], about(0.0, d + 0.03), p),
         1 | 3 | 6 => {}
         5 => {}
         _ => {}
@@ -213,22 +218,23 @@ fn chest(k: &mut Draft) -> Words {
 fn nightstand(k: &mut Draft) -> Words {
     let (w, h, d) = (k.len(0.4, 0.54), k.len(0.46, 0.64), 0.38);
     let size = size_word(h, 0.51, 0.58, ["low", "tall"]);
-    let p = k.p;
+    let p = k.paint;
     match k.style {
         0 => carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [1, 2], doors: false }),
         1 => carcass(k, &Carcass { size: [w, h, d], feet: 0.16, cells: [1, 1], doors: false }),
         2 => carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [1, 3], doors: false }),
         3 => {
-            k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h - 0.03], about(0.0, d), p);
+            k.model.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h - 0.03], about(0.0, d), p);
             k.board(about(0.0, w - 0.06), [0.08, 0.11], about(0.0, d));
             k.board(about(0.0, w - 0.06), [h - 0.2, h - 0.03], about(0.0, d));
             k.board(about(0.0, w), [h - 0.03, h], about(0.0, d));
             let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: false };
-            fronts(&mut k.m, about(0.0, w - 0.08), [h - 0.19, h - 0.04], d / 2.0, [1, 1], &looks);
+            fronts(&mut k.model, about(0.0, w - 0.08), [h - 0.19, h - 0.04], d / 2.0, [1, 1], &looks);
         }
         _ => {
-            k.m.lathe([0.0, 0.0], &[[w / 2.0 - 0.02, 0.0], [w / 2.0, 0.03], [w / 2.0, h]], 16, p);
-            k.m.lid(about(0.0, 0.12), about(h * 0.6, 0.02), [w / 2.0 - 0.01, w / 2.0 + 0.02], Paint::BRASS);
+            k.model.lathe([0.0, 0.0], &[[w / 2.0 - 0.02, 0.0], [w / 2.0, 0.03], [w / 2.0, h]], 16, p);
+            let z = [w / 2.0 - 0.01, w / 2.0 + 0.02];
+            k.model.lid(about(0.0, 0.12), about(h * 0.6, 0.02), z, Paint::BRASS);
         }
     }
     [size, k.by_style("plain|legged|plain|open|round")]

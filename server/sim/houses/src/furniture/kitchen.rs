@@ -11,8 +11,10 @@ pub(crate) const COUNTER_DEPTH_M: f32 = 0.62;
 const FACES: &[Substance] = &[Wood, Wood, Plastic, Metal, Bamboo, Concrete, Marble];
 
 /// A counter; depth 1 requests a sink cut-out.
-pub(crate) const COUNTER: Make = Make::new("counter", "", 8, counter).made_of(FACES, taste::WOOD);
-pub(crate) const ISLAND: Make = Make::new("counter", "kitchen island", 5, island).made_of(FACES, taste::WOOD);
+pub(crate) const COUNTER: FurnitureKind =
+    FurnitureKind::new("counter", "", 8, counter).made_of(FACES, styles::WOOD);
+pub(crate) const ISLAND: FurnitureKind =
+    FurnitureKind::new("counter", "kitchen island", 5, island).made_of(FACES, styles::WOOD);
 
 /// Draws a stone or wood top.
 fn worktop(k: &mut Draft) -> Paint {
@@ -25,18 +27,18 @@ fn worktop(k: &mut Draft) -> Paint {
         Paint::plain("metal", [120, 123, 127]).with(Pattern::Brushed),
     ];
     let top = *k.rng.choose(&TOPS).expect("the list is not empty");
-    if k.p.brightness() < 0.5 { top.times(0.6) } else { top }
+    if k.paint.brightness() < 0.5 { top.times(0.6) } else { top }
 }
 
 fn counter(k: &mut Draft) -> Words {
     let (w, depth) = (k.width(0.8, 2.2), COUNTER_DEPTH_M - 0.04);
-    let (p, top) = (k.p, worktop(k));
+    let (p, top) = (k.paint, worktop(k));
     let size = size_word(w, 1.0, 1.8, ["short", "long"]);
-    k.m.block(about(0.0, w), [0.1, COUNTER_M - 0.2], about(0.0, depth), p);
-    k.m.block(about(0.0, w - 0.02), [0.0, 0.1], about(-0.03, depth - 0.06), p.times(0.7));
+    k.model.block(about(0.0, w), [0.1, COUNTER_M - 0.2], about(0.0, depth), p);
+    k.model.block(about(0.0, w - 0.02), [0.0, 0.1], about(-0.03, depth - 0.06), p.times(0.7));
     let upper = [COUNTER_M - 0.2, COUNTER_M - 0.04];
-    k.m.block(about(0.0, w), upper, [depth / 2.0 - 0.02, depth / 2.0], p);
-    k.m.pair([w / 2.0 - 0.02, w / 2.0], upper, about(-0.01, depth - 0.02), p);
+    k.model.block(about(0.0, w), upper, [depth / 2.0 - 0.02, depth / 2.0], p);
+    k.model.pair([w / 2.0 - 0.02, w / 2.0], upper, about(-0.01, depth - 0.02), p);
     let columns = ((w / 0.55).round() as usize).clamp(1, 4);
     let columns = if matches!(k.style, 3 | 5 | 7) { columns % 4 + 1 } else { columns };
     let rows = [1, 3, 2, 1, 1, 2, 1, 3][k.style];
@@ -45,22 +47,23 @@ fn counter(k: &mut Draft) -> Words {
     let face = [0.12, COUNTER_M - 0.05];
     match k.style {
         4 => {
-            fronts(&mut k.m, about(0.0, w), [0.12, 0.66], depth / 2.0, [columns, 1], &looks);
+            fronts(&mut k.model, about(0.0, w), [0.12, 0.66], depth / 2.0, [columns, 1], &looks);
             let drawers = Fronts { doors: false, ..looks };
-            fronts(&mut k.m, about(0.0, w), [0.67, COUNTER_M - 0.05], depth / 2.0, [columns, 1], &drawers);
+            let y = [0.67, COUNTER_M - 0.05];
+            fronts(&mut k.model, about(0.0, w), y, depth / 2.0, [columns, 1], &drawers);
         }
         6 => {
-            k.m.lid(about(0.0, w - 0.02), face, [depth / 2.0, depth / 2.0 + 0.012], p.times(0.97));
+            k.model.lid(about(0.0, w - 0.02), face, [depth / 2.0, depth / 2.0 + 0.012], p.times(0.97));
             let strip = [COUNTER_M - 0.09, COUNTER_M - 0.07];
-            k.m.lid(about(0.0, w - 0.04), strip, [depth / 2.0 + 0.012, depth / 2.0 + 0.03], handle);
+            k.model.lid(about(0.0, w - 0.04), strip, [depth / 2.0 + 0.012, depth / 2.0 + 0.03], handle);
         }
-        _ => fronts(&mut k.m, about(0.0, w), face, depth / 2.0, [columns, rows], &looks),
+        _ => fronts(&mut k.model, about(0.0, w), face, depth / 2.0, [columns, rows], &looks),
     }
     let (y, z) = ([COUNTER_M - 0.04, COUNTER_M], about(0.01, COUNTER_DEPTH_M));
     if k.wish[2] > 0.0 {
-        holed_top(&mut k.m, w, y, z, top);
+        holed_top(&mut k.model, w, y, z, top);
     } else {
-        k.m.slab(about(0.0, w), y, z, top);
+        k.model.slab(about(0.0, w), y, z, top);
     }
     [size, k.by_style("|drawered|drawered||panelled|drawered|plain|drawered")]
 }
@@ -82,62 +85,59 @@ fn island(k: &mut Draft) -> Words {
     let top = worktop(k);
     let size = size_word(w, 1.2, 1.5, ["small", "large"]);
     let body = [0.08, COUNTER_M - 0.05];
-    let looks = Fronts { panel: k.p.times(1.04), handle: handle(k), doors: k.style != 1 };
+    let looks = Fronts { panel: k.paint.times(1.04), handle: handle(k), doors: k.style != 1 };
     let shape = match k.style {
         3 => {
-            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 16), [COUNTER_M - 0.05, COUNTER_M], top);
-            k.m.prism_y(
-                &oval([0.0, 0.04], [w / 2.0 - 0.06, d / 2.0 - 0.1], 16),
-                [0.0, COUNTER_M - 0.05],
-                k.p,
-            );
+            k.model.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 16), [COUNTER_M - 0.05, COUNTER_M], top);
+            let base = oval([0.0, 0.04], [w / 2.0 - 0.06, d / 2.0 - 0.1], 16);
+            k.model.prism_y(&base, [0.0, COUNTER_M - 0.05], k.paint);
             return [size, "oval"];
         }
         4 => {
-            legs(&mut k.m, [w, d], COUNTER_M - 0.05, 0.07, 0.02, k.p);
+            k.legs([w, d], COUNTER_M - 0.05, 0.07, 0.02, k.paint);
             k.board(about(0.0, w - 0.06), [COUNTER_M - 0.25, COUNTER_M - 0.05], about(0.0, d - 0.06));
             k.board(about(0.0, w - 0.06), [0.2, 0.24], about(0.0, d - 0.06));
             "open"
         }
         _ => {
-            k.m.block(about(0.0, w - 0.1), [0.0, 0.08], about(-0.04, d - 0.24), k.p.times(0.7));
-            k.m.block(about(0.0, w - 0.04), body, about(-0.06, d - 0.16), k.p);
+            k.model.block(about(0.0, w - 0.1), [0.0, 0.08], about(-0.04, d - 0.24), k.paint.times(0.7));
+            k.model.block(about(0.0, w - 0.04), body, about(-0.06, d - 0.16), k.paint);
             let mut back = Model::new();
             let columns = [2, 2, 3, 2, 2][k.style];
             let rows = if looks.doors { 1 } else { 3 };
             let z = d / 2.0 - 0.02;
             fronts(&mut back, about(0.0, w - 0.04), [0.1, COUNTER_M - 0.06], z, [columns, rows], &looks);
-            k.m.add(&back, 2, Vector3::zeros());
+            k.model.add(&back, 2, Vector3::zeros());
             "rectangular"
         }
     };
-    k.m.slab(about(0.0, w), [COUNTER_M - 0.05, COUNTER_M], about(0.0, d), top);
+    k.model.slab(about(0.0, w), [COUNTER_M - 0.05, COUNTER_M], about(0.0, d), top);
     [size, shape]
 }
 
 const CASES: &[Substance] = &[Metal, Plastic, Metal, Ceramic, Glass, Wood];
 
-pub(crate) const FRIDGE: Make =
-    Make::new("appliances", "refrigerator", 5, fridge).made_of(CASES, taste::MACHINE);
+pub(crate) const FRIDGE: FurnitureKind =
+    FurnitureKind::new("appliances", "refrigerator", 5, fridge).made_of(CASES, styles::MACHINE);
 
 /// An oven as high as a counter.
-pub(crate) const COOKER: Make =
-    Make::new("appliances", "oven", 4, cooker).made_of(&[Metal, Metal, Ceramic, Plastic], taste::MACHINE);
+pub(crate) const COOKER: FurnitureKind = FurnitureKind::new("appliances", "oven", 4, cooker)
+    .made_of(&[Metal, Metal, Ceramic, Plastic], styles::MACHINE);
 
 /// A microwave oven, coffee machine, kettle or toaster.
-pub(crate) const SMALL: Make = Make::new("appliances", "microwave", 5, small)
-    .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], taste::MACHINE);
+pub(crate) const SMALL: FurnitureKind = FurnitureKind::new("appliances", "microwave", 5, small)
+    .made_of(&[Metal, Plastic, Ceramic, Glass, Bamboo], styles::MACHINE);
 
 /// A cooker hood; base at y = 0, back at the wall.
-pub(crate) const HOOD: Make =
-    Make::new("appliances", "range hood", 3, hood).made_of(&[Metal, Glass, Plastic, Wood], taste::MACHINE);
+pub(crate) const HOOD: FurnitureKind = FurnitureKind::new("appliances", "range hood", 3, hood)
+    .made_of(&[Metal, Glass, Plastic, Wood], styles::MACHINE);
 
 fn fridge(k: &mut Draft) -> Words {
     let (w, d) = (if k.style == 2 { 0.88 } else { k.len(0.6, 0.7) }, 0.62);
     let h = if k.style == 3 { k.len(0.86, 1.2) } else { k.len(1.6, 1.92) };
     let z = [d / 2.0 - 0.03, d / 2.0 + 0.02];
-    k.m.block(about(0.0, w), [0.04, h], about(-0.02, d - 0.04), k.p);
-    k.m.block(about(0.0, w - 0.06), [0.0, 0.04], about(0.0, d - 0.1), Paint::DARK_METAL);
+    k.model.block(about(0.0, w), [0.04, h], about(-0.02, d - 0.04), k.paint);
+    k.model.block(about(0.0, w - 0.06), [0.0, 0.04], about(0.0, d - 0.1), Paint::DARK_METAL);
     let bevel = if k.style == 4 { 0.045 } else { 0.012 };
     let split = match k.style {
         0 => h * 0.62,
@@ -146,9 +146,9 @@ fn fridge(k: &mut Draft) -> Words {
     };
     let metal = k.metal();
     let mut door = |x: Span, y: Span, handle_x: f32| {
-        k.m.soft(x, y, z, bevel, k.p.times(1.02));
+        k.model.soft(x, y, z, bevel, k.paint.times(1.02));
         let grip = [y[0] + (y[1] - y[0]) * 0.3, y[0] + (y[1] - y[0]) * 0.75];
-        k.m.lid(about(handle_x, 0.025), grip, [z[1], z[1] + 0.03], metal);
+        k.model.lid(about(handle_x, 0.025), grip, [z[1], z[1] + 0.03], metal);
     };
     match k.style {
         2 => {
@@ -166,28 +166,28 @@ fn fridge(k: &mut Draft) -> Words {
 
 fn cooker(k: &mut Draft) -> Words {
     let d = 0.6;
-    k.m.block(about(0.0, 0.6), [0.04, COUNTER_M], about(-0.01, d - 0.02), k.p);
-    k.m.block(about(0.0, 0.54), [0.0, 0.04], about(0.0, 0.5), Paint::DARK_METAL);
+    k.model.block(about(0.0, 0.6), [0.04, COUNTER_M], about(-0.01, d - 0.02), k.paint);
+    k.model.block(about(0.0, 0.54), [0.0, 0.04], about(0.0, 0.5), Paint::DARK_METAL);
     let z = d / 2.0 - 0.02;
     let windows: &[Span] = if k.style == 1 { &[[0.12, 0.36], [0.42, 0.66]] } else { &[[0.24, 0.6]] };
     for y in windows {
-        k.m.lid(about(0.0, 0.46), *y, [z, z + 0.015], Paint::SCREEN);
-        k.m.lid(about(0.0, 0.46), [y[1] + 0.02, y[1] + 0.04], [z, z + 0.05], k.metal());
+        k.model.lid(about(0.0, 0.46), *y, [z, z + 0.015], Paint::SCREEN);
+        k.model.lid(about(0.0, 0.46), [y[1] + 0.02, y[1] + 0.04], [z, z + 0.05], k.metal());
     }
     for i in 0..4 {
         let x = (i as f32 - 1.5) * 0.12;
-        k.m.prism_z(&circle([x, 0.8], 0.024, 6), [z, z + 0.03], Paint::DARK_METAL);
+        k.model.prism_z(&circle([x, 0.8], 0.024, 6), [z, z + 0.03], Paint::DARK_METAL);
     }
     let plates = [(-0.14, -0.13), (0.14, -0.13), (-0.14, 0.13), (0.14, 0.13)];
     if k.style == 2 {
-        k.m.block(about(0.0, 0.58), [COUNTER_M, COUNTER_M + 0.006], about(0.0, 0.52), Paint::SCREEN);
+        k.model.block(about(0.0, 0.58), [COUNTER_M, COUNTER_M + 0.006], about(0.0, 0.52), Paint::SCREEN);
     } else {
         for (x, z) in plates {
-            k.m.cylinder([x, z], [COUNTER_M, COUNTER_M + 0.012], 0.09, 8, Paint::DARK_METAL);
+            k.model.cylinder([x, z], [COUNTER_M, COUNTER_M + 0.012], 0.09, 8, Paint::DARK_METAL);
         }
     }
     if k.style == 3 {
-        k.m.block(about(0.0, 0.6), [COUNTER_M, COUNTER_M + 0.14], [-d / 2.0, -d / 2.0 + 0.04], k.p);
+        k.model.block(about(0.0, 0.6), [COUNTER_M, COUNTER_M + 0.14], [-d / 2.0, -d / 2.0 + 0.04], k.paint);
     }
     ["", k.by_style("|double|flat-topped|high-backed")]
 }
@@ -197,36 +197,36 @@ fn small(k: &mut Draft) -> Words {
         0 | 1 => {
             let (w, h) = (k.len(0.44, 0.54), k.len(0.26, 0.32));
             let bevel = [0.01, 0.04][k.style];
-            k.m.soft(about(0.0, w), [0.0, h], about(0.0, 0.34), bevel, k.p);
-            k.m.lid([-w / 2.0 + 0.03, w / 2.0 - 0.13], [0.04, h - 0.04], [0.17, 0.178], Paint::SCREEN);
-            k.m.lid(about(w / 2.0 - 0.06, 0.07), [h - 0.1, h - 0.05], [0.17, 0.176], Paint::SCREEN);
+            k.model.soft(about(0.0, w), [0.0, h], about(0.0, 0.34), bevel, k.paint);
+            k.model.lid([-w / 2.0 + 0.03, w / 2.0 - 0.13], [0.04, h - 0.04], [0.17, 0.178], Paint::SCREEN);
+            k.model.lid(about(w / 2.0 - 0.06, 0.07), [h - 0.1, h - 0.05], [0.17, 0.176], Paint::SCREEN);
             [size_word(w, 0.47, 0.51, ["small", "large"]), k.by_style("square|rounded")]
         }
         2 => {
             k.noun = "coffee machine";
             let h = k.len(0.32, 0.4);
-            k.m.soft(about(0.0, 0.24), [0.0, 0.06], about(0.0, 0.3), 0.01, k.p);
-            k.m.soft(about(0.0, 0.24), [0.06, h], [-0.15, -0.02], 0.01, k.p);
-            k.m.soft(about(0.0, 0.24), [h - 0.1, h], [-0.02, 0.13], 0.01, k.p);
-            k.m.lathe([0.0, 0.06], &[[0.05, 0.06], [0.06, 0.16], [0.04, 0.18]], 10, Paint::SCREEN);
+            k.model.soft(about(0.0, 0.24), [0.0, 0.06], about(0.0, 0.3), 0.01, k.paint);
+            k.model.soft(about(0.0, 0.24), [0.06, h], [-0.15, -0.02], 0.01, k.paint);
+            k.model.soft(about(0.0, 0.24), [h - 0.1, h], [-0.02, 0.13], 0.01, k.paint);
+            k.model.lathe([0.0, 0.06], &[[0.05, 0.06], [0.06, 0.16], [0.04, 0.18]], 10, Paint::SCREEN);
             [size_word(h, 0.34, 0.38, ["low", "tall"]), ""]
         }
         3 => {
             k.noun = "kettle";
             let h = k.len(0.2, 0.27);
             k.turned(&[[1.0, 0.0], [1.05, 0.2], [0.7, 0.9], [0.2, 0.97], [0.15, 1.05]], 0.09, h, 12);
-            k.m.rod(point(0.07, 0.8 * h, 0.0), point(0.14, 0.95 * h, 0.0), 0.02, k.p);
-            k.m.rod(point(-0.08, 0.2 * h, 0.0), point(-0.13, h, 0.0), 0.014, Paint::DARK_METAL);
+            k.model.rod(point(0.07, 0.8 * h, 0.0), point(0.14, 0.95 * h, 0.0), 0.02, k.paint);
+            k.model.rod(point(-0.08, 0.2 * h, 0.0), point(-0.13, h, 0.0), 0.014, Paint::DARK_METAL);
             ["small", "round"]
         }
         _ => {
             k.noun = "toaster";
             let (w, h) = (k.len(0.26, 0.32), 0.2);
-            k.m.soft(about(0.0, w), [0.01, h], about(0.0, 0.18), 0.05, k.p);
+            k.model.soft(about(0.0, w), [0.01, h], about(0.0, 0.18), 0.05, k.paint);
             for z in [-0.035, 0.035] {
-                k.m.block(about(0.0, w * 0.7), [h, h + 0.003], about(z, 0.025), Paint::SCREEN);
+                k.model.block(about(0.0, w * 0.7), [h, h + 0.003], about(z, 0.025), Paint::SCREEN);
             }
-            k.m.lid(about(0.0, 0.04), [0.12, 0.14], [0.09, 0.115], Paint::DARK_METAL);
+            k.model.lid(about(0.0, 0.04), [0.12, 0.14], [0.09, 0.115], Paint::DARK_METAL);
             ["small", "rounded"]
         }
     }
@@ -236,36 +236,36 @@ fn hood(k: &mut Draft) -> Words {
     let (w, h) = (0.6, k.len(0.55, 0.75));
     match k.style {
         0 => {
-            k.m.block(about(0.0, w), [0.0, 0.06], about(0.0, 0.46), k.p);
+            k.model.block(about(0.0, w), [0.0, 0.06], about(0.0, 0.46), k.paint);
             let funnel = [[-0.23, 0.06], [0.23, 0.06], [0.23, 0.26], [0.0, 0.26]];
-            k.m.prism_x(&funnel, about(0.0, w * 0.8), k.p);
-            k.m.block(about(0.0, 0.26), [0.26, h], [-0.23, 0.03], k.p);
+            k.model.prism_x(&funnel, about(0.0, w * 0.8), k.paint);
+            k.model.block(about(0.0, 0.26), [0.26, h], [-0.23, 0.03], k.paint);
         }
         1 => {
-            k.m.soft(about(0.0, w), [0.0, 0.16], about(0.0, 0.46), 0.02, k.p);
-            k.m.block(about(0.0, 0.24), [0.16, h], [-0.23, 0.01], k.p);
-            k.m.lid(about(0.0, 0.2), [0.05, 0.09], [0.23, 0.236], Paint::SCREEN);
+            k.model.soft(about(0.0, w), [0.0, 0.16], about(0.0, 0.46), 0.02, k.paint);
+            k.model.block(about(0.0, 0.24), [0.16, h], [-0.23, 0.01], k.paint);
+            k.model.lid(about(0.0, 0.2), [0.05, 0.09], [0.23, 0.236], Paint::SCREEN);
         }
         _ => {
             let cone = [[1.0, 0.0], [1.0, 0.06], [0.4, 0.4], [0.4, 1.0]];
-            k.m.lathe([0.0, 0.05], &cone.map(|[s, y]| [s * 0.27, y * h]), 14, k.p);
+            k.model.lathe([0.0, 0.05], &cone.map(|[s, y]| [s * 0.27, y * h]), 14, k.paint);
         }
     }
     ["", k.by_style("tapered|square|round")]
 }
 
-pub(crate) const WASHER: Make = Make::new("appliances", "washing machine", 4, washer)
-    .made_of(&[Metal, Plastic, Metal, Ceramic], taste::MACHINE);
+pub(crate) const WASHER: FurnitureKind = FurnitureKind::new("appliances", "washing machine", 4, washer)
+    .made_of(&[Metal, Plastic, Metal, Ceramic], styles::MACHINE);
 
 fn washer(k: &mut Draft) -> Words {
     let (w, h, d) = (k.len(0.58, 0.68), k.len(0.84, 1.02), 0.6);
-    let p = k.p;
-    k.m.soft(about(0.0, w), [0.0, h], about(-0.02, d - 0.04), 0.012, p);
+    let p = k.paint;
+    k.model.soft(about(0.0, w), [0.0, h], about(-0.02, d - 0.04), 0.012, p);
     let z = d / 2.0 - 0.04;
     let size = size_word(h, 0.89, 0.97, ["low", "tall"]);
     let ring = |k: &mut Draft, radius: f32, glass: Paint| {
-        k.m.prism_z(&circle([0.0, 0.42], radius, 16), [z, z + 0.03], k.metal());
-        k.m.prism_z(&circle([0.0, 0.42], radius * 0.78, 14), [z + 0.03, z + 0.04], glass);
+        k.model.prism_z(&circle([0.0, 0.42], radius, 16), [z, z + 0.03], k.metal());
+        k.model.prism_z(&circle([0.0, 0.42], radius * 0.78, 14), [z + 0.03, z + 0.04], glass);
     };
     match k.style {
         0 => ring(k, 0.19, Paint::SCREEN),
@@ -275,15 +275,15 @@ fn washer(k: &mut Draft) -> Words {
         }
         2 => {
             ring(k, 0.17, Paint::SCREEN);
-            k.m.block(about(0.0, w), [h, h + 0.12], [-d / 2.0, -d / 2.0 + 0.08], p);
+            k.model.block(about(0.0, w), [h, h + 0.12], [-d / 2.0, -d / 2.0 + 0.08], p);
         }
         _ => {
             k.noun = "dishwasher";
-            k.m.lid(about(0.0, w - 0.04), [0.1, h - 0.16], [z, z + 0.02], p.times(1.03));
-            k.m.lid(about(0.0, w * 0.7), [h - 0.2, h - 0.18], [z + 0.02, z + 0.045], k.metal());
+            k.model.lid(about(0.0, w - 0.04), [0.1, h - 0.16], [z, z + 0.02], p.times(1.03));
+            k.model.lid(about(0.0, w * 0.7), [h - 0.2, h - 0.18], [z + 0.02, z + 0.045], k.metal());
         }
     }
-    k.m.lid([-w / 2.0 + 0.04, -0.06], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::STEEL);
-    k.m.lid([0.08, w / 2.0 - 0.05], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::SCREEN);
+    k.model.lid([-w / 2.0 + 0.04, -0.06], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::STEEL);
+    k.model.lid([0.08, w / 2.0 - 0.05], [h - 0.12, h - 0.05], [z, z + 0.01], Paint::SCREEN);
     [size, k.by_style("||high-backed|plain")]
 }

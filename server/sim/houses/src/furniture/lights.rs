@@ -5,15 +5,16 @@ use super::*;
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 
 /// A ceiling lamp; the ceiling is at y = 0.
-pub(crate) const PENDANT: Make =
-    Make::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, taste::CLOTH);
-pub(crate) const FLOOR_LAMP: Make =
-    Make::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, taste::CLOTH);
-pub(crate) const TABLE_LAMP: Make =
-    Make::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, taste::CLOTH);
+pub(crate) const PENDANT: FurnitureKind =
+    FurnitureKind::new("lighting", "ceiling lamp", 8, pendant).made_of(SHADES, styles::CLOTH);
+pub(crate) const FLOOR_LAMP: FurnitureKind =
+    FurnitureKind::new("lighting", "floor lamp", 5, floor_lamp).made_of(SHADES, styles::CLOTH);
+pub(crate) const TABLE_LAMP: FurnitureKind =
+    FurnitureKind::new("lighting", "table lamp", 5, table_lamp).made_of(SHADES, styles::CLOTH);
 
 /// A wall lamp; lower edge at y = 0, back at z = 0.
-pub(crate) const SCONCE: Make = Make::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, taste::CLOTH);
+pub(crate) const SCONCE: FurnitureKind =
+    FurnitureKind::new("lighting", "wall lamp", 4, sconce).made_of(SHADES, styles::CLOTH);
 
 /// Shade profiles (radius, height), relative: a cone, a drum, a bell, a ball.
 const PROFILES: [&[[f32; 2]]; 4] = [
@@ -35,7 +36,7 @@ const LAMPLIGHT: [f32; 3] = [1.0, 0.975, 0.93];
 fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
     // The lamp radius covers the shade: shades are translucent (docs/decisions/0008).
     let half = 0.5 * (high - low);
-    k.m.lamps.push(Lamp {
+    k.model.lamps.push(Lamp {
         position: point(x, low + half, z),
         facing: None,
         radius_m: (radius * radius + half * half).sqrt(),
@@ -47,16 +48,16 @@ fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
 fn shade(k: &mut Draft, kind: usize, center: [f32; 2], radius: f32, [low, high]: Span) {
     let profile: Vec<[f32; 2]> =
         PROFILES[kind % 4].iter().map(|[s, y]| [s * radius, low + y * (high - low)]).collect();
-    k.m.lathe(center, &profile, 12, k.p);
+    k.model.lathe(center, &profile, 12, k.paint);
     shine(k, center, radius, [low, high]);
 }
 
 fn pendant(k: &mut Draft) -> Words {
     let (drop, r) = (k.len(0.38, 0.6), k.len(0.15, 0.25));
     let size = size_word(r, 0.18, 0.22, ["small", "large"]);
-    k.m.cylinder([0.0, 0.0], [-0.03, 0.0], 0.05, 8, Paint::DARK_METAL);
+    k.model.cylinder([0.0, 0.0], [-0.03, 0.0], 0.05, 8, Paint::DARK_METAL);
     let cord = |k: &mut Draft, x: f32, z: f32, low: f32| {
-        k.m.cylinder([x, z], [low, -0.02], 0.008, 5, Paint::DARK_METAL);
+        k.model.cylinder([x, z], [low, -0.02], 0.008, 5, Paint::DARK_METAL);
     };
     match k.style {
         0..=3 => {
@@ -65,12 +66,12 @@ fn pendant(k: &mut Draft) -> Words {
             [size, SHAPES[k.style]]
         }
         4 => {
-            k.m.lathe([0.0, 0.0], &[[r * 0.8, -0.12], [r * 1.2, -0.06], [r * 1.2, -0.02]], 16, k.p);
+            k.model.lathe([0.0, 0.0], &[[r * 0.8, -0.12], [r * 1.2, -0.06], [r * 1.2, -0.02]], 16, k.paint);
             shine(k, [0.0, 0.0], r * 1.2, [-0.12, -0.02]);
             [size, "flat"]
         }
         5 => {
-            k.m.block(about(0.0, 0.9), [-0.05, -0.03], about(0.0, 0.05), Paint::DARK_METAL);
+            k.model.block(about(0.0, 0.9), [-0.05, -0.03], about(0.0, 0.05), Paint::DARK_METAL);
             for x in [-0.35, 0.0, 0.35] {
                 cord(k, x, 0.0, -drop + 0.12);
                 shade(k, 2, [x, 0.0], 0.1, [-drop, -drop + 0.14]);
@@ -82,10 +83,10 @@ fn pendant(k: &mut Draft) -> Words {
             for i in 0..5 {
                 let (sin, cos) = angle::sin_cos(i as f32 * 1.2566);
                 let (hub, tip) = (point(0.0, -drop + 0.12, 0.0), point(0.28 * sin, -drop, 0.28 * cos));
-                k.m.rod(hub, tip, 0.012, k.trim);
+                k.model.rod(hub, tip, 0.012, k.trim);
                 let bulb = [[0.4, 0.0], [1.0, 0.5], [0.8, 1.0]];
                 let profile = bulb.map(|[s, y]| [s * 0.06, -drop + y * 0.1]);
-                k.m.lathe([0.28 * sin, 0.28 * cos], &profile, 8, k.p);
+                k.model.lathe([0.28 * sin, 0.28 * cos], &profile, 8, k.paint);
                 shine(k, [0.28 * sin, 0.28 * cos], 0.06, [-drop, -drop + 0.1]);
             }
             k.noun = "chandelier";
@@ -93,7 +94,7 @@ fn pendant(k: &mut Draft) -> Words {
         }
         _ => {
             cord(k, 0.0, 0.0, -drop + 0.1);
-            k.m.soft(about(0.0, r * 1.6), [-drop, -drop + r], about(0.0, r * 1.6), 0.01, k.p);
+            k.model.soft(about(0.0, r * 1.6), [-drop, -drop + r], about(0.0, r * 1.6), 0.01, k.paint);
             shine(k, [0.0, 0.0], r, [-drop, -drop + r]);
             [size, "square"]
         }
@@ -103,25 +104,25 @@ fn pendant(k: &mut Draft) -> Words {
 fn floor_lamp(k: &mut Draft) -> Words {
     let h = k.len(1.4, 1.8);
     let dark = k.trim;
-    k.m.lathe([0.0, 0.0], &[[0.14, 0.0], [0.14, 0.02], [0.03, 0.04]], 10, dark);
+    k.model.lathe([0.0, 0.0], &[[0.14, 0.0], [0.14, 0.02], [0.03, 0.04]], 10, dark);
     let shape = match k.style {
         3 => {
             for i in 0..3 {
                 let (sin, cos) = angle::sin_cos(i as f32 * 2.094);
                 let foot = point(0.22 * sin, 0.0, 0.22 * cos);
-                k.m.rod(foot, point(0.0, h - 0.3, 0.0), 0.015, dark);
+                k.model.rod(foot, point(0.0, h - 0.3, 0.0), 0.015, dark);
             }
             shade(k, 1, [0.0, 0.0], 0.22, [h - 0.3, h]);
             "three-legged"
         }
         4 => {
-            k.m.cylinder([0.0, 0.0], [0.03, h - 0.1], 0.012, 6, dark);
-            k.m.rod(point(0.0, h - 0.1, 0.0), point(0.0, h, 0.24), 0.012, dark);
+            k.model.cylinder([0.0, 0.0], [0.03, h - 0.1], 0.012, 6, dark);
+            k.model.rod(point(0.0, h - 0.1, 0.0), point(0.0, h, 0.24), 0.012, dark);
             shade(k, 2, [0.0, 0.26], 0.15, [h - 0.16, h]);
             "arched"
         }
         style => {
-            k.m.cylinder([0.0, 0.0], [0.03, h - 0.25], 0.012, 6, dark);
+            k.model.cylinder([0.0, 0.0], [0.03, h - 0.25], 0.012, 6, dark);
             shade(k, style, [0.0, 0.0], 0.21, [h - 0.32, h]);
             SHAPES[style]
         }
@@ -134,14 +135,15 @@ fn table_lamp(k: &mut Draft) -> Words {
     let foot = k.trim;
     let shape = match k.style {
         4 => {
-            k.m.lathe([0.0, 0.0], &[[0.08, 0.0], [0.08, 0.02], [0.015, 0.03]], 10, foot);
-            k.m.rod(point(0.0, 0.02, 0.0), point(0.0, h - 0.12, -0.08), 0.01, foot);
-            k.m.rod(point(0.0, h - 0.13, -0.08), point(0.0, h - 0.05, 0.1), 0.01, foot);
+            k.model.lathe([0.0, 0.0], &[[0.08, 0.0], [0.08, 0.02], [0.015, 0.03]], 10, foot);
+            k.model.rod(point(0.0, 0.02, 0.0), point(0.0, h - 0.12, -0.08), 0.01, foot);
+            k.model.rod(point(0.0, h - 0.13, -0.08), point(0.0, h - 0.05, 0.1), 0.01, foot);
             shade(k, 2, [0.0, 0.1], 0.09, [h - 0.16, h - 0.04]);
             "jointed"
         }
         style => {
-            k.m.lathe([0.0, 0.0], &[[0.07, 0.0], [0.08, 0.05], [0.03, 0.16], [0.012, h - 0.16]], 10, foot);
+            let profile = [[0.07, 0.0], [0.08, 0.05], [0.03, 0.16], [0.012, h - 0.16]];
+            k.model.lathe([0.0, 0.0], &profile, 10, foot);
             shade(k, style, [0.0, 0.0], 0.14, [h - 0.2, h]);
             SHAPES[style]
         }
@@ -150,8 +152,8 @@ fn table_lamp(k: &mut Draft) -> Words {
 }
 
 fn sconce(k: &mut Draft) -> Words {
-    k.m.prism_z(&circle([0.0, 0.1], 0.06, 8), [0.0, 0.02], k.trim);
-    k.m.rod(point(0.0, 0.1, 0.02), point(0.0, 0.12, 0.12), 0.01, k.trim);
+    k.model.prism_z(&circle([0.0, 0.1], 0.06, 8), [0.0, 0.02], k.trim);
+    k.model.rod(point(0.0, 0.1, 0.02), point(0.0, 0.12, 0.12), 0.01, k.trim);
     let r = k.len(0.08, 0.11);
     let style = k.style;
     shade(k, style, [0.0, 0.13], r, [0.04, 0.24]);

@@ -2,14 +2,13 @@
 
 use super::*;
 
-const DOOR: Make = Make::new("door", "", 4, panelled_door).made_of(
+const DOOR: FurnitureKind = FurnitureKind::new("door", "", 4, panelled_door).made_of(
     &[Wood, Wood, Metal, Plastic, Glass],
     "brown red green blue black white grey teal yellow orange purple pink",
 );
 
-/// Draws a closed door.
-pub(crate) fn door(taste: &mut Taste) -> Piece {
-    DOOR.any(taste)
+pub(crate) fn door(sampler: &mut StyleSampler) -> Piece {
+    DOOR.any(sampler)
 }
 
 /// Draws a window; lower edge at y = 0, back at z = 0.
@@ -51,39 +50,39 @@ fn daylight([width, height]: [f32; 2]) -> Vec<Lamp> {
 }
 
 fn panelled_door(k: &mut Draft) -> Words {
-    let p = k.p;
+    let p = k.paint;
     let frame = p.times(0.9);
-    k.m.pair([0.46, 0.52], [0.0, 2.1], [0.0, 0.05], frame);
-    k.m.block(about(0.0, 0.92), [2.04, 2.1], [0.0, 0.05], frame);
-    k.m.block(about(0.0, 0.92), [0.0, 2.04], [0.0, 0.03], p);
+    k.model.pair([0.46, 0.52], [0.0, 2.1], [0.0, 0.05], frame);
+    k.model.block(about(0.0, 0.92), [2.04, 2.1], [0.0, 0.05], frame);
+    k.model.block(about(0.0, 0.92), [0.0, 2.04], [0.0, 0.03], p);
     let z = [0.03, 0.038];
     match k.style {
         0 => {
             for y in [[0.2, 0.9], [1.1, 1.85]] {
                 for x in [-0.2, 0.2] {
-                    k.m.lid(about(x, 0.28), y, z, p.times(0.9));
+                    k.model.lid(about(x, 0.28), y, z, p.times(0.9));
                 }
             }
         }
-        1 => k.m.lid(about(0.0, 0.5), [1.2, 1.8], z, Paint::PANE),
+        1 => k.model.lid(about(0.0, 0.5), [1.2, 1.8], z, Paint::PANE),
         2 => {
             for i in 0..5 {
-                k.m.lid(about(0.0, 0.7), about(0.35 + 0.34 * i as f32, 0.22), z, p.times(0.92));
+                k.model.lid(about(0.0, 0.7), about(0.35 + 0.34 * i as f32, 0.22), z, p.times(0.92));
             }
         }
-        _ => k.m.prism_z(&arch(0.6, 0.2, 1.8), z, p.times(0.92)),
+        _ => k.model.prism_z(&arch(0.6, 0.2, 1.8), z, p.times(0.92)),
     }
-    k.m.rod(point(0.38, 1.0, 0.03), point(0.38, 1.0, 0.09), 0.015, Paint::CHROME);
-    k.m.rod(point(0.39, 1.0, 0.085), point(0.28, 1.0, 0.085), 0.012, Paint::CHROME);
+    k.model.rod(point(0.38, 1.0, 0.03), point(0.38, 1.0, 0.09), 0.015, Paint::CHROME);
+    k.model.rod(point(0.39, 1.0, 0.085), point(0.28, 1.0, 0.085), 0.012, Paint::CHROME);
     ["", k.by_style("panelled|glazed|panelled|arched")]
 }
 
 /// One curtain of a pair.
-pub(crate) const CURTAIN: Make = Make::new("curtain", "", 8, curtain)
-    .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], taste::CLOTH);
+pub(crate) const CURTAIN: FurnitureKind = FurnitureKind::new("curtain", "", 8, curtain)
+    .made_of(&[Fabric, Velvet, Striped, Checked, Dotted, Knit, Corduroy], styles::CLOTH);
 
 /// A blind over the upper part of a window.
-pub(crate) const BLIND: Make = Make::new("blinds", "", 8, blind).made_of(
+pub(crate) const BLIND: FurnitureKind = FurnitureKind::new("blinds", "", 8, blind).made_of(
     &[Fabric, Wood, Bamboo, Metal, Plastic, Paper, Striped],
     "white brown grey blue green teal yellow red black orange pink purple",
 );
@@ -100,7 +99,7 @@ fn folds(k: &mut Draft, count: usize, [low, high]: Span, width_at: impl Fn(f32) 
     for i in 0..count {
         for row in 0..ROWS {
             let corners = [point(i, row), point(i + 1, row), point(i + 1, row + 1), point(i, row + 1)];
-            k.m.quad(corners, k.p);
+            k.model.quad(corners, k.paint);
         }
     }
 }
@@ -108,24 +107,24 @@ fn folds(k: &mut Draft, count: usize, [low, high]: Span, width_at: impl Fn(f32) 
 fn curtain(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.24, 0.5), k.height(1.0, 2.2));
     let rod = k.trim;
-    k.m.block(about(0.0, w + 0.04), [h, h + 0.025], [0.0, 0.06], rod);
-    let p = k.p;
+    k.model.block(about(0.0, w + 0.04), [h, h + 0.025], [0.0, 0.06], rod);
+    let p = k.paint;
     let span = [0.0, h];
     match k.style {
         0 => folds(k, 8, span, |_| w),
         1 => {
             folds(k, 8, span, |share| w * if share == 0.5 { 0.5 } else { 1.0 });
-            k.m.block(about(0.0, w * 0.56), about(h * 0.5, 0.05), [0.02, 0.09], p.times(0.8));
+            k.model.block(about(0.0, w * 0.56), about(h * 0.5, 0.05), [0.02, 0.09], p.times(0.8));
         }
         2 => {
             folds(k, 6, span, |_| w);
-            k.m.block(about(0.0, w), [0.0, 0.08], [0.025, 0.085], p.times(0.85));
+            k.model.block(about(0.0, w), [0.0, 0.08], [0.025, 0.085], p.times(0.85));
         }
         3 => folds(k, 12, span, |_| w),
         4 => folds(k, 8, span, |share| w * (1.1 - 0.3 * share)),
         5 => {
             folds(k, 8, span, |_| w);
-            k.m.block(about(0.0, w + 0.04), [h - 0.14, h], [0.08, 0.1], p.times(0.9));
+            k.model.block(about(0.0, w + 0.04), [h - 0.14, h], [0.08, 0.1], p.times(0.9));
         }
         6 => folds(k, 4, span, |_| w),
         _ => {
@@ -139,46 +138,46 @@ fn curtain(k: &mut Draft) -> Words {
 
 fn blind(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.6, 1.6), k.height(0.3, 0.9));
-    let p = k.p;
-    k.m.block(about(0.0, w), [h - 0.05, h], [0.0, 0.06], p.times(0.95));
+    let p = k.paint;
+    k.model.block(about(0.0, w), [h - 0.05, h], [0.0, 0.06], p.times(0.95));
     let slats = |k: &mut Draft, count: usize| {
         for i in 0..count {
             let y = (h - 0.06) * i as f32 / count as f32;
-            k.m.block(about(0.0, w - 0.02), [y, y + (h - 0.06) / count as f32 * 0.8], [0.015, 0.03], p);
+            k.model.block(about(0.0, w - 0.02), [y, y + (h - 0.06) / count as f32 * 0.8], [0.015, 0.03], p);
         }
     };
     match k.style {
         0 => slats(k, 10),
         1 => slats(k, 5),
         2 => {
-            k.m.block(about(0.0, w - 0.02), [0.0, h - 0.05], [0.02, 0.03], p);
-            k.m.block(about(0.0, w), [0.0, 0.03], [0.015, 0.04], p.times(0.85));
+            k.model.block(about(0.0, w - 0.02), [0.0, h - 0.05], [0.02, 0.03], p);
+            k.model.block(about(0.0, w), [0.0, 0.03], [0.015, 0.04], p.times(0.85));
         }
         3 => {
             for i in 0..4 {
                 let y = (h - 0.05) * i as f32 / 4.0;
-                k.m.soft(about(0.0, w - 0.02), [y, y + (h - 0.05) / 4.0], [0.012, 0.05], 0.015, p);
+                k.model.soft(about(0.0, w - 0.02), [y, y + (h - 0.05) / 4.0], [0.012, 0.05], 0.015, p);
             }
         }
         4 => {
             for i in 0..8 {
                 let x = ((i as f32 + 0.5) / 8.0 - 0.5) * w;
-                k.m.block(about(x, w / 9.0), [0.0, h - 0.05], [0.015, 0.025], p);
+                k.model.block(about(x, w / 9.0), [0.0, h - 0.05], [0.015, 0.025], p);
             }
         }
         5 => slats(k, 14),
         6 => {
-            k.m.pair([w * 0.02, w / 2.0], [0.0, h - 0.05], [0.012, 0.03], p);
+            k.model.pair([w * 0.02, w / 2.0], [0.0, h - 0.05], [0.012, 0.03], p);
             for i in 0..4 {
                 let y = 0.04 + (h - 0.13) * i as f32 / 4.0;
-                k.m.pair([w * 0.06, w * 0.46], [y, y + (h - 0.13) / 5.0], [0.03, 0.04], p.times(0.93));
+                k.model.pair([w * 0.06, w * 0.46], [y, y + (h - 0.13) / 5.0], [0.03, 0.04], p.times(0.93));
             }
         }
         _ => {
-            k.m.block(about(0.0, w - 0.02), [0.08, h - 0.05], [0.015, 0.025], p);
+            k.model.block(about(0.0, w - 0.02), [0.08, h - 0.05], [0.015, 0.025], p);
             for i in 0..6 {
                 let x = ((i as f32 + 0.5) / 6.0 - 0.5) * w;
-                k.m.prism_z(&[[x - w / 13.0, 0.08], [x, 0.0], [x + w / 13.0, 0.08]], [0.015, 0.025], p);
+                k.model.prism_z(&[[x - w / 13.0, 0.08], [x, 0.0], [x + w / 13.0, 0.08]], [0.015, 0.025], p);
             }
         }
     }

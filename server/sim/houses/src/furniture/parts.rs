@@ -7,55 +7,69 @@ pub(super) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
     Point3::new(x, y, z)
 }
 
-/// Adds four square legs under a top, `inset` from the edges.
-pub(super) fn legs(
-    m: &mut Model,
-    [width, depth]: [f32; 2],
-    height: f32,
-    thick: f32,
-    inset: f32,
-    paint: Paint,
-) {
-    let (x, z) = (width / 2.0 - inset - thick / 2.0, depth / 2.0 - inset - thick / 2.0);
-    for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        m.rim(about(sx * x, thick), [0.0, height], about(sz * z, thick), paint);
+impl Draft {
+    /// Adds four square legs under a top, `inset` from the edges.
+    pub(super) fn legs(
+        &mut self,
+        [width, depth]: [f32; 2],
+        height: f32,
+        thick: f32,
+        inset: f32,
+        paint: Paint,
+    ) {
+        let (x, z) = (width / 2.0 - inset - thick / 2.0, depth / 2.0 - inset - thick / 2.0);
+        for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            self.model.rim(about(sx * x, thick), [0.0, height], about(sz * z, thick), paint);
+        }
+    }
+
+    /// Adds four round legs that spread outwards.
+    pub(super) fn splayed_legs(&mut self, [width, depth]: [f32; 2], height: f32, radius: f32, paint: Paint) {
+        let (x, z) = (width / 2.0 - radius, depth / 2.0 - radius);
+        for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            let foot = point(sx * x, 0.0, sz * z);
+            let top = point(sx * x * 0.72, height, sz * z * 0.72);
+            self.model.rod(foot, top, radius, paint);
+        }
+    }
+
+    /// Adds two runners with uprights.
+    pub(super) fn sled(&mut self, [w, d]: [f32; 2], height: f32, paint: Paint) {
+        let x = [w / 2.0 - 0.025, w / 2.0];
+        self.model.pair(x, [0.0, 0.025], about(0.0, d), paint);
+        self.model.pair(x, [0.025, height], [-d / 2.0, -d / 2.0 + 0.025], paint);
+        self.model.pair(x, [0.025, height], [d / 2.0 - 0.025, d / 2.0], paint);
+    }
+
+    /// Adds a round foot with a column.
+    pub(super) fn pedestal(&mut self, radius: f32, height: f32, paint: Paint) {
+        let profile = [[radius, 0.0], [radius, 0.02], [0.035, 0.05], [0.035, height]];
+        self.model.lathe([0.0, 0.0], &profile, 12, paint);
+    }
+
+    /// Adds two crossed bars at both ends in x.
+    pub(super) fn crossed_legs(&mut self, [w, d]: [f32; 2], height: f32, radius: f32, paint: Paint) {
+        for x in [-w / 2.0 + radius, w / 2.0 - radius] {
+            let z = d / 2.0 - radius;
+            self.model.rod(point(x, 0.0, -z), point(x, height, z), radius, paint);
+            self.model.rod(point(x, 0.0, z), point(x, height, -z), radius, paint);
+        }
+    }
+
+    /// Adds a round pad or top with a rounded edge between two heights.
+    pub(super) fn round_pad(&mut self, radius: f32, [low, high]: Span, sides: usize, paint: Paint) {
+        let edge = ((high - low) * 0.3).min(0.03);
+        let profile =
+            [[radius - edge, low], [radius, low + edge], [radius, high - edge], [radius - edge, high]];
+        self.model.lathe([0.0, 0.0], &profile, sides, paint);
+    }
+
+    /// Adds a disc across x around (y, z): a wheel, a weight.
+    pub(super) fn wheel(&mut self, x: Span, [y, z]: [f32; 2], radius: f32, paint: Paint) {
+        self.model.prism_x(&circle([-z, y], radius, 14), x, paint);
     }
 }
 
-/// Adds four round legs that spread outwards.
-pub(super) fn splayed_legs(m: &mut Model, [width, depth]: [f32; 2], height: f32, radius: f32, paint: Paint) {
-    let (x, z) = (width / 2.0 - radius, depth / 2.0 - radius);
-    for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let foot = point(sx * x, 0.0, sz * z);
-        let top = point(sx * x * 0.72, height, sz * z * 0.72);
-        m.rod(foot, top, radius, paint);
-    }
-}
-
-/// Adds two runners with uprights.
-pub(super) fn sled(m: &mut Model, [w, d]: [f32; 2], height: f32, paint: Paint) {
-    let x = [w / 2.0 - 0.025, w / 2.0];
-    m.pair(x, [0.0, 0.025], about(0.0, d), paint);
-    m.pair(x, [0.025, height], [-d / 2.0, -d / 2.0 + 0.025], paint);
-    m.pair(x, [0.025, height], [d / 2.0 - 0.025, d / 2.0], paint);
-}
-
-/// Adds a round foot with a column.
-pub(super) fn pedestal(m: &mut Model, radius: f32, height: f32, paint: Paint) {
-    let profile = [[radius, 0.0], [radius, 0.02], [0.035, 0.05], [0.035, height]];
-    m.lathe([0.0, 0.0], &profile, 12, paint);
-}
-
-/// Adds two crossed bars at both ends in x.
-pub(super) fn crossed_legs(m: &mut Model, [w, d]: [f32; 2], height: f32, radius: f32, paint: Paint) {
-    for x in [-w / 2.0 + radius, w / 2.0 - radius] {
-        let z = d / 2.0 - radius;
-        m.rod(point(x, 0.0, -z), point(x, height, z), radius, paint);
-        m.rod(point(x, 0.0, z), point(x, height, -z), radius, paint);
-    }
-}
-
-/// Door and drawer style.
 #[derive(Clone, Copy)]
 pub(super) struct Fronts {
     pub(super) panel: Paint,
@@ -105,38 +119,25 @@ pub(super) struct Carcass {
 /// Adds a carcass in the main paint.
 pub(super) fn carcass(k: &mut Draft, body: &Carcass) {
     let [width, height, depth] = body.size;
-    let paint = k.p;
+    let paint = k.paint;
     match body.feet {
-        feet if feet > 0.09 => legs(&mut k.m, [width, depth], feet, 0.05, 0.02, paint.times(0.85)),
+        feet if feet > 0.09 => k.legs([width, depth], feet, 0.05, 0.02, paint.times(0.85)),
         feet => {
-            k.m.block(about(0.0, width - 0.06), [0.0, feet], about(-0.02, depth - 0.08), paint.times(0.7))
+            k.model.block(about(0.0, width - 0.06), [0.0, feet], about(-0.02, depth - 0.08), paint.times(0.7))
         }
     }
-    k.m.block(about(0.0, width), [body.feet, height - 0.025], about(0.0, depth), paint);
+    k.model.block(about(0.0, width), [body.feet, height - 0.025], about(0.0, depth), paint);
     let top = about(0.005, depth + 0.03);
-    k.m.soft(about(0.0, width + 0.02), [height - 0.025, height], top, 0.008, paint.times(0.96));
+    k.model.soft(about(0.0, width + 0.02), [height - 0.025, height], top, 0.008, paint.times(0.96));
     let looks = Fronts { panel: paint.times(1.04), handle: handle(k), doors: body.doors };
     let (x, y) = (about(0.0, width - 0.04), [body.feet + 0.02, height - 0.045]);
-    fronts(&mut k.m, x, y, depth / 2.0, body.cells, &looks);
+    fronts(&mut k.model, x, y, depth / 2.0, body.cells, &looks);
 }
 
-/// Draws a handle paint.
 pub(super) fn handle(k: &mut Draft) -> Paint {
     let paints = [Paint::STEEL, Paint::DARK_METAL, Paint::BRASS];
     let some = *k.rng.choose(&paints).expect("the list is not empty");
     if k.dark() { some.times(0.7) } else { some }
-}
-
-/// Adds a round pad or top with a rounded edge between two heights.
-pub(super) fn round_pad(m: &mut Model, radius: f32, [low, high]: Span, sides: usize, paint: Paint) {
-    let edge = ((high - low) * 0.3).min(0.03);
-    let profile = [[radius - edge, low], [radius, low + edge], [radius, high - edge], [radius - edge, high]];
-    m.lathe([0.0, 0.0], &profile, sides, paint);
-}
-
-/// Adds a disc across x around (y, z): a wheel, a weight.
-pub(super) fn wheel(m: &mut Model, x: Span, [y, z]: [f32; 2], radius: f32, paint: Paint) {
-    m.prism_x(&circle([-z, y], radius, 14), x, paint);
 }
 
 /// Corners of a regular polygon, counter-clockwise.

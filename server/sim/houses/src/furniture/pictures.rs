@@ -4,10 +4,11 @@ use super::super::texture::{Art, Medium, Motif};
 use super::*;
 
 /// A framed picture with the requested width and height.
-pub(crate) const PICTURE: Make = Make::new("picture", "", 8, picture).made_of(&[Paper], taste::CLOTH);
+pub(crate) const PICTURE: FurnitureKind =
+    FurnitureKind::new("picture", "", 8, picture).made_of(&[Paper], styles::CLOTH);
 
 /// A mirror; colour and material are the frame's.
-pub(crate) const MIRROR: Make = Make::new("mirror", "", 8, mirror).made_of(
+pub(crate) const MIRROR: FurnitureKind = FurnitureKind::new("mirror", "", 8, mirror).made_of(
     &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
     "brown black white grey yellow red blue green teal orange pink purple",
 );
@@ -54,11 +55,11 @@ fn picture(k: &mut Draft) -> Words {
     };
     let bar = [0.015, 0.022, 0.006, 0.026, 0.034, 0.012, 0.02, 0.018][k.style];
     let front = [0.018, 0.02, 0.025, 0.02, 0.026, 0.03, 0.02, 0.02][k.style];
-    frame(&mut k.m, &outline, bar, front, paint);
-    k.m.pictured(&outline, front - 0.006, canvas);
+    frame(&mut k.model, &outline, bar, front, paint);
+    k.model.pictured(&outline, front - 0.006, canvas);
     if k.style == 3 {
         let mat = Paint::plain("paper", k.tint.rgb);
-        frame(&mut k.m, &rectangle(w - 0.08, h - 0.08, h / 2.0), 0.05, front - 0.003, mat);
+        frame(&mut k.model, &rectangle(w - 0.08, h - 0.08, h / 2.0), 0.05, front - 0.003, mat);
     }
     let ratio = w / h;
     let shape = match k.style {
@@ -86,28 +87,27 @@ fn mirror(k: &mut Draft) -> Words {
         _ => circle([0.0, side / 2.0], side * 0.3, 16),
     };
     let bar = [0.04, 0.05, 0.05, 0.045, 0.05, 0.05, 0.1, 0.04][k.style];
-    frame(&mut k.m, &outline, bar, 0.025, k.p);
-    k.m.pictured(&outline, 0.012, Paint::MIRROR.with(Pattern::Sheen));
+    frame(&mut k.model, &outline, bar, 0.025, k.paint);
+    k.model.pictured(&outline, 0.012, Paint::MIRROR.with(Pattern::Sheen));
     if k.style == 7 {
         for i in 0..16 {
             let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 16.0);
             let at = |r: f32| point(sin * r, side / 2.0 + cos * r, 0.015);
-            k.m.rod(at(side * 0.29), at(side * 0.49), 0.012, k.p);
+            k.model.rod(at(side * 0.29), at(side * 0.49), 0.012, k.paint);
         }
     }
     let shape = k.by_style("rectangular|round|oval|arched|octagonal|hexagonal|broad-framed|sunburst");
     [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape]
 }
 
-/// A notice board.
-pub(crate) const BOARD: Make = Make::new("board_panel", "board", 8, board)
-    .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], taste::CLOTH);
-pub(crate) const CLOCK: Make =
-    Make::new("clock", "", 8, clock).made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], taste::CLOTH);
+pub(crate) const BOARD: FurnitureKind = FurnitureKind::new("board_panel", "board", 8, board)
+    .made_of(&[Fabric, Wood, Metal, Plastic, Glass, Paper], styles::CLOTH);
+pub(crate) const CLOCK: FurnitureKind = FurnitureKind::new("clock", "", 8, clock)
+    .made_of(&[Plastic, Metal, Wood, Ceramic, Glass, Bamboo], styles::CLOTH);
 
 fn board(k: &mut Draft) -> Words {
     let (w, h) = (k.width(0.6, 1.3), k.height(0.45, 0.9));
-    let p = k.p;
+    let p = k.paint;
     let z = [0.0, 0.02];
     let outline = match k.style {
         2 => arch(w, 0.0, h),
@@ -115,17 +115,17 @@ fn board(k: &mut Draft) -> Words {
         7 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 14),
         _ => rectangle(w, h, h / 2.0),
     };
-    k.m.prism_z(&outline, z, p);
+    k.model.prism_z(&outline, z, p);
     match k.style {
         0 | 3 => {
             let bar = k.trim;
-            k.m.pair([w / 2.0 - 0.025, w / 2.0 + 0.002], [0.0, h], [0.0, 0.03], bar);
+            k.model.pair([w / 2.0 - 0.025, w / 2.0 + 0.002], [0.0, h], [0.0, 0.03], bar);
             for y in [[0.0, 0.025], [h - 0.025, h]] {
-                k.m.lid(about(0.0, w), y, [0.0, 0.03], bar);
+                k.model.lid(about(0.0, w), y, [0.0, 0.03], bar);
             }
         }
-        1 => k.m.lid(about(0.0, w * 0.6), [0.0, 0.02], [0.02, 0.07], Paint::STEEL),
-        4 => k.m.lid(about(0.0, w), [h - 0.08, h], [0.02, 0.028], p.times(0.8)),
+        1 => k.model.lid(about(0.0, w * 0.6), [0.0, 0.02], [0.02, 0.07], Paint::STEEL),
+        4 => k.model.lid(about(0.0, w), [h - 0.08, h], [0.02, 0.028], p.times(0.8)),
         _ => {}
     }
     let notes = if k.style == 3 { 0 } else { 3 + k.rng.below(3) };
@@ -138,7 +138,7 @@ fn board(k: &mut Draft) -> Words {
         } else {
             Paint::plain("paper", [244, 242, 230])
         };
-        k.m.lid(about(x, 0.07), about(y, 0.09), [0.02, 0.023], tone);
+        k.model.lid(about(x, 0.07), about(y, 0.09), [0.02, 0.023], tone);
     }
     let shape = k.by_style("framed|plain|arched|framed|plain|plain|hexagonal|oval");
     [size_word(w, 0.8, 1.1, ["small", "large"]), shape]
@@ -147,7 +147,7 @@ fn board(k: &mut Draft) -> Words {
 fn clock(k: &mut Draft) -> Words {
     let size = k.len(0.22, 0.42);
     let r = size / 2.0;
-    let face = match k.p.brightness() {
+    let face = match k.paint.brightness() {
         bright if bright > 0.4 => Paint::SCREEN,
         _ if k.dark() => Paint::STEEL.times(0.7),
         _ => Paint::CHROME,
@@ -161,25 +161,25 @@ fn clock(k: &mut Draft) -> Words {
         6 => oval([0.0, r], [r * 1.3, r], 18),
         _ => circle([0.0, r], r, 20),
     };
-    k.m.prism_z(&outline, [0.0, 0.035], k.p);
+    k.model.prism_z(&outline, [0.0, 0.035], k.paint);
     let center = if k.style == 5 { [0.0, size * 1.15] } else { [0.0, r] };
     if k.style == 7 {
         for i in 0..12 {
             let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 12.0);
             let at = |share: f32| point(sin * r * share, r + cos * r * share, 0.02);
-            k.m.rod(at(0.95), at(1.35), 0.01, k.p);
+            k.model.rod(at(0.95), at(1.35), 0.01, k.paint);
         }
     }
     for i in 0..12 {
         let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 12.0);
         let at = [center[0] + sin * r * 0.7, center[1] + cos * r * 0.7];
-        k.m.lid(about(at[0], 0.02), about(at[1], 0.02), [0.035, 0.038], face);
+        k.model.lid(about(at[0], 0.02), about(at[1], 0.02), [0.035, 0.038], face);
     }
     let hand = |k: &mut Draft, turn: f32, length: f32| {
         let (sin, cos) = angle::sin_cos(turn);
         let from = point(center[0], center[1], 0.042);
         let tip = point(center[0] + sin * length, center[1] + cos * length, 0.042);
-        k.m.rod(from, tip, 0.007, face);
+        k.model.rod(from, tip, 0.007, face);
     };
     let hour = k.rng.range(0.0, std::f32::consts::TAU);
     hand(k, hour, r * 0.4);

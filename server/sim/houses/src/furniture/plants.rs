@@ -5,8 +5,10 @@ use super::*;
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
 /// Colour words describe the leaves, material words the pot.
-pub(crate) const FLOOR_PLANT: Make = Make::new("plant", "", 8, floor_plant).made_of(POTS, taste::GREENERY);
-pub(crate) const SMALL_PLANT: Make = Make::new("plant", "", 8, small_plant).made_of(POTS, taste::GREENERY);
+pub(crate) const FLOOR_PLANT: FurnitureKind =
+    FurnitureKind::new("plant", "", 8, floor_plant).made_of(POTS, styles::GREENERY);
+pub(crate) const SMALL_PLANT: FurnitureKind =
+    FurnitureKind::new("plant", "", 8, small_plant).made_of(POTS, styles::GREENERY);
 
 fn floor_plant(k: &mut Draft) -> Words {
     let scale = k.len(0.75, 1.35);
@@ -44,7 +46,7 @@ fn planter(k: &mut Draft, pot: f32, scale: f32) {
     let paint = k.substance.paint(Tint { word: "", rgb: tone });
     let paint = if k.dark() { paint.times(0.5) } else { paint.times(0.85) };
     let r = pot * 0.44 * (1.25 - 0.25 * scale.min(1.0));
-    let m = &mut k.m;
+    let m = &mut k.model;
     match k.style % 4 {
         0 => m.lathe([0.0, 0.0], &[[r * 0.75, 0.0], [r, pot], [r * 0.88, pot]], 12, paint),
         1 => m.lathe([0.0, 0.0], &[[r * 0.95, 0.0], [r * 0.95, pot], [r * 0.8, pot]], 14, paint),
@@ -57,7 +59,7 @@ fn planter(k: &mut Draft, pot: f32, scale: f32) {
 /// A stem with balls of leaves.
 fn crown(k: &mut Draft, [base, top]: Span, r: f32, leaf: Paint) {
     let foot = point(0.0, base * 0.8, 0.0);
-    k.m.rod(foot, point(0.0, top - r, 0.0), 0.012 + 0.01 * top, Paint::WALNUT);
+    k.model.rod(foot, point(0.0, top - r, 0.0), 0.012 + 0.01 * top, Paint::WALNUT);
     for ball in 0..4 {
         let (sin, cos) = angle::sin_cos(ball as f32 * 2.094 + k.rng.range(0.0, 0.6));
         let (x, z) = if ball == 3 { (0.0, 0.0) } else { (sin * r * 0.55, cos * r * 0.55) };
@@ -65,15 +67,15 @@ fn crown(k: &mut Draft, [base, top]: Span, r: f32, leaf: Paint) {
         let profile = [[0.0, -0.9], [0.7, -0.6], [1.0, 0.0], [0.75, 0.6], [0.0, 1.0]]
             .map(|[s, h]| [s * r * 0.8, y + h * r]);
         let shade = leaf.times(k.rng.range(0.94, 1.06));
-        k.m.lathe([x, z], &profile, 8, shade);
+        k.model.lathe([x, z], &profile, 8, shade);
     }
 }
 
 /// A two-sided leaf as a kite in a vertical plane.
 fn blade(k: &mut Draft, foot: Point3<f32>, tip: Point3<f32>, across: Vector3<f32>, leaf: Paint) {
     let middle = foot + (tip - foot) * 0.4;
-    k.m.quad([foot, middle + across, tip, middle - across], leaf);
-    k.m.quad([foot, middle - across, tip, middle + across], leaf);
+    k.model.quad([foot, middle + across, tip, middle - across], leaf);
+    k.model.quad([foot, middle - across, tip, middle + across], leaf);
 }
 
 /// Stiff upright leaves.
@@ -99,10 +101,10 @@ fn fronds(k: &mut Draft, [base, top]: Span, leaf: Paint, reach: f32) {
         let point = |out: f32, up: f32| point(sin * reach * out, base + (top - base) * up, cos * reach * out);
         let knee = point(0.45, lift);
         let shade = leaf.times(k.rng.range(0.93, 1.06));
-        k.m.rod(point(0.02, 0.0), knee, 0.006 * top.max(0.5), shade);
+        k.model.rod(point(0.02, 0.0), knee, 0.006 * top.max(0.5), shade);
         let droop = if k.style == 4 { -0.25 } else { 0.1 };
         let tip = point(1.0, (lift + droop + k.rng.range(-0.1, 0.1)).clamp(0.02, 1.0));
-        k.m.leaf(knee, tip, 0.15 * top, shade);
+        k.model.leaf(knee, tip, 0.15 * top, shade);
     }
 }
 
@@ -110,14 +112,14 @@ fn fronds(k: &mut Draft, [base, top]: Span, leaf: Paint, reach: f32) {
 fn columns(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     let r = 0.08 * top + 0.015;
     let trunk = [[0.8, 0.0], [1.0, 0.3], [1.0, 0.85], [0.6, 0.97], [0.0, 1.0]];
-    k.m.lathe([0.0, 0.0], &trunk.map(|[s, y]| [s * r, base + y * (top - base)]), 8, leaf);
+    k.model.lathe([0.0, 0.0], &trunk.map(|[s, y]| [s * r, base + y * (top - base)]), 8, leaf);
     for (side, low) in [(-1.0, 0.3), (1.0, 0.45)] {
         let y = base + low * (top - base);
         let x = side * r * 2.2;
-        k.m.rod(point(side * r * 0.8, y, 0.0), point(x, y + r, 0.0), r * 0.55, leaf);
+        k.model.rod(point(side * r * 0.8, y, 0.0), point(x, y + r, 0.0), r * 0.55, leaf);
         let arm = [[0.5, 0.0], [0.6, 0.2], [0.6, 0.8], [0.0, 1.0]];
         let height = (top - base) * 0.34;
-        k.m.lathe([x, 0.0], &arm.map(|[s, up]| [s * r, y + r * 0.6 + up * height]), 8, leaf.times(1.04));
+        k.model.lathe([x, 0.0], &arm.map(|[s, up]| [s * r, y + r * 0.6 + up * height]), 8, leaf.times(1.04));
     }
 }
 
@@ -129,10 +131,10 @@ fn blossoms(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let out = if i == 0 { 0.0 } else { top * k.rng.range(0.08, 0.2) };
         let y = base + (top - base) * k.rng.range(0.6, 0.88);
         let head = [sin * out, cos * out];
-        k.m.rod(point(0.0, base, 0.0), point(head[0], y, head[1]), 0.007 + 0.004 * top, stem);
+        k.model.rod(point(0.0, base, 0.0), point(head[0], y, head[1]), 0.007 + 0.004 * top, stem);
         let r = 0.055 * top + 0.02;
         let bloom = [[0.3, -0.7], [1.0, 0.0], [0.7, 0.7], [0.0, 0.9]];
-        k.m.lathe(head, &bloom.map(|[s, up]| [s * r, y + up * r]), 6, leaf);
+        k.model.lathe(head, &bloom.map(|[s, up]| [s * r, y + up * r]), 6, leaf);
     }
 }
 
@@ -145,7 +147,7 @@ fn broad(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let reach = top * k.rng.range(0.12, 0.26);
         let stalk = point(sin * reach * 0.5, height * 0.86, cos * reach * 0.5);
         let shade = leaf.times(k.rng.range(0.94, 1.06));
-        k.m.rod(point(0.0, base, 0.0), stalk, 0.007 * top.max(0.5), stem);
+        k.model.rod(point(0.0, base, 0.0), stalk, 0.007 * top.max(0.5), stem);
         let tip = point(sin * (reach + 0.1 * top), height, cos * (reach + 0.1 * top));
         let across = Vector3::new(cos, 0.0, -sin) * (0.09 * top);
         blade(k, stalk, tip, across, shade);
@@ -155,7 +157,7 @@ fn broad(k: &mut Draft, [base, top]: Span, leaf: Paint) {
 /// A trunk with a tuft of long leaves.
 fn palm(k: &mut Draft, [base, top]: Span, leaf: Paint) {
     let neck = base + (top - base) * 0.55;
-    k.m.rod(point(0.0, base, 0.0), point(0.02, neck, 0.0), 0.018 * top + 0.008, Paint::WALNUT);
+    k.model.rod(point(0.0, base, 0.0), point(0.02, neck, 0.0), 0.018 * top + 0.008, Paint::WALNUT);
     for i in 0..14 {
         let (sin, cos) = angle::sin_cos(i as f32 * 2.4);
         let up = k.rng.range(0.3, 1.0);
@@ -165,6 +167,6 @@ fn palm(k: &mut Draft, [base, top]: Span, leaf: Paint) {
         let across = Vector3::new(cos, 0.0, -sin) * (0.03 * top);
         blade(k, point(0.02, neck, 0.0), knee, across, shade);
         let tip = point(sin * reach * 1.2, knee.y - 0.12 * top, cos * reach * 1.2);
-        k.m.leaf(knee, tip, 0.07 * top, shade);
+        k.model.leaf(knee, tip, 0.07 * top, shade);
     }
 }

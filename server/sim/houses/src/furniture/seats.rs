@@ -2,52 +2,48 @@
 
 use super::*;
 
-pub(crate) const CHAIR: Make = Make::new("chair", "", 8, chair)
-    .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], taste::WOOD);
-pub(crate) const OFFICE_CHAIR: Make = Make::new("chair", "office chair", 3, office_chair)
-    .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], taste::DARK);
-pub(crate) const ARMCHAIR: Make = Make::new("chair", "armchair", 8, armchair)
-    .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], taste::CLOTH);
+pub(crate) const CHAIR: FurnitureKind = FurnitureKind::new("chair", "", 8, chair)
+    .made_of(&[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker], styles::WOOD);
+pub(crate) const OFFICE_CHAIR: FurnitureKind = FurnitureKind::new("chair", "office chair", 3, office_chair)
+    .made_of(&[Fabric, Leather, Knit, Plastic, Velvet], styles::DARK);
+pub(crate) const ARMCHAIR: FurnitureKind = FurnitureKind::new("chair", "armchair", 8, armchair)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped], styles::CLOTH);
 
 fn chair(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.42, 0.5), k.len(0.42, 0.5), k.len(0.8, 1.02));
     let seat = 0.45;
-    let frame = if k.soft() { k.trim } else { k.p };
+    let frame = if k.soft() { k.trim } else { k.paint };
     let back = -d / 2.0;
     match k.style {
         0 | 1 | 5 => {
-            legs(&mut k.m, [w, d], seat - 0.04, 0.04, 0.0, frame);
+            k.legs([w, d], seat - 0.04, 0.04, 0.0, frame);
             k.pad(about(0.0, w), [seat - 0.04, seat + if k.soft() { 0.04 } else { 0.0 }], about(0.0, d));
             open_back(k, [w, back], [seat, h], frame);
         }
         2 => {
-            splayed_legs(&mut k.m, [w, d], seat - 0.05, 0.02, frame);
-            k.m.soft(about(0.0, w), [seat - 0.06, seat], about(0.0, d), 0.03, k.p);
-            k.m.soft(about(0.0, w - 0.04), [seat - 0.02, h], [back - 0.01, back + 0.05], 0.02, k.p);
+            k.splayed_legs([w, d], seat - 0.05, 0.02, frame);
+            k.model.soft(about(0.0, w), [seat - 0.06, seat], about(0.0, d), 0.03, k.paint);
+            k.model.soft(about(0.0, w - 0.04), [seat - 0.02, h], [back - 0.01, back + 0.05], 0.02, k.paint);
         }
         3 => {
-            sled(&mut k.m, [w, d], seat - 0.04, Paint::DARK_METAL);
+            k.sled([w, d], seat - 0.04, Paint::DARK_METAL);
             k.pad(about(0.0, w), [seat - 0.05, seat + 0.03], about(0.0, d));
             k.pad(about(0.0, w), [seat + 0.12, h], [back, back + 0.07]);
-            k.m.pair(
-                [w / 2.0 - 0.07, w / 2.0 - 0.04],
-                [seat, seat + 0.2],
-                [back, back + 0.03],
-                Paint::DARK_METAL,
-            );
+            let x = [w / 2.0 - 0.07, w / 2.0 - 0.04];
+            k.model.pair(x, [seat, seat + 0.2], [back, back + 0.03], Paint::DARK_METAL);
         }
         4 => {
-            splayed_legs(&mut k.m, [w, d], seat - 0.04, 0.02, frame);
-            round_pad(&mut k.m, w / 2.0, [seat - 0.05, seat], 14, k.p);
+            k.splayed_legs([w, d], seat - 0.04, 0.02, frame);
+            k.round_pad(w / 2.0, [seat - 0.05, seat], 14, k.paint);
             spindles(k, [w, back + 0.04], [seat, h], frame);
         }
         6 => {
-            pedestal(&mut k.m, 0.24, seat - 0.05, Paint::DARK_METAL);
-            round_pad(&mut k.m, w / 2.0, [seat - 0.06, seat + 0.02], 16, k.p);
+            k.pedestal(0.24, seat - 0.05, Paint::DARK_METAL);
+            k.round_pad(w / 2.0, [seat - 0.06, seat + 0.02], 16, k.paint);
             tub(k, w / 2.0, [seat, h - 0.12]);
         }
         _ => {
-            legs(&mut k.m, [w, d], 0.2, 0.05, 0.0, k.trim);
+            k.legs([w, d], 0.2, 0.05, 0.0, k.trim);
             k.pad(about(0.0, w), [0.2, seat + 0.03], about(0.0, d));
             k.pad(about(0.0, w), [0.2, h], [back - 0.02, back + 0.07]);
         }
@@ -58,7 +54,7 @@ fn chair(k: &mut Draft) -> Words {
 
 /// Adds posts with slats, rungs or a cross between them.
 fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint) {
-    k.m.pair([w / 2.0 - 0.04, w / 2.0], [seat, top], [back, back + 0.035], frame);
+    k.model.pair([w / 2.0 - 0.04, w / 2.0], [seat, top], [back, back + 0.035], frame);
     k.board(about(0.0, w - 0.08), [top - 0.09, top], [back, back + 0.03]);
     match k.style {
         0 => (0..4).for_each(|i| {
@@ -73,7 +69,7 @@ fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint
             let x = w / 2.0 - 0.05;
             for side in [-1.0, 1.0] {
                 let from = point(-x * side, seat, back + 0.015);
-                k.m.rod(from, point(x * side, top - 0.09, back + 0.015), 0.016, k.p);
+                k.model.rod(from, point(x * side, top - 0.09, back + 0.015), 0.016, k.paint);
             }
         }
     }
@@ -84,9 +80,9 @@ fn spindles(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint)
     for i in 0..5 {
         let x = (i as f32 - 2.0) * w * 0.19;
         let z = back + 0.05 * (i as f32 - 2.0).abs() * 0.5;
-        k.m.rod(point(x, seat, z + 0.02), point(x * 1.05, top - 0.05, z - 0.02), 0.011, frame);
+        k.model.rod(point(x, seat, z + 0.02), point(x * 1.05, top - 0.05, z - 0.02), 0.011, frame);
     }
-    k.m.soft(about(0.0, w), [top - 0.08, top], [back - 0.03, back + 0.02], 0.015, k.p);
+    k.model.soft(about(0.0, w), [top - 0.08, top], [back - 0.03, back + 0.02], 0.015, k.paint);
 }
 
 /// Adds a low wall around the back half of a round seat.
@@ -100,7 +96,7 @@ fn tub(k: &mut Draft, radius: f32, [low, high]: Span) {
     for i in 0..STEPS {
         let outline =
             [ring(radius - 0.05, i), ring(radius, i), ring(radius, i + 1), ring(radius - 0.05, i + 1)];
-        k.m.prism_y(&outline, [low, high], k.p);
+        k.model.prism_y(&outline, [low, high], k.paint);
     }
 }
 
@@ -108,18 +104,18 @@ fn office_chair(k: &mut Draft) -> Words {
     for spoke in 0..5 {
         let (sin, cos) = angle::sin_cos(spoke as f32 * 1.2566);
         let tip = point(0.27 * sin, 0.06, 0.27 * cos);
-        k.m.rod(point(0.0, 0.1, 0.0), tip, 0.02, Paint::DARK_METAL);
-        k.m.cylinder([0.27 * sin, 0.27 * cos], [0.0, 0.06], 0.03, 6, Paint::DARK_METAL);
+        k.model.rod(point(0.0, 0.1, 0.0), tip, 0.02, Paint::DARK_METAL);
+        k.model.cylinder([0.27 * sin, 0.27 * cos], [0.0, 0.06], 0.03, 6, Paint::DARK_METAL);
     }
-    k.m.cylinder([0.0, 0.0], [0.08, 0.42], 0.03, 8, Paint::DARK_METAL);
-    k.m.soft(about(0.0, 0.52), [0.42, 0.52], about(0.0, 0.5), 0.03, k.p);
-    k.m.block(about(0.0, 0.06), [0.46, 0.66], [-0.27, -0.24], Paint::DARK_METAL);
+    k.model.cylinder([0.0, 0.0], [0.08, 0.42], 0.03, 8, Paint::DARK_METAL);
+    k.model.soft(about(0.0, 0.52), [0.42, 0.52], about(0.0, 0.5), 0.03, k.paint);
+    k.model.block(about(0.0, 0.06), [0.46, 0.66], [-0.27, -0.24], Paint::DARK_METAL);
     let top = k.len(0.95, 1.22);
     let width = [0.46, 0.52, 0.4][k.style];
-    k.m.soft(about(0.0, width), [0.58, top], [-0.28, -0.18], 0.04, k.p);
+    k.model.soft(about(0.0, width), [0.58, top], [-0.28, -0.18], 0.04, k.paint);
     if k.style != 2 {
-        k.m.pair([0.25, 0.3], [0.68, 0.71], [-0.16, 0.14], Paint::DARK_METAL);
-        k.m.pair([0.26, 0.29], [0.48, 0.68], [-0.04, 0.0], Paint::DARK_METAL);
+        k.model.pair([0.25, 0.3], [0.68, 0.71], [-0.16, 0.14], Paint::DARK_METAL);
+        k.model.pair([0.26, 0.29], [0.48, 0.68], [-0.04, 0.0], Paint::DARK_METAL);
     }
     [size_word(top, 1.03, 1.14, ["low", "tall"]), ""]
 }
@@ -128,14 +124,14 @@ fn armchair(k: &mut Draft) -> Words {
     let (w, d, h) = (k.len(0.74, 0.98), k.len(0.78, 0.9), k.len(0.78, 1.08));
     let shape = match k.style {
         4 => {
-            pedestal(&mut k.m, 0.3, 0.2, Paint::DARK_METAL);
-            round_pad(&mut k.m, d / 2.0, [0.18, 0.42], 14, k.p);
+            k.pedestal(0.3, 0.2, Paint::DARK_METAL);
+            k.round_pad(d / 2.0, [0.18, 0.42], 14, k.paint);
             tub(k, d / 2.0, [0.4, h - 0.1]);
             "round"
         }
         5 => {
-            sled(&mut k.m, [w - 0.1, d], 0.6, k.trim);
-            k.m.pair([w / 2.0 - 0.09, w / 2.0 - 0.02], [0.58, 0.62], about(0.0, d), k.trim);
+            k.sled([w - 0.1, d], 0.6, k.trim);
+            k.model.pair([w / 2.0 - 0.09, w / 2.0 - 0.02], [0.58, 0.62], about(0.0, d), k.trim);
             k.pad(about(0.0, w - 0.16), [0.3, 0.46], about(0.04, d - 0.1));
             k.pad(about(0.0, w - 0.16), [0.4, h], [-d / 2.0, -d / 2.0 + 0.14]);
             "open"
@@ -149,10 +145,9 @@ fn armchair(k: &mut Draft) -> Words {
     [size_word(w, 0.8, 0.92, ["small", "large"]), shape]
 }
 
-pub(crate) const SOFA: Make = Make::new("sofa", "", 8, sofa)
-    .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], taste::CLOTH);
+pub(crate) const SOFA: FurnitureKind = FurnitureKind::new("sofa", "", 8, sofa)
+    .made_of(&[Fabric, Leather, Velvet, Corduroy, Striped, Checked, Denim, Wicker], styles::CLOTH);
 
-/// Upholstery style.
 pub(super) struct Upholstery {
     arm: f32,
     arm_top: f32,
@@ -190,34 +185,34 @@ impl Upholstery {
 /// Adds base, seat cushions, back and arms.
 pub(super) fn upholstered(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize, look: &Upholstery) {
     let (back, front, feet) = (-d / 2.0, d / 2.0, look.feet);
-    legs(&mut k.m, [w, d], feet, 0.05, 0.06, k.trim);
-    k.m.rim(about(0.0, w - 0.04), [feet, 0.28], [back + 0.02, front - 0.02], k.p.times(0.95));
-    k.m.soft(about(0.0, w), [feet, top], [back, back + 0.2], look.bevel, k.p);
+    k.legs([w, d], feet, 0.05, 0.06, k.trim);
+    k.model.rim(about(0.0, w - 0.04), [feet, 0.28], [back + 0.02, front - 0.02], k.paint.times(0.95));
+    k.model.soft(about(0.0, w), [feet, top], [back, back + 0.2], look.bevel, k.paint);
     let inner = [-w / 2.0 + look.arm, w / 2.0 - look.arm];
     let step = (inner[1] - inner[0]) / seats as f32;
     for seat in 0..seats {
         let x = [inner[0] + step * seat as f32 + 0.005, inner[0] + step * (seat + 1) as f32 - 0.005];
-        k.m.soft(x, [0.28, 0.45], [back + 0.18, front], 0.04, k.p.times(1.03));
+        k.model.soft(x, [0.28, 0.45], [back + 0.18, front], 0.04, k.paint.times(1.03));
         if !look.tufted && seats < 3 {
-            k.m.soft(x, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.p.times(1.02));
+            k.model.soft(x, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.paint.times(1.02));
         }
     }
     if !look.tufted && seats > 2 {
-        k.m.soft(inner, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.p.times(1.02));
+        k.model.soft(inner, [0.45, top - 0.04], [back + 0.18, back + 0.34], 0.05, k.paint.times(1.02));
     }
     if look.tufted {
-        let quilt = k.p.with(Pattern::Quilt);
-        k.m.soft(inner, [0.45, top - 0.02], [back + 0.18, back + 0.3], 0.05, quilt);
+        let quilt = k.paint.with(Pattern::Quilt);
+        k.model.soft(inner, [0.45, top - 0.02], [back + 0.18, back + 0.3], 0.05, quilt);
     }
     let side = [w / 2.0 - look.arm, w / 2.0];
     for x in [side, [-side[1], -side[0]]] {
         let (z, high) = ([back + 0.02, front - 0.01], look.arm_top);
         if look.rolled {
-            k.m.block(x, [feet, high - 0.1], z, k.p);
+            k.model.block(x, [feet, high - 0.1], z, k.paint);
             let center = (x[0] + x[1]) / 2.0;
-            k.m.prism_z(&circle([center, high - 0.1], look.arm / 2.0 + 0.01, 10), z, k.p);
+            k.model.prism_z(&circle([center, high - 0.1], look.arm / 2.0 + 0.01, 10), z, k.paint);
         } else {
-            k.m.soft(x, [feet, high], z, look.bevel, k.p);
+            k.model.soft(x, [feet, high], z, look.bevel, k.paint);
         }
     }
 }
@@ -239,9 +234,9 @@ fn sofa(k: &mut Draft) -> Words {
 
 /// Draws a padded bench with a single arm and a low back over one half.
 fn daybed(k: &mut Draft, [w, top, d]: [f32; 3]) -> &'static str {
-    legs(&mut k.m, [w, d], 0.14, 0.06, 0.04, k.trim);
+    k.legs([w, d], 0.14, 0.06, 0.04, k.trim);
     k.pad(about(0.0, w), [0.14, 0.3], about(0.0, d));
-    k.m.soft(about(0.0, w - 0.02), [0.3, 0.45], about(0.0, d - 0.02), 0.04, k.p.times(1.03));
+    k.model.soft(about(0.0, w - 0.02), [0.3, 0.45], about(0.0, d - 0.02), 0.04, k.paint.times(1.03));
     k.pad([-w / 2.0, -w / 2.0 + 0.16], [0.3, top], about(0.0, d));
     k.pad([-w / 2.0 + 0.16, w * 0.25], [0.43, top - 0.06], [-d / 2.0, -d / 2.0 + 0.2]);
     "open"
@@ -251,11 +246,11 @@ fn daybed(k: &mut Draft, [w, top, d]: [f32; 3]) -> &'static str {
 fn framed(k: &mut Draft, [w, top, d]: [f32; 3], seats: usize) -> &'static str {
     let (frame, back) = (k.trim, -d / 2.0);
     for x in [[-w / 2.0, -w / 2.0 + 0.07], [w / 2.0 - 0.07, w / 2.0]] {
-        k.m.block(x, [0.0, 0.6], [back, back + 0.07], frame);
-        k.m.block(x, [0.0, 0.6], [d / 2.0 - 0.07, d / 2.0], frame);
-        k.m.block(x, [0.56, 0.61], about(0.0, d), frame);
+        k.model.block(x, [0.0, 0.6], [back, back + 0.07], frame);
+        k.model.block(x, [0.0, 0.6], [d / 2.0 - 0.07, d / 2.0], frame);
+        k.model.block(x, [0.56, 0.61], about(0.0, d), frame);
     }
-    k.m.block(about(0.0, w - 0.1), [0.2, 0.27], about(0.0, d - 0.1), frame);
+    k.model.block(about(0.0, w - 0.1), [0.2, 0.27], about(0.0, d - 0.1), frame);
     let step = (w - 0.16) / seats as f32;
     for seat in 0..seats {
         let x = about(-w / 2.0 + 0.08 + step * (seat as f32 + 0.5), step - 0.01);

@@ -2,13 +2,12 @@
 
 use super::*;
 
-/// A free-standing shelf with books.
-pub(crate) const BOOKCASE: Make = Make::new("shelving", "bookcase", 8, bookcase)
-    .made_of(&[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker], taste::WOOD);
+pub(crate) const BOOKCASE: FurnitureKind = FurnitureKind::new("shelving", "bookcase", 8, bookcase)
+    .made_of(&[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker], styles::WOOD);
 
 /// A wall shelf; base at y = 0.
-pub(crate) const WALL_SHELF: Make = Make::new("shelving", "wall shelf", 4, wall_shelf)
-    .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], taste::WOOD);
+pub(crate) const WALL_SHELF: FurnitureKind = FurnitureKind::new("shelving", "wall shelf", 4, wall_shelf)
+    .made_of(&[Wood, Metal, Glass, Bamboo, Plastic, Marble], styles::WOOD);
 
 /// Adds books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
@@ -20,18 +19,14 @@ fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
         }
         2 => {
             let paint = k.trim;
-            k.m.block(
-                about((x[0] + x[1]) / 2.0, room * 0.6),
-                [y, y + 0.18],
-                [z[0] + 0.03, z[1] - 0.02],
-                paint,
-            );
+            let x = about((x[0] + x[1]) / 2.0, room * 0.6);
+            k.model.block(x, [y, y + 0.18], [z[0] + 0.03, z[1] - 0.02], paint);
         }
         3 => {
             let r = 0.06;
             let center = [x[0] + room * k.rng.range(0.3, 0.7), (z[0] + z[1]) / 2.0];
             let profile = [[0.7, 0.0], [1.0, 0.08], [0.5, 0.2]];
-            k.m.lathe(center, &profile.map(|[s, up]| [s * r, y + up]), 6, k.trim);
+            k.model.lathe(center, &profile.map(|[s, up]| [s * r, y + up]), 6, k.trim);
         }
         _ => {}
     }
@@ -41,18 +36,20 @@ fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
 fn books_row(k: &mut Draft, x: Span, y: f32, z: Span) {
     let height = k.len(0.19, 0.25);
     let spines = Paint::plain("paper", [255; 3]).with(Pattern::Books(k.rng.below(12) as u8));
-    let (low, high) = ([z[0] + 0.02, z[1] - 0.05], y + height);
+    let ([x0, x1], [back, front], high) = (x, [z[0] + 0.02, z[1] - 0.05], y + height);
     let pages = Paint::plain("paper", [132, 124, 108]);
-    let p = |px: f32, py: f32, pz: f32| point(px, py, pz);
     let mut m = Model::new();
-    m.picture([p(x[0], y, low[1]), p(x[1], y, low[1]), p(x[1], high, low[1]), p(x[0], high, low[1])], spines);
+    m.picture(
+        [point(x0, y, front), point(x1, y, front), point(x1, high, front), point(x0, high, front)],
+        spines,
+    );
     m.quad(
-        [p(x[0], high, low[1]), p(x[1], high, low[1]), p(x[1], high, low[0]), p(x[0], high, low[0])],
+        [point(x0, high, front), point(x1, high, front), point(x1, high, back), point(x0, high, back)],
         pages,
     );
-    m.quad([p(x[1], y, low[1]), p(x[1], y, low[0]), p(x[1], high, low[0]), p(x[1], high, low[1])], pages);
-    m.quad([p(x[0], y, low[0]), p(x[0], y, low[1]), p(x[0], high, low[1]), p(x[0], high, low[0])], pages);
-    k.m.add(&m, 0, Vector3::zeros());
+    m.quad([point(x1, y, front), point(x1, y, back), point(x1, high, back), point(x1, high, front)], pages);
+    m.quad([point(x0, y, back), point(x0, y, front), point(x0, high, front), point(x0, high, back)], pages);
+    k.model.add(&m, 0, Vector3::zeros());
 }
 
 fn bookcase(k: &mut Draft) -> Words {
@@ -67,15 +64,15 @@ fn bookcase(k: &mut Draft) -> Words {
     let z = about(0.0, d);
     let shelf_at = |level: usize| 0.04 + (h - 0.07) * level as f32 / levels as f32;
     match k.style {
-        3 => legs(&mut k.m, [w, d], h, 0.03, 0.0, k.trim),
+        3 => k.legs([w, d], h, 0.03, 0.0, k.trim),
         4 => {
             for side in [-1.0, 1.0] {
                 let x = side * (w / 2.0 - 0.02);
-                k.m.rod(point(x, 0.0, d / 2.0 - 0.02), point(x, h, -d / 2.0 + 0.04), 0.02, k.trim);
-                k.m.rod(point(x, 0.0, -d / 2.0 + 0.02), point(x, h, -d / 2.0 + 0.02), 0.02, k.trim);
+                k.model.rod(point(x, 0.0, d / 2.0 - 0.02), point(x, h, -d / 2.0 + 0.04), 0.02, k.trim);
+                k.model.rod(point(x, 0.0, -d / 2.0 + 0.02), point(x, h, -d / 2.0 + 0.02), 0.02, k.trim);
             }
         }
-        _ => k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], z, k.p),
+        _ => k.model.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], z, k.paint),
     }
     if !matches!(k.style, 3 | 4 | 6) {
         k.board(about(0.0, w - 0.06), [0.04, h], [-d / 2.0, -d / 2.0 + 0.015]);
@@ -97,32 +94,32 @@ fn bookcase(k: &mut Draft) -> Words {
         }
     }
     if k.style == 1 {
-        k.m.block(about(0.0, w + 0.05), [h - 0.02, h + 0.03], about(0.01, d + 0.04), k.p);
+        k.model.block(about(0.0, w + 0.05), [h - 0.02, h + 0.03], about(0.01, d + 0.04), k.paint);
     }
     if k.style == 7 {
-        k.m.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], k.p);
+        k.model.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], k.paint);
     }
     [size, k.by_style("||low|framed|leaning|cubed|open|arched")]
 }
 
 fn wall_shelf(k: &mut Draft) -> Words {
     let (w, d) = (k.width(0.5, 1.1), 0.22);
-    let p = k.p;
+    let p = k.paint;
     let z = about(0.0, d);
-    k.m.soft(about(0.0, w), [0.1, 0.13], z, 0.005, p);
+    k.model.soft(about(0.0, w), [0.1, 0.13], z, 0.005, p);
     match k.style {
         0 => {
             for x in [-w * 0.35, w * 0.35] {
-                k.m.prism_x(&[[d / 2.0, 0.0], [d / 2.0, 0.1], [-d / 4.0, 0.1]], about(x, 0.02), k.trim);
+                k.model.prism_x(&[[d / 2.0, 0.0], [d / 2.0, 0.1], [-d / 4.0, 0.1]], about(x, 0.02), k.trim);
             }
         }
         1 => {
-            k.m.pair([w / 2.0 - 0.02, w / 2.0], [0.0, 0.34], z, p);
+            k.model.pair([w / 2.0 - 0.02, w / 2.0], [0.0, 0.34], z, p);
             k.board(about(0.0, w), [0.34, 0.36], z);
         }
         2 => {
             k.board(about(0.0, w), [0.4, 0.43], z);
-            k.m.pair([w * 0.36, w * 0.38], [0.0, 0.46], [-d / 2.0, -d / 2.0 + 0.02], Paint::DARK_METAL);
+            k.model.pair([w * 0.36, w * 0.38], [0.0, 0.46], [-d / 2.0, -d / 2.0 + 0.02], Paint::DARK_METAL);
         }
         _ => k.board(about(0.0, w), [0.0, 0.1], [-d / 2.0, -d / 2.0 + 0.02]),
     }

@@ -3,31 +3,31 @@
 use super::*;
 
 /// A towel on a rail or hook; lower edge at y = 0.
-pub(crate) const TOWEL: Make = Make::new("towel", "", 8, towel)
-    .made_of(&[Fabric, Wool, Knit, Striped, Checked, Corduroy, Dotted], taste::CLOTH);
-pub(crate) const TOWEL_PILE: Make =
-    Make::new("towel", "", 3, pile).made_of(&[Fabric, Wool, Knit, Striped, Corduroy], taste::CLOTH);
+pub(crate) const TOWEL: FurnitureKind = FurnitureKind::new("towel", "", 8, towel)
+    .made_of(&[Fabric, Wool, Knit, Striped, Checked, Corduroy, Dotted], styles::CLOTH);
+pub(crate) const TOWEL_PILE: FurnitureKind =
+    FurnitureKind::new("towel", "", 3, pile).made_of(&[Fabric, Wool, Knit, Striped, Corduroy], styles::CLOTH);
 
 fn rail(k: &mut Draft, width: f32, y: f32, paint: Paint) {
     let half = width / 2.0 + 0.06;
-    k.m.rod(point(-half, y, 0.038), point(half, y, 0.038), 0.01, paint);
-    k.m.pair([half - 0.02, half], [y - 0.02, y + 0.02], [0.0, 0.05], paint);
+    k.model.rod(point(-half, y, 0.038), point(half, y, 0.038), 0.01, paint);
+    k.model.pair([half - 0.02, half], [y - 0.02, y + 0.02], [0.0, 0.05], paint);
 }
 
 /// Adds a cloth over a rail: the front hangs lower than the back.
 fn cloth(k: &mut Draft, x: Span, y: Span, front: f32) {
-    k.m.soft(x, y, [front - 0.03, front], 0.012, k.p);
+    k.model.soft(x, y, [front - 0.03, front], 0.012, k.paint);
     let low = y[0] + (y[1] - y[0]) * 0.25;
-    k.m.soft(x, [low, y[1]], [0.012, 0.035], 0.01, k.p.times(0.94));
+    k.model.soft(x, [low, y[1]], [0.012, 0.035], 0.01, k.paint.times(0.94));
 }
 
 fn towel(k: &mut Draft) -> Words {
     let (w, h) = (k.len(0.3, 0.55), k.len(0.42, 0.72));
-    let p = k.p;
+    let p = k.paint;
     match k.style {
         0 => {
             cloth(k, about(0.0, w), [0.0, h], 0.065);
-            k.m.lid(about(0.0, w + 0.002), [0.06, 0.09], [0.065, 0.067], p.times(0.85));
+            k.model.lid(about(0.0, w + 0.002), [0.06, 0.09], [0.065, 0.067], p.times(0.85));
             rail(k, w, h - 0.02, k.metal());
         }
         1 => {
@@ -42,31 +42,31 @@ fn towel(k: &mut Draft) -> Words {
         3 => {
             let gather = [[0.05, 0.9], [0.12, 0.5], [0.16, 0.0]];
             let profile: Vec<[f32; 2]> = gather.iter().rev().map(|[r, y]| [*r, y * h]).collect();
-            k.m.oval([0.0, 0.06], [1.0, 0.36], &profile, 10, p);
-            k.m.cylinder([0.0, 0.03], [h * 0.86, h * 0.94], 0.03, 8, k.metal());
-            k.m.block(about(0.0, 0.05), [h * 0.86, h * 0.96], [0.0, 0.02], k.metal());
+            k.model.oval([0.0, 0.06], [1.0, 0.36], &profile, 10, p);
+            k.model.cylinder([0.0, 0.03], [h * 0.86, h * 0.94], 0.03, 8, k.metal());
+            k.model.block(about(0.0, 0.05), [h * 0.86, h * 0.96], [0.0, 0.02], k.metal());
         }
         4 => {
             cloth(k, about(0.0, w), [0.0, h], 0.065);
-            k.m.pair([w / 2.0 - 0.05, w / 2.0 + 0.002], [0.0, h], [0.065, 0.068], p.times(0.82));
+            k.model.pair([w / 2.0 - 0.05, w / 2.0 + 0.002], [0.0, h], [0.065, 0.068], p.times(0.82));
             rail(k, w, h - 0.02, Paint::OAK);
         }
         5 => {
             cloth(k, about(0.0, w * 0.8), [0.0, h * 0.7], 0.06);
-            k.m.prism_z(&circle([0.0, h * 0.72], 0.09, 10), [0.02, 0.045], k.metal());
-            k.m.block(about(0.0, 0.06), [h * 0.76, h * 0.86], [0.0, 0.03], k.metal());
+            k.model.prism_z(&circle([0.0, h * 0.72], 0.09, 10), [0.02, 0.045], k.metal());
+            k.model.block(about(0.0, 0.06), [h * 0.76, h * 0.86], [0.0, 0.03], k.metal());
         }
         6 => {
             for i in 0..3 {
                 let y = h * (0.1 + 0.34 * i as f32);
-                k.m.soft(about(0.0, w * 0.9), [y, y + h * 0.26], [0.03, 0.07], 0.015, p);
+                k.model.soft(about(0.0, w * 0.9), [y, y + h * 0.26], [0.03, 0.07], 0.015, p);
                 rail(k, w, y + h * 0.25, k.metal());
             }
         }
         _ => {
             cloth(k, about(0.0, w), [0.05, h], 0.065);
             for i in 0..5 {
-                k.m.block(about((i as f32 - 2.0) * w * 0.22, w * 0.08), [0.0, 0.05], [0.04, 0.06], p);
+                k.model.block(about((i as f32 - 2.0) * w * 0.22, w * 0.08), [0.0, 0.05], [0.04, 0.06], p);
             }
             rail(k, w, h - 0.02, Paint::BRASS);
         }
@@ -83,13 +83,14 @@ fn pile(k: &mut Draft) -> Words {
         match k.style {
             1 => {
                 let x = (layer as f32 - (layers - 1) as f32 / 2.0) * 0.13;
-                k.m.prism_z(&circle([x, 0.06], 0.06, 10), about(0.0, 0.24), k.p.times(shade));
+                k.model.prism_z(&circle([x, 0.06], 0.06, 10), about(0.0, 0.24), k.paint.times(shade));
             }
-            _ => k.m.soft(about(0.0, 0.3), [y, y + 0.06], about(0.0, 0.22), 0.025, k.p.times(shade)),
+            _ => k.model.soft(about(0.0, 0.3), [y, y + 0.06], about(0.0, 0.22), 0.025, k.paint.times(shade)),
         }
     }
     if k.style == 2 {
-        k.m.block(about(0.0, 0.04), [0.0, 0.06 * layers as f32 + 0.004], about(0.0, 0.224), k.p.times(0.8));
+        let y = [0.0, 0.06 * layers as f32 + 0.004];
+        k.model.block(about(0.0, 0.04), y, about(0.0, 0.224), k.paint.times(0.8));
     }
     ["small", k.by_style("folded|rolled|tied")]
 }
@@ -97,22 +98,24 @@ fn pile(k: &mut Draft) -> Words {
 const CLOTHS: &[Substance] = &[Fabric, Denim, Knit, Checked, Striped, Leather, Velvet, Dotted];
 
 /// Clothing on a hook; hem at y = 0.
-pub(crate) const HANGING: Make = Make::new("clothes", "coat", 8, hanging).made_of(CLOTHS, taste::CLOTH);
+pub(crate) const HANGING: FurnitureKind =
+    FurnitureKind::new("clothes", "coat", 8, hanging).made_of(CLOTHS, styles::CLOTH);
 
 /// Folded or heaped clothes.
-pub(crate) const FOLDED: Make = Make::new("clothes", "", 4, folded).made_of(CLOTHS, taste::CLOTH);
+pub(crate) const FOLDED: FurnitureKind =
+    FurnitureKind::new("clothes", "", 4, folded).made_of(CLOTHS, styles::CLOTH);
 
 /// Adds a body as an oval with shoulders, from the hem to `length`.
 fn body(k: &mut Draft, length: f32, hem: f32, waist: f32) {
     let profile = [[hem, 0.0], [waist, length * 0.55], [0.21, length - 0.1], [0.07, length]];
-    k.m.oval([0.0, 0.08], [1.0, 0.34], &profile, 12, k.p);
+    k.model.oval([0.0, 0.08], [1.0, 0.34], &profile, 12, k.paint);
 }
 
 fn sleeves(k: &mut Draft, length: f32, share: f32) {
     for side in [-1.0, 1.0] {
         let shoulder = point(side * 0.19, length - 0.1, 0.08);
         let cuff = point(side * 0.27, length - 0.1 - share, 0.09);
-        k.m.rod(shoulder, cuff, 0.045, k.p.times(0.95));
+        k.model.rod(shoulder, cuff, 0.045, k.paint.times(0.95));
     }
 }
 
@@ -131,18 +134,18 @@ fn hanging(k: &mut Draft) -> Words {
         0 => {
             body(k, l, 0.24, 0.2);
             sleeves(k, l, 0.52);
-            k.m.block(about(0.0, 0.012), [0.06, l - 0.06], [0.145, 0.165], k.p.times(0.75));
+            k.model.block(about(0.0, 0.012), [0.06, l - 0.06], [0.145, 0.165], k.paint.times(0.75));
         }
         1 => {
             body(k, l, 0.2, 0.19);
             sleeves(k, l, 0.48);
-            k.m.block(about(0.0, 0.36), [0.0, 0.06], [0.03, 0.13], k.p.times(0.85));
+            k.model.block(about(0.0, 0.36), [0.0, 0.06], [0.03, 0.13], k.paint.times(0.85));
         }
         2 => body(k, l, 0.3, 0.13),
         3 => {
             body(k, l, 0.23, 0.2);
             sleeves(k, l, 0.44);
-            k.m.block(about(0.0, 0.4), [l * 0.5, l * 0.55], [0.005, 0.155], k.p.times(0.85));
+            k.model.block(about(0.0, 0.4), [l * 0.5, l * 0.55], [0.005, 0.155], k.paint.times(0.85));
         }
         4 => {
             body(k, l, 0.19, 0.19);
@@ -151,22 +154,22 @@ fn hanging(k: &mut Draft) -> Words {
         5 => {
             for side in [-1.0, 1.0] {
                 let leg = [[0.07, 0.0], [0.08, l * 0.6], [0.1, l - 0.05]];
-                k.m.oval([side * 0.085, 0.06], [1.0, 0.5], &leg, 8, k.p);
+                k.model.oval([side * 0.085, 0.06], [1.0, 0.5], &leg, 8, k.paint);
             }
-            k.m.soft(about(0.0, 0.36), [l - 0.12, l], [0.01, 0.11], 0.02, k.p.times(0.97));
+            k.model.soft(about(0.0, 0.36), [l - 0.12, l], [0.01, 0.11], 0.02, k.paint.times(0.97));
         }
         6 => {
-            k.m.soft(about(-0.06, 0.14), [0.0, l], [0.02, 0.06], 0.015, k.p);
-            k.m.soft(about(0.07, 0.14), [l * 0.25, l], [0.03, 0.07], 0.015, k.p.times(0.96));
+            k.model.soft(about(-0.06, 0.14), [0.0, l], [0.02, 0.06], 0.015, k.paint);
+            k.model.soft(about(0.07, 0.14), [l * 0.25, l], [0.03, 0.07], 0.015, k.paint.times(0.96));
         }
         _ => {
             let cone = [[0.2, 0.1], [0.2, 0.12], [0.11, 0.13], [0.1, 0.26], [0.04, 0.28]];
-            k.m.lathe([0.0, 0.21], &cone, 14, k.p);
-            k.m.rod(point(0.0, 0.18, 0.0), point(0.0, 0.2, 0.2), 0.015, Paint::WALNUT);
+            k.model.lathe([0.0, 0.21], &cone, 14, k.paint);
+            k.model.rod(point(0.0, 0.18, 0.0), point(0.0, 0.2, 0.2), 0.015, Paint::WALNUT);
         }
     }
-    k.m.block(about(0.0, 0.3), [l + 0.02, l + 0.08], [0.0, 0.02], Paint::WALNUT);
-    k.m.rod(point(0.0, l - 0.02, 0.06), point(0.0, l + 0.05, 0.015), 0.012, Paint::STEEL);
+    k.model.block(about(0.0, 0.3), [l + 0.02, l + 0.08], [0.0, 0.02], Paint::WALNUT);
+    k.model.rod(point(0.0, l - 0.02, 0.06), point(0.0, l + 0.05, 0.015), 0.012, Paint::STEEL);
     let shapes = "long-sleeved|long-sleeved|sleeveless|belted|short-sleeved|two-legged|narrow|brimmed";
     [size_word(l, 0.66, 0.98, ["short", "long"]), k.by_style(shapes)]
 }
@@ -180,27 +183,28 @@ fn folded(k: &mut Draft) -> Words {
                 let shade = if layer % 2 == 0 { 1.0 } else { 0.93 };
                 let (x, z) = (k.rng.range(-0.02, 0.02), k.rng.range(-0.02, 0.02));
                 let size = [0.36, 0.26][k.style];
-                k.m.soft(about(x, size), [y, y + 0.05], about(z, 0.27), 0.018, k.p.times(shade));
+                k.model.soft(about(x, size), [y, y + 0.05], about(z, 0.27), 0.018, k.paint.times(shade));
             }
             [k.by_style("large|small"), "folded"]
         }
         2 => {
             let heap = [[0.24, 0.0], [0.22, 0.07], [0.12, 0.15], [0.0, 0.17]];
-            k.m.oval([0.0, 0.0], [1.0, 0.8], &heap, 10, k.p);
-            k.m.oval([0.1, 0.05], [1.0, 0.7], &[[0.12, 0.0], [0.11, 0.13], [0.0, 0.2]], 8, k.p.times(0.94));
+            k.model.oval([0.0, 0.0], [1.0, 0.8], &heap, 10, k.paint);
+            let peak = [[0.12, 0.0], [0.11, 0.13], [0.0, 0.2]];
+            k.model.oval([0.1, 0.05], [1.0, 0.7], &peak, 8, k.paint.times(0.94));
             ["", "heaped"]
         }
         _ => {
-            k.m.soft(about(0.0, 0.34), [0.0, 0.04], about(0.0, 0.44), 0.018, k.p);
+            k.model.soft(about(0.0, 0.34), [0.0, 0.04], about(0.0, 0.44), 0.018, k.paint);
             for side in [-1.0, 1.0] {
-                k.m.soft(about(side * 0.2, 0.1), [0.0, 0.035], [-0.2, 0.12], 0.015, k.p.times(0.96));
+                k.model.soft(about(side * 0.2, 0.1), [0.0, 0.035], [-0.2, 0.12], 0.015, k.paint.times(0.96));
             }
             ["", "spread"]
         }
     }
 }
 
-pub(crate) const RUG: Make = Make::new("rug", "", 8, rug).made_of(
+pub(crate) const RUG: FurnitureKind = FurnitureKind::new("rug", "", 8, rug).made_of(
     &[Wool, Fabric, Knit, Striped, Checked, Dotted, Denim, Wicker],
     "red blue grey brown green teal purple orange pink yellow black white",
 );
@@ -212,33 +216,34 @@ fn rug(k: &mut Draft) -> Words {
     let low = [0.0, 0.01];
     match k.style {
         0 => {
-            k.m.block(about(0.0, w), low, about(0.0, d), k.p.times(0.93));
-            k.m.block(about(0.0, w - 0.2), [0.01, 0.014], about(0.0, d - 0.2), k.p);
+            k.model.block(about(0.0, w), low, about(0.0, d), k.paint.times(0.93));
+            k.model.block(about(0.0, w - 0.2), [0.01, 0.014], about(0.0, d - 0.2), k.paint);
         }
-        1 => k.m.prism_y(&circle([0.0, 0.0], r, 22), [0.0, 0.012], k.p),
-        2 => k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 22), [0.0, 0.012], k.p),
+        1 => k.model.prism_y(&circle([0.0, 0.0], r, 22), [0.0, 0.012], k.paint),
+        2 => k.model.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 22), [0.0, 0.012], k.paint),
         3 => {
-            k.m.block(about(0.0, w - 0.12), low, about(0.0, d), k.p);
+            k.model.block(about(0.0, w - 0.12), low, about(0.0, d), k.paint);
             for i in 0..10 {
                 let z = (i as f32 - 4.5) * d * 0.1;
-                k.m.pair([w / 2.0 - 0.06, w / 2.0], [0.0, 0.006], about(z, d * 0.04), Paint::LINEN);
+                k.model.pair([w / 2.0 - 0.06, w / 2.0], [0.0, 0.006], about(z, d * 0.04), Paint::LINEN);
             }
         }
         4 => {
-            k.m.block(about(0.0, w), low, about(0.0, d), k.p);
+            k.model.block(about(0.0, w), low, about(0.0, d), k.paint);
             for x in [-0.3, 0.0, 0.3] {
-                k.m.block(about(x * w, w * 0.06), [0.01, 0.013], about(0.0, d - 0.08), k.p.times(0.8));
+                let band = about(x * w, w * 0.06);
+                k.model.block(band, [0.01, 0.013], about(0.0, d - 0.08), k.paint.times(0.8));
             }
         }
-        5 => k.m.soft(about(0.0, w), [0.0, 0.03], about(0.0, d), 0.012, k.p),
+        5 => k.model.soft(about(0.0, w), [0.0, 0.03], about(0.0, d), 0.012, k.paint),
         6 => {
-            k.m.prism_y(&circle([0.0, 0.0], r, 8), [0.0, 0.012], k.p);
-            k.m.prism_y(&circle([0.0, 0.0], r * 0.6, 8), [0.012, 0.015], k.p.times(0.9));
+            k.model.prism_y(&circle([0.0, 0.0], r, 8), [0.0, 0.012], k.paint);
+            k.model.prism_y(&circle([0.0, 0.0], r * 0.6, 8), [0.012, 0.015], k.paint.times(0.9));
         }
         _ => {
-            k.m.block(about(0.0, w), low, about(0.0, d), k.p);
+            k.model.block(about(0.0, w), low, about(0.0, d), k.paint);
             let diamond = [[0.0, -0.4], [0.4, 0.0], [0.0, 0.4], [-0.4, 0.0]].map(|[x, z]| [x * w, z * d]);
-            k.m.prism_y(&diamond, [0.01, 0.014], k.p.times(0.84));
+            k.model.prism_y(&diamond, [0.01, 0.014], k.paint.times(0.84));
         }
     }
     [size, k.by_style("bordered|round|oval|fringed|banded|shaggy|octagonal|diamond-patterned")]

@@ -140,7 +140,7 @@ fn spanning_tree(rooms: &[Room], walls: Vec<SharedWall>) -> (Vec<SharedWall>, Ve
 /// Draws some remaining walls, related rooms first.
 fn loops(rng: &mut Rng, rooms: &[Room], tree: usize, rest: Vec<SharedWall>) -> Vec<SharedWall> {
     let wanted = (tree as f32 * rng.range(LOOPS[0], LOOPS[1])).round().max(1.0) as usize;
-    let taste = |wall: &SharedWall| {
+    let preference = |wall: &SharedWall| {
         let [a, b] = kinds(rooms, wall);
         let private = |kind: RoomKind| matches!(kind, RoomKind::Bathroom | RoomKind::Closet);
         match () {
@@ -154,7 +154,7 @@ fn loops(rng: &mut Rng, rooms: &[Room], tree: usize, rest: Vec<SharedWall>) -> V
         }
     };
     let mut ranked: Vec<(i32, SharedWall)> =
-        rest.into_iter().filter_map(|wall| Some((taste(&wall)?, wall))).collect();
+        rest.into_iter().filter_map(|wall| Some((preference(&wall)?, wall))).collect();
     ranked.sort_by_key(|(rank, _)| *rank);
     ranked.into_iter().take(wanted).map(|(_, wall)| wall).collect()
 }

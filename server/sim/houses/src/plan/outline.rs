@@ -5,7 +5,6 @@ use crate::rect::{Rect, Side};
 /// A straight wall face seen from inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Face {
-    /// Facing direction.
     pub(crate) side: Side,
     /// Position on the perpendicular axis.
     pub(crate) line_m: f32,
@@ -49,7 +48,6 @@ impl Outline {
         })
     }
 
-    /// Returns `rect` without `holes`.
     pub(crate) fn without(rect: &Rect, holes: &[Rect]) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let [low, high] = axis(rect);

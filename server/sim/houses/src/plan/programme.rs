@@ -4,7 +4,7 @@ use super::RoomKind::{self, *};
 use super::outline::Outline;
 use super::skeleton::Block;
 use crate::rect::{Rect, Side, common};
-use crate::taste::weighted;
+use crate::styles::weighted;
 use avln_geom::Rng;
 
 /// A room at the hallway with small rooms in its corners.
@@ -225,7 +225,6 @@ fn changed(rng: &mut Rng, deal: &Deal) -> Option<(Deal, [usize; 2])> {
     Some((changed, [from, to]))
 }
 
-/// Cost of a block's units.
 fn block_cost(block: &Block, members: &[usize], units: &[RoomUnit]) -> f32 {
     if members.is_empty() {
         return 20.0 + block.rect.area_m2();

@@ -16,7 +16,6 @@ const LEAST_M: f32 = 2.6;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block {
     pub(super) rect: Rect,
-    /// Hallway side.
     pub(super) hall: Side,
     /// Hallway range on that side.
     pub(super) frontage: [f32; 2],
@@ -75,7 +74,6 @@ impl Wing {
     }
 }
 
-/// Frame requirements.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     /// Floor area without passages, square metres.

@@ -23,7 +23,6 @@ pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     })
 }
 
-/// Draws windows for all rooms.
 pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> Vec<Window> {
     let mut windows = Vec::new();
     for (index, room) in rooms.iter().enumerate() {

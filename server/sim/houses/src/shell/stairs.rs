@@ -17,7 +17,6 @@ const STEPS: usize = 9;
 // 17.3 cm: below the 20 cm climb of a body.
 const RISE_M: f32 = STOREY_M / (2 * STEPS) as f32;
 
-/// Step depth, metres.
 const TREAD_M: f32 = 0.25;
 
 /// Landing depth at the doors, metres.

@@ -4,14 +4,12 @@ use super::Texture;
 use avln_geom::{Rng, angle};
 use avln_scene::colors::PALETTE;
 
-/// A wall picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Art {
     /// Ground colour, sRGB.
     pub(crate) ground: [u8; 3],
     pub(crate) motif: Motif,
     pub(crate) medium: Medium,
-    /// Shape seed.
     pub(crate) seed: u32,
 }
 
@@ -27,7 +25,6 @@ pub(crate) enum Motif {
     Rays,
 }
 
-/// Picture technique.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Medium {
     Oil,
@@ -149,7 +146,6 @@ fn tone(rng: &mut Rng, ground: [u8; 3]) -> [u8; 3] {
 }
 
 impl Medium {
-    /// Technique word.
     pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Oil => "painted",
@@ -175,7 +171,6 @@ impl Medium {
     pub(crate) const ALL: [Medium; 6] =
         [Self::Oil, Self::Print, Self::Weaving, Self::Panel, Self::Plate, Self::Glaze];
 
-    /// RGBA texel colour.
     fn textured(self, index: u32, rgb: [u8; 3]) -> [u8; 4] {
         let (x, y) = (index % SIZE, index / SIZE);
         let shade = match self {

@@ -125,7 +125,6 @@ fn damask(x: u32, y: u32) -> f32 {
     if leaf || lozenge { 0.86 } else { 1.0 }
 }
 
-/// Five-petalled flowers with a leaf.
 fn floral(x: u32, y: u32) -> f32 {
     let blossom = |cx: f32, cy: f32| {
         let (dx, dy) = (x as f32 - cx, y as f32 - cy);

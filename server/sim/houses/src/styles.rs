@@ -15,7 +15,6 @@ pub(super) const WOOD: &str = "brown white brown black grey blue green teal red 
 pub(super) const SANITARY: &str =
     "white white white grey pink teal black green yellow blue brown purple red orange";
 
-/// Machine colours.
 pub(super) const MACHINE: &str =
     "white grey black white grey red teal blue green yellow orange pink brown purple";
 
@@ -28,13 +27,13 @@ pub(super) const GREENERY: &str =
     "green green green red green yellow pink purple white orange teal blue brown grey black";
 
 /// Random styles, materials and colours for a house's furniture.
-pub(super) struct Taste {
+pub(super) struct StyleSampler {
     pub(super) rng: Rng,
     pool: Pool,
     used: BTreeMap<(&'static str, &'static str), u32>,
 }
 
-impl Taste {
+impl StyleSampler {
     pub(super) fn new(rng: Rng, pool: Pool) -> Self {
         Self { rng, pool, used: BTreeMap::new() }
     }
@@ -214,8 +213,8 @@ mod tests {
     use std::collections::BTreeSet;
 
     fn drawn(pool: Pool, count: usize) -> BTreeSet<usize> {
-        let mut taste = Taste::new(Rng::new(4), pool);
-        (0..400).map(|_| taste.style(count)).collect()
+        let mut sampler = StyleSampler::new(Rng::new(4), pool);
+        (0..400).map(|_| sampler.style(count)).collect()
     }
 
     #[test]
@@ -233,9 +232,9 @@ mod tests {
 
     #[test]
     fn colours_seldom_repeat_and_common_ones_come_first() {
-        let mut taste = Taste::new(Rng::new(2), Pool::Train);
+        let mut sampler = StyleSampler::new(Rng::new(2), Pool::Train);
         let mut counts: BTreeMap<&str, u32> = BTreeMap::new();
-        (0..1200).for_each(|_| *counts.entry(taste.tint("chair", CLOTH).word).or_default() += 1);
+        (0..1200).for_each(|_| *counts.entry(sampler.tint("chair", CLOTH).word).or_default() += 1);
         assert_eq!(counts.len(), 12);
         assert!(counts["blue"] > counts["pink"] && counts["pink"] >= 20, "{counts:?}");
     }
