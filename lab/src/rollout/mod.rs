@@ -76,7 +76,6 @@ struct RolloutManifest<'a> {
     version: u32,
     agent: &'static str,
     split: &'a str,
-    /// Split digest.
     digest: &'a str,
     order: Order,
     sensors: Vec<Sense>,
@@ -85,7 +84,6 @@ struct RolloutManifest<'a> {
     sample_rate_hz: u32,
     /// Factor from stored depth values to metres.
     depth_scale: f32,
-    /// Action names by number.
     actions: [String; 5],
     rules: &'a Rules,
 }
