@@ -9,7 +9,7 @@ use crate::suite::Oracle;
 use crate::{internal, parallel};
 use avln_arena::dataset::{SplitFolder, check_plain, write_whole};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{EpisodeSpec, SceneLine};
+use avln_dataset::EpisodeSpec;
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;
 use avln_world::Cache;
@@ -198,7 +198,7 @@ impl RolloutOptions<'_> {
         if missing.is_empty() {
             return Ok(tally);
         }
-        let assets = Arc::new(self.open(scene)?);
+        let assets = Arc::new(scene.spec().open_with(&self.rules, Some(&self.cache))?);
         for (episode, path) in missing {
             let Recorded { bytes, is_complete } = record::record(self, &assets, &episode)?;
             write_whole(&path, &bytes)?;
@@ -207,10 +207,6 @@ impl RolloutOptions<'_> {
             on_episode();
         }
         Ok(tally)
-    }
-
-    fn open(&self, scene: &SceneLine) -> Result<avln_world::SceneAssets, Failure> {
-        Ok(scene.spec().open_with(&self.rules, Some(&self.cache))?)
     }
 }
 
