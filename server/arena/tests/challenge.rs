@@ -41,7 +41,7 @@ struct Hall {
 }
 
 impl Hall {
-    /// A data folder with the split `val` of three missions, and a team.
+    /// Creates a data folder with a team and the split `val` with three missions.
     async fn new() -> Self {
         let folder = TempDir::new().expect("a folder");
         let data = DataFolder::open(folder.path()).expect("writable");
@@ -158,7 +158,7 @@ async fn values_that_make_no_sense_are_refused_by_line() {
         ("total = 2", "total = 0", 16, "0 permits no run"),
         ("feedback = \"verdict\"", "max_slots = 65", 7, "65 is outside of 1 to 64"),
         ("feedback = \"verdict\"", "max_side = 32", 7, "32 is outside of 64 to 1024"),
-        ("feedback = \"verdict\"", "orders = []", 7, "one order or both"),
+        ("feedback = \"verdict\"", "orders = []", 7, "one or both orders"),
         ("feedback = \"verdict\"", "sounds = \"kept:00\"", 7, "sounds"),
         ("feedback = \"verdict\"", "rules = \"habitat\"", 7, "habitat"),
         ("feedback = \"verdict\"", "opens = 2026-07-01T00:00:00", 7, "offset"),
