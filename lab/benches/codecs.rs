@@ -1,19 +1,17 @@
-//! What encodings cost and save on pictures of a procedural house: `cargo bench -p avln-lab --bench codecs`.
+//! Size and speed of image encodings in a procedural house: `cargo bench -p avln-lab --bench codecs`.
 
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_houses::{HouseOptions, house};
 use avln_proto::wire::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_render::{Camera, CameraImage, Renderer};
-use std::{
-    f32::consts::{FRAC_PI_2, PI},
-    hint::black_box,
-    sync::{Arc, OnceLock},
-    time::Instant,
-};
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::hint::black_box;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 const SIDE: u32 = 256;
 const VIEWS: usize = 32;
-/// What is measured is the mean of so many rounds.
+/// Rounds per mean.
 const ROUNDS: usize = 25;
 const SIZE: Size = Size { width: SIDE, height: SIDE };
 const LAYOUT: depth::Layout = depth::Layout { size: SIZE, unit_m: 1.0 };
@@ -48,7 +46,7 @@ fn main() {
     }
 }
 
-/// Bytes of a frame, and seconds of processor time both ways.
+/// Bytes per frame, and processor time to encode and decode, seconds.
 struct Cost {
     bytes: usize,
     encode_s: f64,
@@ -79,7 +77,7 @@ fn report(sensor: &str, encoding: Encoding, bytes_a_pixel: usize, cost: &Cost) {
     println!("{sensor:>8} {name:>28} {:>8} {share:>8.2} {encode_us:>10.0} {decode_us:>10.0}", cost.bytes);
 }
 
-/// Processor time of this thread where the system tells it, else time.
+/// Returns the thread's processor time on Linux, otherwise the wall time.
 fn seconds() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
@@ -87,7 +85,7 @@ fn seconds() -> f64 {
     nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed().as_secs_f64(), |time| time * 1e-9)
 }
 
-/// Views from the middles of rooms.
+/// Renders views from the rooms' middles.
 fn frames() -> Vec<CameraImage> {
     let scene = Arc::new(house("bench", 7, &HouseOptions::default()));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));

@@ -1,41 +1,43 @@
-//! Steps a second of a whole episode in a procedural house, in process and over gRPC on loopback, and where the time
-//! goes: `cargo bench -p avln-lab --bench steps`.
+//! Steps per second in a procedural house, in process and over gRPC on loopback, and the time by part: `cargo
+//! bench -p avln-lab --bench steps`.
 //!
-//! Processor time is summed over all threads of this process: over gRPC that is server and client together. The simulator's
-//! parts of a step are differences between the same walk with and without a sense; the rest is told by thread.
+//! Processor time is summed over all threads in this process: over gRPC that includes server and client. The
+//! simulator's parts are differences between walks with and without a sense; the other parts are measured by
+//! thread.
 
-use avln_arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, servers::{Addresses, RunningServers, Servers}, setup::{NewPhase, NewSplit, admit, make_split, open_phase}};
+use avln_arena::data::DataFolder;
+use avln_arena::servers::{Addresses, RunningServers, Servers};
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{Arena, SCENE_MEMORY_MIB};
 use avln_client::{Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
 use avln_referee::{Audio, Referee};
 use avln_world::SceneAssets;
-use std::{
-    collections::BTreeMap,
-    hint::black_box,
-    path::Path,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::collections::BTreeMap;
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tokio::runtime::{Builder, Runtime};
 
-/// Steps of the walk.
+/// Steps per walk.
 const STEPS: usize = 480;
-/// Steps before the clock starts.
+/// Steps before the measurement.
 const WARM_UP: usize = 20;
-/// The median of so many measurements counts.
+/// Measurements per median.
 const REPEATS: usize = 3;
-/// In process the walk is repeated for at least this long: a step without senses takes microseconds.
+/// Least measured time in process: a step without senses takes microseconds.
 const LEAST: Duration = Duration::from_millis(300);
 const PHASE: &str = "bench";
-/// What the threads that simulate are called.
+/// Name prefix of simulator threads.
 const SIMULATOR: &str = "avln-simulat";
 
-/// What the agent senses.
+/// The agent's senses.
 struct Senses {
     name: &'static str,
-    /// Side of the pictures, pixels; `None` for no pictures.
+    /// Image side, pixels; `None` without images.
     side: Option<u32>,
     audio: bool,
 }
@@ -50,12 +52,12 @@ const ALL: usize = 0;
 const AUDIO: usize = 2;
 const NONE: usize = 3;
 
-/// What a step takes, microseconds.
+/// Cost per step, microseconds.
 #[derive(Clone, Copy)]
 struct Cost {
     wall_us: f64,
     cpu_us: f64,
-    /// Of the processor time, that of the simulator's threads and that of the client's.
+    /// Processor time in simulator threads and in the client's thread.
     simulator_us: f64,
     client_us: f64,
 }
@@ -64,41 +66,42 @@ fn main() {
     let folder = TempDir::new().expect("a folder for temporary files");
     let server = runtime();
     let token = server.block_on(furnish(folder.path()));
-    let doors = server.block_on(open_doors(folder.path()));
-    let indoors = Indoors::open(folder.path());
-    let visitor = Builder::new_current_thread().enable_all().build().expect("a runtime of one thread");
-    let client =
-        visitor.block_on(Client::connect(format!("http://{}", doors.grpc), token)).expect("the door");
+    let servers = server.block_on(open_servers(folder.path()));
+    let local = LocalEpisode::open(folder.path());
+    let client_runtime = Builder::new_current_thread().enable_all().build().expect("a runtime of one thread");
+    let client = client_runtime
+        .block_on(Client::connect(format!("http://{}", servers.grpc), token))
+        .expect("the gRPC server");
     let measure = |senses: &Senses| {
-        let inside = (0..REPEATS).map(|_| indoors.walk(senses));
-        let outside = (0..REPEATS).map(|_| visitor.block_on(walk_by_grpc(&client, senses)));
+        let inside = (0..REPEATS).map(|_| local.walk(senses));
+        let outside = (0..REPEATS).map(|_| client_runtime.block_on(walk_by_grpc(&client, senses)));
         [median(inside.collect()), median(outside.collect())]
     };
     let costs = SENSES.each_ref().map(measure);
     print_rates(&costs);
     print_parts(&costs);
-    drop((client, visitor));
-    server.block_on(doors.close()).expect("both doors close");
+    drop((client, client_runtime));
+    server.block_on(servers.close()).expect("closed servers");
 }
 
 fn runtime() -> Runtime {
     Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime")
 }
 
-/// The walk: the same for every measurement, forward every other step.
+/// Returns the same walk for every measurement, with every second step forward.
 fn walk() -> impl Iterator<Item = Action> {
     let mut rng = Rng::new(3);
     let choices = [Action::MoveForward, Action::MoveForward, Action::TurnLeft, Action::TurnRight];
     (0..STEPS).map(move |_| choices[rng.below(choices.len())])
 }
 
-/// The episode without doors.
-struct Indoors {
+/// The episode without a server.
+struct LocalEpisode {
     assets: Arc<SceneAssets>,
     split: avln_dataset::Split,
 }
 
-impl Indoors {
+impl LocalEpisode {
     fn open(folder: &Path) -> Self {
         let split = DataFolder::open(folder).and_then(|data| data.split(PHASE)).expect("the split");
         let begun = Instant::now();
@@ -106,13 +109,13 @@ impl Indoors {
         let (triangles, rooms) = (assets.scene.mesh.triangles.len(), assets.scene.regions.len());
         let ready_ms = 1e3 * begun.elapsed().as_secs_f64();
         println!("{}: {triangles} triangles, {rooms} rooms, ready in {ready_ms:.0} ms", assets.scene.name);
-        let indoors = Self { assets: Arc::new(assets), split };
-        for occasion in ["first", "again"] {
+        let local = Self { assets: Arc::new(assets), split };
+        for occasion in ["first", "second"] {
             let begun = Instant::now();
-            black_box(indoors.referee(&SENSES[ALL]).start());
+            black_box(local.referee(&SENSES[ALL]).start());
             println!("episode begins, {occasion}: {:.0} ms", 1e3 * begun.elapsed().as_secs_f64());
         }
-        indoors
+        local
     }
 
     fn referee(&self, senses: &Senses) -> Referee {
@@ -140,7 +143,7 @@ impl Indoors {
     }
 }
 
-/// The same episode through the agents' door.
+/// Walks over gRPC.
 async fn walk_by_grpc(client: &Client, senses: &Senses) -> Cost {
     let run = client.start_run(RunOptions::new(PHASE, "bench")).await.expect("a run");
     let (pictures, side) = (senses.side.is_some(), senses.side.unwrap_or(Sensors::MIN_SIDE));
@@ -160,7 +163,7 @@ async fn walk_by_grpc(client: &Client, senses: &Senses) -> Cost {
         black_box(episode.step(on_the_wire(action)).await.expect("a step"));
     }
     let cost = meter.cost(STEPS);
-    play.finish().await.expect("a farewell");
+    play.finish().await.expect("a finished run");
     cost
 }
 
@@ -186,7 +189,7 @@ fn print_rates(costs: &[[Cost; 2]]) {
     }
 }
 
-/// What a step with all senses at 256 x 256 over gRPC is made of. The parts add up by construction.
+/// Prints the parts of a step with all senses at 256 x 256 over gRPC; their sum is the whole by construction.
 fn print_parts(costs: &[[Cost; 2]]) {
     let inside = |senses: usize| costs[senses][0].cpu_us;
     let Cost { cpu_us, simulator_us, client_us, .. } = costs[ALL][1];
@@ -194,7 +197,7 @@ fn print_parts(costs: &[[Cost; 2]]) {
         ("motion and referee", inside(NONE)),
         ("audio", inside(AUDIO) - inside(NONE)),
         ("pictures", inside(ALL) - inside(AUDIO)),
-        ("the same after a pause: cold caches", simulator_us - inside(ALL)),
+        ("cold caches after a pause", simulator_us - inside(ALL)),
         ("server: messages, HTTP/2, sockets", cpu_us - simulator_us - client_us),
         ("client: sockets, HTTP/2, messages", client_us),
     ];
@@ -204,7 +207,7 @@ fn print_parts(costs: &[[Cost; 2]]) {
     }
 }
 
-/// The middle of each kind of time.
+/// Returns the median by kind of time.
 fn median(costs: Vec<Cost>) -> Cost {
     let middle = |value: fn(&Cost) -> f64| {
         let mut values: Vec<f64> = costs.iter().map(value).collect();
@@ -219,7 +222,7 @@ fn median(costs: Vec<Cost>) -> Cost {
     }
 }
 
-/// Clock and processor time since the start.
+/// Wall time and processor time since the start.
 struct Meter {
     begun: Instant,
     threads_ns: BTreeMap<String, u64>,
@@ -230,7 +233,7 @@ impl Meter {
         Self { threads_ns: threads_ns(), begun: Instant::now() }
     }
 
-    /// Processor time is the clock's where the system does not tell it.
+    /// Returns the cost per step; without thread statistics, processor time is wall time.
     fn cost(&self, steps: usize) -> Cost {
         let wall_us = 1e6 * self.begun.elapsed().as_secs_f64() / steps as f64;
         let now = threads_ns();
@@ -250,12 +253,12 @@ impl Meter {
     }
 }
 
-/// How a thread of this process is called, in at most 15 bytes; empty where the system does not tell.
+/// Returns a thread's name, up to 15 bytes; empty on other systems than Linux.
 fn name_of(thread: &str) -> String {
     std::fs::read_to_string(format!("/proc/self/task/{thread}/comm")).unwrap_or_default()
 }
 
-/// Nanoseconds that each thread of this process spent on a processor, as Linux tells; empty elsewhere.
+/// Returns the processor time by thread, nanoseconds; empty on other systems than Linux.
 fn threads_ns() -> BTreeMap<String, u64> {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let spent = tasks.filter_map(|task| {
@@ -266,7 +269,7 @@ fn threads_ns() -> BTreeMap<String, u64> {
     spent.collect()
 }
 
-/// Fills a data folder with a house, a mission, a phase and a team; gives back the team's token.
+/// Creates a data folder with house, mission, phase and team; returns the team's token.
 async fn furnish(folder: &Path) -> String {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
@@ -286,10 +289,10 @@ async fn furnish(folder: &Path) -> String {
     token
 }
 
-async fn open_doors(folder: &Path) -> RunningServers {
+async fn open_servers(folder: &Path) -> RunningServers {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phase");
-    let doors = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
-    doors.open(Arc::new(arena), store.reader()).expect("both doors")
+    let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
+    servers.open(Arc::new(arena), store.reader()).expect("running servers")
 }

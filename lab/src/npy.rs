@@ -1,74 +1,34 @@
-//! NumPy's `.npy` files, format version 1.0: a picture's numbers row by row, little-endian.
+//! NumPy's `.npy` format, version 1.0, little-endian.
 
 use std::io::{self, Write};
 
-/// A kind of number that an array can hold.
-pub trait Element: Copy {
-    /// NumPy's word for it.
-    const KIND: &str;
-    /// Its four bytes, the lowest first.
-    fn bytes(self) -> [u8; 4];
-}
-
-impl Element for f32 {
-    const KIND: &str = "<f4";
-    fn bytes(self) -> [u8; 4] {
-        self.to_le_bytes()
-    }
-}
-
-impl Element for u32 {
-    const KIND: &str = "<u4";
-    fn bytes(self) -> [u8; 4] {
-        self.to_le_bytes()
-    }
-}
-
-/// Bytes before the header: the magic word, the version, and the header's length in two bytes.
+/// Bytes before the header: magic string, version, and header length.
 const PREAMBLE_BYTES: usize = 10;
-/// The numbers begin at a multiple of this.
 const ALIGNMENT_BYTES: usize = 64;
 
-/// Writes `rows × columns` numbers, row-major.
+/// Writes `rows × columns` four-byte numbers, row by row; `kind` is NumPy's type string.
 ///
 /// # Errors
-/// When `out` cannot be written.
-pub fn write<T: Element>(
+/// If `out` cannot be written.
+pub fn write(
     mut out: impl Write,
+    kind: &str,
     [rows, columns]: [u32; 2],
-    values: impl Iterator<Item = T>,
+    values: impl Iterator<Item = [u8; 4]>,
 ) -> io::Result<()> {
-    write_header(&mut out, &format!("'{}'", T::KIND), &format!("({rows}, {columns})"))?;
-    let bytes: Vec<u8> = values.flat_map(T::bytes).collect();
-    out.write_all(&bytes)
+    write_header(&mut out, &format!("'{kind}'"), &[rows as usize, columns as usize])?;
+    out.write_all(&values.flatten().collect::<Vec<u8>>())
 }
 
-/// Writes what stands before `count` records one after the other, each with the `fields` in their order: name, NumPy's word
-/// for the kind of number, and shape as NumPy writes it. The records' bytes follow without gaps.
+/// Writes an array's header; `kind` is NumPy's type description. The last dimension is contiguous.
 ///
 /// # Errors
-/// When `out` cannot be written.
-pub(crate) fn write_record_header(
-    out: impl Write,
-    fields: &[(&str, &str, String)],
-    count: usize,
-) -> io::Result<()> {
-    let fields = fields.iter().map(|(name, kind, shape)| format!("('{name}', '{kind}', {shape})"));
-    let fields: Vec<String> = fields.collect();
-    write_header(out, &format!("[{}]", fields.join(", ")), &format!("({count},)"))
-}
-
-/// Writes what stands before the numbers of an array of any dimensions; `kind` is NumPy's word for them. The numbers' bytes
-/// follow, the last dimension fastest.
-///
-/// # Errors
-/// When `out` cannot be written.
-pub(crate) fn write_array_header(out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
-    let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
-    write_header(out, &format!("'{kind}'"), &format!("({})", sides.join(" ")))
-}
-
-fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> {
+/// If `out` cannot be written.
+pub(crate) fn write_header(mut out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
+    let sides: Vec<String> = shape.iter().map(usize::to_string).collect();
+    // A tuple with one element needs a comma in Python.
+    let comma = if shape.len() == 1 { "," } else { "" };
+    let shape = format!("({}{comma})", sides.join(", "));
     let mut header = format!("{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}");
     let whole = (PREAMBLE_BYTES + header.len() + 1).next_multiple_of(ALIGNMENT_BYTES);
     let length = whole - PREAMBLE_BYTES;
@@ -79,8 +39,7 @@ fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> 
     out.write_all(header.as_bytes())
 }
 
-/// Parses a two-dimensional array of four-byte numbers: the kind, rows and columns, and the bytes of the numbers. `None` if
-/// the file is another one.
+/// Parses a two-dimensional array of four-byte numbers: type string, shape and bytes; `None` for other content.
 pub fn read(file: &[u8]) -> Option<(String, [usize; 2], Vec<[u8; 4]>)> {
     let rest = file.strip_prefix(b"\x93NUMPY\x01\x00")?;
     let (length, rest) = rest.split_first_chunk()?;
@@ -98,23 +57,25 @@ pub fn read(file: &[u8]) -> Option<(String, [usize; 2], Vec<[u8; 4]>)> {
 mod tests {
     use super::*;
 
-    fn written<T: Element>(shape: [u32; 2], values: &[T]) -> Vec<u8> {
+    fn ids(shape: [u32; 2], ids: &[u32]) -> Vec<u8> {
         let mut file = Vec::new();
-        write(&mut file, shape, values.iter().copied()).expect("memory can be written");
+        write(&mut file, "<u4", shape, ids.iter().map(|id| id.to_le_bytes())).expect("writable memory");
         file
     }
 
     #[test]
-    fn numbers_are_read_back_as_they_were() {
+    fn arrays_round_trip() {
         let depth = [0.0, 1.5, f32::MIN_POSITIVE, 3.25e7, -0.1, 7.0];
-        let file = written([2, 3], &depth);
+        let mut file = Vec::new();
+        write(&mut file, "<f4", [2, 3], depth.iter().map(|m: &f32| m.to_le_bytes()))
+            .expect("writable memory");
         let header = &file[..file.len() - 4 * depth.len()];
         assert!(header.len().is_multiple_of(ALIGNMENT_BYTES) && header.ends_with(b"\n"));
         assert!(String::from_utf8_lossy(header).contains("'fortran_order': False"));
         let (kind, shape, numbers) = read(&file).expect("an array");
         assert_eq!((kind.as_str(), shape), ("<f4", [2, 3]));
         assert_eq!(numbers.into_iter().map(f32::from_le_bytes).collect::<Vec<_>>(), depth);
-        let (kind, shape, numbers) = read(&written([1, 2], &[7_u32, u32::MAX])).expect("an array");
+        let (kind, shape, numbers) = read(&ids([1, 2], &[7, u32::MAX])).expect("an array");
         assert_eq!((kind.as_str(), shape), ("<u4", [1, 2]));
         assert_eq!(numbers.into_iter().map(u32::from_le_bytes).collect::<Vec<_>>(), [7, u32::MAX]);
     }
@@ -122,11 +83,11 @@ mod tests {
     #[test]
     fn headers_of_any_length_are_padded() {
         for shape in [[1, 1], [4096, 4096], [1, 1_000_000]] {
-            let file = written(shape, &vec![0_u32; (shape[0] * shape[1]) as usize]);
+            let file = ids(shape, &vec![0; (shape[0] * shape[1]) as usize]);
             let (_, found, _) = read(&file).expect("an array");
             assert_eq!(found.map(|side| side as u32), shape);
         }
-        let small = written([1, 1], &[258_u32]);
+        let small = ids([1, 1], &[258]);
         assert_eq!((small.len(), &small[128..]), (132, &[2, 1, 0, 0][..]));
     }
 }

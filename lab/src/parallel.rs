@@ -1,33 +1,29 @@
-//! Sharing work between threads whose results do not depend on it.
+//! Parallel work with results independent of the thread count.
 
-use std::{
-    num::NonZeroUsize,
-    sync::{
-        atomic::{AtomicBool, AtomicUsize, Ordering},
-        mpsc,
-    },
+use std::num::NonZeroUsize;
+use std::sync::{
+    atomic::{AtomicBool, AtomicUsize, Ordering},
+    mpsc,
 };
 
-/// As many threads as there are processors, or as were asked for.
-pub(crate) fn threads(asked: Option<usize>) -> usize {
-    let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    asked.unwrap_or(processors).max(1)
-}
-
-/// Does `work` for each of `items` on some threads, and tells `done` about each as it is done, in any order.
+/// Applies `work` to every item on several threads (`None` for one per processor), and `done` to the results in any order.
 ///
-/// After a failure nothing new is begun; of all failures the one of the first item is returned.
+/// # Errors
+/// The failure with the lowest index; later items are not begun.
 pub(crate) fn share<T: Sync, R: Send, E: Send>(
     items: &[T],
-    threads: usize,
+    threads: Option<usize>,
     work: impl Fn(&T) -> Result<R, E> + Sync,
     mut done: impl FnMut(usize, R),
 ) -> Result<(), E> {
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let threads = threads.unwrap_or(processors).clamp(1, items.len().max(1));
+    let next = AtomicUsize::new(0);
+    let stop = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
     let mut failed: Option<(usize, E)> = None;
     std::thread::scope(|scope| {
-        for _ in 0..threads.min(items.len()) {
+        for _ in 0..threads {
             let (next, stop, work, sender) = (&next, &stop, &work, sender.clone());
             scope.spawn(move || {
                 while !stop.load(Ordering::Relaxed) {
@@ -41,10 +37,12 @@ pub(crate) fn share<T: Sync, R: Send, E: Send>(
                 }
             });
         }
+        // The receiver ends when all senders are dropped, including this one.
         drop(sender);
         for (index, result) in receiver {
             match result {
                 Ok(result) => done(index, result),
+                // Several threads may fail at once: the lowest index makes the error reproducible.
                 Err(error) if failed.as_ref().is_none_or(|first| index < first.0) => {
                     failed = Some((index, error));
                 }
@@ -60,13 +58,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_items_are_done_once_on_any_number_of_threads() {
+    fn every_item_is_done_once_on_any_number_of_threads() {
         let items: Vec<usize> = (0..100).collect();
         for threads in [1, 2, 8, 200] {
             let mut doubled = vec![0; items.len()];
             let worked = share(
                 &items,
-                threads,
+                Some(threads),
                 |&item| Ok::<_, ()>(2 * item),
                 |index, result| doubled[index] += result,
             );
@@ -76,11 +74,11 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_stops_the_rest_and_is_told() {
+    fn a_failure_is_returned_and_stops_the_rest() {
         let items: Vec<usize> = (0..1000).collect();
         let mut done = 0;
         let fail = |&item: &usize| if item == 3 { Err(item) } else { Ok(()) };
-        assert_eq!(share(&items, 1, fail, |_, ()| done += 1), Err(3));
+        assert_eq!(share(&items, Some(1), fail, |_, ()| done += 1), Err(3));
         assert_eq!(done, 3);
     }
 }

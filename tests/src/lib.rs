@@ -12,8 +12,15 @@ pub mod scripted_run;
 pub mod server;
 pub mod skipped;
 
-use avln_arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, ids::new_token, now_unix_ms, servers::{Addresses, Limits, RunningServers, Security, Servers}, setup::{NewPhase, NewSplit, admit, make_split, open_phase}};
-pub use avln_lab::suite::walk;
+use avln_arena::{
+    Arena, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    ids::new_token,
+    now_unix_ms,
+    servers::{Addresses, Limits, RunningServers, Security, Servers},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
+};
+pub use avln_lab::suite::{PASSED_M, Walker, distance_m};
 use avln_store::Visibility;
 use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};

@@ -1,7 +1,12 @@
 //! The calibration phase: this build's observations and scores equal the published values, locally and on a
 //! server; a different phase with the same name is detected. `AVLN_BLESS=1` publishes new values.
 
-use avln_arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, servers::{Addresses, RunningServers, Servers}, setup::{NewPhase, NewSplit, admit, make_split, open_phase}};
+use avln_arena::{
+    Arena, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    servers::{Addresses, RunningServers, Servers},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
+};
 use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};
 

@@ -63,7 +63,7 @@ avln data split make few --houses 1 --missions 2 && avln challenge phase open pr
         ("git clone", "the tests run in the repository"),
         ("docker", "there may be no engine"),
         ("pip install", "what Python needs is there, or its lines are left out"),
-        ("cargo new", "the example is compiled with all tests"),
+        ("cd .. && cargo new", "the example is compiled with all tests"),
         ("cargo add", "the example is compiled with all tests"),
         ("cp ../lh-avln-arena", "the example is compiled with all tests"),
         ("cargo run -r", "the example is compiled with all tests"),

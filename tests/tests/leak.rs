@@ -6,13 +6,12 @@ use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensor
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
-    PHASE, TestServer, TestSetup,
+    PASSED_M, PHASE, TestServer, TestSetup, Walker, distance_m,
     hidden_facts::HiddenFacts,
     http,
     raw::{MOVE_FORWARD, RawClient, SUBMIT},
     recording_proxy,
     recording_proxy::RecordingProxy,
-    walk::{PASSED_M, Walker, distance_m},
 };
 use serde_json::Value;
 use std::{collections::BTreeSet, time::Duration};
@@ -377,7 +376,7 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn public_scores_do_not_show_what_hidden_replays_hide() {
+async fn public_scores_hide_replay_facts() {
     let setup = TestSetup {
         visible_to: Visibility::Public,
         replays_to: Some(Visibility::Organiser),
@@ -399,7 +398,7 @@ async fn public_scores_do_not_show_what_hidden_replays_hide() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_same_search_finds_what_a_public_phase_shows() {
+async fn search_finds_facts_of_public_phase() {
     let server = server(Visibility::Public).await;
     let received = receive(&server).await;
     let (_, shown) = categories(&server);

@@ -41,7 +41,9 @@ pub struct Pose2d {
 impl Pose2d {
     /// Projects a pose onto the floor plan.
     pub fn new(pose: &Pose) -> Self {
-        let (sin, cos) = pose.heading_rad.sin_cos();
+        // libm, as everywhere in the agents: the platform's functions differ in the last bit between systems, and
+        // calibration compares actions bit for bit (docs/decisions/0019).
+        let (sin, cos) = libm::sincosf(pose.heading_rad);
         let [x, _, z] = pose.position;
         Self { place: FloorPoint { x, z }, sin, cos }
     }
@@ -58,7 +60,7 @@ impl Pose2d {
     pub fn turn_rad(&self, other: &Self) -> f32 {
         let (sin, cos) =
             (other.sin * self.cos - other.cos * self.sin, other.cos * self.cos + other.sin * self.sin);
-        sin.atan2(cos)
+        libm::atan2f(sin, cos)
     }
 
     /// Returns true if both poses have nearly the same view.
@@ -73,7 +75,7 @@ impl Pose2d {
         let (dx, dz) = (place.x - self.place.x, place.z - self.place.z);
         let ahead = -self.sin * dx - self.cos * dz;
         let left = -self.cos * dx + self.sin * dz;
-        left.atan2(ahead)
+        libm::atan2f(left, ahead)
     }
 }
 
@@ -103,7 +105,7 @@ pub struct SurfacePoint {
 impl PinholeCamera {
     /// Creates a task's camera.
     pub fn new(task: &TaskSpec) -> Self {
-        let focal_px = 0.5 * task.width as f32 / (0.5 * task.hfov_rad).tan();
+        let focal_px = 0.5 * task.width as f32 / libm::tanf(0.5 * task.hfov_rad);
         Self {
             width: task.width as usize,
             height: task.height as usize,

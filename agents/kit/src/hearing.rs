@@ -8,9 +8,7 @@ use std::sync::Arc;
 
 /// Transform length: a step plus the same length in zeros, against wrap-around.
 const POINTS: usize = 8192;
-/// Largest interaural delay, seconds.
 const MAX_ITD_S: f32 = 0.000_8;
-/// Correlation band, hertz.
 const BAND_HZ: [f32; 2] = [150.0, 6000.0];
 /// Lower levels are silence.
 const SILENCE: f32 = 1e-5;
@@ -33,8 +31,8 @@ pub fn itd_s(bearing_rad: f32) -> f32 {
 /// Returns the interaural delay for a source below the ears, `length_m` metres apart on the floor, in seconds. The
 /// slope moves it towards the median plane: all directions on a cone around the interaural axis have equal delays.
 pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
-    let across = bearing_rad.sin() * length_m / length_m.hypot(LOWER_M);
-    let aside_rad = across.abs().min(1.0).asin();
+    let across = libm::sinf(bearing_rad) * length_m / libm::hypotf(length_m, LOWER_M);
+    let aside_rad = libm::asinf(across.abs().min(1.0));
     let is_behind = bearing_rad.abs() > FRAC_PI_2;
     itd_s((if is_behind { PI - aside_rad } else { aside_rad }).copysign(bearing_rad))
 }
@@ -91,14 +89,14 @@ impl Ear {
         let band = BAND_HZ.map(|hz| ((hz / rate_hz * POINTS as f32) as usize).clamp(1, POINTS / 2 - 1));
         let [left, right] = &mut self.spectra;
         // The phase transform weights all bins equally: without a floor, silent bins would add noise.
-        let floor = 1e-4 * left.iter().zip(&*right).map(|(l, r)| (l * r).norm()).fold(0.0, f32::max);
+        let floor = 1e-4 * left.iter().zip(&*right).map(|(l, r)| norm(l * r)).fold(0.0, f32::max);
         let mut weight = 0.0;
         for (bin, (l, r)) in left.iter_mut().zip(&*right).enumerate() {
             let cross = l.conj() * r;
-            let norm = cross.norm() + floor;
-            let inside = (band[0]..=band[1]).contains(&bin) && norm > 0.0;
-            *l = if inside { cross / norm } else { Complex32::default() };
-            weight += 2.0 * l.norm();
+            let magnitude = norm(cross) + floor;
+            let inside = (band[0]..=band[1]).contains(&bin) && magnitude > 0.0;
+            *l = if inside { cross / magnitude } else { Complex32::default() };
+            weight += 2.0 * norm(*l);
         }
         self.inverse.process(left, &mut self.time).ok()?;
         self.time.iter_mut().for_each(|value| *value /= weight.max(1e-9));
@@ -116,6 +114,11 @@ impl Ear {
         let shift = if curve < -1e-9 { (0.5 * (before - after) / curve).clamp(-0.5, 0.5) } else { 0.0 };
         best as f32 + shift
     }
+}
+
+fn norm(value: Complex32) -> f32 {
+    // Complex::norm would call the platform's hypot (docs/decisions/0019).
+    libm::hypotf(value.re, value.im)
 }
 
 fn level(audio: &Audio) -> f32 {

@@ -2,7 +2,7 @@ use crate::agent::PagNav;
 use crate::candidate::{Candidate, Evidence, SoundSupport, Stage, SubmitGate, VerificationDemand, best};
 use avln_client::Action;
 use avln_kit::geometry::{FloorPoint, Pose2d};
-use avln_kit::map::{ObjectHypothesis, range_m};
+use avln_kit::map::{ObjectHypothesis, Occupancy, SourceEstimate, range_m};
 
 /// Unsuccessful Submits after which a hypothesis is dropped.
 const MOST_WRONG: i32 = 3;
@@ -217,5 +217,191 @@ impl PagNav {
 
     fn object(&self, candidate: &Candidate) -> &ObjectHypothesis {
         &self.objects.all()[candidate.object]
+    }
+}
+
+/// Distance to an estimated source at which a path ends, metres.
+const REACH_M: f32 = 0.5;
+/// Distance to a frontier at which a path ends, metres.
+const FRONTIER_M: f32 = 0.2;
+/// Nearer frontiers are already in view, metres.
+const NEAR_M: f32 = 0.4;
+/// Steps for which a frontier stays the target.
+const KEPT_STEPS: u32 = 12;
+
+impl PagNav {
+    /// Cue-guided search: walks to a source if a path is known, else to the best frontier; looks around at the
+    /// source.
+    pub(crate) fn search(&mut self, pose: &Pose2d) -> Action {
+        let Some((source, estimate)) = self.choose(pose) else { return Action::TurnLeft };
+        self.head_for(source);
+        let is_there = estimate.certainty >= self.weights.certain
+            && estimate.place.distance_m(pose.place) <= self.weights.arrived_m
+            && self.map.has_clear_line(pose.place, estimate.place);
+        if is_there {
+            self.suppose(source, estimate.place);
+        }
+        let onward = self.go_to(estimate.place, is_there, pose);
+        let onward = onward.or_else(|| self.face(pose, estimate.place).filter(|_| is_there));
+        onward.unwrap_or(Action::TurnLeft)
+    }
+
+    /// Returns a step towards a point: directly if a path leads to a view, otherwise through the best frontier;
+    /// `None` at the nearest reachable position.
+    pub(crate) fn go_to(&mut self, place: FloorPoint, is_seen: bool, pose: &Pose2d) -> Option<Action> {
+        let path = self.follower.path_to(&self.map, pose.place, place, REACH_M);
+        let step = self.motion.follow(&path, pose, &self.map);
+        let end = path.places.last().copied().unwrap_or(pose.place);
+        let leads_there = path.left_m <= self.weights.lost_m && self.map.has_clear_line(end, place);
+        if is_seen || (leads_there && step.is_some()) {
+            return step;
+        }
+        self.explore(place, pose).or(step)
+    }
+
+    /// Adds a supposed object at a viewed source without any detection.
+    fn suppose(&mut self, source: usize, place: FloorPoint) {
+        const AT_M: f32 = 0.2;
+        let is_known = || self.objects.all().iter().any(|object| object.detection.distance_m(place) <= AT_M);
+        if self.is_settled(source) && !is_known() {
+            self.objects.suppose(place);
+        }
+    }
+
+    /// Returns the next source: a likely goal, otherwise an unviewed source, otherwise any; in every class the
+    /// cheapest.
+    fn choose(&self, pose: &Pose2d) -> Option<(usize, SourceEstimate)> {
+        let open = (0..self.sources.len()).filter(|&source| !self.schedule.is_silent(source));
+        let heard: Vec<(usize, SourceEstimate)> =
+            open.filter_map(|source| Some((source, self.sources[source].estimate?))).collect();
+        let cost = |(source, estimate): &(usize, SourceEstimate)| {
+            let is_located = self.sources[*source].is_located(&self.weights);
+            let wait_steps = if is_located { 0 } else { self.schedule.wait_steps(*source) };
+            let doubt_steps = self.weights.doubt_steps * (1.0 - self.goals.right(*source));
+            self.cost_steps(*source, estimate.place, wait_steps, pose) + doubt_steps
+        };
+        let first = |wanted: &dyn Fn(usize) -> bool| {
+            let wanted = heard.iter().filter(|(source, _)| wanted(*source));
+            wanted.min_by(|a, b| cost(a).total_cmp(&cost(b))).copied()
+        };
+        first(&|source| self.is_right_goal(source) && !self.is_settled(source))
+            .or_else(|| first(&|source| !self.is_settled(source)))
+            .or_else(|| first(&|source| self.is_right_goal(source) && self.is_looked_at(source)))
+            .or_else(|| first(&|source| !self.is_looked_at(source)))
+            .or_else(|| first(&|_| true))
+    }
+
+    /// Returns a source's cost in steps: the longer from the walk to `place` and the wait, adjusted for past effort
+    /// and loyalty.
+    pub(crate) fn cost_steps(&self, source: usize, place: FloorPoint, wait_steps: u32, pose: &Pose2d) -> f32 {
+        let walk_steps = place.distance_m(pose.place) * self.weights.steps_per_m;
+        let loyalty_steps = if self.focus == Some(source) { self.weights.loyalty_steps } else { 0.0 };
+        let vain_steps = self.weights.vain * self.sources[source].sought_steps as f32;
+        walk_steps.max(wait_steps as f32) + vain_steps - loyalty_steps
+    }
+
+    /// Counts a step towards a source.
+    pub(crate) fn head_for(&mut self, source: usize) {
+        self.focus = Some(source);
+        self.sources[source].sought_steps += 1;
+    }
+
+    /// Search without sound: walks to the frontier with the best S_search. If everything is explored, the demand of
+    /// verification relaxes, and the map is cleared.
+    pub(crate) fn wander(&mut self, pose: &Pose2d) -> Action {
+        if let Some(step) = self.explore(pose.place, pose) {
+            return step;
+        }
+        let goals: Vec<usize> = self.goals.active().collect();
+        goals.into_iter().for_each(|goal| self.sources[goal].sought_steps += self.weights.patience_steps);
+        self.map = Occupancy::default();
+        Action::TurnLeft
+    }
+
+    /// Returns a step towards the frontier with the best S_search (x* of the paper), which stays the target for
+    /// several steps.
+    fn explore(&mut self, heard: FloorPoint, pose: &Pose2d) -> Option<Action> {
+        let kept =
+            self.frontier.filter(|(place, _, steps)| *steps > 0 && place.distance_m(pose.place) > NEAR_M);
+        let best = kept.map(|(place, score, _)| (place, score)).or_else(|| self.frontier(heard, pose))?;
+        let steps = kept.map_or(KEPT_STEPS, |(_, _, steps)| steps) - 1;
+        self.frontier = Some((best.0, best.1, steps));
+        self.decision.frontier = Some(best);
+        let path = self.frontier_follower.path_to(&self.map, pose.place, best.0, FRONTIER_M);
+        self.motion.follow(&path, pose, &self.map)
+    }
+
+    /// Returns the frontier with the best S_search, and the score.
+    fn frontier(&self, heard: FloorPoint, pose: &Pose2d) -> Option<(FloorPoint, f32)> {
+        const LOOKED_AT: usize = 8;
+        let sound = |place: FloorPoint| {
+            self.weights.search_audio * libm::expf(-place.distance_m(heard) / self.weights.search_scale_m)
+                - self.weights.search_way * place.distance_m(pose.place)
+        };
+        let frontiers = self.map.frontiers().into_iter().map(|(place, _)| (sound(place), place));
+        let mut scored: Vec<(f32, FloorPoint)> =
+            frontiers.filter(|(_, place)| place.distance_m(pose.place) > NEAR_M).collect();
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+        scored.truncate(LOOKED_AT);
+        for (score, place) in &mut scored {
+            *score += self.weights.search_context * self.expects(*place);
+        }
+        scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(score, place)| (place, score))
+    }
+
+    /// Returns the support from rooms and objects around a frontier for the active goals (P_room and P_obj), 0 to 1.
+    fn expects(&self, place: FloorPoint) -> f32 {
+        let fits = self.goals.active().map(|goal| self.context(place, goal));
+        fits.fold(0.0, f32::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::weights::Weights;
+    use avln_client::{DepthImage, Pose, TaskSpec};
+    use avln_kit::geometry::PinholeCamera;
+    use std::f32::consts::FRAC_PI_2;
+
+    const SIDE: u32 = 64;
+
+    fn pose(position: [f32; 3]) -> Pose2d {
+        Pose2d::new(&Pose { position, heading_rad: 0.0 })
+    }
+
+    /// An agent that has seen a whole closed room, 6 m by 6 m, from the middle.
+    fn agent() -> PagNav {
+        let depth_m = |row: u32| match (row as f32 + 0.5 - 32.0) / 32.0 {
+            down if down > 0.0 => (1.0 / down).min(3.02),
+            _ => 3.02,
+        };
+        let metres = (0..SIDE * SIDE).map(|pixel| depth_m(pixel / SIDE)).collect();
+        let depth = DepthImage { width: SIDE, height: SIDE, metres };
+        let mut agent = PagNav::new(Weights::default());
+        let task = TaskSpec { width: SIDE, height: SIDE, ..TaskSpec::default() };
+        for quarter in 0..4 {
+            let heading_rad = quarter as f32 * FRAC_PI_2;
+            let pose = Pose2d::new(&Pose { position: [0.0; 3], heading_rad });
+            (0..3).for_each(|_| agent.map.see(&PinholeCamera::new(&task), &pose, &depth));
+        }
+        agent
+    }
+
+    #[test]
+    fn agent_explores_when_a_wall_blocks_the_path() {
+        let mut agent = agent();
+        let beyond = FloorPoint::new(0.0, -6.0);
+        assert!(agent.go_to(beyond, false, &pose([0.0, 0.0, -1.0])).is_some());
+        assert!(agent.decision.frontier.is_some());
+    }
+
+    #[test]
+    fn agent_takes_known_paths() {
+        let mut agent = agent();
+        let ahead = FloorPoint::new(0.0, -2.0);
+        assert_eq!(agent.go_to(ahead, true, &pose([0.0; 3])), Some(Action::MoveForward));
+        assert!(agent.go_to(ahead, false, &pose([0.0; 3])).is_some() && agent.decision.frontier.is_none());
+        assert_eq!(agent.go_to(ahead, true, &pose([0.0, 0.0, -1.8])), None);
     }
 }

@@ -1,4 +1,4 @@
-use crate::weights::{ConvLayer, PANEL};
+use crate::{ConvLayer, PANEL};
 use avln_simd::{Width, Work, run_at};
 
 /// A feature map: pixels with `channels` numbers, row by row, and a zero border, so that a 3 × 3 convolution reads

@@ -11,19 +11,18 @@
 
 mod feature_map;
 mod network;
-mod picture;
 mod segmentation;
-mod segments;
 mod shapes;
-mod weights;
 
-pub use picture::{CameraModel, Depth, Picture, PictureError};
+pub use network::{CameraModel, Depth, Picture, PictureError};
 pub use segmentation::{Histogram, PixelBox, Segment, Segmentation};
 pub use shapes::{ObjectBox, extent, lift};
-pub use weights::{NetworkInfo, TrainingInfo, WeightsError};
 
-use network::UNet;
-use picture::MULTIPLE_PX;
+use half::f16;
+use network::{MULTIPLE_PX, UNet};
+use safetensors::{Dtype, SafeTensors};
+use serde::Deserialize;
+use shapes::ShapeClassifier;
 
 /// The bundled weights.
 const WEIGHTS: &[u8] = include_bytes!("../weights/network.safetensors");
@@ -57,6 +56,8 @@ pub trait Perception {
 /// Buffers persist between images. Equal images give equal bits on one machine.
 pub struct VisionNetwork {
     network: UNet,
+    shapes: Option<ShapeClassifier>,
+    info: NetworkInfo,
 }
 
 impl VisionNetwork {
@@ -73,17 +74,19 @@ impl VisionNetwork {
     /// # Errors
     /// If the file is malformed.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WeightsError> {
-        Ok(Self { network: UNet::read(bytes)? })
+        let weights = WeightsFile::read(bytes)?;
+        let network = UNet::read(&weights)?;
+        Ok(Self { network, shapes: ShapeClassifier::read(&weights)?, info: weights.info })
     }
 
     /// Returns the description and training data.
     pub fn info(&self) -> &NetworkInfo {
-        &self.network.info
+        &self.info
     }
 
     /// Returns a segment's category probabilities by appearance and box; without shape weights, by appearance only.
     pub fn judge(&self, seen: &Segmentation, segment: &Segment, solid: &ObjectBox) -> Vec<f32> {
-        let shapes = self.network.shapes.as_ref();
+        let shapes = self.shapes.as_ref();
         shapes.map_or_else(
             || segment.categories.clone(),
             |shapes| shapes.judge(&Self::features(seen, segment, solid)),
@@ -112,7 +115,7 @@ impl VisionNetwork {
             let (width, height, bytes) = (picture.width, picture.height, picture.rgb.len());
             return Err(PictureError::Picture { width, height, bytes });
         }
-        picture::fill(self.network.input(picture.width, picture.height), picture, depth);
+        network::fill(self.network.input(picture.width, picture.height), picture, depth);
         let output = self.network.run();
         Ok((0..output.height).flat_map(|row| output.row(row)).copied().collect())
     }
@@ -120,7 +123,7 @@ impl VisionNetwork {
 
 impl Perception for VisionNetwork {
     fn categories(&self) -> &[String] {
-        &self.network.info.categories
+        &self.info.categories
     }
 
     fn see(
@@ -129,9 +132,147 @@ impl Perception for VisionNetwork {
         depth: Option<(&Depth, &CameraModel)>,
     ) -> Result<Segmentation, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
-        let [width, height] = picture.seen_size(self.network.info.side_px);
-        picture::fill(self.network.input(width, height), picture, depth);
-        self.network.run();
-        Ok(segments::seen(&mut self.network, picture))
+        let [width, height] = picture.seen_size(self.info.side_px);
+        network::fill(self.network.input(width, height), picture, depth);
+        Ok(segmentation::seen(&self.info, self.network.run(), picture))
+    }
+}
+
+/// The network description in a weights file.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct NetworkInfo {
+    /// Layout version: 1.
+    pub version: u32,
+    /// Category names; mpcat40's where possible.
+    pub categories: Vec<String>,
+    /// Number of leading categories for the building itself, without instances.
+    pub building: usize,
+    /// Embedding length.
+    pub embedding: usize,
+    /// Unit for centre offsets, output pixels.
+    pub offset_px: f32,
+    /// Side of the training images, pixels.
+    pub side_px: usize,
+    /// Training data.
+    pub training: TrainingInfo,
+}
+
+/// A network's training data.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct TrainingInfo {
+    /// House recipe.
+    pub recipe: String,
+    /// Recipe split.
+    pub split: String,
+    /// House seeds.
+    pub seeds: Vec<u64>,
+    /// Images per house.
+    pub views: u32,
+    /// Training steps.
+    pub steps: u32,
+    /// Images per step.
+    pub batch: u32,
+}
+
+/// Reasons for invalid weights.
+#[derive(Debug, thiserror::Error)]
+#[error("invalid weights: {reason}")]
+pub struct WeightsError {
+    reason: String,
+}
+
+/// Outputs with interleaved weights.
+pub(crate) const PANEL: usize = 8;
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ConvLayer {
+    /// Weights by panel of [`PANEL`] outputs, tap (row by row), input and output; 0 beyond the last output.
+    pub(crate) panels: Vec<[f32; PANEL]>,
+    pub(crate) bias: Vec<f32>,
+}
+
+impl ConvLayer {
+    /// Creates a layer from weights by tap, input and output.
+    pub(crate) fn new(weights: &[f32], bias: Vec<f32>) -> Self {
+        let outputs = bias.len();
+        let panel = |first: usize| {
+            weights.chunks_exact(outputs).map(move |weights| {
+                std::array::from_fn(|index| weights.get(first + index).copied().unwrap_or(0.0))
+            })
+        };
+        Self { panels: (0..outputs).step_by(PANEL).flat_map(panel).collect(), bias }
+    }
+}
+
+/// A weights file: safetensors with 16-bit floats, and the description as metadata.
+pub(crate) struct WeightsFile<'a> {
+    pub(crate) info: NetworkInfo,
+    tensors: SafeTensors<'a>,
+}
+
+impl<'a> WeightsFile<'a> {
+    pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, WeightsError> {
+        let malformed = |error| unusable(format!("the file is malformed: {error}"));
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+        // Files from before the crate was renamed have the old key.
+        let keys = ["avln-perception", "avln-eyes"];
+        let metadata = header.metadata().as_ref();
+        let info = metadata.and_then(|metadata| keys.iter().find_map(|key| metadata.get(*key)));
+        let info = info.ok_or_else(|| unusable("the header has no description"))?;
+        let info: NetworkInfo = serde_json::from_str(info)
+            .map_err(|error| unusable(format!("the description is malformed: {error}")))?;
+        if info.version != 1 {
+            return Err(unusable(format!(
+                "version {} is not supported; this build reads version 1",
+                info.version
+            )));
+        }
+        Ok(Self { info, tensors: SafeTensors::deserialize(bytes).map_err(malformed)? })
+    }
+
+    /// Reads a convolution with `taps` taps.
+    pub(crate) fn layer(
+        &self,
+        name: &str,
+        taps: usize,
+        inputs: usize,
+        outputs: usize,
+    ) -> Result<ConvLayer, WeightsError> {
+        let weights = self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?;
+        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
+    }
+
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.tensors.tensor(name).is_ok()
+    }
+
+    pub(crate) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
+        let tensor = self.tensors.tensor(name);
+        let tensor = tensor.map_err(|_| unusable(format!("tensor `{name}` is missing")))?;
+        if tensor.dtype() != Dtype::F16 || tensor.shape() != shape {
+            let (dtype, is) = (tensor.dtype(), tensor.shape());
+            return Err(unusable(format!("tensor `{name}` is {dtype:?} {is:?}, not F16 {shape:?}")));
+        }
+        let (halves, _) = tensor.data().as_chunks();
+        Ok(halves.iter().map(|half| f16::from_le_bytes(*half).to_f32()).collect())
+    }
+}
+
+fn unusable(reason: impl Into<String>) -> WeightsError {
+    WeightsError { reason: reason.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn malformed_files_are_refused() {
+        let file = |header: &str| [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat();
+        let error = |bytes: &[u8]| WeightsFile::read(bytes).err().expect("refused").to_string();
+        assert!(error(b"abc").contains("malformed"));
+        assert!(error(&u64::MAX.to_le_bytes()).contains("malformed"));
+        assert!(error(&file("{]")).contains("malformed"));
+        assert!(error(&file("{}")).contains("no description"));
     }
 }

@@ -1,8 +1,8 @@
 //! Shape: lifting segments to boxes, and a second, small network that classifies a segment by appearance and box.
 
-use crate::picture::{CameraModel, Depth, Picture};
+use crate::network::{CameraModel, Depth, Picture};
 use crate::segmentation::{Segment, Segmentation};
-use crate::weights::{WeightsError, WeightsFile};
+use crate::{WeightsError, WeightsFile};
 
 /// Shape features; the log-probabilities follow them.
 const SHAPE: usize = 14;
@@ -50,7 +50,7 @@ impl ShapeClassifier {
         let mut told = self.second.apply(&hidden);
         told.iter_mut().zip(&features[SHAPE..]).for_each(|(told, likely)| *told += self.trust * likely);
         let most = told.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        told.iter_mut().for_each(|told| *told = (*told - most).exp());
+        told.iter_mut().for_each(|told| *told = libm::expf(*told - most));
         let sum: f32 = told.iter().sum();
         told.iter_mut().for_each(|told| *told /= sum);
         told
@@ -81,9 +81,9 @@ pub(crate) fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox
         high_m,
         wide_m.max(deep_m),
         wide_m.min(deep_m),
-        (wide_m + LENGTH_M).ln(),
-        (high_m + LENGTH_M).ln(),
-        (deep_m + LENGTH_M).ln(),
+        libm::logf(wide_m + LENGTH_M),
+        libm::logf(high_m + LENGTH_M),
+        libm::logf(deep_m + LENGTH_M),
         (middle(0).powi(2) + middle(2).powi(2)).sqrt(),
         (segment.mask.len() as f32 / (seen.width * seen.height) as f32).sqrt(),
         f32::from(left == 0),
@@ -91,7 +91,7 @@ pub(crate) fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox
         f32::from(top == 0),
         f32::from(bottom as usize + 1 == seen.height),
     ];
-    let likely = segment.categories.iter().map(|likelihood| (likelihood + LIKELIHOOD).ln());
+    let likely = segment.categories.iter().map(|likelihood| libm::logf(likelihood + LIKELIHOOD));
     shape.into_iter().chain(likely).collect()
 }
 
@@ -172,12 +172,12 @@ mod tests {
         let (seen, segment, solid) = example();
         let features = features(&seen, &segment, &solid);
         assert_eq!(features.len(), SHAPE + 2);
-        let wanted = [0.0, 0.5, 0.5, 1.0, 0.2, 1.05_f32.ln(), 0.55_f32.ln(), 0.25_f32.ln()];
+        let wanted = [0.0, 0.5, 0.5, 1.0, 0.2, libm::logf(1.05), libm::logf(0.55), libm::logf(0.25)];
         assert!(features.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-5), "{features:?}");
         // The middle is 1.5 m to the left and 3.9 m ahead; 48 of 256 pixels.
         assert!((features[8] - 4.1785).abs() < 1e-3 && (features[9] - 0.433).abs() < 1e-3);
         assert_eq!(features[10..14], [1.0, 0.0, 0.0, 0.0]);
-        assert!((features[14] - 0.751_f32.ln()).abs() < 1e-6);
+        assert!((features[14] - libm::logf(0.751)).abs() < 1e-6);
     }
 
     #[test]
@@ -190,7 +190,7 @@ mod tests {
         let mut second = DenseLayer { weights: vec![0.0; 2 * HIDDEN], bias: vec![0.0; 2] };
         second.weights[1] = 4.0;
         let told = ShapeClassifier { first, second, trust: 1.0 }.judge(&features);
-        let ratio = 0.251 / 0.751 * 2_f32.exp();
+        let ratio = 0.251 / 0.751 * libm::expf(2.0);
         assert!(
             (told[1] / told[0] - ratio).abs() < 1e-4 && (told[0] + told[1] - 1.0).abs() < 1e-6,
             "{told:?}"

@@ -118,9 +118,9 @@ def test_nothing_hidden_is_sent(bridge: Bridge) -> None:
     answers = [started, *(bridge.client.ask("action", action=action) for action in (FORWARD, SUBMIT, STOP))]
     assert answers[-1]["done"]
     assert answers[-1]["episode_metrics"] == {}
-    answer = set().union(*map(keys_of, answers))
+    keys = set().union(*map(keys_of, answers))
     hidden = {"semantic", "pointgoal_with_gps_compass", "top_down_map", "sound_sources", "instance_key", "position"}
-    assert not answer & hidden
+    assert not keys & hidden
     assert {answer["metrics"] != {} for answer in answers[1:]} == {False}
     assert answers[2]["info"]["feedback"]["found_goal_this_step"] is None
     episode = started["episode"]

@@ -1,60 +1,59 @@
-//! Calibration: three procedural houses that every build can grow, missions in them, and what the reference agents sense and
-//! reach there, to the last bit. A server where they sense and reach the same scores as the published one does.
+//! Calibration: reference agents in three procedural houses, compared with published values to the last bit. A server with equal
+//! observations and scores simulates and scores like the published build.
 
-mod digesting_agent;
-
-use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder, setup::{NewPhase, NewSplit, make_split, open_phase}};
+use crate::internal;
+use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
+use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
 use avln_baselines::RandomAgent;
-use avln_client::{Agent, Client, ConnectOptions, EpisodeEnd, Order, RunOptions, Sensors, evaluate_with};
+use avln_client::{
+    Action, Agent, Client, ConnectOptions, EpisodeEnd, GoalCue, Mission, Observation, Order, RunOptions,
+    Sensors, TaskSpec, evaluate_with,
+};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
 use avln_store::Store;
-use digesting_agent::DigestingAgent;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Id of the calibration phase and of its split.
+/// Phase and split id.
 pub const PHASE: &str = "calibration";
-/// Published values of the repository.
 const PUBLISHED: &str = include_str!("published.json");
-/// Pixels a side of the pictures.
 const SIDE: u32 = 128;
 const HOUSES: u32 = 3;
-/// In each house.
 const MISSIONS: usize = 4;
 const SEED: u64 = 1;
-/// Actions after which the random agent stops.
+/// Random agent's episode length, actions.
 const RANDOM_STEPS: u32 = 100;
 
-/// Observations and scores of the reference agents.
+/// The reference agents' observations and scores.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// Version of the benchmark.
+    /// Benchmark version.
     pub benchmark: String,
-    /// The runs of the reference agents.
+    /// A run per reference agent.
     pub runs: Vec<CalibrationRun>,
 }
 
-/// A run of a reference agent.
+/// A reference agent's run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationRun {
-    /// The agent.
+    /// Agent name.
     pub agent: String,
-    /// Success criterion.
+    /// Goal order.
     pub order: String,
-    /// Its episodes, in playing order.
+    /// Episodes, in playing order.
     pub episodes: Vec<CalibrationEpisode>,
-    /// Means over them.
+    /// Mean metrics.
     pub means: BTreeMap<String, f64>,
 }
 
-/// An episode of a reference agent.
+/// A reference agent's episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationEpisode {
-    /// BLAKE3 of mission, observations and actions, hexadecimal.
+    /// Hexadecimal BLAKE3 hash over mission, observations and actions.
     pub sensed: String,
     /// End reason.
     pub end: String,
@@ -74,54 +73,48 @@ pub enum ReferenceAgent {
 }
 
 impl ReferenceAgent {
-    /// All of them.
+    /// All reference agents.
     pub const ALL: [Self; 2] = [Self::Random, Self::PagNav];
 
     fn name(self) -> &'static str {
-        match self {
-            Self::Random => "random",
-            Self::PagNav => "PAG-Nav",
-        }
+        if self == Self::Random { "random" } else { "PAG-Nav" }
     }
 
     fn order(self) -> Order {
-        match self {
-            Self::Random => Order::Ordered,
-            Self::PagNav => Order::Unordered,
-        }
+        if self == Self::Random { Order::Ordered } else { Order::Unordered }
     }
 
-    fn agent(self) -> (Box<dyn Agent + Send>, u32) {
+    fn agent(self) -> DigestingAgent {
         match self {
-            Self::Random => (Box::new(RandomAgent::new(0)), RANDOM_STEPS),
-            Self::PagNav => (Box::<PagNav>::default(), u32::MAX),
+            Self::Random => DigestingAgent::new(Box::new(RandomAgent::new(0)), RANDOM_STEPS),
+            Self::PagNav => DigestingAgent::new(Box::<PagNav>::default(), u32::MAX),
         }
     }
 }
 
-/// Server and account of the runs.
+/// A server with an account.
 #[derive(Clone, Debug)]
 pub struct CalibrationServer {
-    /// URL of the gRPC server.
+    /// gRPC server URL.
     pub url: String,
-    /// File of trusted authorities, instead of those of the system.
+    /// PEM file with trusted authorities, instead of the system's.
     pub ca: Option<PathBuf>,
-    /// Token of an account.
+    /// Account token.
     pub token: String,
 }
 
-/// Published values of this program's repository.
+/// Returns the published values in this build.
 ///
 /// # Errors
-/// When the published file is damaged.
+/// If the values are malformed, which a test excludes.
 pub fn published() -> Result<Calibration, Failure> {
-    serde_json::from_str(PUBLISHED).map_err(|error| Failure::new(FailureKind::Internal, error))
+    serde_json::from_str(PUBLISHED).map_err(internal)
 }
 
-/// Makes the calibration split and opens the calibration phase in a data folder, unless it is there.
+/// Creates the calibration split and opens the calibration phase, unless they exist.
 ///
 /// # Errors
-/// When the data folder cannot be written, or has another phase of that name.
+/// If the data folder cannot be written, or has another phase with this name.
 pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
     let make = NewSplit {
         name: PHASE.to_owned(),
@@ -140,57 +133,51 @@ pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
     open_phase(data, store, &open).await.map(drop)
 }
 
-/// Lets reference agents play the calibration phase of a server; `tell` hears of each episode.
+/// Plays the calibration phase on a server with reference agents; calls `on_end` after every episode.
 ///
 /// # Errors
-/// When the server does not host it, does not tell metrics, or a run fails.
+/// If the server does not host the phase, hides metrics, or a run fails.
 pub async fn play(
     server: &CalibrationServer,
     agents: &[ReferenceAgent],
-    tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
+    on_end: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
     let link = ConnectOptions { ca: server.ca.clone(), ..ConnectOptions::default() };
-    let arena =
+    let client =
         Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
-    let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
+    let benchmark = client.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
-        runs.push(play_one(&arena, agent, tell).await?);
+        runs.push(play_one(&client, agent, on_end).await?);
     }
     Ok(Calibration { benchmark, runs })
 }
 
 async fn play_one(
-    arena: &Client,
+    client: &Client,
     reference: ReferenceAgent,
-    tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
+    on_end: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<CalibrationRun, Failure> {
     let options = RunOptions::new(PHASE, format!("{} (calibration)", reference.name()));
     let options = options.method_version(env!("CARGO_PKG_VERSION")).order(reference.order());
-    let run = arena.start_run(options).await.map_err(Failure::run)?;
-    let (agent, most_steps) = reference.agent();
-    let mut digesting_agent = DigestingAgent::new(agent, most_steps);
+    let run = client.start_run(options).await.map_err(Failure::run)?;
+    let mut agent = reference.agent();
     let mut ends = Vec::new();
-    let mut on_end = |end: &EpisodeEnd| {
-        tell(reference, end);
+    let mut collect = |end: &EpisodeEnd| {
+        on_end(reference, end);
         ends.push(end.clone());
     };
-    evaluate_with(arena, &run, Sensors::square(SIDE), &mut digesting_agent, &mut on_end)
+    evaluate_with(client, &run, Sensors::square(SIDE), &mut agent, &mut collect)
         .await
         .map_err(Failure::run)?;
-    let episodes: Vec<CalibrationEpisode> = ends.iter().zip(digesting_agent.digests()).map(episode).collect();
+    let episodes: Vec<CalibrationEpisode> = ends.iter().zip(agent.digests()).map(episode).collect();
     if episodes.iter().any(|episode| episode.metrics.is_empty()) {
-        let message = "the server does not tell what episodes were worth";
-        return Err(Failure::new(FailureKind::Run, message)
-            .hinted("its organiser can open the phase as it is published: avln lab calibrate --open"));
+        return Err(Failure::new(FailureKind::Run, "the server does not return metrics of episodes")
+            .hinted("the organiser can open the phase with: avln lab calibrate --open"));
     }
     let means = means(&episodes);
-    Ok(CalibrationRun {
-        agent: reference.name().to_owned(),
-        order: reference.order().to_string(),
-        episodes,
-        means,
-    })
+    let (agent, order) = (reference.name().to_owned(), reference.order().to_string());
+    Ok(CalibrationRun { agent, order, episodes, means })
 }
 
 fn episode((end, sensed): (&EpisodeEnd, String)) -> CalibrationEpisode {
@@ -206,58 +193,115 @@ fn means(episodes: &[CalibrationEpisode]) -> BTreeMap<String, f64> {
     sums.into_iter().map(|(name, sum)| (name, sum / episodes.len() as f64)).collect()
 }
 
-/// Differences between `found` and the published values, one per line; empty when all bits agree.
+/// Lists the differences from the published values; empty if all bits agree.
 pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> {
     let mut lines = Vec::new();
     if found.benchmark != published.benchmark {
-        lines.push(format!(
-            "the server has benchmark {}, published is {}",
-            found.benchmark, published.benchmark
-        ));
+        let (own, other) = (&found.benchmark, &published.benchmark);
+        lines.push(format!("the server has benchmark {own}, published is {other}"));
     }
     for run in &found.runs {
-        let who = format!("{} {}", run.agent, run.order);
-        let Some(expected) =
-            published.runs.iter().find(|other| (&other.agent, &other.order) == (&run.agent, &run.order))
-        else {
-            lines.push(format!("{who}: nothing is published"));
+        let name = format!("{} {}", run.agent, run.order);
+        let is_same = |other: &&CalibrationRun| (&other.agent, &other.order) == (&run.agent, &run.order);
+        let Some(expected) = published.runs.iter().find(is_same) else {
+            lines.push(format!("{name}: no values are published"));
             continue;
         };
-        if run.episodes.len() != expected.episodes.len() {
-            lines.push(format!(
-                "{who}: {} episodes, published are {}",
-                run.episodes.len(),
-                expected.episodes.len()
-            ));
+        let (count, expected_count) = (run.episodes.len(), expected.episodes.len());
+        if count != expected_count {
+            lines.push(format!("{name}: {count} episodes, published are {expected_count}"));
         }
         for (number, (found, expected)) in (1..).zip(run.episodes.iter().zip(&expected.episodes)) {
-            lines.extend(difference(found, expected).map(|what| format!("{who}, episode {number}: {what}")));
+            let difference = difference(found, expected);
+            lines.extend(difference.map(|text| format!("{name}, episode {number}: {text}")));
         }
     }
     lines
 }
 
-/// The first thing in which an episode differs.
 fn difference(found: &CalibrationEpisode, expected: &CalibrationEpisode) -> Option<String> {
-    let bits = |metrics: &BTreeMap<String, f64>| {
-        metrics.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect::<Vec<_>>()
-    };
     if (&found.end, found.steps) != (&expected.end, expected.steps) {
         return Some(format!(
             "{} after {} steps, published is {} after {}",
             found.end, found.steps, expected.end, expected.steps
         ));
     }
+    // f64 equality would accept -0 for 0.
+    let bits = |metrics: &BTreeMap<String, f64>| {
+        metrics.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect::<Vec<_>>()
+    };
     if bits(&found.metrics) != bits(&expected.metrics) {
-        return Some(format!("worth {:?}, published is {:?}", found.metrics, expected.metrics));
+        return Some(format!("metrics {:?}, published are {:?}", found.metrics, expected.metrics));
     }
-    (found.sensed != expected.sensed)
-        .then(|| "worth the same, but the agent was told or sensed something else".to_owned())
+    (found.sensed != expected.sensed).then(|| "equal metrics, but different observations".to_owned())
 }
 
-/// Compares the benchmark of this build with the published one.
+/// Returns `true` if the published values belong to this build's benchmark version.
 pub fn is_current(published: &Calibration) -> bool {
     published.benchmark == BENCHMARK_VERSION
+}
+
+/// An agent that hashes missions, observations and actions.
+struct DigestingAgent {
+    agent: Box<dyn Agent + Send>,
+    max_steps: u32,
+    episodes: Vec<blake3::Hasher>,
+}
+
+impl DigestingAgent {
+    fn new(agent: Box<dyn Agent + Send>, max_steps: u32) -> Self {
+        Self { agent, max_steps, episodes: Vec::new() }
+    }
+
+    /// Returns the hexadecimal hashes by episode.
+    fn digests(&self) -> Vec<String> {
+        self.episodes.iter().map(|hasher| hasher.finalize().to_hex().to_string()).collect()
+    }
+}
+
+impl Agent for DigestingAgent {
+    fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        let mut hasher = blake3::Hasher::new();
+        for goal in &mission.goals {
+            match goal {
+                GoalCue::Category(text) | GoalCue::Description(text) => hasher.update(text.as_bytes()),
+                GoalCue::Image(image) => hasher.update(&image.pixels),
+            };
+            hasher.update(b"\n");
+        }
+        self.episodes.push(hasher);
+        self.agent.begin(task, mission);
+    }
+
+    fn act(&mut self, observation: &Observation) -> Action {
+        let action = match self.agent.act(observation) {
+            _ if observation.step + 1 >= self.max_steps => Action::Stop,
+            action => action,
+        };
+        if let Some(hasher) = self.episodes.last_mut() {
+            observe(hasher, observation);
+            hasher.update(format!("{action:?}\n").as_bytes());
+        }
+        action
+    }
+}
+
+fn observe(hasher: &mut blake3::Hasher, seen: &Observation) {
+    floats(hasher, seen.pose.position.into_iter().chain([seen.pose.heading_rad]));
+    if let Some(image) = &seen.rgb {
+        hasher.update(&image.pixels);
+    }
+    if let Some(depth) = &seen.depth {
+        floats(hasher, depth.metres.iter().copied());
+    }
+    if let Some(audio) = &seen.audio {
+        floats(hasher, audio.left.iter().chain(&audio.right).copied());
+    }
+}
+
+fn floats(hasher: &mut blake3::Hasher, values: impl Iterator<Item = f32>) {
+    let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+    hasher.update(&bytes);
 }
 
 #[cfg(test)]
@@ -265,11 +309,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_published_is_of_this_benchmark_and_of_every_reference_agent() {
+    fn published_values_are_current_and_complete() {
         let published = published().unwrap();
         assert!(
             is_current(&published),
-            "publish anew: AVLN_BLESS=1 cargo test -p avln-tests --test calibration"
+            "publish again: AVLN_BLESS=1 cargo test -p avln-tests --test calibration"
         );
         let agents: Vec<_> = published.runs.iter().map(|run| run.agent.as_str()).collect();
         assert_eq!(agents, ReferenceAgent::ALL.map(ReferenceAgent::name));
@@ -278,16 +322,19 @@ mod tests {
     }
 
     #[test]
-    fn the_last_bit_of_one_number_is_a_difference() {
+    fn a_single_bit_is_a_difference() {
         let published = published().unwrap();
         let mut other = published.clone();
         let value = other.runs[1].episodes[3].metrics.get_mut("soft_spl").unwrap();
         *value = f64::from_bits(value.to_bits() + 1);
         let lines = differences(&other, &published);
-        assert!(lines.len() == 1 && lines[0].starts_with("PAG-Nav unordered, episode 4: worth"), "{lines:?}");
+        assert!(
+            lines.len() == 1 && lines[0].starts_with("PAG-Nav unordered, episode 4: metrics"),
+            "{lines:?}"
+        );
         let mut other = published.clone();
         other.runs[0].episodes[0].sensed.replace_range(..1, "x");
-        assert!(differences(&other, &published)[0].contains("sensed something else"));
+        assert!(differences(&other, &published)[0].contains("different observations"));
         let mut other = published.clone();
         other.runs[0].episodes.pop();
         other.benchmark = "0.0.1".to_owned();

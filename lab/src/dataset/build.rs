@@ -1,130 +1,127 @@
-//! Building a data set by recipe: resumable, on all processors, one scene's missions in memory for each thread.
+//! Resumable, parallel data set construction from recipes.
 
-use crate::parallel;
-use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, self}};
-use avln_dataset::{
-    BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
-    format::{DATASET_VERSION, digest_of},
-};
+use super::check;
+use crate::{internal, parallel};
+use avln_arena::dataset::{self, DatasetFiles};
+use avln_arena::{Failure, FailureKind};
+use avln_dataset::format::{DATASET_VERSION, digest_of};
+use avln_dataset::{BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene};
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
 
-/// Facts of a scene that remain after its files are written.
+/// A finished scene's note in the folder `building`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct FinishedScene {
     line: SceneLine,
     statistics: Statistics,
 }
 
-/// A data set that is being built.
+/// A data set under construction.
 pub struct Builder {
     files: DatasetFiles,
     recipe: Recipe,
 }
 
-/// Progress of a build.
+/// Build progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BuildProgress {
-    /// Missions in all.
+    /// Total missions.
     pub missions: usize,
-    /// Missions of scenes that are done.
+    /// Missions in finished scenes.
     pub done: usize,
 }
 
 impl Builder {
-    /// Takes up the build of `recipe` in the folder of `files`, or begins it.
+    /// Begins or resumes a build.
     ///
     /// # Errors
-    /// When something else lies there, or it cannot be written.
+    /// If the folder contains another data set or cannot be written.
     pub fn open(files: DatasetFiles, recipe: Recipe) -> Result<Self, Failure> {
         let builder = Self { files, recipe };
-        let told =
-            if builder.files.is_complete() { builder.files.manifest()?.recipe } else { builder.begun()? };
-        match told {
-            Some(told) if told == builder.recipe => {}
-            Some(_) => return Err(builder.other("another recipe")),
-            None if builder.files.is_complete() => return Err(builder.other("no recipe")),
+        let is_complete = builder.files.is_complete();
+        let known = if is_complete { builder.files.manifest()?.recipe } else { builder.begun()? };
+        match known {
+            Some(known) if known == builder.recipe => {}
+            Some(_) => return Err(builder.conflict("another recipe")),
+            None if is_complete => return Err(builder.conflict("no recipe")),
             None => dataset::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
         }
         Ok(builder)
     }
 
-    /// Makes all scenes that are not done and finishes the data set; `watch` hears how far it is. What pictures are made from
-    /// is kept in `cache`.
+    /// Builds the missing scenes and completes the data set; calls `on_progress` before the first and after every scene.
     ///
     /// # Errors
-    /// When a scene cannot be made or the folder cannot be written. What is done stays, and is not done again.
+    /// If a scene cannot be built or the folder cannot be written. Finished scenes remain.
     pub fn run(
         &self,
         threads: Option<usize>,
         cache: Option<&Arc<dyn Cache>>,
-        mut watch: impl FnMut(BuildProgress),
+        mut on_progress: impl FnMut(BuildProgress),
     ) -> Result<Vec<(String, Statistics)>, Failure> {
         if self.files.is_complete() {
-            return self.recount();
+            return check::count(&self.files);
         }
         let missions = |job: &Job| self.recipe.splits[job.split].missions_per_scene;
-        let (done, left): (Vec<Job>, Vec<Job>) =
-            self.recipe.jobs().partition(|&job| self.done(job).is_some());
+        let (finished, missing): (Vec<Job>, Vec<Job>) =
+            self.recipe.jobs().partition(|&job| self.finished(job).is_some());
         let mut progress = BuildProgress {
             missions: self.recipe.jobs().map(|job| missions(&job)).sum(),
-            done: done.iter().map(missions).sum(),
+            done: finished.iter().map(missions).sum(),
         };
-        watch(progress);
+        on_progress(progress);
         let make = |job: &Job| -> Result<(), Failure> {
             let built = build_scene(&self.recipe, *job, cache)?;
-            self.keep(*job, built)
+            self.write_scene(*job, built)
         };
-        parallel::share(&left, parallel::threads(threads), make, |index, ()| {
-            progress.done += missions(&left[index]);
-            watch(progress);
+        parallel::share(&missing, threads, make, |index, ()| {
+            progress.done += missions(&missing[index]);
+            on_progress(progress);
         })?;
-        self.finish()
+        self.complete()
     }
 
-    /// Writes the files of a scene; the note that it is done comes last.
-    fn keep(&self, job: Job, built: BuiltScene) -> Result<(), Failure> {
+    fn write_scene(&self, job: Job, built: BuiltScene) -> Result<(), Failure> {
         let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
         dataset::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
         dataset::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
-        let done = FinishedScene { line: built.line, statistics: built.statistics };
-        dataset::write_whole(&self.note_path(job), &json(&done)?)
+        // The note comes last: a killed process leaves no note, and the next call repeats the scene.
+        let note = FinishedScene { line: built.line, statistics: built.statistics };
+        dataset::write_whole(&self.note_path(job), &json(&note)?)
     }
 
-    /// Facts of a finished scene.
-    fn done(&self, job: Job) -> Option<FinishedScene> {
+    /// Returns a finished scene's note if its files match their digests.
+    fn finished(&self, job: Job) -> Option<FinishedScene> {
         let split = &self.recipe.splits[job.split].name;
-        let done: FinishedScene = serde_json::from_slice(&dataset::read(&self.note_path(job)).ok()?).ok()?;
-        let same =
+        let note: FinishedScene = serde_json::from_slice(&dataset::read(&self.note_path(job)).ok()?).ok()?;
+        let is_same =
             |path: PathBuf, digest: &str| dataset::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
-        let whole = same(self.files.missions_path(split, &done.line.name), &done.line.public)
-            && same(self.files.sealed_path(split, &done.line.name), &done.line.sealed);
-        whole.then_some(done)
+        let is_complete = is_same(self.files.missions_path(split, &note.line.name), &note.line.public)
+            && is_same(self.files.sealed_path(split, &note.line.name), &note.line.sealed);
+        is_complete.then_some(note)
     }
 
-    /// Writes lists, statistics and, last of all, the manifest.
-    fn finish(&self) -> Result<Vec<(String, Statistics)>, Failure> {
+    /// Writes scene lists, statistics and the manifest.
+    fn complete(&self) -> Result<Vec<(String, Statistics)>, Failure> {
         let (mut lines, mut numbers) = (Vec::new(), Vec::new());
         for (split, recipe) in self.recipe.splits.iter().enumerate() {
             let (mut scenes, mut sum) = (Vec::new(), Statistics::default());
             for scene in 0..recipe.scene_count() {
                 let job = Job { split, scene };
-                let missing = || {
+                let Some(scene) = self.finished(job) else {
                     let path = self.note_path(job);
-                    Failure::new(
-                        FailureKind::Data,
-                        format!("{} has gone while the data set was built", path.display()),
-                    )
+                    let message = format!("{} was deleted during the build", path.display());
+                    return Err(Failure::new(FailureKind::Data, message).hinted("build again"));
                 };
-                let done = self.done(job).ok_or_else(missing)?;
-                sum.add(&done.statistics);
-                scenes.push(done.line);
+                sum.add(&scene.statistics);
+                scenes.push(scene.line);
             }
             lines.push(self.files.write_scenes(&recipe.name, &scenes)?);
             numbers.push((recipe.name.clone(), sum));
         }
         self.files.write_statistics(&self.recipe.name, &numbers)?;
+        // The manifest marks the data set as complete, so it comes last.
         self.files.write_manifest(&Manifest {
             format: Manifest::FORMAT.to_owned(),
             version: DATASET_VERSION,
@@ -138,11 +135,6 @@ impl Builder {
         Ok(numbers)
     }
 
-    /// The numbers of a data set that is complete.
-    fn recount(&self) -> Result<Vec<(String, Statistics)>, Failure> {
-        super::check::count(&self.files)
-    }
-
     fn building(&self) -> PathBuf {
         self.files.root().join("building")
     }
@@ -151,7 +143,7 @@ impl Builder {
         self.building().join(format!("{}.json", self.recipe.scene_name(job)))
     }
 
-    /// The recipe of a build that was begun here.
+    /// Returns an interrupted build's recipe.
     fn begun(&self) -> Result<Option<Recipe>, Failure> {
         let path = self.building().join("recipe.json");
         if !path.exists() {
@@ -159,18 +151,18 @@ impl Builder {
         }
         let recipe = serde_json::from_slice(&dataset::read(&path)?);
         recipe.map(Some).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("{} is no recipe: {error}", path.display()))
-                .hinted("remove the folder and build again")
+            Failure::new(FailureKind::Data, format!("{} is not a recipe: {error}", path.display()))
+                .hinted("delete the folder and build again")
         })
     }
 
-    fn other(&self, what: &str) -> Failure {
-        let message = format!("{} holds a data set of {what}", self.files.root().display());
+    fn conflict(&self, origin: &str) -> Failure {
+        let message = format!("{} contains a data set from {origin}", self.files.root().display());
         Failure::new(FailureKind::Data, message)
-            .hinted("choose another folder with --out, or remove that one")
+            .hinted("choose another folder with --out, or delete this folder")
     }
 }
 
 fn json(value: &impl Serialize) -> Result<Vec<u8>, Failure> {
-    serde_json::to_vec(value).map_err(|error| Failure::new(FailureKind::Internal, error))
+    serde_json::to_vec(value).map_err(internal)
 }

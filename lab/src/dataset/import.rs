@@ -1,83 +1,91 @@
-//! Missions of other data sets: finding their files and scenes, and what became of each episode.
+//! Mission import from other data sets.
 
-use avln_arena::{Failure, FailureKind, dataset::{DatasetFiles, read, write_whole}};
+use avln_arena::dataset::{DatasetFiles, read, write_whole};
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
 use avln_interchange::{self as interchange, ForeignEpisode, ForeignFile, Format, Importer, Loss};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
-};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
-/// Depth of the search for files below a folder.
+/// Folder levels in the search for files.
 const DEPTH: usize = 4;
-/// Most files of one data set that are read.
 const MAX_FILES: usize = 100_000;
 
-/// Source and target of an import.
+/// An import's source and target.
 #[derive(Clone, Debug)]
 pub struct Import<'a> {
-    /// The format; told by the keys of each file where it is `None`.
+    /// Format; `None` to detect the format of every file.
     pub format: Option<Format>,
-    /// A file, or the folder of a data set.
+    /// Data set file or folder.
     pub source: &'a Path,
-    /// Folder of the scenes.
+    /// Scene folder.
     pub scenes: &'a Path,
-    /// Folder of the imported data set.
+    /// Output folder.
     pub out: &'a Path,
-    /// Name of the split that it becomes.
+    /// New split's name.
     pub split: &'a str,
-    /// The rules by which success regions and references are computed.
+    /// Rules for success regions and reference paths.
     pub rules: &'a Rules,
-    /// Seed of what is drawn while episodes run.
+    /// Episode seed.
     pub seed: u64,
 }
 
-/// Imported and rejected items.
+/// An import's counts and losses.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
-    /// Files that were read.
+    /// Files read.
     pub files: usize,
-    /// Episodes that they held.
+    /// Episodes read.
     pub episodes: usize,
-    /// Missions that were written.
+    /// Missions written.
     pub missions: usize,
-    /// Scenes that they play in.
+    /// Scenes with missions.
     pub scenes: usize,
-    /// Every goal and episode that could not be kept.
+    /// Rejected goals and episodes.
     pub losses: Vec<Loss>,
-    /// Counts of conversions.
+    /// Conversions, with counts.
     pub notes: BTreeMap<String, usize>,
 }
 
-/// Episodes by their scenes.
 type Scenes = BTreeMap<String, Vec<ForeignEpisode>>;
 
 impl Import<'_> {
-    /// Reads, adopts and writes; `watch` hears of each scene.
+    /// Converts the data set; calls `on_scene` before every scene.
     ///
     /// # Errors
-    /// When a file is malformed, none holds an episode that can be kept, or the data set cannot be written.
-    pub fn run(&self, watch: impl Fn(&str)) -> Result<Account, Failure> {
+    /// If a file is malformed, no episode is usable, or the data set cannot be written.
+    pub fn run(&self, on_scene: impl Fn(&str)) -> Result<Account, Failure> {
         let mut account = Account::default();
         let scenes = self.read_all(&mut account)?;
         let mut split = Split::new(self.split, self.rules);
         for (name, episodes) in &scenes {
-            watch(name);
-            self.scene(name, episodes, &mut split, &mut account);
+            on_scene(name);
+            match self.convert(name, episodes, &mut account) {
+                Ok((spec, missions)) if !missions.is_empty() => {
+                    split.scenes.push(spec);
+                    split.episodes.extend(missions);
+                }
+                Ok(_) => {}
+                Err(reason) => {
+                    let lost = episodes.iter().map(|episode| Loss::episode(episode, reason.clone()));
+                    account.losses.extend(lost);
+                }
+            }
         }
-        (account.scenes, account.missions) = (split.scenes.len(), split.episodes.len());
+        account.scenes = split.scenes.len();
+        account.missions = split.episodes.len();
         self.write_report(&account)?;
         if split.episodes.is_empty() {
-            let message = format!("no episode of {} could be kept", self.source.display());
-            let hint = format!("{} tells why, one line each", self.report_path().display());
+            let message = format!("no episode of {} is usable", self.source.display());
+            let hint = format!("{} lists the reasons", self.report_path().display());
             return Err(Failure::new(FailureKind::Scene, message).hinted(hint));
         }
         DatasetFiles::at(self.out).write_split(&split)?;
         Ok(account)
     }
 
-    /// File of all losses.
+    /// Returns the path to the report with all losses.
     pub fn report_path(&self) -> PathBuf {
         self.out.join("import.txt")
     }
@@ -98,37 +106,22 @@ impl Import<'_> {
                 if ids.insert((episode.scene.clone(), episode.id.clone())) {
                     scenes.entry(episode.scene.clone()).or_default().push(episode);
                 } else {
-                    account.losses.push(Loss::episode(&episode, "another file has an episode of this id"));
+                    account.losses.push(Loss::episode(&episode, "another file has an episode with this id"));
                 }
             }
         }
         Ok(scenes)
     }
 
-    fn scene(&self, name: &str, episodes: &[ForeignEpisode], split: &mut Split, account: &mut Account) {
-        match self.adopt(name, episodes, account) {
-            Ok((spec, missions)) if !missions.is_empty() => {
-                split.scenes.push(spec);
-                split.episodes.extend(missions);
-            }
-            Ok(_) => {}
-            Err(reason) => {
-                let lost = episodes.iter().map(|episode| Loss::episode(episode, reason.clone()));
-                account.losses.extend(lost);
-            }
-        }
-    }
-
-    fn adopt(
+    fn convert(
         &self,
         name: &str,
         episodes: &[ForeignEpisode],
         account: &mut Account,
     ) -> Result<(SceneSpec, Vec<EpisodeSpec>), String> {
         let stated = episodes.first().map_or("", |episode| episode.scene_path.as_str());
-        let path = locate(self.scenes, name, stated).ok_or_else(|| {
-            format!("its scene is not known: nothing called {name} in {}", self.scenes.display())
-        })?;
+        let path = locate(self.scenes, name, stated)
+            .ok_or_else(|| format!("cannot find scene {name} in {}", self.scenes.display()))?;
         let source = SceneSource::File { path };
         let (spec, _) = SceneSpec::new(name, source).map_err(|error| error.to_string())?;
         let assets = spec.open(self.rules).map_err(|error| error.to_string())?;
@@ -151,8 +144,7 @@ impl Import<'_> {
     }
 }
 
-/// The files of a data set: the file itself and what lies in `content` beside it, or all packed files and trajectory
-/// files below a folder, in the order of their names.
+/// Returns a data set's files by name: a file and the folder `content`, or all packed and trajectory files below a folder.
 fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut found = Vec::new();
     if source.is_dir() {
@@ -165,9 +157,9 @@ fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
         }
     }
     if found.is_empty() {
-        let message = format!("{} holds no files of a data set", source.display());
+        let message = format!("{} contains no data set files", source.display());
         return Err(Failure::new(FailureKind::Scene, message)
-            .hinted("name a .json or .json.gz file, or a folder that holds some .json.gz files"));
+            .hinted("name a .json or .json.gz file, or a folder with .json.gz files"));
     }
     Ok(found)
 }
@@ -188,10 +180,12 @@ fn collect(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), 
     Ok(())
 }
 
-/// The scene that a data set calls `stated`: its folder where that is named like it, else the file.
+/// Finds the scene with the path `stated` in a data set: a folder with the scene's name, else a file.
 fn locate(scenes: &Path, name: &str, stated: &str) -> Option<PathBuf> {
+    // Parts like `..` are dropped: a data set must not reach files outside the scene folder.
     let plain = |part: &&str| !part.is_empty() && *part != "." && *part != "..";
     let parts: Vec<&str> = stated.split(['/', '\\']).filter(plain).collect();
+    // The data set's root differs from machine to machine: every ending of the path is tried, longest first.
     let endings = (0..parts.len()).map(|from| parts[from..].iter().collect::<PathBuf>());
     let mut places: Vec<PathBuf> = Vec::new();
     for ending in endings {
@@ -208,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenes_are_found_by_folder_by_file_and_never_outside() {
+    fn scenes_are_found_inside_the_folder_only() {
         let root = tempfile::tempdir().unwrap();
         let make = |path: &str| {
             let path = root.path().join("scenes").join(path);

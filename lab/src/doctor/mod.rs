@@ -1,64 +1,183 @@
 //! The check before a counted run: reachability, permissions and expected duration.
 
 mod practice;
-mod report;
-
-pub use report::{Check, DoctorReport, Measured, Spread, Verdict};
 
 use avln_arena::{BENCHMARK_VERSION, now_unix_ms};
-use avln_client::{Client, ConnectOptions, Error, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
+use avln_client::{Client, ConnectOptions, Error, Phase, PhaseState, Quota, Sensors, ServerInfo};
+use serde::Serialize;
 use std::{path::PathBuf, time::Instant};
 
-/// Number of requests for the round-trip time.
 const ROUND_TRIPS: usize = 20;
 /// Clock difference for a warning, seconds.
 const CLOCK_S: f64 = 2.0;
-/// Remaining lifetime of a token for a warning, seconds.
+/// Remaining token lifetime for a warning, seconds.
 const SOON_S: i64 = 7 * 86_400;
+const LOST: &str = "the connection was lost: check the network";
 
-/// Settings of the check.
+/// Check settings.
 #[derive(Clone, Debug)]
 pub struct DoctorOptions {
-    /// URL of the gRPC server.
+    /// gRPC server URL.
     pub server: String,
-    /// File of trusted authorities, instead of those of the system.
+    /// PEM file with trusted authorities, instead of the system's.
     pub ca: Option<PathBuf>,
-    /// Token of an account.
+    /// Account token.
     pub token: String,
-    /// The phase that is to be played; empty: the one to practise in.
+    /// Planned phase; empty for the practice phase.
     pub phase: String,
-    /// Practice phase; the phase itself for `None`.
+    /// Phase for practice; `phase` if `None`.
     pub practice: Option<String>,
-    /// Episodes to practise.
+    /// Practice episodes.
     pub episodes: u32,
-    /// Actions in each, at most.
+    /// Action limit per practice episode.
     pub steps: u32,
-    /// Sensors of the practice run.
+    /// Sensors in practice.
     pub sensors: Sensors,
 }
 
-/// Makes all checks, as far as one can be made after the other.
+/// All results.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct DoctorReport {
+    /// Checks, in execution order.
+    pub checks: Vec<Check>,
+    /// Measurements.
+    pub measured: Measured,
+}
+
+/// A check.
+#[derive(Clone, Debug, Serialize)]
+pub struct Check {
+    /// Subject.
+    pub name: &'static str,
+    /// Outcome.
+    pub verdict: Verdict,
+    /// Finding, as text.
+    pub found: String,
+    /// Advice; may be empty.
+    pub next: String,
+}
+
+/// A check's outcome.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// No problem.
+    Ok,
+    /// A run is possible, with a possible problem.
+    Warning,
+    /// A run would fail.
+    Failed,
+    /// Not checked.
+    Skipped,
+}
+
+impl Verdict {
+    /// Returns the word for tables.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Warning => "warning",
+            Self::Failed => "FAILED",
+            Self::Skipped => "skipped",
+        }
+    }
+}
+
+/// Measurements. Times are seconds.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Measured {
+    /// Request to answer.
+    pub round_trip_s: Option<Spread>,
+    /// Server clock minus local clock.
+    pub clock_ahead_s: Option<f64>,
+    /// Episode request to first observation.
+    pub begin_s: Option<Spread>,
+    /// Action to observation.
+    pub step_s: Option<Spread>,
+    /// Steps per second in one slot, without the agent's own time.
+    pub steps_per_s: Option<f64>,
+    /// Uncompressed sensor bytes per observation.
+    pub observation_bytes: Option<usize>,
+    /// Longest run in one slot, without the agent's own time.
+    pub longest_run_s: Option<f64>,
+}
+
+/// A measurement's distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Maximum.
+    pub max: f64,
+    /// Count.
+    pub count: usize,
+}
+
+impl Spread {
+    /// Summarises values; `None` without values.
+    pub fn of(mut values: Vec<f64>) -> Option<Self> {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values.get((share * (values.len().saturating_sub(1)) as f64).round() as usize);
+        let (&median, &p95, &max) = (at(0.5)?, at(0.95)?, values.last()?);
+        Some(Self { median, p95, max, count: values.len() })
+    }
+}
+
+impl DoctorReport {
+    /// Returns `true` if no check failed.
+    pub fn is_well(&self) -> bool {
+        self.checks.iter().all(|check| check.verdict != Verdict::Failed)
+    }
+
+    fn add(&mut self, name: &'static str, verdict: Verdict, found: impl ToString, next: &str) {
+        self.checks.push(Check { name, verdict, found: found.to_string(), next: next.to_owned() });
+    }
+
+    fn ok(&mut self, name: &'static str, found: impl ToString) {
+        self.add(name, Verdict::Ok, found, "");
+    }
+
+    fn failed(&mut self, name: &'static str, found: impl ToString, next: &str) {
+        self.add(name, Verdict::Failed, found, next);
+    }
+
+    fn skipped(&mut self, name: &'static str, found: impl ToString, next: &str) {
+        self.add(name, Verdict::Skipped, found, next);
+    }
+
+    /// Adds a warning with advice, or `ok` if all is well.
+    fn warn_unless(&mut self, is_well: bool, name: &'static str, found: impl ToString, next: &str) {
+        if is_well {
+            self.ok(name, found);
+        } else {
+            self.add(name, Verdict::Warning, found, next);
+        }
+    }
+}
+
+/// Runs the checks; a failed check may skip later ones.
 pub async fn examine(options: &DoctorOptions) -> DoctorReport {
     let mut report = DoctorReport::default();
     let link = ConnectOptions { ca: options.ca.clone(), ..ConnectOptions::default() };
     let connected = match Client::connect_with(&options.server, "", &link).await {
-        Ok(arena) => arena.server_info().await.map(|info| (arena, info)),
+        Ok(client) => client.server_info().await.map(|info| (client, info)),
         Err(error) => Err(error),
     };
     match connected {
-        Ok((arena, info)) => {
+        Ok((client, info)) => {
             report.ok("server", format!("{} answers at {}", info.name, options.server));
             versions(&mut report, &info);
-            let reached = round_trips(&mut report, &arena).await;
-            if let Err(error) = reached {
-                report.failed("round trip", error, "the connection does not hold: look at the network");
+            if let Err(error) = round_trips(&mut report, &client).await {
+                report.failed("round trip", error, LOST);
             }
             account(&mut report, options, &link).await;
         }
         Err(error) => report.failed(
             "server",
             error,
-            "--server is where agents connect, http://HOST:50051 or https://HOST:50051 unless the organiser says otherwise",
+            "check --server: by default agents connect to http://HOST:50051 or https://HOST:50051",
         ),
     }
     report
@@ -70,111 +189,92 @@ fn versions(report: &mut DoctorReport, info: &ServerInfo) {
         "server {} with benchmark {}, this program {own} with {BENCHMARK_VERSION}",
         info.version, info.benchmark
     );
-    match info.benchmark == BENCHMARK_VERSION {
-        true => report.ok("versions", found),
-        false => report.add(
-            "versions",
-            Verdict::Warning,
-            found,
-            "what this program scores may differ from the server's scores",
-        ),
-    }
+    let next = "scores of this program may differ from the server's";
+    report.warn_unless(info.benchmark == BENCHMARK_VERSION, "versions", found, next);
     if info.draining {
-        let found = format!("the server is about to stop and begins no runs: {}", info.notice);
-        report.failed("state", found, "wait until it is back");
+        let found = format!("the server is shutting down and begins no runs: {}", info.notice);
+        report.failed("state", found, "wait until the server is back");
     } else if !info.notice.is_empty() {
-        report.add("state", Verdict::Warning, format!("the organiser announces: {}", info.notice), "");
+        report.add("state", Verdict::Warning, format!("notice from the organiser: {}", info.notice), "");
     } else {
         report.ok("state", "up");
     }
 }
 
-async fn round_trips(report: &mut DoctorReport, arena: &Client) -> Result<(), Error> {
+async fn round_trips(report: &mut DoctorReport, client: &Client) -> Result<(), Error> {
     let mut trips = Vec::with_capacity(ROUND_TRIPS);
-    let mut best = (f64::INFINITY, 0.0);
+    let mut fastest = f64::INFINITY;
+    let mut ahead = 0.0;
     for _ in 0..ROUND_TRIPS {
         let (sent, before) = (now_unix_ms(), Instant::now());
-        let info = arena.server_info().await?;
+        let info = client.server_info().await?;
         let trip = before.elapsed().as_secs_f64();
-        if trip < best.0 {
-            // Its clock was read half a round trip after the question was sent.
-            best = (trip, (info.time_unix_ms - sent) as f64 / 1000.0 - trip / 2.0);
+        if trip < fastest {
+            fastest = trip;
+            // The server read the clock about half a round trip after the request; the fastest trip has the least error.
+            ahead = (info.time_unix_ms - sent) as f64 / 1000.0 - trip / 2.0;
         }
         trips.push(trip);
     }
-    let (spread, (_, ahead)) = (Spread::of(trips), best);
+    let spread = Spread::of(trips);
     if let Some(spread) = spread {
         report.ok("round trip", format!("{}, p95 {}", ms(spread.median), ms(spread.p95)));
     }
-    let found = format!(
-        "the server's is {:.3} s {} this machine's",
-        ahead.abs(),
-        if ahead < 0.0 { "behind" } else { "ahead of" }
-    );
-    match ahead.abs() <= CLOCK_S {
-        true => report.ok("clock", found),
-        false => report.add(
-            "clock",
-            Verdict::Warning,
-            found,
-            "dates of phases and tokens go by the server's clock",
-        ),
-    }
-    (report.measured.round_trip_s, report.measured.clock_ahead_s) = (spread, Some(ahead));
+    let side = if ahead < 0.0 { "behind" } else { "ahead of" };
+    let found = format!("the server's clock is {:.3} s {side} this machine's", ahead.abs());
+    let next = "the server's clock decides when phases and tokens expire";
+    report.warn_unless(ahead.abs() <= CLOCK_S, "clock", found, next);
+    report.measured.round_trip_s = spread;
+    report.measured.clock_ahead_s = Some(ahead);
     Ok(())
 }
 
-/// A time as people read it.
 fn ms(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1000.0)
 }
 
 async fn account(report: &mut DoctorReport, options: &DoctorOptions, link: &ConnectOptions) {
     let known = match Client::connect_with(&options.server, options.token.as_str(), link).await {
-        Ok(arena) => arena.whoami().await.map(|account| (arena, account)),
+        Ok(client) => client.whoami().await.map(|account| (client, account)),
         Err(error) => Err(error),
     };
-    let (arena, account) = match known {
+    let (client, account) = match known {
         Ok(known) => known,
         Err(error) => {
             return report.failed("token", error, "ask the organiser for a token of your team's account");
         }
     };
     let left_s = account.expires_unix_s - now_unix_ms() / 1000;
-    match account.expires_unix_s {
-        0 => report.ok("token", format!("of team '{}', for ever", account.team)),
-        _ if left_s > SOON_S => {
-            report.ok("token", format!("of team '{}', for {} days", account.team, left_s / 86_400))
-        }
-        _ => report.add(
-            "token",
-            Verdict::Warning,
-            format!("of team '{}', for {} hours", account.team, left_s / 3600),
-            "ask the organiser for a new one in time",
-        ),
-    }
-    match phase(report, options, &arena).await {
-        Ok(Some((phase, quotas))) => practice::check(report, options, &arena, &phase, &quotas).await,
+    let left = match account.expires_unix_s {
+        0 => "without expiry".to_owned(),
+        _ if left_s > SOON_S => format!("valid for {} days", left_s / 86_400),
+        _ => format!("valid for {} hours", left_s / 3600),
+    };
+    let is_well = account.expires_unix_s == 0 || left_s > SOON_S;
+    let found = format!("of team '{}', {left}", account.team);
+    report.warn_unless(is_well, "token", found, "ask the organiser for a new token in time");
+    match phase(report, options, &client).await {
+        Ok(Some((phase, quotas))) => practice::check(report, options, &client, &phase, &quotas).await,
         Ok(None) => {}
         Err(error @ Error::Phase { .. }) => report.failed("phase", error, ""),
-        Err(error) => report.failed("phase", error, "the connection does not hold: look at the network"),
+        Err(error) => report.failed("phase", error, LOST),
     }
 }
 
-/// The phase that is to be played, and what is left in all phases.
+/// Checks the planned phase; returns it with the quotas of all phases.
 async fn phase(
     report: &mut DoctorReport,
     options: &DoctorOptions,
-    arena: &Client,
+    client: &Client,
 ) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
     let wanted = match options.phase.as_str() {
-        "" => arena.practice_phase().await?,
+        "" => client.practice_phase().await?,
         named => named.to_owned(),
     };
-    let phases = arena.phases().await?;
+    let phases = client.phases().await?;
     let Some(phase) = phases.iter().find(|phase| phase.id == wanted).cloned() else {
         let known: Vec<_> = phases.iter().map(|phase| phase.id.as_str()).collect();
-        let found = format!("there is no phase '{wanted}' that the team may see");
+        let found = format!("the team sees no phase '{wanted}'");
         report.failed("phase", found, &format!("choose one of: {}", known.join(", ")));
         return Ok(None);
     };
@@ -182,15 +282,14 @@ async fn phase(
         "{}: {} episodes by {}, up to {} slots",
         phase.id, phase.episodes, phase.rules, phase.max_slots
     );
-    match phase.state {
-        PhaseState::Open => report.ok("phase", found),
-        state => {
-            let found =
-                format!("{found}; it is {} {}", format!("{state:?}").to_lowercase(), phase.state_reason);
-            report.failed("phase", found.trim_end(), "runs start while a phase is open");
-        }
+    if phase.state == PhaseState::Open {
+        report.ok("phase", found);
+    } else {
+        let state = format!("{:?}", phase.state).to_lowercase();
+        let found = format!("{found}; the phase is {state} {}", phase.state_reason);
+        report.failed("phase", found.trim_end(), "runs start only in open phases");
     }
-    let quotas = arena.quota().await?;
+    let quotas = client.quota().await?;
     quota(report, &phase, &quotas);
     Ok(Some((phase, quotas)))
 }
@@ -198,22 +297,34 @@ async fn phase(
 fn quota(report: &mut DoctorReport, phase: &Phase, quotas: &[Quota]) {
     let limited = quotas.iter().filter(|quota| quota.phase == phase.id && quota.limit.is_some());
     let scarcest = limited.min_by_key(|quota| quota.remaining);
-    let Some(scarcest) = scarcest else { return report.ok("quota", "any number of runs") };
+    let Some(scarcest) = scarcest else { return report.ok("quota", "unlimited runs") };
     let window = format!("{:?}", scarcest.window).to_lowercase();
     let (left, limit) = (scarcest.remaining.unwrap_or_default(), scarcest.limit.unwrap_or_default());
-    let found = format!("{left} of {limit} runs are left ({window})");
+    let found = format!("{left} of {limit} runs remain ({window})");
     match left {
-        0 => report.failed("quota", found, "wait for the next window, or ask the organiser for more"),
+        0 => report.failed("quota", found, "wait for the next window, or ask the organiser for more runs"),
         _ => report.ok("quota", found),
     }
 }
 
-/// True if a run of the phase does not count against the quota of the team.
-fn is_free(phase: &str, quotas: &[Quota]) -> bool {
-    !quotas.iter().any(|quota| quota.phase == phase && quota.is_counted())
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The order in which a phase is tried: the first that it allows.
-fn order(phase: &Phase) -> Order {
-    phase.orders.first().copied().unwrap_or(Order::Unordered)
+    #[test]
+    fn spread_has_median_percentile_and_maximum() {
+        let spread = Spread::of((1..=101).rev().map(f64::from).collect()).unwrap();
+        assert_eq!(spread, Spread { median: 51.0, p95: 96.0, max: 101.0, count: 101 });
+        assert_eq!(Spread::of(vec![]), None);
+        assert_eq!(Spread::of(vec![2.0]).unwrap().p95, 2.0);
+    }
+
+    #[test]
+    fn only_failures_make_a_report_unwell() {
+        let mut report = DoctorReport::default();
+        report.add("clock", Verdict::Warning, "2 s ahead", "set it");
+        assert!(report.is_well());
+        report.failed("token", "refused", "ask for another");
+        assert!(!report.is_well());
+    }
 }

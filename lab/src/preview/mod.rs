@@ -1,22 +1,35 @@
-//! Pictures that show a person what a scene is like: each storey from above, and views from inside its rooms.
+//! Scene pictures for people: every storey from above, and views from inside rooms.
 
 mod storey;
-mod views;
-
-use avln_geom::Aabb;
-use avln_render::CameraImage;
-use avln_scene::Scene;
-use std::io::Write;
 
 pub use storey::storeys;
-pub use views::{Viewer, indoors};
 
-/// A picture and what it shows.
+use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
+use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
+use avln_scene::{InstanceId, Scene, digest::digest};
+use avln_world::Cache;
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, TAU};
+use std::io::Write;
+use std::sync::Arc;
+
+/// Eye height above the floor, metres.
+const EYE_M: f32 = 1.5;
+/// Free floor around the eye, metres.
+const ELBOW_ROOM_M: f32 = 0.35;
+/// Grid spacing for eye positions, metres.
+const STEP_M: f32 = 0.5;
+/// Eye positions per room.
+const PLACES: usize = 24;
+const DIRECTIONS: usize = 8;
+const HFOV_RAD: f32 = 1.4;
+
+/// A named picture.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    /// A word for its file: `storey-0`, `view-3-kitchen` …
+    /// File name without extension: `storey-0`, `view-3-kitchen` …
     pub name: String,
-    /// Pixels in a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
@@ -25,15 +38,15 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A rendered frame as a picture.
+    /// Names a frame.
     pub fn of(name: String, frame: CameraImage) -> Self {
         Self { name, width: frame.width, height: frame.height, rgb: frame.rgb }
     }
 
-    /// Writes it as a PNG file.
+    /// Writes a PNG file.
     ///
     /// # Errors
-    /// When `out` cannot be written.
+    /// If `out` cannot be written.
     pub fn write_png(&self, out: impl Write) -> Result<(), png::EncodingError> {
         let mut encoder = png::Encoder::new(out, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
@@ -43,11 +56,160 @@ impl Picture {
     }
 }
 
-/// The rooms of a scene as boxes, each with its name; the whole scene where none are known.
+/// A scene with a renderer.
+pub struct SceneRenderer {
+    /// The scene; the renderer owns the textures.
+    pub scene: Arc<Scene>,
+    /// The scene's triangles.
+    pub rays: Arc<RayMesh>,
+    /// The renderer.
+    pub renderer: Renderer,
+}
+
+impl SceneRenderer {
+    /// Prepares a scene. `cache` stores the renderer's intermediate results.
+    pub fn new(mut scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
+        let entry =
+            cache.map(|cache| ModelCacheEntry { cache: cache as Arc<dyn ModelCache>, name: digest(&scene) });
+        let textures = std::mem::take(&mut scene.textures);
+        let scene = Arc::new(scene);
+        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+        let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), entry);
+        Self { scene, rays, renderer }
+    }
+
+    /// Renders the view from `eye` in a direction.
+    fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> CameraImage {
+        let height = width * 3 / 4;
+        let world_from_camera = angle::about_up(heading_rad);
+        let camera = Camera { eye, world_from_camera, width, height, hfov_rad: HFOV_RAD, depth_max_m: 100.0 };
+        self.renderer.render(&camera)
+    }
+
+    /// Returns a room's views in distinct directions, best first.
+    fn views_of(&self, room: &Aabb) -> Vec<RoomView> {
+        let mut views: Vec<RoomView> = Vec::new();
+        for eye in self.places_in(room) {
+            for direction in 0..DIRECTIONS {
+                let heading_rad = TAU * (direction as f32 + 0.5) / DIRECTIONS as f32;
+                let score = interest(&self.look(eye, heading_rad, 64));
+                views.push(RoomView { eye, heading_rad, score });
+            }
+        }
+        views.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut kept: Vec<RoomView> = Vec::new();
+        for view in views {
+            let turn_rad = |kept: &RoomView| angle::wrap(kept.heading_rad - view.heading_rad).abs();
+            if kept.iter().all(|kept| turn_rad(kept) >= FRAC_PI_2 - 0.01) {
+                kept.push(view);
+            }
+        }
+        kept
+    }
+
+    /// Returns eye positions in a room's open areas.
+    fn places_in(&self, room: &Aabb) -> Vec<Point3<f32>> {
+        let size = room.size();
+        let count = |length: f32| ((length - 2.0 * ELBOW_ROOM_M) / STEP_M).floor().max(0.0) as usize + 1;
+        let (columns, rows) = (count(size.x), count(size.z));
+        let at = |index: usize| {
+            let (i, k) = (index % columns, index / columns);
+            let offset = |i: usize, count: usize, length: f32| length * (i as f32 + 0.5) / count as f32;
+            let (x, z) = (offset(i, columns, size.x), offset(k, rows, size.z));
+            Point3::new(room.min.x + x, room.min.y + EYE_M, room.min.z + z)
+        };
+        let places: Vec<_> = (0..columns * rows).map(at).filter(|eye| self.is_open(eye)).collect();
+        let stride = places.len().div_ceil(PLACES).max(1);
+        places.into_iter().step_by(stride).collect()
+    }
+
+    /// Returns `true` with floor below and no obstacle around.
+    fn is_open(&self, eye: &Point3<f32>) -> bool {
+        let below = self.rays.cast(eye, &-Vector3::y(), EYE_M + 0.3);
+        let on_floor = below.is_some_and(|hit| hit.distance > EYE_M - 0.1);
+        let chest = eye - Vector3::y() * 0.7;
+        let near = (0..8).any(|i| {
+            let (sin, cos) = angle::sin_cos(TAU * i as f32 / 8.0);
+            let ahead = Vector3::new(sin, 0.0, cos);
+            [eye, &chest].iter().any(|from| self.rays.cast(from, &ahead, ELBOW_ROOM_M).is_some())
+        });
+        on_floor && !near
+    }
+}
+
+/// Scores a small frame: many objects, none of them too near.
+fn interest(frame: &CameraImage) -> f32 {
+    /// Fewest pixels for a visible object.
+    const SEEN_PIXELS: usize = 12;
+    let mut pixels: BTreeMap<InstanceId, usize> = BTreeMap::new();
+    frame.instances.iter().for_each(|id| *pixels.entry(*id).or_default() += 1);
+    let seen = pixels.iter().filter(|(id, count)| **id != InstanceId::NONE && **count >= SEEN_PIXELS).count();
+    let near = frame.depth.iter().filter(|depth| **depth < 0.9).count() as f32 / frame.depth.len() as f32;
+    seen as f32 - 12.0 * near
+}
+
+struct RoomView {
+    eye: Point3<f32>,
+    heading_rad: f32,
+    score: f32,
+}
+
+/// Returns the rooms by label and box; the whole scene if no rooms are known.
 fn rooms(scene: &Scene) -> Vec<(String, Aabb)> {
     let rooms: Vec<_> = scene.regions.iter().map(|region| (region.label.clone(), region.bounds)).collect();
     match scene.bounds() {
         Some(bounds) if rooms.is_empty() => vec![("scene".to_owned(), bounds)],
         _ => rooms,
+    }
+}
+
+/// Renders up to `count` views from inside rooms.
+pub fn indoors(viewer: &SceneRenderer, count: usize) -> Vec<Picture> {
+    let rooms = rooms(&viewer.scene);
+    // A second bedroom shows little news: every room label has a turn before any label has two.
+    let mut seen: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut order: Vec<(usize, usize)> = Vec::new();
+    for (index, (label, _)) in rooms.iter().enumerate() {
+        let turn = seen.entry(label).or_default();
+        order.push((*turn, index));
+        *turn += 1;
+    }
+    order.sort();
+    let chosen: Vec<usize> = order.into_iter().map(|(_, index)| index).take(count).collect();
+    let views: Vec<(usize, Vec<RoomView>)> =
+        chosen.into_iter().map(|index| (index, viewer.views_of(&rooms[index].1))).collect();
+    let turns =
+        (0..DIRECTIONS).flat_map(|turn| views.iter().map(move |(room, views)| (*room, views.get(turn))));
+    let picked = turns.filter_map(|(room, view)| Some((room, view?))).take(count).enumerate();
+    picked
+        .map(|(number, (room, view))| {
+            let name = format!("view-{number}-{}", file_word(&rooms[room].0));
+            Picture::of(name, viewer.look(view.eye, view.heading_rad, 640))
+        })
+        .collect()
+}
+
+/// Replaces all characters except letters and digits, for file names.
+fn file_word(label: &str) -> String {
+    label.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_houses::{HouseOptions, house};
+
+    #[test]
+    fn eight_views_come_from_open_positions() {
+        let viewer = SceneRenderer::new(house("preview", 2, &HouseOptions::default()), None);
+        let pictures = indoors(&viewer, 8);
+        assert_eq!(pictures.len(), 8);
+        let kinds: std::collections::BTreeSet<_> =
+            pictures.iter().filter_map(|picture| picture.name.rsplit('-').next()).collect();
+        assert!(kinds.len() >= 4, "{kinds:?}");
+        let room = viewer.scene.regions[0].bounds;
+        for eye in viewer.places_in(&room) {
+            assert!(room.contains(&eye) && viewer.is_open(&eye));
+        }
     }
 }

@@ -2,52 +2,41 @@ use super::Picture;
 use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
 use avln_render::{Camera, CameraImage, Renderer};
 use avln_scene::{Lighting, Mesh, Scene};
+use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
 use std::sync::Arc;
 
-/// Walls and furniture are cut off at this height above the floor, metres.
+/// Cut height above the floor, metres: walls and furniture end here.
 const CUT_M: f32 = 1.7;
-
-/// Depth below a floor that still belongs to its storey, metres.
+/// Depth below a floor that belongs to the storey, metres.
 const BELOW_M: f32 = 0.15;
-
-/// Pixels that a metre of floor covers where the picture does not become too large.
+/// Resolution, pixels per metre, within the size limit.
 const PIXELS_PER_M: f32 = 80.0;
-
-/// The longest side of a picture, pixels.
+/// Size limit for a picture's sides, pixels.
 const LONGEST_PX: f32 = 1600.0;
-
-/// Half the angle of view, radians: from so far away, walls hardly lean.
+/// Half the field of view, radians: in a narrow view from a great height, walls are upright.
 const HALF_VIEW_RAD: f32 = 0.04;
-
 /// Colour outside the building, sRGB.
 const PAPER_RGB: [u8; 3] = [58, 60, 66];
 
-/// A picture of each storey from above, the ceiling taken off, -Z at the top.
+/// Renders every storey from above without ceiling, -Z at the top.
 pub fn storeys(scene: &Scene) -> Vec<Picture> {
-    let floors = floors(scene);
-    let each = floors.into_iter().enumerate();
-    each.filter_map(|(index, bounds)| {
-        Some(Picture::of(format!("storey-{index}"), from_above(scene, &bounds)?))
-    })
-    .collect()
+    let floors = floors(scene).into_iter().enumerate();
+    let picture = |(index, bounds)| Some(Picture::of(format!("storey-{index}"), from_above(scene, &bounds)?));
+    floors.filter_map(picture).collect()
 }
 
-/// A box around the rooms of each storey, lowest first.
+/// Returns a box around the rooms by storey, lowest first.
 fn floors(scene: &Scene) -> Vec<Aabb> {
-    let count = scene.regions.iter().map(|region| region.storey).max().map_or(0, usize::from) + 1;
-    let mut floors: Vec<Option<Aabb>> = vec![None; count];
+    let mut floors: BTreeMap<u16, Aabb> = BTreeMap::new();
     for region in &scene.regions {
-        let floor = &mut floors[usize::from(region.storey)];
-        *floor = Some(floor.map_or(region.bounds, |all| all.union(&region.bounds)));
+        let floor = floors.entry(region.storey).or_insert(region.bounds);
+        *floor = floor.union(&region.bounds);
     }
-    match scene.bounds() {
-        Some(bounds) if scene.regions.is_empty() => vec![bounds],
-        _ => floors.into_iter().flatten().collect(),
-    }
+    if floors.is_empty() { scene.bounds().into_iter().collect() } else { floors.into_values().collect() }
 }
 
-/// Picture from high above `bounds`, of everything less than [`CUT_M`] above its floor.
+/// Renders everything below the cut, seen from above; `None` without geometry.
 fn from_above(scene: &Scene, bounds: &Aabb) -> Option<CameraImage> {
     let cut = Arc::new(cut(scene, bounds.min.y));
     if cut.mesh.triangles.is_empty() {
@@ -57,14 +46,15 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<CameraImage> {
     let margin = bounds.grown(0.3);
     let size = margin.size();
     let scale = PIXELS_PER_M.min(LONGEST_PX / size.x.max(size.z));
-    let (half_tangent, middle) = (HALF_VIEW_RAD, margin.center());
-    let height_m = size.x / 2.0 / half_tangent;
+    let middle = margin.center();
+    // The tangent of a small angle is the angle.
+    let height_m = size.x / 2.0 / HALF_VIEW_RAD;
     let camera = Camera {
         eye: Point3::new(middle.x, bounds.min.y + height_m, middle.z),
         world_from_camera: angle::about_right(-FRAC_PI_2),
         width: (size.x * scale).ceil().max(1.0) as u32,
         height: (size.z * scale).ceil().max(1.0) as u32,
-        hfov_rad: 2.0 * half_tangent,
+        hfov_rad: 2.0 * HALF_VIEW_RAD,
         depth_max_m: 2.0 * height_m,
     };
     let mut frame = Renderer::new(cut, rays).render(&camera);
@@ -76,7 +66,7 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<CameraImage> {
     Some(frame)
 }
 
-/// Geometry between the floor at `floor_m` and the cut above it, in its own colours and with simple light.
+/// Returns the geometry between a floor and the cut, with plain lighting.
 fn cut(scene: &Scene, floor_m: f32) -> Scene {
     let mut mesh = Mesh::default();
     for index in 0..scene.mesh.triangles.len() {
@@ -88,7 +78,7 @@ fn cut(scene: &Scene, floor_m: f32) -> Scene {
     Scene { mesh, regions: vec![], objects: vec![], lighting: Lighting::Painted, ..scene.clone() }
 }
 
-/// Adds the part of a triangle that lies below the height `top_m`.
+/// Adds a triangle's part below the height `top_m`.
 fn add_cut(mesh: &mut Mesh, from: &Mesh, index: usize, top_m: f32) {
     let corners: Vec<Corner> =
         from.triangles[index].iter().map(|&corner| Corner::of(from, corner as usize)).collect();
@@ -128,7 +118,6 @@ impl Corner {
         Self { position: mesh.positions[index], uv: mesh.uvs[index], color: mesh.colors[index] }
     }
 
-    /// The point at `share` of the way to `other`.
     fn towards(&self, other: &Self, share: f32) -> Self {
         let color = |channel: usize| {
             let (a, b) = (f32::from(self.color[channel]), f32::from(other.color[channel]));
@@ -148,7 +137,7 @@ mod tests {
     use avln_houses::{HouseOptions, house};
 
     #[test]
-    fn a_floor_fills_the_plan_and_nothing_above_the_cut_is_seen() {
+    fn floors_fill_the_plan_below_the_cut() {
         let scene = house("preview", 1, &HouseOptions::default());
         let pictures = storeys(&scene);
         let storeys = scene.regions.iter().map(|region| region.storey).max().map_or(0, usize::from) + 1;
@@ -163,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_through_the_cut_keeps_its_lower_part() {
+    fn cut_triangles_keep_their_lower_part() {
         let scene = house("preview", 1, &HouseOptions::default());
         let whole = Mesh {
             positions: vec![

@@ -1,29 +1,27 @@
-//! Demonstrations to learn from: what the oracle did, and what an agent would have sensed before each of its actions.
+//! Demonstrations for imitation learning: the oracle's actions, with an agent's observation before every action.
 //!
-//! Start reading at [`RolloutOptions::run`]. A folder holds `rollouts.json`, which tells what its episodes have in common, and
-//! `episodes/ID.npz` for each episode. The same split and plan give the same bytes, on any number of threads.
+//! Start reading at [`RolloutOptions::run`]. A folder contains `rollouts.json` with the common facts, and `episodes/ID.npz` per
+//! episode. Equal splits and options result in equal bytes, for any thread count.
 
-mod archive;
 mod record;
 
-use crate::parallel;
 use crate::suite::Oracle;
-use avln_arena::{Failure, FailureKind, dataset::{SplitFolder, check_plain, write_whole}};
-use avln_dataset::{EpisodeSpec, SceneLine};
+use crate::{internal, parallel};
+use avln_arena::dataset::{SplitFolder, check_plain, write_whole};
+use avln_arena::{Failure, FailureKind};
+use avln_dataset::EpisodeSpec;
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;
 use avln_world::Cache;
 use record::Recorded;
 use serde::Serialize;
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-/// Millimetres of depth in what the depth sensor says in metres.
+/// Stored depth unit, metres.
 const M_PER_MM: f32 = 1e-3;
 
-/// A sense that is written down.
+/// A recorded sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Sense {
@@ -31,46 +29,46 @@ pub enum Sense {
     Rgb,
     /// Distances.
     Depth,
-    /// Pose of the agent, as sent to clients.
+    /// Agent pose, as sent to clients.
     Pose,
     /// Sound at both ears.
     Audio,
 }
 
-/// Recorded sensors.
+/// Settings for rollouts.
 pub struct RolloutOptions<'a> {
-    /// The split; one that is there to learn from.
+    /// A training split.
     pub split: &'a SplitFolder,
-    /// The rules that it is played by.
+    /// Episode rules.
     pub rules: Rules,
     /// Clips and ears.
     pub audio: Audio,
-    /// Order of the goals.
+    /// Goal order.
     pub order: Order,
-    /// Recorded arrays, each once.
+    /// Recorded senses, without repetition.
     pub senses: Vec<Sense>,
-    /// Pixels along a side of the pictures.
+    /// Image side, pixels.
     pub side_px: u32,
-    /// Number of missions: the first of each scene, then the second of each, and so on; all for `None`.
+    /// Mission limit, spread evenly over the scenes; `None` for all missions.
     pub episodes: Option<usize>,
-    /// Scenes at the same time; one for each processor for `None`.
+    /// Thread count; `None` for one per processor.
     pub threads: Option<usize>,
-    /// Folder of cached results.
+    /// Cache for scenes.
     pub cache: Arc<dyn Cache>,
 }
 
-/// Number of recorded items.
+/// Episode counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RolloutTally {
-    /// Episodes that were there already.
+    /// Episodes from earlier calls.
     pub before: usize,
-    /// Episodes that were played now.
+    /// Episodes recorded now.
     pub now: usize,
-    /// Those of them in which a goal was not found.
+    /// Episodes recorded now that miss a goal.
     pub incomplete: usize,
 }
 
-/// Content of `rollouts.json`.
+/// `rollouts.json`.
 #[derive(Serialize)]
 struct RolloutManifest<'a> {
     /// `avln-rollouts`.
@@ -78,7 +76,6 @@ struct RolloutManifest<'a> {
     version: u32,
     agent: &'static str,
     split: &'a str,
-    /// Digest of the split.
     digest: &'a str,
     order: Order,
     sensors: Vec<Sense>,
@@ -87,24 +84,21 @@ struct RolloutManifest<'a> {
     sample_rate_hz: u32,
     /// Factor from stored depth values to metres.
     depth_scale: f32,
-    /// Names of the action numbers.
     actions: [String; 5],
     rules: &'a Rules,
 }
 
 impl RolloutOptions<'_> {
-    /// Plays what `folder` does not hold yet. It can be stopped at any time; the next call goes on. `watch` hears of each
-    /// episode, played now or before.
+    /// Records the missing episodes in `folder`; calls `on_episode` per episode, old or new. An interrupted call can be repeated.
     ///
     /// # Errors
-    /// When the folder holds other rollouts or cannot be written, or a scene cannot be used. What was recorded stays.
-    pub fn run(&self, folder: &Path, watch: impl Fn() + Sync) -> Result<RolloutTally, Failure> {
+    /// If the folder contains other rollouts or cannot be written, or a scene cannot be used. Recorded episodes remain.
+    pub fn run(&self, folder: &Path, on_episode: impl Fn() + Sync) -> Result<RolloutTally, Failure> {
         self.check_rules()?;
         self.claim(folder)?;
-        let visits = self.visits();
         let mut tally = RolloutTally::default();
-        let visit = |&(scene, count): &(usize, usize)| self.visit(scene, count, folder, &watch);
-        parallel::share(&visits, parallel::threads(self.threads), visit, |_, part: RolloutTally| {
+        let visit = |&(scene, count): &(usize, usize)| self.record_scene(scene, count, folder, &on_episode);
+        parallel::share(&self.visits(), self.threads, visit, |_, part: RolloutTally| {
             tally.before += part.before;
             tally.now += part.now;
             tally.incomplete += part.incomplete;
@@ -112,32 +106,31 @@ impl RolloutOptions<'_> {
         Ok(tally)
     }
 
-    /// Number of planned episodes.
+    /// Returns the planned episode count.
     pub fn count(&self) -> usize {
         self.split.mission_count().min(self.episodes.unwrap_or(usize::MAX))
     }
 
-    /// The oracle knows by one rule alone where a goal counts.
     fn check_rules(&self) -> Result<(), Failure> {
+        // The oracle computes success regions by this rule only.
         if self.rules.success_distance == DistanceRule::CameraToBox {
             return Ok(());
         }
-        let message = format!("the oracle does not play by rule set '{}'", self.rules.name);
-        Err(Failure::new(FailureKind::Scene, message).hinted("use a split that was made for lh-avln-v1"))
+        let message = format!("the oracle does not support rule set '{}'", self.rules.name);
+        Err(Failure::new(FailureKind::Scene, message).hinted("use a split with the rules lh-avln-v1"))
     }
 
-    /// Makes the folder one for this plan; one of another plan is refused.
+    /// Writes the manifest, or compares it with the existing one.
     fn claim(&self, folder: &Path) -> Result<(), Failure> {
         let path = folder.join("rollouts.json");
-        let text = serde_json::to_vec_pretty(&self.manifest())
-            .map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        let text = serde_json::to_vec_pretty(&self.manifest()).map_err(internal)?;
         match std::fs::read(&path) {
-            Ok(there) if there == text => Ok(()),
+            Ok(existing) if existing == text => Ok(()),
             Ok(_) => {
                 let message =
-                    format!("{} holds rollouts of another split or of other sensors", folder.display());
+                    format!("{} contains rollouts of another split or of other sensors", folder.display());
                 Err(Failure::new(FailureKind::Data, message)
-                    .hinted("name another folder with --out, or give the options that it was begun with"))
+                    .hinted("choose another folder with --out, or repeat the first call's options"))
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => write_whole(&path, &text),
             Err(error) => Err(Failure::file("read", &path, error)),
@@ -168,7 +161,7 @@ impl RolloutOptions<'_> {
         Sensors { rgb: has(Sense::Rgb), depth: has(Sense::Depth), audio: has(Sense::Audio), ..all }
     }
 
-    /// The scenes that are visited, with the number of their missions that are played, which are the first ones.
+    /// Returns the planned scenes with their mission counts: every scene's first mission, then every second, and so on.
     fn visits(&self) -> Vec<(usize, usize)> {
         let scenes = self.split.scenes();
         let mut counts = vec![0; scenes.len()];
@@ -184,44 +177,40 @@ impl RolloutOptions<'_> {
         counts.into_iter().enumerate().filter(|(_, count)| *count > 0).collect()
     }
 
-    /// Plays the first `count` missions of a scene that are not there.
-    fn visit(
+    /// Records the missing episodes among a scene's first `count` missions.
+    fn record_scene(
         &self,
         scene: usize,
         count: usize,
         folder: &Path,
-        watch: &(impl Fn() + Sync),
+        on_episode: &(impl Fn() + Sync),
     ) -> Result<RolloutTally, Failure> {
         let scene = &self.split.scenes()[scene];
         let mut missing = Vec::new();
         for episode in self.split.episodes(scene)?.into_iter().take(count) {
-            let path = path_of(folder, &episode)?;
+            let path = episode_path(folder, &episode)?;
             if !path.exists() {
                 missing.push((episode, path));
             }
         }
         let mut tally = RolloutTally { before: count - missing.len(), ..RolloutTally::default() };
-        (0..tally.before).for_each(|_| watch());
+        (0..tally.before).for_each(|_| on_episode());
         if missing.is_empty() {
             return Ok(tally);
         }
-        let assets = Arc::new(self.open(scene)?);
+        let assets = Arc::new(scene.spec().open_with(&self.rules, Some(&self.cache))?);
         for (episode, path) in missing {
             let Recorded { bytes, is_complete } = record::record(self, &assets, &episode)?;
             write_whole(&path, &bytes)?;
             tally.now += 1;
             tally.incomplete += usize::from(!is_complete);
-            watch();
+            on_episode();
         }
         Ok(tally)
     }
-
-    fn open(&self, scene: &SceneLine) -> Result<avln_world::SceneAssets, Failure> {
-        Ok(scene.spec().open_with(&self.rules, Some(&self.cache))?)
-    }
 }
 
-fn path_of(folder: &Path, episode: &EpisodeSpec) -> Result<PathBuf, Failure> {
+fn episode_path(folder: &Path, episode: &EpisodeSpec) -> Result<PathBuf, Failure> {
     check_plain(&episode.id)?;
     Ok(folder.join("episodes").join(format!("{}.npz", episode.id)))
 }

@@ -1,46 +1,49 @@
-//! The split of the baseline suite, and its server.
+//! The suite's split and server.
 
-use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
-use crate::dataset::build::Builder;
-use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, now_unix_ms, servers::RunningServers, setup::{admit, self}};
-use avln_dataset::{Recipe, SceneChoice};
+use super::{AgentVariant, hints::LiveEpisodes, results::EpisodeKey};
+use crate::{dataset::build::Builder, internal};
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
+use avln_arena::servers::RunningServers;
+use avln_arena::setup::{self, admit};
+use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, now_unix_ms};
+use avln_dataset::{EpisodeSpec, Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
-use std::{
-    fs::{self, File, TryLockError},
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const RECIPE: &str = include_str!("recipe.json");
-const TEAM: &str = "ladder";
+const TEAM: &str = "baselines";
 
-/// Size and pool of the split.
+/// The split's size and pool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SuiteSize {
     /// Houses.
     pub houses: u32,
     /// Missions per house.
     pub missions: usize,
-    /// Uses houses of the training pool, to tune agents.
+    /// `true` for houses from the training pool, to tune agents.
     pub practice: bool,
 }
 
 impl Default for SuiteSize {
-    /// 200 missions in 25 houses of the validation pool.
+    /// Returns 200 missions in 25 houses from the validation pool.
     fn default() -> Self {
         Self { houses: 25, missions: 8, practice: false }
     }
 }
 
 impl SuiteSize {
-    /// Name of the split in the recipe.
+    /// Returns the split's name in the recipe.
     fn split(self) -> &'static str {
         if self.practice { "train" } else { "val" }
     }
 }
 
-/// The locked folder of a suite.
+/// A suite's locked folder.
 pub(super) struct SuiteFolder {
     folder: PathBuf,
     data: DataFolder,
@@ -50,7 +53,6 @@ pub(super) struct SuiteFolder {
     _lock: File,
 }
 
-/// A running server for the suite.
 pub(super) struct HostedSuite {
     pub(super) store: Store,
     pub(super) servers: RunningServers,
@@ -58,8 +60,10 @@ pub(super) struct HostedSuite {
     pub(super) live: Arc<LiveEpisodes>,
 }
 
-/// The missions of an agent in one order, hosted as a phase.
+/// An agent's missions in one order, hosted as a phase.
 pub(super) struct Batch {
+    pub(super) variant: AgentVariant,
+    pub(super) order: Order,
     pub(super) phase: String,
     pub(super) episodes: Vec<PhaseEpisode>,
 }
@@ -74,15 +78,15 @@ impl SuiteFolder {
         let lock = File::create(folder.join("lock")).map_err(cannot)?;
         lock.try_lock().map_err(|error| match error {
             TryLockError::WouldBlock => {
-                let message = format!("another ladder is played in {}", folder.display());
+                let message = format!("another baseline suite is running in {}", folder.display());
                 Failure::new(FailureKind::Data, message)
-                    .hinted("wait for it, or use another folder with --out")
+                    .hinted("wait until it ends, or choose another folder with --out")
             }
             TryLockError::Error(error) => cannot(error),
         })?;
         let data = DataFolder::open(&folder.join("data"))?;
         let split = build_split(&folder.join("dataset"), &data, size)?;
-        let mut rules = setup::rules_of("ladder", &split)?;
+        let mut rules = setup::rules_of(TEAM, &split)?;
         rules.sounds = if size.practice { Sounds::Train } else { Sounds::Validation };
         Ok(Self { folder: folder.to_owned(), data, size, split: Arc::new(split), rules, _lock: lock })
     }
@@ -91,7 +95,7 @@ impl SuiteFolder {
         results_path(&self.folder)
     }
 
-    /// Returns all missions: the first one of every house, then the second one, and so on.
+    /// Returns all missions: every house's first, then every house's second, and so on.
     pub(super) fn episodes(&self) -> Result<Vec<PhaseEpisode>, Failure> {
         let mut episodes = setup::phase_episodes(&self.split)?;
         let number =
@@ -100,7 +104,7 @@ impl SuiteFolder {
         Ok(episodes)
     }
 
-    /// Returns the key of an episode for this build and split.
+    /// Returns an episode's key for this build and split.
     pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> EpisodeKey {
         EpisodeKey {
             agent: agent.to_owned(),
@@ -113,23 +117,21 @@ impl SuiteFolder {
         }
     }
 
-    /// Starts a server with one phase per batch and an empty database; earlier episodes are in the results file.
+    /// Starts a server with an empty database and one phase per batch.
     pub(super) async fn host(&self, batches: &[Batch]) -> Result<HostedSuite, Failure> {
+        // Earlier episodes are in the results file: an old database would only contain unfinished runs.
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
         setup::register_split(&store, &name, &self.split, &[]).await?;
-        let phase =
-            |batch: &Batch| Phase::new(&batch.phase, &name, self.rules.clone(), batch.episodes.clone());
-        let phases: Vec<_> = batches.iter().map(phase).collect();
+        let mut phases = Vec::with_capacity(batches.len());
+        for Batch { phase, episodes, .. } in batches {
+            phases.push(Phase::new(phase, &name, self.rules.clone(), episodes.clone()));
+        }
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
         let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
-        let live = Arc::new(LiveEpisodes::default());
-        let watching = live.clone();
-        let arena = Arena::open(&self.data, store.clone(), SCENE_MEMORY_MIB).await?;
-        let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
-        let servers = RunningServers::local_for(arena, &store).await?;
+        let (servers, live) = serve(&self.data, &store).await?;
         Ok(HostedSuite { store, servers, token, live })
     }
 
@@ -137,15 +139,45 @@ impl SuiteFolder {
         let root = self.data.root();
         let files = ["avln.db", "avln.db-wal", "avln.db-shm"].map(|name| root.join(name));
         let removed = files.iter().map(fs::remove_file).chain([fs::remove_dir_all(root.join("runs"))]);
-        let failed =
-            removed.filter_map(Result::err).find(|error| error.kind() != std::io::ErrorKind::NotFound);
-        failed.map_or(Ok(()), |error| {
+        let mut failed = removed.filter_map(Result::err).filter(|error| error.kind() != ErrorKind::NotFound);
+        failed.next().map_or(Ok(()), |error| {
             Err(Failure::new(FailureKind::Data, format!("cannot clear {}: {error}", root.display())))
         })
     }
 }
 
-/// Path of the results file.
+/// Starts a local server that reports every episode's state to the returned table.
+pub(super) async fn serve(
+    data: &DataFolder,
+    store: &Store,
+) -> Result<(RunningServers, Arc<LiveEpisodes>), Failure> {
+    let live = Arc::new(LiveEpisodes::default());
+    let watching = live.clone();
+    let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
+    let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
+    Ok((RunningServers::local_for(arena, store).await?, live))
+}
+
+/// Returns the mission behind a run's episode handle.
+pub(super) async fn mission_of(
+    store: &Store,
+    split: &SplitFolder,
+    run: &str,
+    handle: &str,
+) -> Result<EpisodeSpec, Failure> {
+    let open = store.running_episodes().await?;
+    let open = open.into_iter().find(|open| open.run == run && open.handle == handle);
+    let spec = open.map(|open| split.episode(&open.episode)).transpose()?.flatten();
+    spec.ok_or_else(|| internal(format!("the split has no episode for handle {handle}")))
+}
+
+pub(super) fn client_order(order: Order) -> avln_client::Order {
+    match order {
+        Order::Ordered => avln_client::Order::Ordered,
+        Order::Unordered => avln_client::Order::Unordered,
+    }
+}
+
 pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }
@@ -161,10 +193,10 @@ fn build_split(folder: &Path, data: &DataFolder, size: SuiteSize) -> Result<Spli
         }
     }
     let builder = Builder::open(DatasetFiles::at(folder), recipe)?;
-    let mut told = 0;
+    let mut reported = 0;
     builder.run(None, Some(&data.cache()), |progress| {
-        if progress.done > told {
-            told = progress.done;
+        if progress.done > reported {
+            reported = progress.done;
             eprintln!("missions: {} of {}", progress.done, progress.missions);
         }
     })?;

@@ -1,17 +1,78 @@
-use super::{
-    live_episodes::{EpisodeState, LiveEpisodes, TrueHints},
-    walk::{PASSED_M, Walker, distance_m},
+//! The oracle: a privileged agent that walks the reference tour, for the suite, rollouts and leaderboards' upper bounds.
+
+use super::hints::{EpisodeState, LiveEpisodes, TrueHints, claimable};
+use super::host::{self, client_order, mission_of};
+use avln_arena::setup::admit;
+use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
+use avln_client::{
+    Action, Agent, Client, Mission, Observation, Play, Pose, RunOptions, RunSummary, Sensors, TaskSpec,
 };
-use avln_client::{Action, Agent, Mission, Observation, Pose, TaskSpec};
 use avln_episode::{Order, Rules};
 use avln_geom::Point3;
 use avln_referee::Referee;
+use avln_store::{Phase, Reference, Store};
 use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
+use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// An oracle that walks the reference tour and submits at the border of every success region. Its success proves that missions are
-/// solvable and that rules, reference tours and regions are consistent.
+/// A world position on the floor: x and z, metres.
+pub type FloorPoint = [f32; 2];
+
+/// Distance within which a path corner counts as passed, metres.
+pub const PASSED_M: f32 = 0.15;
+const HALF_TURN_RAD: f32 = 15.0 * PI / 180.0;
+
+/// Returns the distance between two positions, metres.
+pub fn distance_m(a: FloorPoint, b: FloorPoint) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// A path follower for agents with a known start pose.
+pub struct Walker {
+    start: FloorPoint,
+    start_heading_rad: f32,
+    before: FloorPoint,
+    last: Action,
+    /// Actions that free a stuck body, in reverse order.
+    way_out: Vec<Action>,
+}
+
+impl Walker {
+    /// Creates a walker at a start pose.
+    pub fn new(start: FloorPoint, start_heading_rad: f32) -> Self {
+        Self { start, start_heading_rad, before: [f32::MAX; 2], last: Action::TurnLeft, way_out: vec![] }
+    }
+
+    /// Converts an observed pose to a world position and heading.
+    pub fn locate(&self, pose: &Pose) -> (FloorPoint, f32) {
+        let (sin, cos) = self.start_heading_rad.sin_cos();
+        let [x, _, z] = pose.position;
+        let place = [self.start[0] + x * cos + z * sin, self.start[1] - x * sin + z * cos];
+        (place, self.start_heading_rad + pose.heading_rad)
+    }
+
+    /// Returns the next action on a path. A stuck body turns once and walks on.
+    pub fn step(&mut self, pose: &Pose, path: &[FloorPoint]) -> Action {
+        let (place, heading_rad) = self.locate(pose);
+        let ahead = path.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
+        let aim = ahead.or(path.last().copied()).unwrap_or(place);
+        let bearing_rad = (place[0] - aim[0]).atan2(place[1] - aim[1]);
+        let turn_rad = (bearing_rad - heading_rad + PI).rem_euclid(TAU) - PI;
+        let toward = if turn_rad > 0.0 { Action::TurnLeft } else { Action::TurnRight };
+        // Sliding along a wall moves the body a little: less than 2 cm means stuck.
+        if self.last == Action::MoveForward && distance_m(self.before, place) < 0.02 {
+            self.way_out = vec![Action::MoveForward, toward];
+        }
+        let aligned = turn_rad.abs() <= HALF_TURN_RAD + 1e-3;
+        let action = self.way_out.pop().unwrap_or(if aligned { Action::MoveForward } else { toward });
+        (self.before, self.last) = (place, action);
+        action
+    }
+}
+
+/// An oracle that walks the reference tour and submits at the border of every success region. Its success proves that missions
+/// are solvable and that rules, reference tours and regions are consistent.
 pub(super) struct ShortestPath {
     hints: Arc<TrueHints>,
     walker: Walker,
@@ -19,57 +80,12 @@ pub(super) struct ShortestPath {
     tried: Vec<(usize, Point3<f32>)>,
 }
 
-/// The oracle for a single episode, without a server.
-pub struct Oracle {
-    live: Arc<LiveEpisodes>,
-    agent: ShortestPath,
-    has_begun: bool,
-}
-
-impl Oracle {
-    /// Name of the variant, for files.
-    pub const NAME: &str = "shortest-path";
-    /// Name of its only episode between the live run and the hints.
-    const HANDLE: &str = "episode";
-
-    /// An oracle for the episode of this truth.
-    pub fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
-        let live = Arc::new(LiveEpisodes::default());
-        let hints = TrueHints::new(live.clone(), rules.clone());
-        hints.follow(Self::HANDLE, truth);
-        Self { live, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
-    }
-
-    /// Returns the next action for the referee's current pose.
-    pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
-        self.live.note(Self::HANDLE, referee);
-        if !self.has_begun {
-            self.agent.begin(&TaskSpec::default(), &Mission::default());
-            self.has_begun = true;
-        }
-        match self.agent.act(&Observation { pose: self.told_pose(referee), ..Observation::default() }) {
-            Action::MoveForward => avln_episode::Action::MoveForward,
-            Action::TurnLeft => avln_episode::Action::TurnLeft,
-            Action::TurnRight => avln_episode::Action::TurnRight,
-            Action::Submit => avln_episode::Action::Submit,
-            Action::Stop => avln_episode::Action::Stop,
-        }
-    }
-
-    /// The pose relative to the start, in whatever frame agents are told theirs.
-    fn told_pose(&self, referee: &Referee) -> Pose {
-        let here = referee.world().pose();
-        let told = self.agent.hints.now().map_or(here, |(truth, _)| here.relative_to(&truth.start));
-        Pose { position: told.position.coords.into(), heading_rad: told.heading_rad }
-    }
-}
-
 impl ShortestPath {
     pub(super) fn new(hints: Arc<TrueHints>) -> Self {
         Self { hints, walker: Walker::new([0.0; 2], 0.0), tried: Vec::new() }
     }
 
-    /// Returns the next action towards the next goal of the tour.
+    /// Returns the next action towards the tour's next goal.
     fn walk(&mut self, truth: &EpisodeTruth, now: &EpisodeState, seen: &Observation) -> Action {
         let Some(goal) = visits(truth).into_iter().find(|&goal| now.is_open[goal]) else {
             return Action::Stop;
@@ -77,14 +93,14 @@ impl ShortestPath {
         let here = now.pose.position;
         let aim = self.aim(truth, goal, &here).unwrap_or(here);
         let ends = [here, aim].map(|end| now.assets.navmesh.snap(&end, 0.5));
-        let leg = match ends {
+        let path = match ends {
             [Some(from), Some(to)] => now.assets.navmesh.path(&from, &to).unwrap_or_default(),
             _ => Vec::new(),
         };
-        self.walker.step(&seen.pose, &leg.iter().map(flat).collect::<Vec<_>>())
+        self.walker.step(&seen.pose, &path.iter().map(flat).collect::<Vec<_>>())
     }
 
-    /// Returns the position of a goal on the tour; after a rejected Submit, the nearest untried position of its region.
+    /// Returns a goal's position on the tour; after a rejected Submit, the nearest untried position in the region.
     fn aim(&mut self, truth: &EpisodeTruth, goal: usize, here: &Point3<f32>) -> Option<Point3<f32>> {
         let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
         let places: Vec<_> = corner.iter().chain(&truth.targets[goal].region).copied().collect();
@@ -99,19 +115,19 @@ impl ShortestPath {
 
 impl Agent for ShortestPath {
     fn begin(&mut self, _task: &TaskSpec, _mission: &Mission) {
-        let walker = self
-            .hints
-            .now()
-            .map(|(truth, _)| Walker::new(flat(&truth.start.position), truth.start.heading_rad));
-        (self.walker, self.tried) = (walker.unwrap_or(Walker::new([0.0; 2], 0.0)), Vec::new());
+        let truth = self.hints.now().map(|(truth, _)| truth);
+        self.walker = truth.map_or_else(
+            || Walker::new([0.0; 2], 0.0),
+            |truth| Walker::new(flat(&truth.start.position), truth.start.heading_rad),
+        );
+        self.tried.clear();
     }
 
     fn act(&mut self, observation: &Observation) -> Action {
         let Some((truth, now)) = self.hints.now() else { return Action::Stop };
         let open: Vec<usize> = (0..truth.targets.len()).filter(|&goal| now.is_open[goal]).collect();
-        let claimable = if truth.order == Order::Ordered { &open[..open.len().min(1)] } else { &open[..] };
-        let is_there =
-            claimable.iter().any(|&goal| is_in_region(&truth.targets[goal], &now, &self.hints.rules));
+        let mut claimable = claimable(truth.order, &open).iter();
+        let is_there = claimable.any(|&goal| is_in_region(&truth.targets[goal], &now, &self.hints.rules));
         match (is_there, open.len()) {
             (_, 0) | (true, 1) => Action::Stop,
             (true, _) => Action::Submit,
@@ -126,7 +142,7 @@ fn is_in_region(target: &Target, now: &EpisodeState, rules: &Rules) -> bool {
     target.distance_within_region(&now.pose.position, rules, sees).is_some()
 }
 
-/// Returns the goals in the order of the reference tour.
+/// Returns the goals in the reference tour's order.
 fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     let mut goals: Vec<usize> = (0..truth.targets.len()).collect();
     if truth.order == Order::Unordered {
@@ -135,7 +151,7 @@ fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     goals
 }
 
-/// Returns the corner of the reference tour in the region of a goal.
+/// Returns the reference tour's corner in a goal's region.
 fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
     let region = &truth.targets[goal].region;
     let is_in =
@@ -143,6 +159,112 @@ fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
     truth.reference_path.iter().position(is_in)
 }
 
-fn flat(place: &Point3<f32>) -> [f32; 2] {
+fn flat(place: &Point3<f32>) -> FloorPoint {
     [place.x, place.z]
+}
+
+/// The oracle for a single episode, without a server.
+pub struct Oracle {
+    live: Arc<LiveEpisodes>,
+    agent: ShortestPath,
+    has_begun: bool,
+}
+
+impl Oracle {
+    /// Name in files.
+    pub const NAME: &str = "shortest-path";
+    const HANDLE: &str = "episode";
+
+    /// Creates an oracle for an episode.
+    pub fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
+        let live = Arc::new(LiveEpisodes::default());
+        let hints = TrueHints::new(live.clone(), rules.clone());
+        hints.follow(Self::HANDLE, truth);
+        Self { live, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
+    }
+
+    /// Returns the next action for the referee's current pose.
+    pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
+        self.live.note(Self::HANDLE, referee);
+        if !self.has_begun {
+            self.agent.begin(&TaskSpec::default(), &Mission::default());
+            self.has_begun = true;
+        }
+        let action = self.agent.act(&Observation { pose: self.pose(referee), ..Observation::default() });
+        // Client and server number the actions alike.
+        avln_episode::Action::ALL[action as usize]
+    }
+
+    /// Returns the pose relative to the start, in the walker's frame under any rule set.
+    fn pose(&self, referee: &Referee) -> Pose {
+        let here = referee.world().pose();
+        let relative = self.agent.hints.now().map_or(here, |(truth, _)| here.relative_to(&truth.start));
+        Pose { position: relative.position.coords.into(), heading_rad: relative.heading_rad }
+    }
+}
+
+/// Plays a phase with the oracle in all orders, as the upper bound on leaderboards, and passes the results to `on_run`. No
+/// server may use the folder.
+///
+/// # Errors
+/// If there is no such phase, it accepts no runs, or a run fails.
+pub async fn play_oracle(
+    data: &DataFolder,
+    phase: &str,
+    on_run: &mut (dyn FnMut(Order, &RunSummary) + Send),
+) -> Result<(), Failure> {
+    let store = data.store().await?;
+    let phase = store.phases().await?.into_iter().find(|known| known.id == phase).ok_or_else(|| {
+        Failure::new(FailureKind::Data, format!("there is no phase '{phase}'"))
+            .hinted("list phases with: avln challenge show")
+    })?;
+    let token = admit(&store, "Oracle", Some(Reference::Oracle)).await?;
+    let (servers, live) = host::serve(data, &store).await?;
+    let orders = phase.orders.clone();
+    let split = data.missions(&phase.split)?;
+    let client = Client::connect(servers.grpc_url(), token.as_str()).await.map_err(Failure::run)?;
+    let oracle = OracleRuns { client, store: store.clone(), live, phase, split };
+    for order in orders {
+        on_run(order, &oracle.run(order).await?);
+    }
+    servers.close().await?;
+    store.close().await;
+    Ok(())
+}
+
+struct OracleRuns {
+    client: Client,
+    store: Store,
+    live: Arc<LiveEpisodes>,
+    phase: Phase,
+    split: SplitFolder,
+}
+
+impl OracleRuns {
+    async fn run(&self, order: Order) -> Result<RunSummary, Failure> {
+        let options = RunOptions::new(&self.phase.id, Oracle::NAME).method_version(env!("CARGO_PKG_VERSION"));
+        let run = self.client.start_run(options.order(client_order(order))).await.map_err(Failure::run)?;
+        let none = Sensors { rgb: false, depth: false, audio: false, ..Sensors::square(64) };
+        let mut play = self.client.play(&run, none).await.map_err(Failure::run)?;
+        let hints = Arc::new(TrueHints::new(self.live.clone(), self.phase.rules.clone()));
+        while self.episode(&mut play, &hints, order).await? {}
+        play.finish().await.map_err(Failure::run)
+    }
+
+    /// Plays the next episode. Returns `false` if there is none.
+    async fn episode(&self, play: &mut Play, hints: &Arc<TrueHints>, order: Order) -> Result<bool, Failure> {
+        let (task, run) = (play.task().clone(), play.run().to_owned());
+        let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? else { return Ok(false) };
+        let handle = episode.id().to_owned();
+        let spec = mission_of(&self.store, &self.split, &run, &handle).await?;
+        hints.follow(&handle, spec.truth(order));
+        let mut agent = ShortestPath::new(hints.clone());
+        agent.begin(&task, episode.mission());
+        while !episode.is_over() {
+            let action = agent.act(episode.observation());
+            episode.step(action).await.map_err(Failure::run)?;
+        }
+        self.live.forget(&handle);
+        Ok(true)
+    }
 }

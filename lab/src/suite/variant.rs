@@ -1,20 +1,22 @@
-use super::{live_episodes::TrueHints, oracle::ShortestPath, traced::Traced};
+//! The suite's agents.
+
+use super::{hints::TrueHints, oracle::ShortestPath};
 use avln_arena::{Failure, FailureKind};
 use avln_baselines::{Baseline, RandomAgent};
-use avln_client::{Agent, Sensors};
+use avln_client::{Action, Agent, Mission, Observation, Sensors, TaskSpec};
 use avln_kit::perception::{ClassicalRecognition, HintRecognition};
 use avln_pag_nav::{Ablation, PagNav, Recorder};
 use clap::ValueEnum;
 use std::{path::Path, sync::Arc};
 
-/// The agents of the suite, in the order of tables.
+/// The suite's agents, in table order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum AgentVariant {
     /// Walks at random.
     Random,
     /// Walks forward and turns at obstacles.
     ForwardAndTurn,
-    /// Explores the nearest unseen place.
+    /// Explores the nearest unseen area.
     Frontier,
     /// Follows sound; blind.
     SoundFollower,
@@ -26,13 +28,13 @@ pub enum AgentVariant {
     PagNav,
     /// PAG-Nav without hearing.
     PagNavNoAudio,
-    /// PAG-Nav without priors of rooms and objects.
+    /// PAG-Nav without room and object priors.
     PagNavNoPriors,
-    /// PAG-Nav without memory of unseen objects.
+    /// PAG-Nav without a memory for objects out of view.
     PagNavNoMemory,
     /// PAG-Nav without verification before a Submit.
     PagNavNoGate,
-    /// PAG-Nav without the perception network, with depth and colours only.
+    /// PAG-Nav with depth and colours instead of the perception network.
     PagNavNoNetwork,
     /// PAG-Nav with true sound directions; privileged.
     PagNavTrueSounds,
@@ -43,47 +45,9 @@ pub enum AgentVariant {
 }
 
 impl AgentVariant {
-    /// All variants.
-    pub const ALL: [Self; 15] = [
-        Self::Random,
-        Self::ForwardAndTurn,
-        Self::Frontier,
-        Self::SoundFollower,
-        Self::Detector,
-        Self::Snapshot,
-        Self::PagNav,
-        Self::PagNavNoAudio,
-        Self::PagNavNoPriors,
-        Self::PagNavNoMemory,
-        Self::PagNavNoGate,
-        Self::PagNavNoNetwork,
-        Self::PagNavTrueSounds,
-        Self::PagNavTrueSight,
-        Self::ShortestPath,
-    ];
-
-    /// Name in tables, files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Random => "random",
-            Self::PagNav => "pag-nav",
-            Self::PagNavNoAudio => "pag-nav-no-audio",
-            Self::PagNavNoPriors => "pag-nav-no-priors",
-            Self::PagNavNoMemory => "pag-nav-no-memory",
-            Self::PagNavNoGate => "pag-nav-no-gate",
-            Self::PagNavNoNetwork => "pag-nav-no-network",
-            Self::PagNavTrueSounds => "pag-nav-true-sounds",
-            Self::PagNavTrueSight => "pag-nav-true-sight",
-            Self::ShortestPath => "shortest-path",
-            Self::ForwardAndTurn | Self::Frontier | Self::SoundFollower | Self::Detector | Self::Snapshot => {
-                self.baseline().map_or("", Baseline::name)
-            }
-        }
-    }
-
-    /// The agent called `name`.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|variant| variant.name() == name)
+    /// Returns the name in tables, files and on the command line.
+    pub fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
     /// Returns `true` if the variant receives ground truth.
@@ -91,7 +55,7 @@ impl AgentVariant {
         matches!(self, Self::PagNavTrueSounds | Self::PagNavTrueSight | Self::ShortestPath)
     }
 
-    /// Returns `true` for ablations of PAG-Nav.
+    /// Returns `true` for PAG-Nav's ablations.
     pub fn is_variant(self) -> bool {
         self.name().starts_with("pag-nav-")
     }
@@ -104,7 +68,7 @@ impl AgentVariant {
         }
     }
 
-    /// Returns the requested sensors, with pictures of `side` pixels.
+    /// Returns the requested sensors, with images of `side` pixels.
     pub(super) fn sensors(self, side: u32) -> Sensors {
         let all = Sensors::square(side);
         match (self, self.baseline()) {
@@ -116,8 +80,7 @@ impl AgentVariant {
         }
     }
 
-    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any; PAG-Nav and its variants that
-    /// are not privileged write a trace into `folder` where one is named.
+    /// Creates the agent for one episode. PAG-Nav and unprivileged ablations write a trace into `folder`.
     pub(super) fn agent(
         self,
         seed: u64,
@@ -126,7 +89,7 @@ impl AgentVariant {
     ) -> Result<Box<dyn Agent + Send>, Failure> {
         if let Some(agent) = self.pag_nav(hints) {
             let untraced = |error| Failure::new(FailureKind::Data, error);
-            // Truth for privileged agents, which stays in the process.
+            // A privileged agent's trace would publish ground truth.
             let folder = folder.filter(|_| !self.is_privileged());
             let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
             return Ok(match trace {
@@ -140,9 +103,10 @@ impl AgentVariant {
         })
     }
 
-    /// Returns the variant of PAG-Nav.
+    /// Creates PAG-Nav or an ablation.
     fn pag_nav(self, hints: &Arc<TrueHints>) -> Option<PagNav> {
-        let (agent, none) = (PagNav::default, Ablation::default());
+        let agent = PagNav::default;
+        let none = Ablation::default();
         Some(match self {
             Self::PagNav => agent(),
             Self::PagNavNoAudio => agent().without(Ablation { no_audio: true, ..none }),
@@ -157,13 +121,31 @@ impl AgentVariant {
     }
 
     fn baseline(self) -> Option<Baseline> {
-        match self {
-            Self::ForwardAndTurn => Some(Baseline::ForwardAndTurn),
-            Self::Frontier => Some(Baseline::Frontier),
-            Self::SoundFollower => Some(Baseline::SoundFollower),
-            Self::Detector => Some(Baseline::Detector),
-            Self::Snapshot => Some(Baseline::Snapshot),
-            _ => None,
+        Baseline::ALL.into_iter().find(|baseline| baseline.name() == self.name())
+    }
+}
+
+/// An agent for one episode; dropping it completes the trace.
+struct Traced(PagNav);
+
+impl Agent for Traced {
+    fn enter(&mut self, episode: &str) {
+        self.0.enter(episode);
+    }
+
+    fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        self.0.begin(task, mission);
+    }
+
+    fn act(&mut self, observation: &Observation) -> Action {
+        self.0.act(observation)
+    }
+}
+
+impl Drop for Traced {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.end_trace() {
+            eprintln!("{error}");
         }
     }
 }
@@ -173,11 +155,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_those_of_the_command_line_and_nobody_is_left_out() {
-        let values: Vec<_> =
-            AgentVariant::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect();
-        let names: Vec<_> = values.iter().map(|value| value.get_name().to_owned()).collect();
-        assert_eq!(names, AgentVariant::ALL.map(|variant| variant.name().to_owned()));
-        assert_eq!(AgentVariant::named("pag-nav-no-gate"), Some(AgentVariant::PagNavNoGate));
+    fn names_are_those_of_published_results() {
+        let names: Vec<String> =
+            AgentVariant::value_variants().iter().map(|variant| variant.name()).collect();
+        let published = "random forward-and-turn frontier sound-follower detector snapshot pag-nav \
+             pag-nav-no-audio pag-nav-no-priors pag-nav-no-memory pag-nav-no-gate pag-nav-no-network \
+             pag-nav-true-sounds pag-nav-true-sight shortest-path";
+        assert_eq!(names.join(" "), published);
+        let baselines = AgentVariant::value_variants().iter().filter_map(|variant| variant.baseline());
+        assert_eq!(baselines.collect::<Vec<_>>(), Baseline::ALL);
     }
 }

@@ -29,7 +29,7 @@ const MAX_TEXT_CHARS: usize = 500;
 /// Longest drain, minutes.
 const MAX_DRAIN_MINUTES: u32 = 24 * 60;
 
-/// State of the admin server.
+/// Admin server state.
 #[derive(Clone)]
 pub struct AdminState {
     /// Arena.
@@ -98,6 +98,7 @@ pub fn router(state: AdminState) -> Router {
         .route("/v1/notice", post(notice))
         .layer(from_fn_with_state(state.clone(), organisers_only));
     Router::new()
+        // Without a token: metrics name no team, method, run or scene, and health checks need them.
         .route("/metrics", get(metrics_text))
         .merge(guarded)
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))

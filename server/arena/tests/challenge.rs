@@ -1,6 +1,12 @@
 //! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
-use avln_arena::{Arena, Failure, SCENE_MEMORY_MIB, actions::{Attribution, self}, challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor}, data::DataFolder, setup::{NewSplit, admit, make_split}};
+use avln_arena::{
+    Arena, Failure, SCENE_MEMORY_MIB,
+    actions::{self, Attribution},
+    challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
+    data::DataFolder,
+    setup::{NewSplit, admit, make_split},
+};
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_episode::Order;
 use avln_grpc::{Host, Reason, RunRequest};
@@ -35,7 +41,7 @@ struct Hall {
 }
 
 impl Hall {
-    /// A data folder with the split `val` of three missions, and a team.
+    /// Creates a data folder with a team and the split `val` with three missions.
     async fn new() -> Self {
         let folder = TempDir::new().expect("a folder");
         let data = DataFolder::open(folder.path()).expect("writable");
@@ -152,7 +158,7 @@ async fn values_that_make_no_sense_are_refused_by_line() {
         ("total = 2", "total = 0", 16, "0 permits no run"),
         ("feedback = \"verdict\"", "max_slots = 65", 7, "65 is outside of 1 to 64"),
         ("feedback = \"verdict\"", "max_side = 32", 7, "32 is outside of 64 to 1024"),
-        ("feedback = \"verdict\"", "orders = []", 7, "one order or both"),
+        ("feedback = \"verdict\"", "orders = []", 7, "one or both orders"),
         ("feedback = \"verdict\"", "sounds = \"kept:00\"", 7, "sounds"),
         ("feedback = \"verdict\"", "rules = \"habitat\"", 7, "habitat"),
         ("feedback = \"verdict\"", "opens = 2026-07-01T00:00:00", 7, "offset"),

@@ -3,7 +3,6 @@ use crate::perception::category::likeness;
 use crate::perception::cue::{CueWords, Query};
 use crate::perception::objects::DetectedObject;
 
-/// Hypothesis limit.
 const MOST: usize = 400;
 /// Radius for nearby objects, and a room's radius, metres.
 const NEAR_M: f32 = 1.2;
@@ -151,7 +150,7 @@ impl ObjectHypothesis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::palette::Palette;
+    use crate::perception::objects::Palette;
     use avln_client::GoalCue;
 
     fn detection(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> DetectedObject {

@@ -26,9 +26,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Cells per map row.
     pub(crate) const COLUMNS: i32 = SIDE;
-    /// Cells in the map.
     pub(crate) const COUNT: usize = (SIDE * SIDE) as usize;
 
     /// Returns the index in row-major order; `None` outside the map.
@@ -166,7 +164,7 @@ impl Occupancy {
     pub fn outside_m(&self, place: FloorPoint) -> f32 {
         let [low, high] = self.seen;
         let dx = (low.x - place.x).max(place.x - high.x).max(0.0);
-        dx.hypot((low.z - place.z).max(place.z - high.z).max(0.0))
+        libm::hypotf(dx, (low.z - place.z).max(place.z - high.z).max(0.0))
     }
 
     /// Clears the cells around the body's position.
@@ -295,11 +293,10 @@ impl Occupancy {
     }
 }
 
-/// Returns cell offsets within a radius.
 fn disk(radius_m: f32) -> Vec<(i32, i32)> {
     let reach = (radius_m / CELL_M).ceil() as i32;
     let offsets = (-reach..=reach).flat_map(|dc| (-reach..=reach).map(move |dr| (dc, dr)));
-    offsets.filter(|&(dc, dr)| (dc as f32).hypot(dr as f32) * CELL_M <= radius_m).collect()
+    offsets.filter(|&(dc, dr)| libm::hypotf(dc as f32, dr as f32) * CELL_M <= radius_m).collect()
 }
 
 #[cfg(test)]

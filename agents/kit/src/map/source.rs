@@ -60,13 +60,13 @@ impl SourceBelief {
     pub fn hear(&mut self, field: &SoundField, pose: &Pose2d, heard: &HeardSound) {
         let clear = (CLEAR_M / range_m(heard.level)).min(1.0);
         // A distant sound has less weight, and displaces less of the older evidence in proportion.
-        let (kept, weight) = (KEPT.powf(clear), WEIGHT * clear);
+        let (kept, weight) = (libm::powf(KEPT, clear), WEIGHT * clear);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(WORST_BENT + WORST_LEVEL, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
                 let delay_s = sloped_itd_s(pose.bearing_rad(ray.from), ray.length_m);
                 let late = (delay_s - heard.itd_s) / sigma_s;
-                let loss = (expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6)).ln();
+                let loss = libm::logf(expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6));
                 let (level, worst) = if field.is_straight(index) {
                     (bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN), WORST_STRAIGHT)
                 } else {
@@ -101,7 +101,7 @@ impl SourceBelief {
                 };
                 let prior = prior + if is_missed(place) { MISSED } else { 0.0 };
                 let prior = prior + OUTSIDE_PER_M * map.outside_m(place);
-                Some((place, (score - top + prior + PER_M * field.ray(index)?.length_m).exp()))
+                Some((place, libm::expf(score - top + prior + PER_M * field.ray(index)?.length_m)))
             })
             .collect();
         let (best, _) = *weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -163,8 +163,8 @@ impl IntensityMemory {
         loud.truncate(ASKED);
         let fits = loud.iter().map(|heard| {
             let range_m = range_m(heard.level).max(MEMORY_CELL_M);
-            let off = (range_m / distance_m(heard.place).max(MEMORY_CELL_M)).ln() / SPREAD;
-            (-0.5 * off * off).exp()
+            let off = libm::logf(range_m / distance_m(heard.place).max(MEMORY_CELL_M)) / SPREAD;
+            libm::expf(-0.5 * off * off)
         });
         fits.sum::<f32>() / loud.len().max(1) as f32
     }
@@ -180,15 +180,15 @@ const LEVEL_AT_1_M: f32 = 0.05;
 
 /// Returns the expected level for a visible source at `distance_m`.
 pub fn expected_level(distance_m: f32) -> f32 {
-    let logs = CURVE.map(|[distance_m, level]| [distance_m.ln(), level.ln()]);
-    LEVEL_AT_1_M * between(&logs, distance_m.max(0.05).ln()).exp()
+    let logs = CURVE.map(|[distance_m, level]| [libm::logf(distance_m), libm::logf(level)]);
+    LEVEL_AT_1_M * libm::expf(between(&logs, libm::logf(distance_m.max(0.05))))
 }
 
 /// Returns the expected distance for a level, metres, 0.1 to 100.
 pub fn range_m(level: f32) -> f32 {
-    let mut logs = CURVE.map(|[distance_m, level]| [level.ln(), distance_m.ln()]);
+    let mut logs = CURVE.map(|[distance_m, level]| [libm::logf(level), libm::logf(distance_m)]);
     logs.reverse();
-    between(&logs, (level.max(1e-6) / LEVEL_AT_1_M).ln()).exp().clamp(0.1, 100.0)
+    libm::expf(between(&logs, libm::logf(level.max(1e-6) / LEVEL_AT_1_M))).clamp(0.1, 100.0)
 }
 
 /// Interpolates linearly between points of rising x, and extrapolates by the first and last segment.

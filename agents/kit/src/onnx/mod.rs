@@ -5,14 +5,12 @@
 //!
 //! *Never*: contains a model or ONNX Runtime; the runtime library is loaded on first use.
 
-mod config;
 mod model;
 
-pub use config::ModelsError;
+pub use model::ModelsError;
 
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use crate::onnx::config::{Models, unit, words};
-use crate::onnx::model::{CropBox, Model, Numbers};
+use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
 use crate::perception::Recognition;
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;
@@ -119,8 +117,9 @@ impl OnnxRecognition {
         let scores: Vec<f32> =
             self.words.iter().map(|(_, word)| self.scale * cosine(word, embedding)).collect();
         let top = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let all: f32 = scores.iter().map(|score| (score - top).exp()).sum();
-        let named = self.words.iter().zip(scores).map(|((word, _), score)| (word, (score - top).exp() / all));
+        let all: f32 = scores.iter().map(|score| libm::expf(score - top)).sum();
+        let named =
+            self.words.iter().zip(scores).map(|((word, _), score)| (word, libm::expf(score - top) / all));
         named.filter(|(_, p)| *p > UNLIKELY).map(|(word, p)| (word.clone(), p)).collect()
     }
 
@@ -228,7 +227,6 @@ fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, 
     Ok(frames.zip(best).collect())
 }
 
-/// Cosine of two unit vectors.
 fn cosine(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

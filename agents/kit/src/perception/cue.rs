@@ -1,6 +1,5 @@
 use crate::perception::category::{has_trait, likeness, noun_of};
-use crate::perception::objects::DetectedObject;
-use crate::perception::palette::{Palette, is_color};
+use crate::perception::objects::{DetectedObject, Palette, is_color};
 use avln_client::{GoalCue, Image, RgbImage};
 use std::ops::Range;
 
@@ -36,7 +35,6 @@ pub struct CueWords {
     pub near: Option<String>,
 }
 
-/// Room names.
 const ROOMS: [&str; 12] = [
     "living room",
     "dining room",

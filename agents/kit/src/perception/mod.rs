@@ -2,18 +2,18 @@
 
 pub(crate) mod category;
 pub(crate) mod cue;
-pub(crate) mod network;
 pub(crate) mod objects;
-pub(crate) mod palette;
 
 pub use category::likeness as category_likeness;
 pub use cue::{CueWords, Layout, Query};
-pub use network::NetworkRecognition;
-pub use objects::{DetectedObject, detect_objects};
-pub use palette::Palette;
+pub use objects::{DetectedObject, Palette, detect_objects};
 
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use avln_client::{Mission, Observation, TaskSpec};
+use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
+use avln_perception::{
+    CameraModel, Depth, Perception as _, Picture, Segment, Segmentation, VisionNetwork, WeightsError, lift,
+};
+use objects::cosine;
 use std::sync::Arc;
 
 /// Detection of objects in images, and their fit with the goals.
@@ -140,10 +140,180 @@ impl Recognition for HintRecognition {
     }
 }
 
+/// Smaller probabilities are dropped.
+const UNLIKELY: f32 = 0.003;
+/// Cosines for different and for equal objects.
+const ALIKE: [f32; 2] = [0.3, 0.9];
+/// Embedding weight for image cues; view similarity has the rest.
+const NETWORK: f32 = 0.6;
+/// Everyday words for objects, with the network's wider category.
+const WIDER: [(&str, &str); 13] = [
+    ("armchair", "chair"),
+    ("coffee_table", "table"),
+    ("desk", "table"),
+    ("nightstand", "chest_of_drawers"),
+    ("wardrobe", "cabinet"),
+    ("bookshelf", "shelving"),
+    ("bench", "seating"),
+    ("ottoman", "stool"),
+    ("refrigerator", "appliances"),
+    ("stove", "appliances"),
+    ("washing_machine", "appliances"),
+    ("lamp", "lighting"),
+    ("floor_lamp", "lighting"),
+];
+
+/// Recognition by the network of `avln-perception`: segments with category probabilities and embeddings, lifted to
+/// boxes by depth.
+pub struct NetworkRecognition {
+    network: VisionNetwork,
+    view: PinholeCamera,
+    camera: CameraModel,
+    goals: Vec<GoalMatcher>,
+    layout: Layout,
+    /// Pose at the last processed image.
+    last: Option<Pose2d>,
+}
+
+enum GoalMatcher {
+    Words(CueWords),
+    /// The descriptor from the reference image's middle, if the network found an object, and the parsed cue.
+    Picture(Option<Vec<f32>>, Query),
+}
+
+impl Default for NetworkRecognition {
+    fn default() -> Self {
+        Self::new().expect("the bundled weights are valid")
+    }
+}
+
+impl NetworkRecognition {
+    /// Creates a recognition with the bundled weights.
+    ///
+    /// # Errors
+    /// If the bundled weights are invalid.
+    pub fn new() -> Result<Self, WeightsError> {
+        let (task, network) = (TaskSpec::default(), VisionNetwork::new()?);
+        let (view, camera) = (PinholeCamera::new(&task), camera(&task));
+        Ok(Self { network, view, camera, goals: Vec::new(), layout: Layout::default(), last: None })
+    }
+
+    fn goal(&mut self, cue: &GoalCue) -> GoalMatcher {
+        match Query::new(cue) {
+            Query::Words(words) => GoalMatcher::Words(words),
+            query @ Query::Picture { .. } => GoalMatcher::Picture(self.look_of(cue), query),
+        }
+    }
+
+    fn look_of(&mut self, cue: &GoalCue) -> Option<Vec<f32>> {
+        let GoalCue::Image(image) = cue else { return None };
+        self.network.look_at_picture(&picture(image)).ok()?.map(|segment| look(&segment))
+    }
+
+    /// Builds an object from a segment; `None` if too distant or without depth.
+    fn detection(
+        &self,
+        segment: &Segment,
+        seen: &Segmentation,
+        pose: &Pose2d,
+        (image, depth): (&Image, &DepthImage),
+    ) -> Option<DetectedObject> {
+        let (width, height) = (seen.width, seen.height);
+        let pixels = segment.mask.iter().map(|&pixel| {
+            let (row, column) = (pixel as usize / width, pixel as usize % width);
+            (column * self.view.width / width, row * self.view.height / height)
+        });
+        let detection = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels.collect())?;
+        let kinds = self.kinds(&self.judged(segment, seen, (image, depth)));
+        Some(DetectedObject { embedding: look(segment), kinds, ..detection })
+    }
+
+    /// Returns a segment's category probabilities, by appearance and shape.
+    fn judged(
+        &self,
+        segment: &Segment,
+        seen: &Segmentation,
+        (image, depth): (&Image, &DepthImage),
+    ) -> Vec<f32> {
+        let metres = Depth { metres: &depth.metres };
+        let solid = lift(seen, segment, &picture(image), &metres, &self.camera);
+        solid.map_or_else(|| segment.categories.clone(), |solid| self.network.judge(seen, segment, &solid))
+    }
+
+    /// Returns the likely categories and their everyday words, with probabilities.
+    fn kinds(&self, likelihoods: &[f32]) -> Vec<(String, f32)> {
+        let names = self.network.categories().iter().zip(likelihoods);
+        let likely: Vec<(&str, f32)> =
+            names.map(|(name, &p)| (name.as_str(), p)).filter(|(_, p)| *p > UNLIKELY).collect();
+        let of = |wide: &str| likely.iter().find(|(name, _)| *name == wide).map(|(_, p)| *p);
+        let narrow = WIDER.iter().filter_map(|(narrow, wide)| Some((*narrow, of(wide)?)));
+        likely.iter().copied().chain(narrow).map(|(name, p)| (name.to_owned(), p)).collect()
+    }
+}
+
+impl Recognition for NetworkRecognition {
+    fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        (self.view, self.camera) = (PinholeCamera::new(task), camera(task));
+        self.goals = mission.goals.iter().map(|cue| self.goal(cue)).collect();
+        (self.layout, self.last) = (Layout::default(), None);
+    }
+
+    fn see(
+        &mut self,
+        pose: &Pose2d,
+        seen: &Observation,
+        _: &dyn Fn(FloorPoint) -> bool,
+    ) -> Option<Vec<DetectedObject>> {
+        let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
+        self.layout = Layout::of(image);
+        // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.
+        if self.last.is_some_and(|last| last.sees_like(pose)) {
+            return None;
+        }
+        self.last = Some(*pose);
+        let metres = Depth { metres: &depth.metres };
+        let told = self.network.see(&picture(image), Some((&metres, &self.camera))).ok()?;
+        let detection = |segment| self.detection(segment, &told, pose, (image, depth));
+        Some(told.segments.iter().filter_map(detection).collect())
+    }
+
+    fn fit(&self, detection: &DetectedObject, goal: usize) -> f32 {
+        match self.goals.get(goal) {
+            Some(GoalMatcher::Words(words)) => words.fit(detection),
+            Some(GoalMatcher::Picture(look, query)) => {
+                let view = query.fit(detection, &self.layout);
+                look.as_ref()
+                    .map_or(view, |look| NETWORK * alike(look, &detection.embedding) + (1.0 - NETWORK) * view)
+            }
+            None => 0.0,
+        }
+    }
+}
+
+/// Compares two descriptors, 0 to 1.
+fn alike(a: &[f32], b: &[f32]) -> f32 {
+    let [low, high] = ALIKE;
+    ((cosine(a, b) - low) / (high - low)).clamp(0.0, 1.0)
+}
+
+fn camera(task: &TaskSpec) -> CameraModel {
+    CameraModel { hfov_rad: task.hfov_rad, height_m: task.camera_height_m, pitch_rad: 0.0 }
+}
+
+fn picture(image: &RgbImage) -> Picture<'_> {
+    Picture { width: image.width as usize, height: image.height as usize, rgb: &image.pixels }
+}
+
+/// Returns a segment's descriptor: embedding and category probabilities, equally weighted.
+fn look(segment: &Segment) -> Vec<f32> {
+    let length = segment.categories.iter().map(|p| p * p).sum::<f32>().sqrt().max(f32::EPSILON);
+    let categories = segment.categories.iter().map(|p| p / length);
+    segment.embedding.iter().copied().chain(categories).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_client::GoalCue;
 
     struct OneTarget;
 
@@ -164,5 +334,74 @@ mod tests {
         let seen = told.see(&Pose2d::default(), &Observation::default(), &|_| false).unwrap();
         assert_eq!((seen.len(), seen[0].high_m, seen[0].max), (1, 0.8, FloorPoint::new(2.0, -1.5)));
         assert_eq!((told.fit(&seen[0], 0), told.fit(&seen[0], 1)), (0.0, 1.0));
+    }
+
+    use avln_client::Pose;
+    use avln_perception::{Histogram, PixelBox};
+
+    const SIDE: usize = 32;
+
+    /// A segment in the middle, `SIDE` x `SIDE` pixels, with one category.
+    fn segment(recognition: &NetworkRecognition, category: &str) -> Segment {
+        let of = |name: &String| if name == category { 1.0 } else { 0.0 };
+        let middle = SIDE as u32 / 4..3 * SIDE as u32 / 4;
+        let (first, last) = (middle.start, middle.end - 1);
+        Segment {
+            mask: middle.clone().flat_map(|row| middle.clone().map(move |x| row * SIDE as u32 + x)).collect(),
+            categories: recognition.network.categories().iter().map(of).collect(),
+            embedding: vec![1.0; 12].into_iter().map(|one: f32| one / 12_f32.sqrt()).collect(),
+            histogram: Histogram::default(),
+            bounds: PixelBox { columns: [first, last], rows: [first, last] },
+        }
+    }
+
+    fn seen() -> Segmentation {
+        let (categories, confidences) = (vec![0; SIDE * SIDE], vec![1.0; SIDE * SIDE]);
+        Segmentation { width: SIDE, height: SIDE, categories, confidences, segments: Vec::new() }
+    }
+
+    fn ready(goals: &[&str]) -> NetworkRecognition {
+        let mut recognition = NetworkRecognition::new().unwrap();
+        let task = TaskSpec { width: 64, height: 64, ..TaskSpec::default() };
+        let goals = goals.iter().map(|label| GoalCue::Category((*label).to_owned())).collect();
+        recognition.begin(&task, &Mission { goals, ..Mission::default() });
+        recognition
+    }
+
+    #[test]
+    fn segments_become_objects() {
+        let recognition = ready(&["chair", "bed"]);
+        let image = Image { width: 64, height: 64, pixels: [200, 30, 30].repeat(64 * 64) };
+        let depth = DepthImage { width: 64, height: 64, metres: vec![2.0; 64 * 64] };
+        let (segment, pose) = (segment(&recognition, "chair"), Pose2d::new(&Pose::default()));
+        let detection = recognition.detection(&segment, &seen(), &pose, (&image, &depth)).unwrap();
+        // The middle half in 64 pixels and 90 degrees, 2 m ahead, is 2 m wide without outliers.
+        assert!(
+            (detection.long_m() - 1.85).abs() < 0.1 && (detection.center().z + 2.0).abs() < 1e-4,
+            "{detection:?}"
+        );
+        let likely = |word: &str| detection.is_a(word).unwrap();
+        assert!(likely("chair") > 0.0 && likely("armchair") == likely("chair") && likely("unicorn") == 0.0);
+        assert!(
+            (recognition.fit(&detection, 0) - likely("chair")).abs() < 1e-6
+                && recognition.fit(&detection, 2) == 0.0
+        );
+        let far = DepthImage { metres: vec![8.0; 64 * 64], ..depth };
+        assert_eq!(recognition.detection(&segment, &seen(), &pose, (&image, &far)), None);
+    }
+
+    #[test]
+    fn descriptors_combine_embedding_and_category() {
+        let recognition = ready(&[]);
+        let [chair, bed] = ["chair", "bed"].map(|category| look(&segment(&recognition, category)));
+        assert!(alike(&chair, &chair) > 0.99 && (alike(&chair, &bed) - (0.5 - 0.3) / 0.6).abs() < 1e-3);
+    }
+
+    #[test]
+    fn images_without_depth_are_skipped() {
+        let mut recognition = ready(&["chair"]);
+        let image = Image { width: 64, height: 64, pixels: vec![128; 3 * 64 * 64] };
+        let blind = Observation { rgb: Some(image), ..Observation::default() };
+        assert_eq!(recognition.see(&Pose2d::default(), &blind, &|_| false), None);
     }
 }

@@ -139,6 +139,7 @@ fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
         for (camera, fastest_s) in cameras.iter().zip(&mut fastest_s) {
             let start = Instant::now();
             black_box(renderer.render(black_box(camera)));
+            // Other programs only lengthen a time, so the fastest one is the least disturbed.
             *fastest_s = fastest_s.min(start.elapsed().as_secs_f64());
         }
     }
@@ -198,7 +199,7 @@ mod tests {
             words.contains("navmesh")
                 && walked.iter().all(|pose| pose.eye != walked[0].eye || pose == &walked[0])
         );
-        // Only what stands upright is left: nowhere to stand.
+        // Only vertical surfaces remain: no floor.
         let upright = |corners: [Point3<f32>; 3]| {
             let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
             normal.y.abs() < 0.1 * normal.norm()

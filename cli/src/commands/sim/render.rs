@@ -3,13 +3,14 @@
 use crate::{
     commands::{
         scene::FurnishedSceneArgs,
-        sim::{read, unusable},
+        sim::{numbers, read, unusable},
     },
-    output::say,
+    output::{cannot_write, processors, say},
 };
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_geom::{Point3, UnitQuaternion, angle};
-use avln_lab::{npy, preview::Picture, scene_renderer::SceneRenderer};
+use avln_lab::npy;
+use avln_lab::preview::{Picture, SceneRenderer};
 use avln_render::{Camera, CameraImage, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use serde::de::DeserializeOwned;
@@ -109,8 +110,7 @@ impl FromStr for CameraPose {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let number = |word: &str| word.trim().parse().map_err(|error| format!("'{word}': {error}"));
-        let values: Vec<f64> = words.split(',').map(number).collect::<Result<_, _>>()?;
+        let values: Vec<f64> = numbers(words, &[','])?;
         let (place, heading_deg, pitch_deg) = match *values.as_slice() {
             [x, y, z, heading_deg] => ([x, y, z], heading_deg, 0.0),
             [x, y, z, heading_deg, pitch_deg] => ([x, y, z], heading_deg, pitch_deg),
@@ -258,8 +258,7 @@ impl RenderArgs {
     }
 
     fn threads(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.threads.map_or_else(cores, usize::from)
+        self.threads.map_or_else(processors, usize::from)
     }
 }
 
@@ -283,6 +282,7 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
             let mut frame = renderer.render(&shot.camera);
             noise.apply(&mut frame, index as u64, shot.camera.depth_max_m);
             if let Err(failure) = shot.files.write(frame) {
+                // Other threads stop after their present picture.
                 next.store(shots.len(), Ordering::Relaxed);
                 return Err(failure);
             }
@@ -290,7 +290,7 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
     };
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(shots.len())).map(|_| scope.spawn(work)).collect();
-        let broken = |_| Err(Failure::internal("a thread that takes pictures broke"));
+        let broken = |_| Err(Failure::internal("a rendering thread panicked"));
         workers.into_iter().try_for_each(|worker| worker.join().unwrap_or_else(broken))
     })
 }
@@ -316,10 +316,12 @@ impl PictureFiles {
     fn write(&self, frame: CameraImage) -> Result<(), Failure> {
         let shape = [frame.height, frame.width];
         if let Some(path) = &self.depth {
-            written(path, |out| npy::write(out, shape, frame.depth.iter().copied()))?;
+            let depths = frame.depth.iter().map(|depth_m| depth_m.to_le_bytes());
+            written(path, |out| npy::write(out, "<f4", shape, depths))?;
         }
         if let Some(path) = &self.ids {
-            written(path, |out| npy::write(out, shape, frame.instances.iter().map(|id| id.0)))?;
+            let ids = frame.instances.iter().map(|id| id.0.to_le_bytes());
+            written(path, |out| npy::write(out, "<u4", shape, ids))?;
         }
         match &self.rgb {
             Some(path) => written(path, |out| Picture::of(String::new(), frame).write_png(out)),
@@ -336,10 +338,6 @@ fn written<E: Display>(
     let mut out = BufWriter::new(File::create(path).map_err(|error| cannot_write(path, error))?);
     fill(&mut out).map_err(|error| cannot_write(path, error))?;
     out.flush().map_err(|error| cannot_write(path, error))
-}
-
-fn cannot_write(path: &Path, error: impl Display) -> Failure {
-    Failure::file("write", path, error).hinted("choose an existing folder with write access")
 }
 
 const FIELDS: [&str; 5] = ["position", "rotation", "hfov_deg", "width", "height"];

@@ -1,12 +1,15 @@
-use super::shot::Shot;
+//! Labelled images: cameras, labels and records.
+
 use crate::npy;
-use avln_geom::Vector3;
-use avln_scene::{InstanceId, Scene};
-use avln_world::{Camera, CameraImage};
+use avln_geom::{Point3, Rng, Vector3, angle};
+use avln_scene::{InstanceId, Object, Region, Scene};
+use avln_world::{Camera, CameraImage, SceneAssets};
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_4, PI};
 use std::io;
 
-/// Contents of pixels in procedural houses; a number is an index into this list. The first three are the building
-/// itself: all of it that is neither floor nor ceiling counts as wall, what is out of reach included.
+/// Category names by number. The first three are the building itself; everything but floors and ceilings counts as wall,
+/// including pixels beyond the depth range.
 pub const CATEGORIES: [&str; 41] = [
     "wall",
     "floor",
@@ -50,19 +53,17 @@ pub const CATEGORIES: [&str; 41] = [
     "vase",
     "window",
 ];
-/// The number of pixels that show an instance whose category has no name here.
+/// Number for instances in other categories.
 pub(super) const UNKNOWN: u8 = 255;
 const WALL: u8 = 0;
 const FLOOR: u8 = 1;
 const CEILING: u8 = 2;
-/// Largest distance of a point from the height of its floor or ceiling, metres.
+/// Height tolerance for points on floors and ceilings, metres.
 const LEVEL_M: f32 = 0.02;
-/// Heights of floors and ceilings differ by less than this where they are the same, metres.
+/// Height difference between equal levels, metres.
 const SAME_LEVEL_M: f32 = 1e-3;
 
-/// Instances of a scene, and heights of its floors and ceilings.
 pub(super) struct Labels {
-    /// By instance id; that of none is not used.
     category_of: Vec<u8>,
     floors_m: Vec<f32>,
     ceilings_m: Vec<f32>,
@@ -75,17 +76,20 @@ impl Labels {
         for object in &scene.objects {
             category_of[object.id.0 as usize] = number(&object.category);
         }
-        let levels = |level: fn(&avln_scene::Region) -> f32| {
+        let levels = |level: fn(&Region) -> f32| {
             let mut levels: Vec<f32> = scene.regions.iter().map(level).collect();
             levels.sort_by(f32::total_cmp);
             levels.dedup_by(|a, b| (*a - *b).abs() < SAME_LEVEL_M);
             levels
         };
-        let (floors_m, ceilings_m) = (levels(|room| room.bounds.min.y), levels(|room| room.bounds.max.y));
-        Self { category_of, floors_m, ceilings_m }
+        Self {
+            category_of,
+            floors_m: levels(|room| room.bounds.min.y),
+            ceilings_m: levels(|room| room.bounds.max.y),
+        }
     }
 
-    /// Content of a pixel: an instance, or the building at `height_m` in the world; `None` beyond the range of the depth sensor.
+    /// Returns a pixel's category: an instance's, or the building's by world height; `None` for a height beyond the depth range.
     fn category(&self, instance: InstanceId, height_m: Option<f32>) -> u8 {
         if instance != InstanceId::NONE {
             return self.category_of.get(instance.0 as usize).copied().unwrap_or(UNKNOWN);
@@ -104,16 +108,16 @@ fn number(category: &str) -> u8 {
     CATEGORIES.iter().position(|name| *name == category).map_or(UNKNOWN, |number| number as u8)
 }
 
-/// Begins a file of `count` records: the camera (place in the world, height above the floor that one stands on, heading and
-/// pitch, field of view), then colours, planar depth in millimetres (0 for none), categories and, as `instance_field`,
-/// instances, all row by row.
+/// Writes the header for `count` records: camera (world position, height above the floor, heading, pitch, field of view),
+/// colours, planar depth in millimetres (0 for no hit), categories, and instances as `instance_field`; row by row.
 pub(super) fn write_header(
     out: &mut Vec<u8>,
     instance_field: &str,
     side_px: u32,
     count: usize,
 ) -> io::Result<()> {
-    let (one, square) = (|| "()".to_owned(), || format!("({side_px}, {side_px})"));
+    let one = || "()".to_owned();
+    let square = || format!("({side_px}, {side_px})");
     let fields = [
         ("eye_m", "<f4", "(3,)".to_owned()),
         ("height_m", "<f4", one()),
@@ -125,10 +129,10 @@ pub(super) fn write_header(
         ("category", "|u1", square()),
         (instance_field, "<u2", square()),
     ];
-    npy::write_record_header(out, &fields, count)
+    let fields = fields.map(|(name, kind, shape)| format!("('{name}', '{kind}', {shape})"));
+    npy::write_header(out, &format!("[{}]", fields.join(", ")), &[count])
 }
 
-/// Appends one record.
 pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &CameraImage, labels: &Labels) {
     let eye = shot.camera.eye;
     let camera = [eye.x, eye.y, eye.z, shot.height_m, shot.heading_rad, shot.pitch_rad, shot.camera.hfov_rad];
@@ -143,12 +147,91 @@ pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &CameraImage, labels
     out.extend(frame.instances.iter().flat_map(|instance| (instance.0 as u16).to_le_bytes()));
 }
 
-/// Height of the content of a pixel in the world, metres; `None` without depth.
+/// Returns the world height of a pixel's content, metres; `None` without depth.
 fn height_m(camera: &Camera, pixel: usize, depth_m: f32) -> Option<f32> {
     let (column, row) = (pixel % camera.width as usize, pixel / camera.width as usize);
-    let (sin, cos) = avln_geom::angle::sin_cos(0.5 * camera.hfov_rad);
+    let (sin, cos) = angle::sin_cos(0.5 * camera.hfov_rad);
     let metres_per_px = 2.0 * sin / cos / camera.width as f32;
     let from_middle = |at: usize, side: u32| (at as f32 + 0.5 - 0.5 * side as f32) * metres_per_px;
     let ray = Vector3::new(from_middle(column, camera.width), -from_middle(row, camera.height), -1.0);
     (depth_m > 0.0).then(|| (camera.eye + camera.world_from_camera * ray * depth_m).y)
+}
+
+/// Share of cameras in agents' position: level, at [`EYE_M`], with [`HFOV_RAD`].
+const USUAL: f64 = 0.8;
+const EYE_M: f32 = 1.0;
+const HFOV_RAD: f32 = 2.0 * FRAC_PI_4;
+/// Ranges for other cameras: height above the floor, metres; pitch and field of view, radians.
+const EYES_M: [f32; 2] = [0.6, 1.6];
+const PITCHES_RAD: [f32; 2] = [-0.45, 0.25];
+const HFOVS_RAD: [f32; 2] = [1.05, 1.75];
+/// Share of cameras aimed at an object; others have a random heading.
+const AIMED: f64 = 0.6;
+/// Distance to the object's box, metres, and largest angle between the object and the image's middle, radians.
+const REACHES_M: [f32; 2] = [0.3, 3.5];
+const ASIDE_RAD: f32 = 0.6;
+/// Attempts per aimed camera.
+const TRIES: usize = 40;
+const DEPTH_MAX_M: f32 = 10.0;
+
+/// A camera above a floor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shot {
+    pub(super) camera: Camera,
+    /// Height above the floor, metres.
+    pub(super) height_m: f32,
+    pub(super) heading_rad: f32,
+    /// Positive looks up.
+    pub(super) pitch_rad: f32,
+}
+
+pub(super) fn shots(assets: &SceneAssets, rng: &mut Rng, count: usize, side_px: u32) -> Vec<Shot> {
+    let mut kinds: BTreeMap<&str, Vec<&Object>> = BTreeMap::new();
+    for object in &assets.scene.objects {
+        kinds.entry(&object.category).or_default().push(object);
+    }
+    let kinds: Vec<Vec<&Object>> = kinds.into_values().collect();
+    (0..count).map(|_| shot(assets, rng, &kinds, side_px)).collect()
+}
+
+fn shot(assets: &SceneAssets, rng: &mut Rng, kinds: &[Vec<&Object>], side_px: u32) -> Shot {
+    let is_usual = rng.chance(USUAL);
+    let mut within =
+        |[low, high]: [f32; 2], otherwise: f32| if is_usual { otherwise } else { rng.range(low, high) };
+    let height_m = within(EYES_M, EYE_M);
+    let (pitch_rad, hfov_rad) = (within(PITCHES_RAD, 0.0), within(HFOVS_RAD, HFOV_RAD));
+    let aim = rng.chance(AIMED).then(|| aimed(assets, rng, kinds, height_m)).flatten();
+    let (eye, heading_rad) = aim.unwrap_or_else(|| (stand(assets, rng, height_m), rng.range(-PI, PI)));
+    let world_from_camera = angle::about_up(heading_rad) * angle::about_right(pitch_rad);
+    let camera = Camera {
+        eye,
+        world_from_camera,
+        width: side_px,
+        height: side_px,
+        hfov_rad,
+        depth_max_m: DEPTH_MAX_M,
+    };
+    Shot { camera, height_m, heading_rad, pitch_rad }
+}
+
+/// Draws an eye position above walkable floor.
+fn stand(assets: &SceneAssets, rng: &mut Rng, height_m: f32) -> Point3<f32> {
+    let mesh = &assets.navmesh;
+    mesh.sample(rng, mesh.largest_island()).position() + Vector3::y() * height_m
+}
+
+/// Draws an eye position with a view of a near object, and a heading towards the object. Categories are equally likely.
+fn aimed(
+    assets: &SceneAssets,
+    rng: &mut Rng,
+    kinds: &[Vec<&Object>],
+    height_m: f32,
+) -> Option<(Point3<f32>, f32)> {
+    let kind = rng.choose(kinds)?;
+    let object = *rng.choose(kind)?;
+    let near = |eye: &Point3<f32>| (REACHES_M[0]..REACHES_M[1]).contains(&object.bounds.distance_m(eye));
+    let mut eyes = (0..TRIES).map(|_| stand(assets, rng, height_m)).filter(near);
+    let eye = eyes.find(|eye| assets.sees(eye, object.id, FRAC_PI_4))?;
+    let offset = object.bounds.center() - eye;
+    Some((eye, angle::wrap(angle::atan2(-offset.x, -offset.z) + rng.range(-ASIDE_RAD, ASIDE_RAD))))
 }

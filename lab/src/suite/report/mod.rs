@@ -1,52 +1,70 @@
-//! The results as a page.
+//! The suite's results page, as Markdown and CSV.
 
-mod episodes;
-mod facts;
-mod paired;
-mod paper;
+mod statistics;
 
 use super::{AgentVariant, Cause, ResultLine, host::results_path, results};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
-use facts::{VariantResults, comparable, compare, mean, steps_to_first};
-use paired::Paired;
-use std::{fmt::Write as _, path::Path};
+use clap::ValueEnum;
+use statistics::{Paired, VariantResults, comparable, compare, mean, steps_to_first};
+use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
+const ENDS: [EndReason; 4] =
+    [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
 
-/// Runs in a folder.
+/// A row of the paper's table 1, percent: SR, ISR, OSR, SPL and SoftSPL by order.
+struct PaperRow {
+    method: &'static str,
+    hears: bool,
+    ordered: [f64; 5],
+    unordered: [f64; 5],
+}
+
+const fn paper(method: &'static str, hears: bool, ordered: [f64; 5], unordered: [f64; 5]) -> PaperRow {
+    PaperRow { method, hears, ordered, unordered }
+}
+
+const PAPER: [PaperRow; 5] = [
+    paper("MTU3D", false, [1.7, 15.5, 47.6, 1.5, 8.8], [2.1, 17.3, 41.3, 1.1, 9.8]),
+    paper("3D-Mem", false, [0.0, 11.6, 23.7, 0.0, 8.6], [1.0, 14.8, 28.0, 0.7, 9.2]),
+    paper("SAVi", true, [0.0, 0.1, 34.4, 0.0, 0.1], [0.0, 0.7, 35.1, 0.0, 0.5]),
+    paper("GOAT-Bench", false, [0.0, 7.9, 9.1, 0.2, 7.9], [0.2, 8.9, 9.2, 0.2, 8.9]),
+    paper("PAG-Nav", true, [2.3, 17.5, 66.5, 1.8, 12.9], [3.1, 31.5, 55.6, 1.8, 14.8]),
+];
+
+/// The results in a folder.
 pub struct SuiteReport {
-    /// A page of tables, Markdown. It links to `results.csv` beside it.
+    /// Markdown page, with a link to `results.csv` in the same folder.
     pub page: String,
-    /// A table of all episodes, CSV.
+    /// CSV table with all episodes.
     pub episodes: String,
 }
 
-/// Tells what was played in a folder.
+/// Formats the results in a folder.
 ///
 /// # Errors
-/// When nothing was played there, or the results cannot be read.
+/// If there are no results, or they cannot be read.
 pub fn report(folder: &Path) -> Result<SuiteReport, Failure> {
-    let path = results_path(folder);
-    let nothing = || {
-        Failure::new(FailureKind::Data, format!("nothing was played in {}", folder.display()))
-            .hinted("play first: avln lab baselines run --out FOLDER")
-    };
-    let played = results::read(&path)?;
+    let played = results::read(&results_path(folder))?;
     let lines = comparable(played.values());
-    let Some(first) = lines.first() else { return Err(nothing()) };
+    let Some(first) = lines.first() else {
+        let message = format!("there are no results in {}", folder.display());
+        return Err(Failure::new(FailureKind::Data, message)
+            .hinted("run the suite first: avln lab baselines run --out FOLDER"));
+    };
     let page = ReportPage { lines: &lines, first };
     let sections = [
         page.head(),
         page.main(),
-        page.paper(),
+        paper_table(),
         page.variants(),
         page.tests(),
         page.shares(),
         page.failures(),
     ];
-    Ok(SuiteReport { page: sections.join("\n"), episodes: episodes::table(&lines) })
+    Ok(SuiteReport { page: sections.join("\n"), episodes: statistics::table(&lines) })
 }
 
 struct ReportPage<'a> {
@@ -59,29 +77,40 @@ impl ReportPage<'_> {
         VariantResults::of(self.lines, variant, order)
     }
 
-    /// The agents that played, in the order of tables.
-    fn rungs(&self) -> impl Iterator<Item = AgentVariant> {
-        AgentVariant::ALL
-            .into_iter()
-            .filter(|variant| self.lines.iter().any(|line| line.key.agent == variant.name()))
+    /// Formats a table per order, with a row per agent that played.
+    fn tables(
+        &self,
+        header: &str,
+        row: impl Fn(AgentVariant, Order, &VariantResults) -> Option<String>,
+    ) -> String {
+        let mut text = String::new();
+        for order in ORDERS {
+            let heading = match order {
+                Order::Ordered => "Ordered",
+                Order::Unordered => "Unordered",
+            };
+            let _ = write!(text, "\n### {heading}\n\n{header}");
+            for &variant in AgentVariant::value_variants() {
+                let played = self.of(variant, order);
+                let row = if played.lines.is_empty() { None } else { row(variant, order, &played) };
+                text.extend(row.map(|row| row + "\n"));
+            }
+        }
+        text
     }
 
     fn head(&self) -> String {
         let key = &self.first.key;
-        let mut scenes: Vec<&str> = self.lines.iter().map(|line| line.scene.as_str()).collect();
-        scenes.sort_unstable();
-        scenes.dedup();
-        let mut missions: Vec<&str> = self.lines.iter().map(|line| line.key.episode.as_str()).collect();
-        missions.sort_unstable();
-        missions.dedup();
-        let hours: f64 = self.lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0;
+        let scenes: BTreeSet<&str> = self.lines.iter().map(|line| line.scene.as_str()).collect();
+        let missions: BTreeSet<&str> = self.lines.iter().map(|line| line.key.episode.as_str()).collect();
+        let hours = wall_h(self.lines);
         format!(
             "# Results\n\nWritten by `avln lab baselines report`; do not edit. {} missions in {} houses of the public split `val` of \
-             `lab/src/suite/recipe.json`, furnished from the pool for validation, which no agent was made with. Numbers are \
-             percentages with 95 % intervals, resampled by house. Agents marked † are privileged: they are told what no agent may \
-             know, and show what a perfect sense would be worth.\n\n\
-             Program {}, benchmark {}, split `{}`, seed of agents {}, {} episodes in {hours:.1} hours of episode time. \
-             [results.csv](results.csv) has each of them.\n",
+             `lab/src/suite/recipe.json`, with furniture from the validation pool, which no agent was trained or tuned on. Numbers are \
+             percentages with 95 % intervals, resampled by house. Agents marked † are privileged: they receive ground truth and \
+             show the value of perfect perception.\n\n\
+             Program {}, benchmark {}, split `{}`, agent seed {}, {} episodes in {hours:.1} hours of episode time. \
+             [results.csv](results.csv) lists all episodes.\n",
             missions.len(),
             scenes.len(),
             key.program,
@@ -92,161 +121,105 @@ impl ReportPage<'_> {
         )
     }
 
-    /// The paper's table in its form.
     fn main(&self) -> String {
-        let mut text = String::from("## All agents\n");
-        for order in ORDERS {
-            let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ms a step", "hours"]));
-            for variant in self.rungs().filter(|variant| !variant.is_variant() || variant.is_privileged()) {
-                let played = self.of(variant, order);
-                let Some(summary) = played.summary() else { continue };
-                let _ = writeln!(
-                    text,
-                    "{} {:.1} | {:.2} |",
-                    row(variant, &summary),
-                    played.think_ms(),
-                    played.wall_h()
-                );
-            }
-        }
-        text
+        let rows = self.tables(&header(&["ms per action", "hours"]), |variant, _, played| {
+            let summary = played.summary().filter(|_| !variant.is_variant() || variant.is_privileged())?;
+            let (think_ms, _) = mean(played.lines.iter().map(|line| line.think_ms));
+            let hours = wall_h(&played.lines);
+            Some(format!("{} {think_ms:.1} | {hours:.2} |", row(variant, &summary)))
+        });
+        format!("## All agents\n{rows}")
     }
 
-    fn paper(&self) -> String {
-        let mut text = String::from(
-            "## The paper's numbers\n\nOf another data set (Matterport3D scans, other missions), as published in its table 1; \
-             they cannot be compared row by row.\n\n\
-             | method | audio | SR | ISR | OSR | SPL | SoftSPL | SR | ISR | OSR | SPL | SoftSPL |\n\
-             |---|---|---|---|---|---|---|---|---|---|---|---|\n\
-             | | | ordered | | | | | unordered | | | | |\n",
-        );
-        for paper::Row { method, hears, ordered, unordered } in paper::ROWS {
-            let cells: Vec<_> = ordered.iter().chain(&unordered).map(|value| format!("{value:.1}")).collect();
-            let _ = writeln!(text, "| {method} | {} | {} |", yes(hears), cells.join(" | "));
-        }
-        text
-    }
-
-    /// Ablation of PAG-Nav.
     fn variants(&self) -> String {
-        let mut text = String::from("## What parts of PAG-Nav are worth\n");
-        for order in ORDERS {
-            let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ISR less than PAG-Nav's"]));
+        let rows = self.tables(&header(&["ISR less than PAG-Nav's"]), |variant, order, played| {
+            let is_whole = variant == AgentVariant::PagNav;
+            let summary = played.summary().filter(|_| is_whole || variant.is_variant())?;
             let whole = self.of(AgentVariant::PagNav, order);
-            for variant in
-                self.rungs().filter(|&variant| variant == AgentVariant::PagNav || variant.is_variant())
-            {
-                let played = self.of(variant, order);
-                let Some(summary) = played.summary() else { continue };
-                let test = compare(&whole, &played, |line| line.metrics.isr)
-                    .filter(|_| variant != AgentVariant::PagNav);
-                let less = test
-                    .map_or("-".to_owned(), |test| format!("{:.1}, {}", 100.0 * test.difference, p(test)));
-                let _ = writeln!(text, "{} {less} |", row(variant, &summary));
-            }
-        }
-        text
+            let test = compare(&whole, played, |line| line.metrics.isr).filter(|_| !is_whole);
+            let less =
+                test.map_or("-".to_owned(), |test| format!("{:.1}, {}", 100.0 * test.difference, p(test)));
+            Some(format!("{} {less} |", row(variant, &summary)))
+        });
+        format!("## Ablation of PAG-Nav\n{rows}")
     }
 
-    /// PAG-Nav with and without audio on the same episodes.
+    /// Compares PAG-Nav with and without audio.
     fn tests(&self) -> String {
         let mut text = String::from(
-            "## What audio is worth\n\nPAG-Nav less PAG-Nav without audio on the same missions: mean differences, and by the \
-             sign-flip permutation test over houses (two-sided) how likely they would be by chance. An episode without a goal \
-             counts as 1000 steps to the first.\n\n| order | pairs | OSR | | steps to the first goal | |\n|---|---|---|---|---|---|\n",
+            "## The value of audio\n\nPAG-Nav minus PAG-Nav without audio on the same missions: mean differences, with two-sided \
+             p-values by the sign-flip permutation test over houses. An episode without a found goal counts as 1000 steps to \
+             the first.\n\n| order | pairs | OSR | | steps to the first goal | |\n|---|---|---|---|---|---|\n",
         );
         for order in ORDERS {
-            let (with, without) =
-                (self.of(AgentVariant::PagNav, order), self.of(AgentVariant::PagNavNoAudio, order));
+            let with = self.of(AgentVariant::PagNav, order);
+            let without = self.of(AgentVariant::PagNavNoAudio, order);
             let osr = compare(&with, &without, |line| 100.0 * line.metrics.osr);
             let (Some(osr), Some(steps)) = (osr, compare(&with, &without, steps_to_first)) else { continue };
-            let (by, slower) = (osr.difference, steps.difference);
-            let _ = writeln!(
-                text,
-                "| {order} | {} | {by:+.1} | {} | {slower:+.0} | {} |",
-                osr.pairs,
-                p(osr),
-                p(steps),
-                order = order.as_str()
-            );
+            let (pairs, gain, later) = (osr.pairs, osr.difference, steps.difference);
+            let (order, p_osr, p_steps) = (order.as_str(), p(osr), p(steps));
+            let _ = writeln!(text, "| {order} | {pairs} | {gain:+.1} | {p_osr} | {later:+.0} | {p_steps} |");
         }
         text
     }
 
-    /// Shares of goals found, by how goals were described and by how many there were.
     fn shares(&self) -> String {
-        let mut text = String::from("## Goals found, by modality and number of goals\n");
-        for order in ORDERS {
-            let _ = write!(
-                text,
-                "\n### {}\n\n| agent | category | description | image | 2 goals | 3 goals | 4 goals |\n|---|---|---|---|---|---|---|\n",
-                heading(order)
-            );
-            for variant in self.rungs() {
-                let played = self.of(variant, order);
-                if played.lines.is_empty() {
-                    continue;
-                }
-                let modalities = [Modality::Category, Modality::Description, Modality::Image];
-                let shares = modalities.map(|modality| played.by_modality(modality));
-                let shares = shares.into_iter().chain([2, 3, 4].map(|goals| played.by_goals(goals)));
-                let cells: Vec<_> =
-                    shares.map(|(share, count)| format!("{:.1} ({count})", 100.0 * share)).collect();
-                let _ = writeln!(text, "| {} | {} |", name(variant), cells.join(" | "));
-            }
-        }
-        text
+        let header = "| agent | category | description | image | 2 goals | 3 goals | 4 goals |\n|---|---|---|---|---|---|---|\n";
+        let rows = self.tables(header, |variant, _, played| {
+            let modalities = [Modality::Category, Modality::Description, Modality::Image];
+            let shares = modalities.map(|modality| played.by_modality(modality)).into_iter();
+            let shares = shares.chain([2, 3, 4].map(|goals| played.by_goals(goals)));
+            let cells: Vec<_> =
+                shares.map(|(share, count)| format!("{:.1} ({count})", 100.0 * share)).collect();
+            Some(format!("| {} | {} |", name(variant), cells.join(" | ")))
+        });
+        format!("## Goals found, by modality and number of goals\n{rows}")
     }
 
-    /// End reasons of episodes, and reasons of Submits without completion.
     fn failures(&self) -> String {
-        let mut text = String::from(
-            "## What fails\n\nShares of episodes by how they ended, and Submits of an episode that completed nothing, by cause: \
-             at another instance of a wanted category; near nothing that is wanted; within 4 m of a wanted target but not in its \
-             region; at the target of a later goal; at a target that had been found.\n",
-        );
-        const ENDS: [EndReason; 4] =
-            [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
-        let head: Vec<_> = ENDS.iter().map(|end| end.as_str().replace('_', " ")).collect();
-        let causes: Vec<_> = Cause::ALL.iter().map(|cause| cause.words()).collect();
-        for order in ORDERS {
-            let rule = "---|".repeat(1 + head.len() + causes.len());
-            let _ = write!(
-                text,
-                "\n### {}\n\n| agent | {} | {} |\n|{rule}\n",
-                heading(order),
-                head.join(" | "),
-                causes.join(" | ")
-            );
-            for variant in self.rungs() {
-                let lines = self.of(variant, order).lines;
-                if lines.is_empty() {
-                    continue;
-                }
-                let share = |end: EndReason| {
-                    mean(lines.iter().map(|line| if line.end == end { 100.0 } else { 0.0 })).0
-                };
-                let count = |cause: &Cause| {
-                    mean(
-                        lines.iter().map(|line| line.wrong.get(cause).map_or(0.0, |&count| f64::from(count))),
-                    )
-                    .0
-                };
-                let ends = ENDS.map(|end| format!("{:.0}", share(end)));
-                let causes = Cause::ALL.iter().map(|cause| format!("{:.2}", count(cause)));
-                let cells: Vec<_> = ends.into_iter().chain(causes).collect();
-                let _ = writeln!(text, "| {} | {} |", name(variant), cells.join(" | "));
-            }
-        }
-        text
+        let ends = ENDS.iter().map(|end| end.as_str().replace('_', " "));
+        let causes = Cause::ALL.iter().map(|cause| cause.words().to_owned());
+        let labels: Vec<_> = ends.chain(causes).collect();
+        let header = format!("| agent | {} |\n|{}\n", labels.join(" | "), "---|".repeat(1 + labels.len()));
+        let rows = self.tables(&header, |variant, _, played| {
+            let lines = &played.lines;
+            let ends = ENDS.map(|end| {
+                let ended = lines.iter().map(|line| if line.end == end { 100.0 } else { 0.0 });
+                format!("{:.0}", mean(ended).0)
+            });
+            let causes = Cause::ALL.map(|cause| {
+                let counts = lines.iter().map(|line| line.wrong.get(&cause).copied().unwrap_or(0));
+                format!("{:.2}", mean(counts.map(f64::from)).0)
+            });
+            let cells: Vec<_> = ends.into_iter().chain(causes).collect();
+            Some(format!("| {} | {} |", name(variant), cells.join(" | ")))
+        });
+        format!(
+            "## Failures\n\nEpisodes by end reason, percent; and Submits per episode that completed no goal, by cause: at another \
+             instance of a wanted category; near no wanted object; within 4 m of a wanted target but outside its region; \
+             at a later goal's target; at a found target.\n{rows}"
+        )
     }
 }
 
-fn heading(order: Order) -> &'static str {
-    match order {
-        Order::Ordered => "Ordered",
-        Order::Unordered => "Unordered",
+/// Returns the total episode time, hours.
+fn wall_h(lines: &[&ResultLine]) -> f64 {
+    lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0
+}
+
+fn paper_table() -> String {
+    let mut text = String::from(
+        "## The paper's numbers\n\nFrom another data set (Matterport3D scans, other missions), as published in its table 1; \
+         the rows are not comparable with the tables above.\n\n\
+         | method | audio | SR | ISR | OSR | SPL | SoftSPL | SR | ISR | OSR | SPL | SoftSPL |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|\n\
+         | | | ordered | | | | | unordered | | | | |\n",
+    );
+    for PaperRow { method, hears, ordered, unordered } in PAPER {
+        let cells: Vec<_> = ordered.iter().chain(&unordered).map(|value| format!("{value:.1}")).collect();
+        let _ = writeln!(text, "| {method} | {} | {} |", yes(hears), cells.join(" | "));
     }
+    text
 }
 
 fn name(variant: AgentVariant) -> String {
@@ -257,7 +230,7 @@ fn yes(is: bool) -> &'static str {
     if is { "yes" } else { "-" }
 }
 
-/// Header of a table of agents: the cells of [`row`], then `more`.
+/// Returns the header for rows by [`row`] with `more` columns.
 fn header(more: &[&str]) -> String {
     let labels = Metric::headlines().map(|metric| metric.label);
     let cells: Vec<&str> =
@@ -265,7 +238,7 @@ fn header(more: &[&str]) -> String {
     format!("| {} |\n|{}\n", cells.join(" | "), "---|".repeat(cells.len()))
 }
 
-/// First cells of a row in every table of agents.
+/// Returns an agent's first cells.
 fn row(variant: AgentVariant, summary: &Summary) -> String {
     let percent =
         |e: Estimate| format!("{:.1} [{:.1}, {:.1}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high);

@@ -135,6 +135,7 @@ pub struct UnknownAction(pub u32);
 
 impl Action {
     /// All actions in numeric order.
+    // Run logs and stored records contain these numbers, so the order never changes.
     pub const ALL: [Self; 5] = [Self::MoveForward, Self::TurnLeft, Self::TurnRight, Self::Submit, Self::Stop];
 
     /// Returns the action number for logs and action spaces, 0 to 4.

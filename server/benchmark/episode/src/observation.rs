@@ -53,6 +53,7 @@ pub struct Sensors {
     /// Horizontal view angle, radians.
     pub hfov_rad: f32,
     /// Encodings. In phase sensors, a lossy encoding permits agents to request it.
+    // Databases of earlier versions contain sensors without encodings.
     #[serde(default)]
     pub encodings: Encodings,
 }
@@ -144,6 +145,7 @@ impl EndReason {
     /// Returns the name in files and URLs.
     pub fn as_str(self) -> &'static str {
         match self {
+            // Databases and run logs contain these words, so they never change.
             Self::Stopped => "stopped",
             Self::FinalSubmit => "final_submit",
             Self::StepLimit => "step_limit",

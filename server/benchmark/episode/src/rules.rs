@@ -55,6 +55,7 @@ pub struct Rules {
     /// Feedback to Submits.
     pub feedback: FeedbackRule,
     /// Depth noise for the agent. The referee uses exact depth.
+    // Databases of earlier versions contain rules without noise, heads and sound banks: their defaults are the values of that time.
     #[serde(default)]
     pub depth_noise: DepthNoise,
     /// Colour noise for the agent.

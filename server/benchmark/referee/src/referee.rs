@@ -228,6 +228,7 @@ impl Referee {
         let Some((&(last, after), before)) = taken.split_last() else { return Ok(None) };
         for &(action, state_hash) in before {
             self.act(action)?;
+            // Sound has a memory, the reverberation, so it is rendered in every step. Pictures have none.
             self.world.hear(self.sounding);
             self.check_replayed(state_hash)?;
         }

@@ -8,9 +8,8 @@ use crate::{
     watchdog::Watchdog,
     wire,
 };
-use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::{Response, Status, metadata::MetadataMap};
 
@@ -73,15 +72,6 @@ impl<H: Host> ServiceContext<H> {
         call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
             .await
             .map(wire::run_end)
-    }
-
-    pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
-        self.session(Interrupted {
-            open: open.clone(),
-            sensors: sensors.clone(),
-            episodes: Vec::new(),
-            away: Duration::ZERO,
-        })
     }
 
     /// Opens a session with restored episodes.

@@ -4,7 +4,7 @@
 use crate::{
     attachment::{AttachmentEvent, Ending, StopReason},
     context::{RunGuard, ServiceContext},
-    host::{Host, OpenRun},
+    host::{Host, Interrupted, OpenRun},
     limits::Limits,
     refusal::{Failure, Result, call_host},
     session::Session,
@@ -13,7 +13,7 @@ use crate::{
 use avln_challenge::RunState;
 use avln_episode::{EndReason, Sensors};
 use avln_proto::v1::{self, Reason};
-use std::sync::Arc;
+use std::{sync::Arc, time::Duration};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tracing::Instrument;
 
@@ -57,12 +57,18 @@ impl<H: Host> ServiceContext<H> {
                     return self.detach_and_refuse(Some(session), guard, refused.into()).await;
                 }
             },
-            Some(session) => {
-                // It was handed over for a connection that resumes, but this one, which starts over, entered first.
-                session.close(EndReason::Disconnected).await;
-                self.open_session(&open, &agreement.sensors)
+            previous => {
+                if let Some(session) = previous {
+                    // It was handed over for a connection that resumes, but this one, which starts over, entered first.
+                    session.close(EndReason::Disconnected).await;
+                }
+                self.session(Interrupted {
+                    open: open.clone(),
+                    sensors: agreement.sensors.clone(),
+                    episodes: Vec::new(),
+                    away: Duration::ZERO,
+                })
             }
-            None => self.open_session(&open, &agreement.sensors),
         };
         let resumed = session.positions().await;
         let wished = agreement.slots.min(slots);
@@ -170,22 +176,22 @@ impl<H: Host> ServiceContext<H> {
         self.spawn_wait(session, guard, Instant::now() + patience);
     }
 
-    // Not async: the future of `wait` contains that of `end`, and with it this call.
-    fn spawn_wait(self: &Arc<Self>, session: Arc<Session<H>>, guard: RunGuard<H>, until: Instant) {
+    // Not async: the future of this wait contains that of `end`, and with it this call.
+    fn spawn_wait(self: &Arc<Self>, session: Arc<Session<H>>, mut guard: RunGuard<H>, until: Instant) {
         guard.apply(AttachmentEvent::Detached { until });
-        tokio::spawn(self.clone().wait(session, guard, until).in_current_span());
-    }
-
-    async fn wait(self: Arc<Self>, session: Arc<Session<H>>, mut guard: RunGuard<H>, until: Instant) {
-        let reason = tokio::select! {
-            // First: a client that resumes in the last moment gets the session.
-            biased;
-            reason = guard.stopped() => reason,
-            () = sleep_until(until) => guard.ends(StopReason::AwayTooLong),
+        let context = self.clone();
+        let wait = async move {
+            let reason = tokio::select! {
+                // First: a client that resumes in the last moment gets the session.
+                biased;
+                reason = guard.stopped() => reason,
+                () = sleep_until(until) => guard.ends(StopReason::AwayTooLong),
+            };
+            if let Err(failure) = context.end(session, guard, reason).await {
+                tracing::warn!(why = failure.message, "run not finished");
+            }
         };
-        if let Err(failure) = self.end(session, guard, reason).await {
-            tracing::warn!(why = failure.message, "run not finished");
-        }
+        tokio::spawn(wait.in_current_span());
     }
 
     /// Passes a session to the connection that stopped it.

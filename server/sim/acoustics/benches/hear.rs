@@ -1,6 +1,6 @@
-//! Steps per second of the listener, and preparation time of a building and a source.
+//! Listener steps per second, and preparation times for a building and a source.
 //!
-//! `cargo bench -p avln-acoustics`; the first argument that is a path is opened as a scene instead.
+//! `cargo bench -p avln-acoustics`; a path argument opens a scene instead.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -134,7 +134,7 @@ impl SoundCache for Memory {
     }
 }
 
-/// Processor time of this thread if the system reports it, otherwise elapsed time.
+/// Processor time in this thread if available, otherwise elapsed time.
 fn busy() -> Duration {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse().ok());
@@ -142,7 +142,7 @@ fn busy() -> Duration {
     nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed(), Duration::from_nanos)
 }
 
-/// Random positions a metre above the floor of the lowest storey, inside rooms if they are known.
+/// Random positions a metre above the lowest floor, inside rooms if known.
 fn wander(scene: &Scene, rng: &mut Rng) -> Listener {
     let room =
         rng.choose(&scene.regions).map_or_else(|| scene.bounds().expect("surfaces"), |region| region.bounds);
@@ -169,7 +169,7 @@ fn responses(what: &str, scene: &Scene, emitters: &[Emitter]) {
 }
 
 /// Alternates steps of 25 cm and turns of 30 degrees, or jumps to random positions. Sources alternate every
-/// `window` steps, so that with few steps the previous source still rings.
+/// `window` steps; with few steps the previous source still rings.
 fn steps(what: &str, scene: &Scene, emitters: &[Emitter], window: usize, leaps: bool) {
     const STEPS: usize = 2000;
     let (mut rng, mut place) = (Rng::new(2), wander(scene, &mut Rng::new(3)));

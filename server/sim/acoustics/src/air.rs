@@ -150,7 +150,6 @@ impl Air {
     }
 }
 
-/// Corners of a triangle.
 type Triangle = [Point3<f32>; 3];
 
 /// Cells with a centre this close to a surface are closed, metres.
@@ -186,7 +185,7 @@ fn block_steps_through(grid: &Grid, corners: &Triangle, free_steps: &mut [[bool;
     }
 }
 
-/// Blocks the cut steps in a row along `axis`; `column` is the row position on the next two axes.
+/// Blocks the cut steps in a row on `axis`; `column` is the row position on the next two axes.
 fn block_column(
     grid: &Grid,
     corners: &Triangle,
@@ -255,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_to_a_triangle_by_hand() {
+    fn triangle_distances_match_hand_computed_values() {
         let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]].map(Point3::from);
         for (point, squared) in [
             ([0.5, 0.5, 3.0], 9.0),
@@ -268,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_through_a_shared_edge_is_blocked_by_one_of_the_two() {
+    fn shared_edges_have_no_gap() {
         let (a, b) = ([[-1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]], [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]);
         assert!(weights_at_origin(&a).is_some() || weights_at_origin(&b).is_some());
         assert!(weights_at_origin(&[[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]]).is_none());

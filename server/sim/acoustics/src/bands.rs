@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_filter_takes_what_it_should_in_every_band() {
+    fn loss_filters_match_the_loss_in_every_band() {
         for loss in [
             diffraction_loss(0.02),
             diffraction_loss(1.5),
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn air_absorbs_what_the_standard_says() {
+    fn air_absorption_matches_the_standard() {
         // ISO 9613-1, equations 3 to 5, at the reference temperature and pressure; molar water share in per
         // cent.
         let water = 50.0 * libm::exp10(-6.8346 * libm::pow(273.16 / 293.15, 1.261) + 4.6151);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shadow_begins_with_five_decibels_and_deepens_with_frequency() {
+    fn diffraction_starts_at_five_decibels_and_grows() {
         assert_eq!(diffraction_loss(0.0), [5.0; BANDS]);
         // N = 2 x 0.1715 x 1000 / 343 = 1: x = 2.5066, tanh x = 0.9868, 5 + 20 lg 2.540 = 13.10 dB.
         assert!((diffraction_loss(0.1715)[3] - 13.10).abs() < 0.02);

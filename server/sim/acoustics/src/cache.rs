@@ -1,4 +1,4 @@
-//! A persistent cache for source data, and its format: little-endian number lists with length prefixes.
+//! A persistent cache for source data in a binary format: little-endian number lists with length prefixes.
 
 use std::sync::Arc;
 
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_come_back_and_bytes_that_end_too_soon_do_not() {
+    fn lists_round_trip_and_truncated_bytes_fail() {
         let mut writer = Writer::default();
         writer.words(&[7, u32::MAX]);
         writer.halves(&[]);

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_a_hundred_clips_with_different_names_and_sounds() {
+    fn bank_has_a_hundred_distinct_clips() {
         let bank = bank();
         assert_eq!((bank.len(), families::FAMILIES.len()), (100, 10));
         for (index, clip) in bank.iter().enumerate() {
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn pools_share_no_clip_and_every_family_is_in_each() {
+    fn pools_are_disjoint_and_contain_every_family() {
         let names = |pool| Bank::of(pool).clips().map(|clip| clip.name).collect::<Vec<_>>();
         let pools = [ClipPool::Train, ClipPool::Validation, ClipPool::Test].map(names);
         assert_eq!(pools.each_ref().map(Vec::len), [70, 15, 15]);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn all_clips_are_equally_loud_and_without_sharp_peaks() {
+    fn clips_are_equally_loud_with_limited_peaks() {
         let mut power = 0.0;
         for clip in bank() {
             let mean_square = frames(&clip).iter().sum::<f32>() / frames(&clip).len() as f32;
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn every_clip_has_lows_and_highs_and_is_more_than_three_octaves_wide() {
+    fn clips_are_more_than_three_octaves_wide() {
         for clip in bank() {
             let spectrum = spectrum(&clip);
             let (low, high) =
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_clip_has_onsets_and_no_long_gap() {
+    fn clips_have_onsets_and_no_long_gap() {
         for clip in bank() {
             let frames = frames(&clip);
             let around = |index: usize| frames[index % frames.len()];
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_clip_leads_into_its_start() {
+    fn clips_loop_without_a_step() {
         for clip in bank() {
             let last = clip.samples.len() - 1;
             let mut bends: Vec<f32> =

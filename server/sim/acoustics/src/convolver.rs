@@ -23,7 +23,7 @@ pub(crate) struct Input {
     pub(crate) silent: usize,
 }
 
-/// A filter pair for two ears, with the part spectra used so far.
+/// A filter pair for two ears, with all part spectra used before.
 pub(crate) struct Filter {
     taps: [Vec<f32>; 2],
     parts: Vec<Option<Complexes>>,
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_out_of_reach_of_the_input_is_exact() {
+    fn output_beyond_the_filter_is_exactly_zero() {
         let mut convolver = Convolver::new(100);
         let (mut input, mut filter) = (convolver.input(250), convolver.filter([vec![1.0; 250], vec![]]));
         let mut click = vec![0.0; 100];

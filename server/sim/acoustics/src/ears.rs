@@ -37,7 +37,7 @@ pub struct Ears {
     convolver: Convolver,
 }
 
-/// Emitter and its signal path to the ears.
+/// Signal path from an emitter to the ears.
 struct Channel {
     emitter: Emitter,
     /// Emitted signal, as long as an impulse response.
@@ -128,7 +128,7 @@ impl Channel {
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
         let only_rings = self.dry.silent >= count + RINGING_SAMPLES;
         let (mut now, before) = match self.previous.take() {
-            // A diffuse tail alone does not change audibly with the pose.
+            // Then only a diffuse tail remains, with the previous response regardless of head motion.
             Some(before) if only_rings || before.listener == *listener => (before, None),
             before => self.turn(listener, before, convolver),
         };
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_switch_fades_over_ten_milliseconds() {
+    fn switches_fade_within_ten_milliseconds() {
         assert_eq!(SWITCH_SAMPLES, 160);
         assert_eq!(switch_gain(0, false, true) + switch_gain(0, true, false), 1.0);
         assert!((switch_gain(79, false, true) - 0.496_875).abs() < 1e-6);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn ears_may_move_between_threads() {
+    fn ears_are_send() {
         fn movable<T: Send + 'static>() {}
         movable::<Ears>();
     }

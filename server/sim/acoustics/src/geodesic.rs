@@ -17,7 +17,7 @@ pub(crate) const LONGER_M: f32 = 3.0;
 pub(crate) struct GeodesicField {
     /// Path corners, source first.
     corners: Vec<Corner>,
-    /// Per cell: last corner on its path, [`UNREACHED`] without a path.
+    /// Last path corner per cell, [`UNREACHED`] without a path.
     last_corner: Vec<u32>,
 }
 
@@ -164,7 +164,7 @@ impl GeodesicField {
         std::iter::successors(Some(last), before).map(|corner| &self.corners[corner as usize].point)
     }
 
-    /// Path through a cell, and its length in metres.
+    /// Length in metres and path through a cell.
     fn path_through(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, AirPath)> {
         let last = self.last_corner[cell];
         let corner = *self.corners.get(last as usize)?;
@@ -195,7 +195,7 @@ const SOURCE: u32 = 0;
 struct Search<'a> {
     air: &'a Air,
     corners: Vec<Corner>,
-    /// Per cell: its corner index, once a path bends there.
+    /// Corner index per cell, once a path bends there.
     corner_of: Vec<u32>,
     distance_m: Vec<f32>,
     parent: Vec<u32>,
@@ -319,7 +319,7 @@ fn sweep(rays: &RayMesh, path: &mut Vec<Point3<f32>>) {
     }
 }
 
-/// Moves a corner towards the next, as far as the previous corner sees it.
+/// Moves a corner towards the next while the previous corner sees it.
 fn slide(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     // The path then leaves the previous corner exactly past the hiding edge.
     let (before, from) = (path[corner - 1], path[corner]);
@@ -327,7 +327,7 @@ fn slide(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     path[corner] = from + leg * largest_share(|share| rays.is_clear(&before, &(from + leg * share)));
 }
 
-/// Moves a corner towards the line between its neighbours, first vertically, then freely.
+/// Moves a corner towards the line between the neighbours, first vertically, then freely.
 fn pull(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     let (before, after) = (path[corner - 1], path[corner + 1]);
     let leg = after - before;
@@ -346,7 +346,7 @@ fn pull(rays: &RayMesh, path: &mut [Point3<f32>], corner: usize) {
     }
 }
 
-/// Two mutually visible points on the legs before and after a corner, as far apart as possible.
+/// The outermost mutually visible points on the legs before and after a corner.
 fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32>; 2] {
     let shorter_m = (before - corner).norm().min((after - corner).norm());
     let towards = |end: &Point3<f32>, share: f32| {
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slack_way_comes_to_lie_against_one_edge_or_two() {
+    fn slack_paths_tighten_around_one_or_two_edges() {
         let (from, to) = (Point3::new(-2.0, 4.0, 1.5), Point3::new(2.5, 4.0, 2.0));
         // Around the edge at x = 0, then around another edge at x = 0.5.
         for (thick_m, taut_m) in [(0.001, 2.5 + 3.2016), (0.5, 2.5 + 0.5 + 2.8284)] {
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bend_around_nothing_is_straightened() {
+    fn bends_without_an_obstacle_are_straightened() {
         let mut path =
             vec![Point3::new(-2.0, 1.0, -1.0), Point3::new(0.0, 3.0, -4.0), Point3::new(2.0, 1.0, -1.0)];
         tighten(&wall(0.2), &mut path);

@@ -26,7 +26,7 @@ const MIN_RAYS: u32 = 8;
 /// Wave limit per position, strongest first.
 const MAX_ARRIVALS: usize = 40;
 
-/// Mirror planes along a ray, in order from the source.
+/// A ray's mirror planes, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
 
 type Sequences = BTreeMap<Sequence, RayHits>;
@@ -61,7 +61,7 @@ impl Default for RayHits {
 }
 
 impl RayHits {
-    /// Adds a ray: its hit on every mirror and the path length in metres.
+    /// Adds a ray: per mirror the hit and the path length in metres.
     fn add(&mut self, bounces: &[(Point3<f32>, f32)]) {
         self.rays += 1;
         for ((lit, farthest_m), (point, path_m)) in self.hits.iter_mut().zip(bounces) {
@@ -274,7 +274,7 @@ fn mirror_loss(surface: &Surface) -> BandLoss {
     })
 }
 
-/// Adds the sequences along a ray.
+/// Adds all sequences of a ray.
 fn follow(building: &Building, outlet: &Point3<f32>, mut direction: Vector3<f32>, found: &mut Sequences) {
     let mut sequence = [None; MAX_ORDER];
     let mut bounces = [(*outlet, 0.0); MAX_ORDER];
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_room_has_the_images_of_theory() {
+    fn box_rooms_have_the_theoretical_images() {
         let size = [6.0, 2.7, 5.0];
         let (source, listener) = ([1.3, 1.1, 3.9], [4.4, 1.0, 1.7]);
         for (pieces, order) in [(1, 1), (1, 2), (9, 2), (1, 3)] {
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn around_a_corner_only_mirrors_that_see_both_ends_reflect() {
+    fn only_mirrors_visible_from_both_ends_reflect() {
         let building = building(&l_shaped_room(), 1);
         let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
         // The paths by the walls z = 0 and x = 0 pass the corner at (4, 4) at x = 3.59 for z = 4 and at z =
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_of_any_listener_meet_sequences_that_are_known() {
+    fn images_contain_their_plane_sequences() {
         let building = building(&l_shaped_room(), 2);
         let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
         let floor = building.planes.of(12).expect("a floor");
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn without_mirrors_nothing_is_reflected() {
+    fn order_zero_has_no_reflections() {
         let building = building(&Soup::room([6.0, 2.7, 5.0], 1), 0);
         let images = Images::new(&building, &Point3::new(1.0, 1.0, 1.0));
         assert!(images.arrivals(&building, &Point3::new(4.0, 1.0, 2.0), &[]).is_empty());

@@ -18,7 +18,7 @@ const DELAY_HALF_TAPS: usize = 16;
 pub struct Listener {
     /// Head centre, world frame, metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
+    /// Rotation about +Y, radians; 0 faces -Z, left is positive.
     pub heading_rad: f32,
 }
 
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fractions_of_a_sample_are_delayed_to_a_microsecond() {
+    fn fractional_delays_are_accurate_to_a_microsecond() {
         for fraction in [0.0, 0.1, 0.37, 0.5, 0.93] {
             let mut ear = Vec::new();
             add_delayed(&mut ear, &[1.0], 40.0 + fraction, 1000);
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_arrive_before_zero_or_after_the_end_is_cut() {
+    fn taps_outside_of_the_response_are_dropped() {
         let mut ear = Vec::new();
         add_delayed(&mut ear, &[1.0; 4], -3.0, 1000);
         assert!((ear[0] - 1.0).abs() < 1e-6 && ear.len() < 40);

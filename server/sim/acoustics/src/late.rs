@@ -22,7 +22,7 @@ const SALT: u64 = 0x5d0_1a7e;
 
 /// Energy by cell, time slice, band and direction.
 pub(crate) struct LateField {
-    /// Per cell: its row in `values`, [`NO_CELL`] without energy.
+    /// Row in `values` per cell, [`NO_CELL`] without energy.
     row_of: Vec<u32>,
     /// `rows × slices × channels`: energy per cubic metre times metres, as upper float halves.
     values: Vec<u16>,
@@ -109,7 +109,7 @@ fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     }
 }
 
-// Random draws depend on the position alone, so that results do not depend on earlier queries.
+// Random draws depend on the position only, so that results do not depend on earlier queries.
 fn key_of(outlet: &Point3<f32>) -> u64 {
     outlet.iter().fold(SALT, |key, coordinate| Rng::word(key, u64::from(coordinate.to_bits())))
 }

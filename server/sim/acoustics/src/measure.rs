@@ -62,7 +62,7 @@ impl Measures {
         };
         let [direct, rest] = split(DIRECT_S);
         let [early, late] = split(EARLY_S);
-        let middle = |energies: &Ears| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
+        let middle = |energies: &EarEnergies| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
         let octaves = ears.map(Octaves::new);
         let all = octaves.each_ref().map(Octaves::energies);
         Self {
@@ -86,9 +86,9 @@ impl Measures {
     }
 }
 
-type Ears = [[f64; SURFACE_BANDS]; 2];
+type EarEnergies = [[f64; SURFACE_BANDS]; 2];
 
-fn both(energies: &Ears, band: usize) -> f64 {
+fn both(energies: &EarEnergies, band: usize) -> f64 {
     energies[0][band] + energies[1][band]
 }
 
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn reverberation_times_are_those_of_the_decay() {
+    fn reverberation_times_match_the_decay() {
         for time_s in [0.15, 0.4, 1.2] {
             let measures = Measures::of(&room(time_s, 0.0, 1.3 * time_s + 0.05), 0.01, 1.3 * time_s + 0.05);
             for (band, measured) in measures.bands.iter().enumerate() {
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_band_is_not_taken_for_its_slower_neighbour() {
+    fn slower_neighbouring_bands_do_not_affect_decay_times() {
         let times_s = [1.2, 1.2, 0.6, 1.2, 0.5, 0.3];
         let measures = Measures::of(&octaves_that_fall_in(times_s, 1.6), 0.0, 1.6);
         for (band, time_s) in times_s.into_iter().enumerate() {
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_response_that_is_cut_short_shows_no_long_decay() {
+    fn short_responses_have_no_long_decay_times() {
         // -5 to -25 dB plus 15 dB take two thirds of 0.9 s, to -35 dB five sixths.
         let times = |length_s| {
             let band = Measures::of(&room(0.9, 0.0, length_s), 0.01, length_s).bands[3];
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn direct_sound_is_weighed_against_the_rest() {
+    fn direct_to_reverberant_ratio_compares_energies() {
         let (mut left, first) = (vec![0.0; 4000], 160);
         left[first] = 1.0;
         left[first + 39] = 0.5;
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_has_its_level_and_no_decay() {
+    fn pulses_have_a_level_and_no_decay() {
         let mut left = vec![0.0; 1000];
         left[300] = 0.5;
         let mut right = vec![0.0; 900];
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_and_oddities_have_no_measures() {
+    fn silent_and_tiny_responses_have_no_measures() {
         for response in [
             ImpulseResponse::default(),
             ImpulseResponse { left: vec![0.0; 50], right: vec![0.0; 70] },
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_do_not_leak_into_each_other() {
+    fn octave_filters_separate_tones() {
         let tone = |n: usize| libm::sin(TAU * 1000.0 * n as f64 / RATE) as f32;
         let ear: Vec<f32> = (0..16_000).map(tone).collect();
         let level_db = |band: usize| {
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ear_that_leads_is_told_to_a_microsecond() {
+    fn interaural_delay_is_accurate_to_a_microsecond() {
         for lead in [-10.0, -3.3, 0.0, 0.7, 8.25] {
             let ear = |delay: f64| -> Vec<f32> {
                 let sinc = |n: usize| {
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_expected_to_ring_as_sabine_says() {
+    fn expected_reverberation_follows_sabine() {
         let scene = avln_scene::RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
         let mut absorption = [0.5; SURFACE_BANDS];
         absorption[1] = 0.1;

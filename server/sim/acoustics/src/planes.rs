@@ -1,5 +1,5 @@
 //! Large planar building parts, which mirror sound: directions with large surface area, and the surface
-//! offsets along them. Exact planes are found first, then the bumpy planes in scans.
+//! offsets in them. Exact planes are found first, then the bumpy planes in scans.
 
 use avln_geom::{Point3, Vector3};
 use avln_scene::Scene;
@@ -12,7 +12,7 @@ pub(crate) struct PlaneId(pub(crate) u16);
 #[derive(Debug)]
 pub(crate) struct Planes {
     planes: Vec<Plane>,
-    /// Per triangle: its plane, [`NO_PLANE`] for small or curved parts.
+    /// Plane per triangle, [`NO_PLANE`] for small or curved parts.
     plane_of: Vec<u16>,
 }
 
@@ -30,7 +30,7 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// Signed distance, metres; positive along the normal.
+    /// Signed distance, metres; positive on the normal's side.
     pub(crate) fn height_m(&self, point: &Point3<f32>) -> f32 {
         self.normal.dot(&point.coords) - self.offset_m
     }
@@ -102,9 +102,9 @@ struct Fitter<'a> {
     tolerance: &'static Tolerance,
     /// Sorted by cell.
     facets: Vec<Facet>,
-    /// Per direction cell: its first facet, with a final sentinel.
+    /// First facet per direction cell, with a final sentinel.
     first_of: Vec<u32>,
-    /// Per facet: its plane, in order of detection.
+    /// Plane per facet, in order of detection.
     taken_by: Vec<Option<u32>>,
     found: Vec<(f32, Plane)>,
 }
@@ -206,7 +206,7 @@ impl<'a> Fitter<'a> {
 
     /// Mean normal by area, on the side of `direction`.
     fn mean_normal(&self, facets: &[usize], direction: &Vector3<f32>) -> Vector3<f32> {
-        // The mean area vector of a bumpy wall is the normal of its outline, because bumps cancel.
+        // The mean area vector of a bumpy wall is the outline's normal, because bumps cancel.
         let mut sum = Vector3::<f64>::zeros();
         for facet in facets.iter().map(|facet| &self.facets[*facet]) {
             let area_m2 = facet.area_m2.copysign(facet.normal.dot(direction));
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_room_has_six_planes_however_finely_it_is_cut() {
+    fn triangulation_does_not_change_the_planes() {
         for pieces in [1, 7, 40] {
             let planes = planes_of(&Soup::room([6.0, 3.0, 5.0], pieces));
             assert_eq!(planes.planes.len(), 6, "{pieces}");
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn every_triangle_lies_in_its_plane() {
+    fn triangles_are_within_their_plane() {
         let soup = Soup::room([6.0, 3.0, 5.0], 5).rotated(0.3);
         let (planes, scene) = (planes_of(&soup), scene(&soup));
         for triangle in 0..scene.mesh.triangles.len() {
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn bumps_of_a_scan_do_not_break_a_wall() {
+    fn scan_bumps_do_not_split_walls() {
         let mut rng = Rng::new(3);
         let mut soup = Soup::room([6.0, 3.0, 5.0], 30);
         soup.shake(|| rng.range(-0.008, 0.008));
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skirting_is_not_its_wall_and_crumbs_are_nothing() {
+    fn skirtings_are_separate_planes_and_small_parts_none() {
         let mut soup = Soup::room([6.0, 3.0, 5.0], 1);
         soup.quad([[0.0, 0.0, 0.012], [6.0, 0.0, 0.012], [6.0, 0.1, 0.012], [0.0, 0.1, 0.012]]);
         soup.quad([[2.0, 1.0, 1.0], [2.1, 1.0, 1.0], [2.1, 1.1, 1.3], [2.0, 1.1, 1.3]]);
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_triangles_lie_in_no_plane() {
+    fn degenerate_triangles_belong_to_no_plane() {
         let mut soup = Soup::room([2.0, 2.0, 2.0], 1);
         soup.quad([[f32::NAN, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, f32::INFINITY]]);
         soup.quad([[1.0; 3]; 4]);

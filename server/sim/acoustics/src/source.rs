@@ -66,7 +66,7 @@ struct SourceData {
 }
 
 impl Acoustics {
-    /// Prepares `scene`; `rays` must contain its triangles, and `surfaces` their materials.
+    /// Prepares `scene`; `rays` and `surfaces` must match the mesh.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
         if settings.ray_count > 0 {
             settings.head.prepare();

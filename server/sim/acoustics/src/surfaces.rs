@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_outside_of_their_range_are_refused_by_name() {
+    fn invalid_shares_are_reported_by_name() {
         let fine = [0.5; SURFACE_BANDS];
         let with = |band: usize, value: f32| {
             let mut shares = fine;
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_found_by_the_beginnings_of_their_words() {
+    fn names_match_by_token_prefix() {
         let word_of = |name: &str| find(name).and_then(|row| ROWS[row].words.split(' ').next());
         for (name, word) in [
             ("wood", "wood"),
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_shows_the_table() {
+    fn documentation_contains_the_table() {
         let page = include_str!("../../../../docs/acoustics.md");
         for row in &ROWS {
             assert!(page.contains(&shown(row)), "docs/acoustics.md lacks this row:\n{}", shown(row));

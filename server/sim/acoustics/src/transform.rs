@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_transform_is_the_plain_sum() {
+    fn transform_equals_the_plain_sum() {
         for points in [1, 2, 4, 8, 16, 32, 64, 128, 512, 2048] {
             let (values, mut there) = (noise(points), noise(points));
             let mut transform = Transform::new(points);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn bits_do_not_depend_on_the_width() {
+    fn vector_width_does_not_change_bits() {
         for points in [8, 1024, 8192] {
             let (mut wide, mut portable) = (noise(points), noise(points));
             let mut transform = Transform::new(points);

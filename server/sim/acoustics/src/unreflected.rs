@@ -244,7 +244,7 @@ mod tests {
         soup
     }
 
-    /// Two rooms, each 4 m long, along x; a door from z = 1.0 to 1.9.
+    /// Two adjacent rooms, each 4 m long in x; a door from z = 1.0 to 1.9.
     fn two_rooms() -> Soup {
         flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 4.0]]])
     }
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn walking_through_doorways_changes_level_and_bearing_smoothly() {
+    fn level_and_bearing_are_smooth_through_doorways() {
         let walks = [
             ([5.0, 0.3], [5.0, 3.7]),
             ([7.5, 3.0], [3.0, 1.2]),
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_one_door_or_two_the_first_wave_comes_from_the_last_one() {
+    fn first_waves_arrive_from_the_last_door() {
         let one = Heard::new(&two_rooms(), HARD, [2.5, 1.0, 3.4]);
         for place in [[5.5, 3.0], [6.0, 3.5], [7.5, 3.6], [5.0, 3.2], [7.8, 0.3]] {
             assert!(comes_from(&one, place, 4.2, [1.0, 1.9]), "{place:?}");
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn two_doors_send_two_waves() {
+    fn two_doorways_emit_two_waves() {
         let heard = Heard::new(&two_doors(), HARD, [1.0, 1.0, 2.45]);
         // Both doors are equally distant: (1, 2.45) to the jambs at z = 1.9 and z = 3.0 and on.
         let waves = heard.at(7.2, 2.45);
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn the_deeper_the_shadow_the_duller_the_sound() {
+    fn deeper_shadows_lose_more_high_frequencies() {
         let heard = Heard::new(&two_rooms(), HARD, [2.5, 1.0, 3.4]);
         let tilts: Vec<_> = (0..8)
             .map(|step| 1.3 + 0.3 * step as f32)
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_wall_lets_through_what_its_two_surfaces_let_through() {
+    fn transmission_passes_both_wall_surfaces() {
         let closed = flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 4.0]]]);
         assert!(Heard::new(&closed, HARD, [2.0, 1.0, 2.0]).at(6.0, 2.0).is_empty());
         let thin = Surface { transmission: [0.1, 0.03, 0.01, 0.003, 0.001, 0.0], ..HARD };
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn storeys_hear_each_other_through_the_stairwell() {
+    fn storeys_connect_through_the_stairwell() {
         // Two storeys of 6 x 4 m; the slab between them ends 1.2 m before the wall x = 6.
         let mut house = flat([6.0, 4.0], &[]);
         let upper: Vec<_> = house.corners.iter().map(|[x, y, z]| [*x, y + 2.8, *z]).collect();

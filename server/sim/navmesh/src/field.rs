@@ -223,7 +223,7 @@ pub struct Exit {
     pub distance_m: f64,
 }
 
-/// Shortest paths from all corners to one. Methods panic for an unknown corner.
+/// Shortest paths from all corners to a target corner. Methods panic for an unknown corner.
 pub struct CornerWays {
     home: u32,
     corners: Vec<Way>,

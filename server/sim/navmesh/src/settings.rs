@@ -48,9 +48,9 @@ pub struct NavMeshSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
     /// Recast and Detour as in Habitat: watershed regions, no margin around the scene, lattice heights (up to
-    /// a level above the ground), clearance one level above body height.
+    /// a level above the ground), clearance a level above body height.
     Habitat,
-    /// The scene: surface heights, and outlines that preserve passages one cell wide.
+    /// The scene: surface heights, and outlines that preserve single-cell passages.
     Scene,
 }
 
@@ -131,7 +131,7 @@ impl Cells {
         let (radius, climb) = (body.radius_m / cell_m, body.climb_m / level_m);
         let height = (body.height_m / level_m).ceil() as u16;
         let (radius, climb, clearance) = match settings.finish {
-            // Habitat's Recast requires one level more than the body height.
+            // Habitat's Recast requires a level more than the body height.
             Finish::Habitat => (radius.ceil(), climb.floor(), height + 1),
             // 0.2 m are four levels of 0.05 m despite f32 rounding. A radius of at least one cell leaves no
             // crack between unconnected adjacent cells.

@@ -163,7 +163,7 @@ fn held([heading, pitch, roll]: [f32; 3]) -> UnitQuaternion<f32> {
 fn depth_has_no_limit_unless_one_is_given() {
     let (_folder, at) = folder();
     let far = |limit: &[&str]| {
-        // From high above, the house lies far below.
+        // From high above, the house is far below.
         let call = ["--seed", "4", "--pose", "0,500,0,0,-90", "--size", "8x8", "--hfov", "2", "--depth"];
         render(&[&call[..], &[&at("depth.npy")], limit].concat()).expect("a picture");
         depths(&at("depth.npy")).1

@@ -2,7 +2,7 @@
 
 use super::{
     Hosted,
-    playing::{Audience, FinishedEpisode, LastStep, Received, SlotReply},
+    playing::{Audience, FinishedEpisode, LastStep, SlotReply},
     slot::{Slot, SlotContent},
 };
 use crate::{
@@ -150,11 +150,10 @@ impl<H: Host> Slot<H> {
         if !matches!(self.audience, Audience::Stream(_)) {
             return false;
         }
+        if matches!(self.state, SlotContent::Playing(_)) {
+            return self.catch_up_playing(known.as_ref(), away).await;
+        }
         let missed = match (&self.state, &known) {
-            (SlotContent::Playing(playing), known) => {
-                let received = playing.received_by(known.as_ref());
-                return self.catch_up_playing(received, away).await;
-            }
             (SlotContent::Finished(over), Some(known)) if known.episode == over.end.episode => {
                 Ok(over.missed(known))
             }
@@ -167,13 +166,15 @@ impl<H: Host> Slot<H> {
         false
     }
 
-    async fn catch_up_playing(&mut self, received: Received, away: Duration) -> bool {
+    async fn catch_up_playing(&mut self, known: Option<&v1::SlotPosition>, away: Duration) -> bool {
         let SlotContent::Playing(playing) = &mut self.state else { return false };
         // The clock of a received observation runs on: the agent could think while it was disconnected.
-        let arrived = received == Received::LastObservation && playing.clock.runs();
-        let frame = match received {
-            Received::Nothing => Frame::EpisodeStart(playing.start_frame(self.id, &self.session)),
-            _ => Frame::Observation(playing.last.observation.clone()),
+        let step = playing.last.observation.step;
+        let known = known.filter(|known| known.episode == playing.hosted.handle);
+        let arrived = known.is_some_and(|known| known.step == step) && playing.clock.runs();
+        let frame = match known {
+            None => Frame::EpisodeStart(playing.start_frame(self.id, &self.session)),
+            Some(_) => Frame::Observation(playing.last.observation.clone()),
         };
         let Audience::Stream(out) = &self.audience else { return false };
         if let Ok(departure) = out.send(frame).await
@@ -181,7 +182,6 @@ impl<H: Host> Slot<H> {
         {
             playing.clock.sent(departure);
         }
-        let step = playing.last.observation.step;
         let restarted = !arrived && !away.is_zero();
         if restarted && let Err(error) = playing.hosted.log.clock_restarted(step, away) {
             tracing::error!(run = self.session.run, slot = self.id, %error, "a restarted clock was not recorded");

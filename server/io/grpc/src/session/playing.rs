@@ -89,26 +89,7 @@ impl LastStep {
     }
 }
 
-/// Received part of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Received {
-    Nothing,
-    /// The mission, but not the last observation.
-    Mission,
-    LastObservation,
-}
-
 impl<E: Episode> OpenEpisode<E> {
-    /// Returns the part that a client with this last position has received.
-    pub(super) fn received_by(&self, known: Option<&v1::SlotPosition>) -> Received {
-        match known {
-            Some(known) if known.episode != self.hosted.handle => Received::Nothing,
-            Some(known) if known.step == self.last.observation.step => Received::LastObservation,
-            Some(_) => Received::Mission,
-            None => Received::Nothing,
-        }
-    }
-
     /// Stops the clock and accounts for the thinking time.
     pub(super) fn stop_clock(&mut self) -> std::time::Duration {
         let thought = self.clock.stop();

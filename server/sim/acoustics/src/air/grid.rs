@@ -1,4 +1,4 @@
-//! Grid with cubic cells, and its traversal by rays.
+//! Grid with cubic cells, and traversal by rays.
 
 use avln_geom::{Aabb, Point3, Vector3};
 
@@ -57,7 +57,7 @@ impl Grid {
         })
     }
 
-    /// Index distance between neighbours along `axis`.
+    /// Index distance between neighbours on `axis`.
     pub(crate) fn stride(&self, axis: usize) -> usize {
         [1, self.size[0], self.size[0] * self.size[1]][axis]
     }
@@ -125,7 +125,7 @@ fn inverse(direction: f32) -> f32 {
     if direction.abs() < 1.0 / HUGE { HUGE.copysign(direction) } else { 1.0 / direction }
 }
 
-/// Part inside the grid box: start and end, metres along the ray.
+/// Part inside the grid box: start and end on the ray, metres.
 fn inside(grid: &Grid, from: &Point3<f32>, direction: &Vector3<f32>, length_m: f32) -> Option<(f32, f32)> {
     let (mut near_m, mut far_m) = (0.0_f32, length_m);
     for axis in 0..3 {
@@ -144,7 +144,7 @@ mod tests {
     use avln_geom::Rng;
 
     #[test]
-    fn a_leg_is_parted_among_the_voxels_that_hold_it() {
+    fn legs_are_divided_among_their_voxels() {
         let grid = Grid { first_center: Point3::new(-1.0, 0.5, 2.0), cell_m: 0.2, size: [12, 7, 9] };
         let mut rng = Rng::new(4);
         for _ in 0..500 {

@@ -124,7 +124,7 @@ pub(super) fn weighted_mean_square(spectrum: &[Complex32], length: usize) -> f64
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / length as f64;
     let weighted =
         |(bin, value): (usize, &Complex32)| weight(bin as f64 * bin_hz) * f64::from(value.norm_sqr());
-    // A bin also represents its mirror image; the weight at both ends is small.
+    // A bin also represents the mirror image; the weight at both ends is small.
     2.0 * spectrum.iter().enumerate().map(weighted).sum::<f64>() / (length as f64 * length as f64)
 }
 
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_those_of_the_standard() {
+    fn weights_match_the_standard() {
         // IEC 61672-1, table 3, decibels.
         for (frequency_hz, level_db) in
             [(125.0, -16.1), (500.0, -3.2), (1000.0, 0.0), (4000.0, 1.0), (8000.0, -1.1)]

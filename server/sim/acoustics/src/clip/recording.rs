@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_sound_is_the_same_clip_at_any_rate() {
+    fn sample_rate_does_not_change_a_clip() {
         // A 1 kHz tone has weight 1, so mean square and loudness are equal.
         for rate_hz in [8_000, 11_025, 16_000, 22_050, 44_100, 48_000, 96_000, 192_000] {
             let clip = Clip::recorded("tone", &tone(1000.0, rate_hz, 2.0), rate_hz).expect("a clip");
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn loud_and_soft_recordings_become_the_same_clip() {
+    fn recording_level_does_not_change_a_clip() {
         let tones = [tone(700.0, 16_000, 1.5), tone(2500.0, 16_000, 1.5)];
         let sound: Vec<f32> = tones[0].iter().zip(&tones[1]).map(|(a, b)| a + b).collect();
         let soft: Vec<f32> = sound.iter().map(|sample| 0.001 * sample).collect();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_repeats_without_a_step() {
+    fn recordings_loop_without_a_step() {
         let clip = Clip::recorded("", &tone(333.3, 16_000, 1.37), 16_000).expect("a clip");
         let steps = clip.samples.windows(2).map(|pair| (pair[1] - pair[0]).abs());
         let largest = steps.fold(0.0, f32::max);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_a_clip_is_refused_with_the_reason() {
+    fn unusable_recordings_fail_with_a_reason() {
         let refused = |samples: &[f32], rate_hz| Clip::recorded("", samples, rate_hz).expect_err("no clip");
         assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate(7999));
         assert_eq!(refused(&[], 16_000), RecordingError::Length(0.0));
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn tones_keep_their_phase_and_level() {
+    fn resampled_tones_keep_phase_and_level() {
         for rate_hz in [8_000, 11_025, 44_100, 48_000, 96_000, 47_999] {
             for frequency_hz in [50.0, 440.0, 3000.0] {
                 let resampled =
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_high_for_the_new_rate_is_gone() {
+    fn resampling_removes_frequencies_above_the_new_limit() {
         for rate_hz in [22_050, 44_100, 192_000] {
             let resampled = resample(&unit_tone(9500.0, rate_hz, rate_hz as usize), rate_hz, 16_000);
             let peak = resampled[200..15_800].iter().fold(0.0_f32, |peak, sample| peak.max(sample.abs()));

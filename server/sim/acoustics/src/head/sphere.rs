@@ -3,7 +3,7 @@
 //! Source: Duda and Martens (1998), "Range dependence of the response of a spherical head model", J. Acoust.
 //! Soc. Am. 104, in the time convention exp(+j w t).
 
-use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, HeadFilter, design_from};
 use crate::SPEED_OF_SOUND_M_S;
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
@@ -31,7 +31,7 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
 /// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
 pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
     /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
-    static FILTERS: OnceLock<Vec<Filter>> = OnceLock::new();
+    static FILTERS: OnceLock<Vec<HeadFilter>> = OnceLock::new();
     let design = |inverse: &f32| design_range(1.0 / f64::from(*inverse));
     let filters = FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect());
     let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
@@ -61,7 +61,7 @@ fn range_position(range_m: f32) -> (usize, f32) {
     (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
 }
 
-fn design_range(range_m: f64) -> Vec<Filter> {
+fn design_range(range_m: f64) -> Vec<HeadFilter> {
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
         .map(|bin| SphereResponse::new((bin as f64 * DESIGN_BIN_HZ).max(20.0), range_m))
         .collect();
@@ -100,8 +100,7 @@ impl SphereResponse {
         Self { coefficients }
     }
 
-    /// Pressure at a surface point by the cosine between its radius and the source direction, relative to the
-    /// free field at the centre.
+    /// Pressure by the cosine between surface point and source direction, relative to the free field.
     pub(crate) fn pressure(&self, cos_incidence: f64) -> Complex64 {
         let (mut previous, mut current) = (1.0, cos_incidence);
         let mut sum = self.coefficients[0];
@@ -115,7 +114,7 @@ impl SphereResponse {
     }
 }
 
-/// `h_m(k r) r / (k a^2)` without the factor exp(-j k r), for every order; its limit for a plane wave.
+/// `h_m(k r) r / (k a^2)` without the factor exp(-j k r), for every order, or the plane wave limit.
 fn incident_terms(wave_number: f64, range_m: f64) -> [Complex64; ORDERS] {
     let a = HEAD_RADIUS_M;
     if range_m.is_infinite() {
@@ -174,20 +173,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sphere_much_smaller_than_the_wave_is_not_there() {
+    fn small_spheres_do_not_affect_long_waves() {
         let response = SphereResponse::new(20.0, f64::INFINITY);
         assert!((response.pressure(0.3).norm() - 1.0).abs() < 1e-3);
     }
 
     #[test]
-    fn high_frequencies_double_in_front_and_stay_up_in_the_bright_spot_behind() {
+    fn high_frequencies_double_in_front_and_brighten_behind() {
         let response = SphereResponse::new(8000.0, f64::INFINITY);
         assert!((response.pressure(1.0).norm() - 2.0).abs() < 0.1, "{}", response.pressure(1.0).norm());
         assert!(response.pressure(-1.0).norm() > 2.0 * response.pressure(-0.8).norm());
     }
 
     #[test]
-    fn a_far_point_source_is_a_plane_wave() {
+    fn distant_point_sources_equal_plane_waves() {
         for frequency_hz in [100.0, 1000.0, 6000.0] {
             let (far, plane) =
                 (SphereResponse::new(frequency_hz, 500.0), SphereResponse::new(frequency_hz, f64::INFINITY));
@@ -198,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn low_frequency_delay_is_one_and_a_half_radii() {
+    fn low_frequency_delay_is_1_5_radii() {
         // Kuhn 1977: below 500 Hz the phase delay at incidence t is -(3 a / 2 c) cos t.
         let frequency_hz = 100.0;
         let pressure = SphereResponse::new(frequency_hz, f64::INFINITY).pressure(0.5);
@@ -207,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_reaches_the_near_point_first_and_is_continuous_at_the_tangent() {
+    fn onset_delay_is_continuous_at_the_tangent() {
         assert!((onset_delay_s(1.0, f64::INFINITY) + HEAD_RADIUS_M / 343.0).abs() < 1e-9);
         assert!((onset_delay_s(1.0, 1.0) + HEAD_RADIUS_M / 343.0).abs() < 1e-9);
         let tangent = HEAD_RADIUS_M / 0.5;

@@ -4,23 +4,24 @@ use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
-/// Block edge in voxels, and its limit.
+pub(super) const NO_CELL: u32 = u32::MAX;
+
+/// Smallest and largest block edge, voxels.
 const BLOCK: usize = 3;
 const MAX_BLOCK: usize = 24;
 
 /// Memory limit per source, bytes.
 const MAX_BYTES: usize = 6 << 20;
-pub(super) const NO_CELL: u32 = u32::MAX;
 
 /// Air blocks, divided at blocked voxel steps; twice as high as wide.
 pub(crate) struct Cells {
-    /// Per air voxel: its cell, [`NO_CELL`] near surfaces.
+    /// Cell per air voxel, [`NO_CELL`] near surfaces.
     pub(super) cell_of: Vec<u32>,
     cells: Vec<Cell>,
     /// Voxels per block in x, y, z.
     block: [usize; 3],
     blocks: [usize; 3],
-    /// Per block: its first cell; with a final sentinel.
+    /// First cell per block, with a final sentinel.
     first_of: Vec<u32>,
 }
 

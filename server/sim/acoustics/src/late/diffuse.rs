@@ -124,7 +124,7 @@ mod tests {
     use crate::head::filter::FAR_M;
 
     #[test]
-    fn a_wave_from_the_left_is_louder_at_the_left_ear() {
+    fn left_waves_are_louder_at_the_left_ear() {
         let field = Head::Sphere.heard_field();
         let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
         let [left, right] = ears.map(|ear| field.tilt(&ear));
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_hears_lows_alike_and_highs_apart() {
+    fn sphere_ears_are_coherent_only_at_low_frequencies() {
         let known = diffuse_field(&|direction: &Vector3<f32>| Head::Sphere.ears(direction, 0.0, FAR_M));
         let at = |frequency_hz| between(&known, frequency_hz);
         assert!(at(125.0).coherence > 0.9, "{:?}", at(125.0));

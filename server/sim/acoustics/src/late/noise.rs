@@ -97,7 +97,7 @@ impl EarPair {
         }
     }
 
-    /// Flattens both envelopes as far as the spectra allow.
+    /// Flattens both envelopes within the given spectra.
     fn flatten_envelopes(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
         // A band's envelope needs at most twice as many points as bins.
         let points = (2 * self.sum.len()).next_power_of_two().min(PERIOD);
@@ -163,7 +163,7 @@ fn band_energy(band: usize, frequency_hz: f64) -> f64 {
     above * below
 }
 
-/// Transition from 0 to 1 across a band edge, `octaves` from its centre.
+/// Transition from 0 to 1 across a band edge, `octaves` from the middle.
 fn rise(octaves: f64) -> f64 {
     let share = (octaves / BORDER_OCTAVES + 0.5).clamp(0.0, 1.0);
     let sine = libm::sin(FRAC_PI_2 * share);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_share_all_energy() {
+    fn band_shares_add_up_to_one() {
         for frequency_hz in [60.0, 125.0, 177.0, 400.0, 1400.0, 5600.0, 7900.0] {
             let sum: f64 = (0..BANDS).map(|band| band_energy(band, frequency_hz)).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{frequency_hz} Hz: {sum}");
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_even_in_time_and_alike_at_both_ears_as_asked() {
+    fn noise_has_even_energy_and_the_requested_coherence() {
         let noise = Noise::new(plain);
         for (band, center_hz) in BAND_HZ.iter().enumerate().skip(1) {
             let (left, right) = (&noise.left[band][..PERIOD], &noise.right[band][..PERIOD]);
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_no_direction_by_chance() {
+    fn decorrelated_noise_has_no_random_direction() {
         let (lags, mut ears) = (Lags::new(PERIOD, |_| Some(0.0)), two_noises());
         let before = peak(&lags, &ears);
         (0..8).for_each(|_| lags.decorrelate(&mut ears));
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_cosine_is_that_of_the_series() {
+    fn mean_cosine_approximates_the_series() {
         for coherence in [-0.9, -0.3, 0.0, 0.2, 0.5, 0.8, 1.0_f64] {
             let (mut term, mut sum) = (1.0, 1.0);
             for n in 0..100_000 {

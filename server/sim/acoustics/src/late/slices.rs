@@ -60,11 +60,11 @@ pub(super) type Density = [f32; BANDS];
 pub(super) struct Envelope {
     pub(super) start: usize,
     blocks: usize,
-    /// Per slice: its centre, seconds.
+    /// Centre per slice, seconds.
     middles_s: Vec<f32>,
-    /// Per block: its start.
+    /// Start per block.
     places: Vec<SlicePosition>,
-    /// Per slice: seconds under its two lines.
+    /// Seconds under the two lines of a slice.
     weight_s: Vec<f32>,
 }
 
@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slices_follow_each_other_and_hold_what_begins_in_them() {
+    fn path_lengths_map_to_consecutive_slices() {
         assert_eq!((start_s(0), start_s(1)), (0.0, 0.005));
         assert!((start_s(16) - 0.08).abs() < 1e-6 && (start_s(32) - 0.24).abs() < 1e-6);
         for bin in 0..100 {

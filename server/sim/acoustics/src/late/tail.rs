@@ -49,7 +49,7 @@ pub(crate) fn add_tail(
     let end = settings.response_samples();
     let start = ((first_m / SPEED_OF_SOUND_M_S * SAMPLE_RATE_HZ as f32) as usize).min(end);
     let envelope = Envelope::new(echo.len(), start, end);
-    let slices = envelope.gathered(&echo);
+    let slices = envelope.gathered(echo);
     let densities = slices.iter().enumerate().map(|(i, slice)| envelope.density(i, slice)).collect();
     let heard = settings.head.heard_field();
     let tail = Tail { listener, settings, heard, envelope, slices, densities };

@@ -79,7 +79,7 @@ fn theory(absorption: f64) -> (f64, f64) {
 }
 
 #[test]
-fn sound_decays_as_eyring_and_sabine_say() {
+fn decay_lies_between_eyring_and_sabine() {
     for (absorption, scattering) in [(0.05_f32, 0.5), (0.1, 0.3), (0.2, 0.5), (0.4, 0.9)] {
         let building = room(surface(absorption, scattering), settings(2000));
         let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1);
@@ -95,7 +95,7 @@ fn sound_decays_as_eyring_and_sabine_say() {
 }
 
 #[test]
-fn energy_is_kept_where_nothing_absorbs() {
+fn energy_is_constant_without_absorption() {
     let building = room(surface(0.0, 0.5), settings(6000));
     let source = Point3::new(1.4, 1.2, 1.9);
     let images = Images::new(&building, &source);
@@ -115,7 +115,7 @@ fn energy_is_kept_where_nothing_absorbs() {
 }
 
 #[test]
-fn the_diffuse_level_is_that_of_theory() {
+fn diffuse_level_matches_theory() {
     for absorption in [0.1_f32, 0.3] {
         let building = room(surface(absorption, 0.7), settings(2000));
         let energy: f64 = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1).iter().sum();
@@ -128,7 +128,7 @@ fn the_diffuse_level_is_that_of_theory() {
 }
 
 #[test]
-fn what_absorbs_all_returns_nothing() {
+fn full_absorption_leaves_no_late_energy() {
     let building = room(surface(1.0, 0.5), settings(500));
     let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 2);
     assert!(energy.iter().all(|energy| *energy == 0.0));
@@ -148,7 +148,7 @@ fn bands_do_not_mix() {
 }
 
 #[test]
-fn responses_hold_the_energy_and_the_decay_of_the_field() {
+fn responses_match_the_field_energy_and_decay() {
     let building = room(surface(0.2, 0.5), Settings { head: Head::Omni, ..settings(1000) });
     let field = field(&building, [1.4, 1.2, 1.9]);
     let echo = field.at(&building, &Point3::new(4.0, 1.3, 3.0));
@@ -174,7 +174,7 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
 }
 
 #[test]
-fn what_walls_are_cut_into_does_not_matter() {
+fn triangulation_does_not_change_late_energy() {
     let energy = |pieces: usize| {
         let building = building(&Soup::room(SIZE_M, pieces), surface(0.2, 0.4), settings(1000));
         mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 3).iter().sum::<f64>()
@@ -211,7 +211,7 @@ fn four_times_the_rays_halve_the_error() {
 }
 
 #[test]
-fn source_and_listener_may_change_places() {
+fn source_and_listener_are_interchangeable() {
     let building = room(surface(0.15, 0.5), settings(4000));
     let places = [[1.4, 1.2, 1.9], [4.5, 1.6, 3.8], [3.0, 0.9, 0.8], [5.1, 2.2, 1.1]];
     let fields: Vec<_> = places.iter().map(|place| field(&building, *place)).collect();
@@ -226,7 +226,7 @@ fn source_and_listener_may_change_places() {
 }
 
 #[test]
-fn what_comes_from_one_side_is_heard_from_there() {
+fn lateral_energy_is_louder_at_the_facing_ear() {
     let slice = Slice { energy: [1e-3; BANDS], flow: Vector3::new(0.95, 0.0, 0.0) };
     let echo = vec![slice; 20];
     let listener = Listener { position: Point3::origin(), heading_rad: 0.0 };

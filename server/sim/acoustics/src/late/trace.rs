@@ -23,11 +23,11 @@ const OFF_SURFACE_M: f32 = 2e-4;
 // every slice has equal statistics. A quarter continues to the end.
 const MAX_HALVINGS: u32 = 2;
 
-// A minimum keeps statistics even in quiet rooms.
+// Rare transmissions would give uneven statistics in quiet rooms.
 const MIN_TRANSMISSION_PROBABILITY: f32 = 0.02;
 
 pub(super) struct Tally {
-    /// Per cell: its row in `sums`, [`NO_CELL`] without rays.
+    /// Row in `sums` per cell, [`NO_CELL`] without rays.
     pub(super) row_of: Vec<u32>,
     /// `rows × bins × CHANNELS`: energy per square metre relative to the source at 1 m, times cubic metres.
     pub(super) sums: Vec<f32>,
@@ -260,7 +260,7 @@ impl Tally {
     }
 }
 
-/// A ray's continuation at a surface, with its probability.
+/// A ray's continuation at a surface, with the probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Interaction {
     Transmitted(f32),

@@ -1,4 +1,4 @@
-//! The cache of sources, and memory use.
+//! Cached sources and memory use.
 
 use crate::common::{point, two_rooms};
 use avln_acoustics::{
@@ -9,7 +9,7 @@ use avln_houses::{HouseOptions, house};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-/// A shelf that counts what it gives.
+/// A cache that counts hits.
 #[derive(Default)]
 struct Memory {
     kept: Mutex<BTreeMap<String, Vec<u8>>>,
@@ -33,7 +33,7 @@ fn kept(memory: &Arc<Memory>) -> Acoustics {
     two_rooms(true).with_cache(Some(BuildingCache { cache, name: "flat".into() }))
 }
 
-/// What the sources of a flat with two rooms do to some listeners.
+/// Responses for some sources and listeners in two rooms.
 fn heard(acoustics: &Acoustics) -> Vec<ImpulseResponse> {
     let sources = [[1.0, 1.2, 3.0], [7.0, 0.6, 0.8], [4.1, 0.5, 3.0]].map(Point3::from);
     let listeners = [([6.5, 1.0, 3.2], 0.3), ([1.5, 1.0, 1.0], -2.0)];
@@ -46,7 +46,7 @@ fn heard(acoustics: &Acoustics) -> Vec<ImpulseResponse> {
 }
 
 #[test]
-fn sources_sound_the_same_fresh_kept_and_found() {
+fn cached_sources_equal_computed_sources() {
     let fresh = heard(&two_rooms(true));
     assert!(fresh.iter().all(|response| response.len() > 1000));
     let memory = Arc::new(Memory::default());
@@ -57,12 +57,12 @@ fn sources_sound_the_same_fresh_kept_and_found() {
 }
 
 #[test]
-fn bytes_that_do_not_fit_the_building_are_not_used() {
+fn invalid_cached_bytes_are_recomputed() {
     let fresh = heard(&two_rooms(true));
     let memory = Arc::new(Memory::default());
     heard(&kept(&memory));
     let sound = memory.kept.lock().unwrap().clone();
-    // A third of the file, whole lists of other lengths, and corners that lead nowhere.
+    // A third of the bytes, wrong list lengths, and invalid corners.
     let damages: [fn(&mut Vec<u8>); 3] = [
         |bytes| bytes.truncate(bytes.len() / 3),
         |bytes| bytes.drain(..16).for_each(drop),
@@ -95,7 +95,7 @@ fn hash(bytes: &[u8]) -> u64 {
 }
 
 #[test]
-fn the_version_changes_when_what_is_known_of_a_source_does() {
+fn version_changes_with_source_data() {
     let last = Arc::new(Last::default());
     let cache: Arc<dyn SoundCache> = Arc::clone(&last) as _;
     let acoustics = two_rooms(true).with_cache(Some(BuildingCache { cache, name: "flat".into() }));
@@ -111,10 +111,10 @@ fn the_version_changes_when_what_is_known_of_a_source_does() {
 const MB: usize = 1_000_000;
 
 #[test]
-fn a_source_takes_8_mb_at_most_and_an_environment_64() {
+fn sources_take_8_mb_and_environments_64_mb() {
     let scene = house("large", 5, &HouseOptions { rooms: 24..=24, storeys: 2..=2, ..Default::default() });
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-    // Where energy gets to and how it is stored is the same for few rays as for many.
+    // Memory use hardly depends on the ray count.
     let settings = Settings { ray_count: 1024, ..Settings::default() };
     let acoustics = Acoustics::new(&scene, rays, Surfaces::by_material(&scene), settings);
     let objects = scene.objects.iter().step_by(scene.objects.len().div_ceil(4));
@@ -130,7 +130,7 @@ fn a_source_takes_8_mb_at_most_and_an_environment_64() {
     let place = scene.regions[0].bounds.center();
     let mut ears = Ears::new(emitters, 4000);
     for step in 0..12 {
-        // All four ring, and each was just heard anew.
+        // All four sources ring.
         let listener = Listener { position: place, heading_rad: 0.1 * step as f32 };
         ears.hear(&listener, Some(step % 4));
     }

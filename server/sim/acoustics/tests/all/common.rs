@@ -1,4 +1,4 @@
-//! Small buildings and measurements that several tests share.
+//! Small buildings and measurements for several tests.
 
 use avln_acoustics::{
     Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SURFACE_BANDS, Settings, Surface, Surfaces,
@@ -8,19 +8,19 @@ use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Acoustics of solid boxes, given by opposite corners, with default settings and an unnamed material.
+/// Solid boxes, given by opposite corners, with default settings and an unnamed material.
 pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
     acoustics(boxes, Settings::default(), Surfaces::by_material)
 }
 
-/// Acoustics of solid boxes without transmission.
+/// Solid boxes without transmission.
 pub(crate) fn opaque_building(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acoustics {
     let plaster = [0.02, 0.02, 0.03, 0.03, 0.04, 0.05];
     let surface = Surface::new(plaster, [0.1; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
     acoustics(boxes, settings, |scene| Surfaces::uniform(scene, surface))
 }
 
-/// Only the first wave, without reflections and late energy.
+/// Settings without reflections and late energy.
 pub(crate) fn first_wave() -> Settings {
     Settings { reflection_order: 0, ray_count: 0, ..Settings::default() }
 }
@@ -72,7 +72,7 @@ pub(crate) fn free_field() -> Acoustics {
     building(&[])
 }
 
-/// Two rooms of 4 x 4 x 2.6 m in x, divided at x = 4.0 to 4.2 by a wall with a room-high door at z = 1.0 to
+/// Two rooms, each 4 x 4 x 2.6 m, divided at x = 4.0 to 4.2 by a wall with a room-high door at z = 1.0 to
 /// 1.9, open if `door`.
 pub(crate) fn two_rooms(door: bool) -> Acoustics {
     building(&two_rooms_boxes(door))
@@ -109,12 +109,12 @@ pub(crate) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
     Point3::new(x, y, z)
 }
 
-/// A listener at the origin's height of 1 m.
+/// A listener 1 m above the floor.
 pub(crate) fn listener(x: f32, z: f32, heading_deg: f32) -> Listener {
     Listener { position: point(x, 1.0, z), heading_rad: heading_deg.to_radians() }
 }
 
-/// Real and imaginary part of the response at one frequency.
+/// Real and imaginary part at a frequency.
 pub(crate) fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
     let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
     ear.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, tap)| {
@@ -123,25 +123,24 @@ pub(crate) fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
     })
 }
 
-/// Level at one frequency, decibels.
+/// Level at a frequency, decibels.
 pub(crate) fn level_db(ear: &[f32], frequency_hz: f64) -> f64 {
     let (re, im) = bin(ear, frequency_hz);
     10.0 * (re * re + im * im).log10()
 }
 
-/// Energy of both ears, decibels.
+/// Energy at both ears, decibels.
 pub(crate) fn energy_db(response: &ImpulseResponse) -> f64 {
     let energy = |ear: &[f32]| ear.iter().map(|tap| f64::from(tap * tap)).sum::<f64>();
     10.0 * (energy(&response.left) + energy(&response.right)).log10()
 }
 
-/// Lag of the left ear behind the right, microseconds: peak of the cross-correlation from `low_hz` to
-/// `high_hz` within 1 ms.
+/// Lag at the left ear, microseconds: cross-correlation peak from `low_hz` to `high_hz` within 1 ms.
 pub(crate) fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
     lag_of_spectra_us(|hz| [bin(&response.left, hz), bin(&response.right, hz)], low_hz, high_hz)
 }
 
-/// Lag from two spectra, real and imaginary part of left and right by frequency.
+/// Lag from two spectra by frequency: real and imaginary parts, left ear first.
 pub(crate) fn lag_of_spectra_us(spectra: impl Fn(f64) -> [(f64, f64); 2], low_hz: f64, high_hz: f64) -> f64 {
     let steps = 40;
     let products: Vec<_> = (0..=steps)
@@ -165,7 +164,7 @@ pub(crate) fn lag_of_spectra_us(spectra: impl Fn(f64) -> [(f64, f64); 2], low_hz
     best_of(best_of(0.0, 100, 10.0), 10, 1.0)
 }
 
-/// A clip of white noise of the given length, samples.
+/// White noise with `length` samples.
 pub(crate) fn noise(seed: u64, length: usize) -> Clip {
     let mut rng = Rng::new(seed);
     Clip { name: "noise".into(), samples: (0..length).map(|_| rng.range(-1.0, 1.0)).collect() }

@@ -10,7 +10,7 @@ fn emitter(house: &Acoustics, position: Point3<f32>, seed: u64) -> Emitter {
     Emitter { source: house.source(&position), clip: noise(seed, 20_011), offset_samples: 17 }
 }
 
-/// Left ear of several steps, joined.
+/// Joins the left ear's samples.
 fn left(steps: &[Vec<f32>]) -> Vec<f32> {
     steps.iter().flat_map(|step| step[..step.len() / 2].to_vec()).collect()
 }
@@ -20,7 +20,7 @@ fn energy(samples: &[f32]) -> f64 {
 }
 
 #[test]
-fn standing_still_is_one_long_convolution() {
+fn constant_pose_equals_one_convolution() {
     let emitter = emitter(&two_rooms(true), point(2.5, 1.0, 3.4), 1);
     let place = listener(6.0, 3.0, 30.0);
     let response = emitter.source.impulse_response(&place);
@@ -43,7 +43,7 @@ fn standing_still_is_one_long_convolution() {
 }
 
 #[test]
-fn steps_of_any_size_make_the_same_sound() {
+fn step_size_does_not_change_the_sound() {
     let house = two_rooms(true);
     let place = listener(5.0, 1.5, 0.0);
     let hear = |size: usize| {
@@ -58,7 +58,7 @@ fn steps_of_any_size_make_the_same_sound() {
 }
 
 #[test]
-fn moving_and_turning_makes_no_clicks() {
+fn moving_and_turning_cause_no_clicks() {
     let house = two_rooms(true);
     let tone: Vec<f32> = (0..16_000).map(|n| (std::f32::consts::TAU * n as f32 / 16.0).sin()).collect();
     for samples in [tone.into(), noise(4, 16_000).samples] {
@@ -84,7 +84,7 @@ fn moving_and_turning_makes_no_clicks() {
     }
 }
 
-/// Lag of the left ear, samples, by plain correlation.
+/// Lag at the left ear, samples, by plain correlation.
 fn lag(left: &[f32], right: &[f32]) -> i32 {
     let similarity = |lag: i32| -> f32 {
         let pairs = 20..left.len() as i32 - 20;
@@ -94,7 +94,7 @@ fn lag(left: &[f32], right: &[f32]) -> i32 {
 }
 
 #[test]
-fn a_switch_is_heard_from_the_new_side_at_once() {
+fn switches_move_the_sound_at_once() {
     let house = free_field();
     let sides = [point(3.0, 1.0, -0.5), point(-3.0, 1.0, -0.5)];
     let emitters = vec![emitter(&house, sides[0], 5), emitter(&house, sides[1], 6)];
@@ -103,7 +103,7 @@ fn a_switch_is_heard_from_the_new_side_at_once() {
     for step in 0..12 {
         let sounding = step / 3 % 2;
         let heard = ears.hear(&place, Some(sounding));
-        // 3.04 m: 142 samples of travel; the fade of the old source is over 160 samples after its switch.
+        // 3.04 m take 142 samples; the old source fades within 160 samples after the switch.
         let (left, right) = (&heard[400..STEP], &heard[STEP + 400..]);
         let expected = if sounding == 0 { 10 } else { -10 };
         assert!((lag(left, right) - expected).abs() <= 2, "step {step}: {}", lag(left, right));
@@ -114,7 +114,7 @@ fn a_switch_is_heard_from_the_new_side_at_once() {
 }
 
 #[test]
-fn a_silenced_source_rings_out_and_then_there_is_nothing() {
+fn stopped_sources_ring_out_to_silence() {
     let house = two_rooms(true);
     let place = listener(7.0, 3.0, 0.0);
     let source = emitter(&house, point(1.0, 1.0, 3.0), 7);
@@ -131,7 +131,7 @@ fn a_silenced_source_rings_out_and_then_there_is_nothing() {
 }
 
 #[test]
-fn two_sources_together_are_the_sum_of_each_alone() {
+fn two_sources_add_up() {
     let house = two_rooms(true);
     let emitters = [emitter(&house, point(1.0, 1.0, 3.0), 8), emitter(&house, point(7.0, 0.5, 0.5), 9)];
     let schedule = [Some(0), Some(1), Some(1), None, Some(0), Some(1)];
@@ -150,7 +150,7 @@ fn two_sources_together_are_the_sum_of_each_alone() {
 }
 
 #[test]
-fn clips_run_on_while_they_are_not_heard() {
+fn clips_advance_during_silence() {
     let house = free_field();
     let place = listener(0.0, 0.0, 0.0);
     let hear = |schedule: &[Option<usize>]| {
@@ -162,7 +162,7 @@ fn clips_run_on_while_they_are_not_heard() {
 }
 
 #[test]
-fn the_same_episode_has_the_same_bits_and_leaves_no_trace() {
+fn repeated_episodes_have_equal_bits() {
     let house = two_rooms(true);
     let bank: Vec<_> = Bank::default().clips().take(2).collect();
     let run = || {
@@ -195,7 +195,7 @@ fn the_same_episode_has_the_same_bits_and_leaves_no_trace() {
 }
 
 #[test]
-fn a_clip_at_one_metre_has_its_own_level() {
+fn clips_at_one_metre_keep_their_level() {
     let house = free_field();
     let emitter = Emitter {
         source: house.source(&point(0.0, 1.0, -1.0)),
@@ -206,12 +206,12 @@ fn a_clip_at_one_metre_has_its_own_level() {
     let place = listener(0.0, 0.0, 0.0);
     let heard: Vec<f32> = (0..12).flat_map(|_| ears.hear(&place, Some(0))).collect();
     let level = (energy(&heard) / heard.len() as f64).sqrt();
-    // The head weighs the bands; 0.05 within 3 dB.
+    // The head weighs the bands: 0.05 within 3 dB.
     assert!((0.035..0.071).contains(&level), "{level}");
 }
 
 #[test]
-fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
+fn ringing_keeps_its_pose_and_new_sound_follows() {
     let house = two_rooms(true);
     let place = |heading_deg: f32| listener(3.0, 1.5, heading_deg);
     let mut ears = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
@@ -220,7 +220,7 @@ fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
         (0..2).for_each(|_| drop(ears.hear(&place(0.0), Some(0))));
         ears.hear(&place(0.0), None);
     }
-    // A quarter of a second after the end only the tail remains.
+    // A quarter of a second after the end, only the tail remains.
     for step in 1..4 {
         let (turning, standing) =
             (ears.hear(&place(30.0 * step as f32), None), still.hear(&place(0.0), None));
@@ -231,7 +231,7 @@ fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
     (0..6).for_each(|_| drop(fresh.hear(&place(90.0), None)));
     let again = ears.hear(&place(90.0), Some(0));
     let new = fresh.hear(&place(90.0), Some(0));
-    // After the fade the sound has the new heading, plus the rest of the old tail.
+    // After the fade the sound has the new heading, plus the old tail.
     let (late, new) = (&again[2000..STEP], &new[2000..STEP]);
     let rest: Vec<f32> = late.iter().zip(new).map(|(a, b)| a - b).collect();
     assert!(energy(&rest) < 0.05 * energy(new), "{} of {}", energy(&rest), energy(new));

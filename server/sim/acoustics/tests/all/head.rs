@@ -1,18 +1,18 @@
-//! The ears against the series of the rigid sphere, in the free field.
+//! Ears against the rigid sphere series, in the free field.
 
 use crate::common::{bin, free_field, lag_of_spectra_us, lag_us, level_db, listener, opaque_building, point};
 use avln_acoustics::{Head, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Response of a head at the origin to a source `azimuth_deg` to its right, `range_m` away.
+/// Head response at the origin to a source `azimuth_deg` to the right at `range_m`.
 fn from_azimuth(azimuth_deg: f32, range_m: f32) -> ImpulseResponse {
     let (sin, cos) = azimuth_deg.to_radians().sin_cos();
     let source = point(range_m * sin, 1.0, -range_m * cos);
     free_field().source(&source).impulse_response(&listener(0.0, 0.0, 0.0))
 }
 
-/// Azimuth, interaural delay below 1.5 kHz and below 1 kHz (microseconds), level difference at 500,
-/// 2000 and 4000 Hz (decibels): plane wave, radius 8.75 cm, ears at 100 degrees, from an independent evaluation.
+/// Azimuth, interaural delay below 1.5 kHz and below 1 kHz (microseconds), level difference at 500, 2000 and
+/// 4000 Hz (decibels): plane wave, radius 8.75 cm, ears at 100 degrees, from an independent evaluation.
 const SPHERE: [(f32, f64, f64, [f64; 3]); 5] = [
     (30.0, 341.0, 381.0, [0.9, 5.3, 7.3]),
     (60.0, 616.0, 635.0, [1.4, 6.5, 15.1]),
@@ -22,7 +22,7 @@ const SPHERE: [(f32, f64, f64, [f64; 3]); 5] = [
 ];
 
 #[test]
-fn interaural_delays_are_those_of_the_sphere() {
+fn interaural_delays_match_the_sphere() {
     for (azimuth_deg, correlated_us, low_us, _) in SPHERE {
         let response = from_azimuth(azimuth_deg, 8.0);
         let measured = lag_us(&response, 100.0, 1500.0);
@@ -33,7 +33,7 @@ fn interaural_delays_are_those_of_the_sphere() {
 }
 
 #[test]
-fn level_differences_are_those_of_the_sphere() {
+fn level_differences_match_the_sphere() {
     for (azimuth_deg, .., levels_db) in SPHERE {
         let response = from_azimuth(azimuth_deg, 16.0);
         for ((frequency_hz, expected), tolerance) in
@@ -49,7 +49,7 @@ fn level_differences_are_those_of_the_sphere() {
 }
 
 #[test]
-fn the_nearer_ear_leads_and_is_louder_in_every_octave() {
+fn nearer_ear_leads_and_is_louder_per_octave() {
     for azimuth_deg in (15..=165).step_by(15) {
         for range_m in [0.25, 1.0, 4.0] {
             let response = from_azimuth(azimuth_deg as f32, range_m);
@@ -59,7 +59,7 @@ fn the_nearer_ear_leads_and_is_louder_in_every_octave() {
                     (level_db(&response.left, center_hz), level_db(&response.right, center_hz));
                 assert!(right > left, "{place}: {right} and {left} dB");
                 let lag = lag_us(&response, center_hz * 0.71, center_hz * 1.41);
-                // Above 1.5 kHz the correlation of an octave may slip by a period; its envelope does not.
+                // Above 1.5 kHz the octave's correlation may slip by a period; the envelope does not.
                 let lag = if center_hz > 1500.0 { group_lag_us(&response, center_hz) } else { lag };
                 assert!(lag > 20.0, "{place}: {lag} us");
             }
@@ -67,7 +67,7 @@ fn the_nearer_ear_leads_and_is_louder_in_every_octave() {
     }
 }
 
-/// Lag of the left ear's envelope, microseconds: difference of the group delays, weighted over an octave.
+/// Lag of the left ear's envelope, microseconds: group delay difference, weighted over an octave.
 fn group_lag_us(response: &ImpulseResponse, center_hz: f64) -> f64 {
     let delay_s = |ear: &[f32]| {
         let (mut moment, mut energy) = (0.0, 0.0);
@@ -84,7 +84,7 @@ fn group_lag_us(response: &ImpulseResponse, center_hz: f64) -> f64 {
 }
 
 #[test]
-fn level_difference_grows_with_frequency_off_to_the_side() {
+fn lateral_level_differences_grow_with_frequency() {
     for azimuth_deg in [30.0, 45.0, 60.0] {
         let response = from_azimuth(azimuth_deg, 4.0);
         let difference = |hz| level_db(&response.right, hz) - level_db(&response.left, hz);
@@ -93,7 +93,7 @@ fn level_difference_grows_with_frequency_off_to_the_side() {
 }
 
 #[test]
-fn mirrored_sources_swap_the_ears_to_the_bit() {
+fn mirrored_sources_swap_the_ears_exactly() {
     for (azimuth_deg, range_m) in [(0.0, 1.0), (20.0, 0.4), (75.0, 2.0), (143.0, 7.0), (90.0, 0.1)] {
         let (right, left) = (from_azimuth(azimuth_deg, range_m), from_azimuth(-azimuth_deg, range_m));
         assert_eq!((right.left, right.right), (left.right, left.left));
@@ -101,10 +101,10 @@ fn mirrored_sources_swap_the_ears_to_the_bit() {
 }
 
 #[test]
-fn front_and_back_differ_and_turning_tells_them_apart() {
+fn turning_separates_front_and_back() {
     let lag = |azimuth_deg| lag_us(&from_azimuth(azimuth_deg, 8.0), 100.0, 1500.0);
     assert!((lag(30.0) - lag(150.0) - 52.0).abs() <= 10.0, "{}", lag(30.0) - lag(150.0));
-    // The head turns 30 degrees to the left: sources to the right go farther to the right in front, back behind.
+    // After a turn to the left, sources on the right move further right in front, and back behind the head.
     let turned = |azimuth_deg: f32| {
         let (sin, cos) = azimuth_deg.to_radians().sin_cos();
         let source = free_field().source(&point(8.0 * sin, 1.0, -8.0 * cos));
@@ -115,7 +115,7 @@ fn front_and_back_differ_and_turning_tells_them_apart() {
 }
 
 #[test]
-fn a_source_overhead_is_equal_in_both_ears() {
+fn overhead_sources_are_equal_at_both_ears() {
     let response = free_field().source(&point(0.0, 3.0, 0.0)).impulse_response(&listener(0.0, 0.0, 25.0));
     assert_eq!(response.left, response.right);
 }
@@ -133,8 +133,8 @@ fn pressure_falls_as_one_over_distance() {
 }
 
 #[test]
-fn sound_takes_its_time() {
-    // Between two distances the phase at 1 kHz turns by the travel time, to a twentieth of a sample (3 us).
+fn delay_matches_distance() {
+    // The phase at 1 kHz turns by the travel time between two distances, to a twentieth of a sample (3 us).
     let phase_s = |range_m: f32| {
         let (re, im) = bin(&from_azimuth(0.0, range_m).left, 1000.0);
         -im.atan2(re) / (TAU * 1000.0)
@@ -161,8 +161,8 @@ fn sound_takes_its_time() {
 }
 
 #[test]
-fn far_air_dulls_the_sound() {
-    // ISO 9613-1, 20 degrees, 50 %: 4.7, 9.9, 29.7 dB a kilometre at 1, 2, 4 kHz.
+fn air_absorption_grows_with_distance() {
+    // ISO 9613-1, 20 degrees, 50 %: 4.7, 9.9, 29.7 dB per kilometre at 1, 2, 4 kHz.
     let (near, far) = (from_azimuth(100.0, 20.0), from_azimuth(100.0, 320.0));
     for (frequency_hz, db_per_km) in [(1000.0, 4.7), (2000.0, 9.9), (4000.0, 29.7)] {
         let spreading = 20.0 * 16.0_f64.log10();
@@ -172,7 +172,7 @@ fn far_air_dulls_the_sound() {
 }
 
 #[test]
-fn a_full_turn_changes_nothing_audible() {
+fn full_turns_do_not_change_the_response() {
     let source = free_field().source(&point(2.0, 1.5, -3.0));
     let response =
         |heading_rad| source.impulse_response(&Listener { heading_rad, ..listener(0.0, 0.0, 0.0) });
@@ -181,7 +181,7 @@ fn a_full_turn_changes_nothing_audible() {
 }
 
 #[test]
-fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
+fn omni_ears_receive_the_centre_pressure() {
     let settings = Settings { head: Head::Omni, ..Settings::default() };
     let free_field = opaque_building(&[], settings);
     for (azimuth_deg, range_m) in [(0.0, 0.5), (75.0, 1.0), (160.0, 4.3), (-90.0, 16.0)] {
@@ -208,7 +208,7 @@ fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
 }
 
 #[test]
-fn the_first_wave_is_told_by_delay_and_bearing() {
+fn first_wave_has_delay_and_azimuth() {
     for (azimuth_deg, heading_deg) in [(0.0, 0.0), (40.0, 0.0), (-120.0, 10.0), (90.0, -75.0), (170.0, 20.0)]
     {
         let (sin, cos) = f32::to_radians(azimuth_deg).sin_cos();
@@ -220,15 +220,15 @@ fn the_first_wave_is_told_by_delay_and_bearing() {
     }
 }
 
-// Both ears against a series for the rigid sphere that is written down here anew: the incident wave of a point
-// source and what the sphere scatters, each with its own Bessel functions (Bowman, Senior and Uslenghi 1969,
-// "Electromagnetic and acoustic scattering by simple shapes", chapter 10).
+// An independent series for the rigid sphere: the incident wave from a point source and the scattered wave,
+// with separate Bessel functions (Bowman, Senior and Uslenghi 1969, "Electromagnetic and acoustic scattering
+// by simple shapes", chapter 10).
 
 const RADIUS_M: f64 = 0.0875;
 const EAR_DEG: f64 = 100.0;
 const ORDERS: usize = 36;
 
-/// Spherical Bessel functions of the first kind: recurrence downwards from far above, scaled by the first one.
+/// Spherical Bessel functions, first kind: downward recurrence from a high order, scaled by the first.
 fn bessel_j(x: f64) -> Vec<f64> {
     let top = ORDERS + 30 + x as usize;
     let mut values = vec![0.0; top + 2];
@@ -244,7 +244,7 @@ fn bessel_j(x: f64) -> Vec<f64> {
     values.iter().take(ORDERS + 1).map(|value| value * scale).collect()
 }
 
-/// Spherical Bessel functions of the second kind: recurrence upwards.
+/// Spherical Bessel functions, second kind: upward recurrence.
 fn bessel_y(x: f64) -> Vec<f64> {
     let mut values = vec![-x.cos() / x, -x.cos() / (x * x) - x.sin() / x];
     for n in 1..ORDERS {
@@ -268,7 +268,7 @@ fn over(a: Complex, b: Complex) -> Complex {
     times(a, (b.0 / size, -b.1 / size))
 }
 
-/// Pressure on the sphere `incidence_deg` from the direction to a point source of unit pressure at 1 m.
+/// Pressure on the sphere `incidence_deg` from the direction to a point source with unit pressure at 1 m.
 fn on_sphere(hz: f64, range_m: f64, incidence_deg: f64) -> Complex {
     let k = TAU * hz / f64::from(SPEED_OF_SOUND_M_S);
     let (ka, kr) = (k * RADIUS_M, k * range_m);
@@ -289,7 +289,7 @@ fn on_sphere(hz: f64, range_m: f64, incidence_deg: f64) -> Complex {
     times((0.0, -k), sum)
 }
 
-/// The left and the right ear, the source `azimuth_deg` to the right.
+/// Left and right ear, with the source `azimuth_deg` to the right.
 fn ears(hz: f64, range_m: f64, azimuth_deg: f64) -> [Complex; 2] {
     [-EAR_DEG, EAR_DEG].map(|ear_deg| on_sphere(hz, range_m, azimuth_deg - ear_deg))
 }
@@ -298,25 +298,25 @@ fn db(value: Complex) -> f64 {
     10.0 * (value.0 * value.0 + value.1 * value.1).log10()
 }
 
-/// Our response to the same source.
+/// The crate's response to the same source.
 fn response(range_m: f64, azimuth_deg: f64) -> ImpulseResponse {
     let (sin, cos) = azimuth_deg.to_radians().sin_cos();
     let source = point((range_m * sin) as f32, 1.0, (-range_m * cos) as f32);
     free_field().source(&source).impulse_response(&listener(0.0, 0.0, 0.0))
 }
 
-/// 0.5, 1 and 3 m, and so far that it is a plane wave.
+/// Near ranges, and a plane wave.
 const RANGES_M: [f64; 4] = [0.5, 1.0, 3.0, 16.0];
 
 #[test]
-fn the_series_is_that_of_a_small_sphere_and_of_a_wall() {
-    // At 20 Hz the sphere is not there; at the near pole of a sphere large against the wave pressure doubles.
+fn series_has_the_small_and_large_sphere_limits() {
+    // At 20 Hz the sphere has no effect; at the near pole of a large sphere the pressure doubles.
     assert!((db(on_sphere(20.0, 50.0, 50.0)) + 20.0 * 50.0_f64.log10()).abs() < 0.05);
     assert!((db(on_sphere(8000.0, 4.0, 0.0)) + 20.0 * (4.0 - RADIUS_M).log10() - 6.02).abs() < 0.5);
 }
 
 #[test]
-fn delays_between_the_ears_are_those_of_the_series() {
+fn interaural_delays_match_the_series() {
     for range_m in RANGES_M {
         for azimuth_deg in (0..=180).step_by(15).map(f64::from) {
             let expected = lag_of_spectra_us(|hz| ears(hz, range_m, azimuth_deg), 100.0, 1500.0);
@@ -330,7 +330,7 @@ fn delays_between_the_ears_are_those_of_the_series() {
 }
 
 #[test]
-fn levels_at_the_ears_are_those_of_the_series() {
+fn ear_levels_match_the_series() {
     for range_m in [0.25].into_iter().chain(RANGES_M) {
         for azimuth_deg in (0..=180).step_by(15).map(f64::from) {
             let found = response(range_m, azimuth_deg);
@@ -353,8 +353,8 @@ fn levels_at_the_ears_are_those_of_the_series() {
 }
 
 #[test]
-fn onsets_at_the_ears_follow_the_straight_and_the_creeping_wave() {
-    // Woodworth's geometry for ears at 100 degrees; an onset is where a third of the peak is reached.
+fn onsets_follow_straight_and_creeping_waves() {
+    // Woodworth's geometry for ears at 100 degrees; the onset is a third of the peak.
     let arrival_us = |incidence_deg: f64| {
         let incidence = incidence_deg.to_radians().abs();
         let path = if incidence <= FRAC_PI_2 { -incidence.cos() } else { incidence - FRAC_PI_2 };
@@ -369,7 +369,7 @@ fn onsets_at_the_ears_follow_the_straight_and_the_creeping_wave() {
     }
 }
 
-/// When a response first reaches a third of its peak, microseconds, between samples.
+/// Time at which a response first reaches a third of the peak, microseconds, interpolated.
 fn onset_us(ear: &[f32]) -> f64 {
     let threshold = ear.iter().fold(0.0_f32, |peak, tap| peak.max(tap.abs())) / 3.0;
     let after = ear.iter().position(|tap| *tap >= threshold).expect("a peak");

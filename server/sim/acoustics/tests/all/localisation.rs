@@ -1,4 +1,4 @@
-//! Localisation by an agent: bearings from the interaural lag of a step.
+//! Localisation by an agent: bearings from the interaural lag in a step.
 
 use crate::common::{free_field, rooms_of};
 use avln_acoustics::{
@@ -11,7 +11,7 @@ use realfft::{RealFftPlanner, num_complex::Complex32};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// One clip of each family.
+/// A clip from each family.
 fn clips() -> Vec<Clip> {
     Bank::default().clips().step_by(10).collect()
 }
@@ -21,7 +21,6 @@ fn acoustics(scene: &Scene, surfaces: Surfaces) -> Acoustics {
     Acoustics::new(scene, rays, surfaces, Settings { ray_count: 4096, ..Settings::default() })
 }
 
-/// All frequencies.
 const ALL_HZ: RangeInclusive<f32> = 0.0..=8000.0;
 
 /// Frequencies without head shadow at the far ear.
@@ -32,12 +31,12 @@ struct Bearings {
     fourier: Fourier,
     /// Analysed frequencies.
     band_hz: RangeInclusive<f32>,
-    /// Lag, samples, for each of [`Bearings::degrees_of`].
+    /// Lag in samples per bearing.
     lags: Vec<f32>,
 }
 
 impl Bearings {
-    /// Bearings at which lags are known, from -90 to 90 degrees to the left.
+    /// Bearings from -90 to 90 degrees to the left.
     const COUNT: usize = 73;
     const STEP_DEGREES: f32 = 2.5;
 
@@ -58,7 +57,7 @@ impl Bearings {
         bearings
     }
 
-    /// Degrees to the left at which a source in front has this lag: the middle of those that come nearest to it.
+    /// Bearing with this lag, degrees to the left: the mean over the nearest bearings.
     fn degrees(&self, lag: f32) -> f32 {
         let off = |index: &usize| (self.lags[*index] - lag).abs();
         let least = (0..Self::COUNT).map(|index| off(&index)).fold(f32::INFINITY, f32::min);
@@ -66,7 +65,7 @@ impl Bearings {
         nearest.iter().map(|index| Self::degrees_of(*index)).sum::<f32>() / nearest.len() as f32
     }
 
-    /// Lags in some steps of each clip.
+    /// Lags in some steps per clip.
     fn lags_of(&mut self, source: &Source, listener: &Listener, clips: &[Clip]) -> Vec<f32> {
         let mut lags = Vec::new();
         for clip in clips {
@@ -83,14 +82,14 @@ impl Bearings {
         lags
     }
 
-    /// Bearings found in some steps of every family's clip, degrees to the left.
+    /// Bearings in some steps per clip, degrees to the left.
     fn found(&mut self, house: &Acoustics, source: &Point3<f32>, listener: &Listener) -> Vec<f32> {
         let lags = self.lags_of(&house.source(source), listener, &clips());
         lags.into_iter().map(|lag| self.degrees(lag)).collect()
     }
 }
 
-/// The listener with `source` at the given angle to the left.
+/// A listener with `source` at the given angle to the left.
 fn facing(place: Point3<f32>, source: &Point3<f32>, degrees: f32) -> Listener {
     let offset = source - place;
     let bearing_rad = angle::atan2(-offset.x, -offset.z);
@@ -102,7 +101,7 @@ fn share(found: &[bool]) -> f64 {
 }
 
 #[test]
-fn sources_in_sight_are_placed_in_a_room_of_a_quarter_of_a_second() {
+fn visible_sources_are_localised_in_a_reverberant_room() {
     let scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
     let surface = Surface::new([0.4; 6], [0.3; 6], [0.0; 6]).expect("shares");
     let room = acoustics(&scene, Surfaces::uniform(&scene, surface));
@@ -123,7 +122,7 @@ fn sources_in_sight_are_placed_in_a_room_of_a_quarter_of_a_second() {
 }
 
 #[test]
-fn sources_in_sight_are_placed_in_houses() {
+fn visible_sources_are_localised_in_houses() {
     let mut agents = [ALL_HZ, LOW_HZ].map(|band_hz| (Bearings::within(band_hz), Vec::new()));
     for seed in [5, 6, 7] {
         let scene = house("bearing", seed, &HouseOptions::small());
@@ -162,7 +161,7 @@ fn pairs_in_sight(scene: &Scene, rng: &mut Rng) -> Vec<[Point3<f32>; 2]> {
 }
 
 #[test]
-fn sources_behind_a_door_are_placed_in_the_door() {
+fn hidden_sources_are_localised_at_the_door() {
     let settings = Settings { ray_count: 4096, ..Settings::default() };
     let surface = Surface::new([0.3; 6], [0.3; 6], [0.0; 6]).expect("shares");
     let flat = rooms_of(surface, settings);
@@ -187,10 +186,10 @@ fn sources_behind_a_door_are_placed_in_the_door() {
 
 /// Delay at the right ear, samples: a source 45 degrees to the left.
 const LAG: i32 = 8;
-/// Two samples are some 15 degrees.
+/// Two samples are about 15 degrees.
 const TOLERANCE: f32 = 2.0;
 
-/// Share of the frames of a loop in which the lag is found.
+/// Share of loop frames with the right lag.
 fn placed(fourier: &mut Fourier, clip: &[f32]) -> f64 {
     let ears = [0, LAG].map(|lag| heard(fourier, clip, &response(lag)));
     let [left, right] = ears.each_ref().map(|ear| ear.chunks_exact(FRAME));
@@ -207,8 +206,7 @@ fn heard(fourier: &mut Fourier, clip: &[f32], response: &[f32]) -> Vec<f32> {
     fourier.signal(product, clip.len())
 }
 
-/// A direct sound after `lag` samples, and four times its energy in an independent diffuse tail: 60 dB in
-/// 0.25 s.
+/// Direct sound after `lag` samples, and a diffuse tail with fourfold energy: 60 dB in 0.25 s.
 fn response(lag: i32) -> Vec<f32> {
     let mut rng = Rng::new(31 + lag as u64);
     let decay = |n: usize| libm::expf(-6.9 * n as f32 / FRAME as f32);
@@ -221,7 +219,7 @@ fn response(lag: i32) -> Vec<f32> {
 }
 
 #[test]
-fn every_clip_can_be_placed_by_ear_in_nearly_every_step() {
+fn clips_are_localised_in_95_percent_of_steps() {
     let mut fourier = Fourier::default();
     for clip in Bank::default().clips() {
         let share = placed(&mut fourier, &clip.samples);
@@ -230,7 +228,7 @@ fn every_clip_can_be_placed_by_ear_in_nearly_every_step() {
 }
 
 #[test]
-fn a_tone_cannot_be_placed() {
+fn tones_are_not_localised() {
     let mut fourier = Fourier::default();
     let turn = std::f32::consts::TAU * 3000.0 / SAMPLE_RATE_HZ as f32;
     let tone: Vec<f32> =
@@ -239,13 +237,13 @@ fn a_tone_cannot_be_placed() {
     assert!(share < 0.7, "{share}");
 }
 
-/// A quarter of a second: a step of an episode.
+/// A step: a quarter of a second.
 const FRAME: usize = 4000;
 
-/// Parts of a sample in which lags are found.
+/// Oversampling factor.
 const FINE: usize = 8;
 
-/// The longest lag of a head, samples.
+/// Longest interaural lag, samples.
 const LONGEST_LAG: i32 = 13;
 
 /// Transforms.
@@ -271,8 +269,8 @@ impl Fourier {
         signal
     }
 
-    /// Samples by which the right ear hears later, by generalised cross-correlation with phase transform
-    /// (Knapp and Carter 1976) of all frequencies.
+    /// Lag at the right ear, samples, by generalised cross-correlation with phase transform (Knapp and Carter
+    /// 1976) over all frequencies.
     fn lag(&mut self, left: &[f32], right: &[f32]) -> f32 {
         self.lag_within(left, right, 0.0..=8000.0)
     }

@@ -1,4 +1,4 @@
-//! Reverberation as it is heard, against theory.
+//! Audible reverberation against theory.
 
 use crate::common::{energy_db, first_wave, listener, opaque_rooms, point, two_rooms};
 use avln_acoustics::{
@@ -26,7 +26,7 @@ fn measures(acoustics: &Acoustics, from: [f32; 3], to: [f32; 3]) -> Measures {
     Measures::of(&source.impulse_response(&listener), first.delay_s, 1.0)
 }
 
-/// Sabine and Eyring, and the energy after the direct wave, for a box of 6 x 5 x 3 m.
+/// Sabine and Eyring times, and the energy after the direct wave, for a box of 6 x 5 x 3 m.
 struct Theory {
     sabine_s: f64,
     eyring_s: f64,
@@ -49,7 +49,7 @@ fn theory(absorption: f64, air_db_per_m: f64) -> Theory {
 }
 
 #[test]
-fn a_room_reverberates_as_theory_says_in_every_band() {
+fn reverberation_matches_theory_in_every_band() {
     const ABSORPTION: [f32; SURFACE_BANDS] = [0.12, 0.15, 0.2, 0.25, 0.3, 0.4];
     const AIR_DB_PER_M: [f64; SURFACE_BANDS] = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297];
     let surface = Surface::new(ABSORPTION, [0.4; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
@@ -69,7 +69,7 @@ fn a_room_reverberates_as_theory_says_in_every_band() {
 }
 
 #[test]
-fn reflections_take_no_energy_from_the_rest_and_add_none() {
+fn reflection_order_does_not_change_the_level() {
     let surface =
         Surface::new([0.15; SURFACE_BANDS], [0.2; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
     let scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
@@ -89,7 +89,7 @@ fn reflections_take_no_energy_from_the_rest_and_add_none() {
 }
 
 #[test]
-fn walls_keep_reverberation_in_its_room() {
+fn walls_confine_reverberation() {
     let source = two_rooms(true).source(&point(1.2, 1.0, 3.0));
     let at = |x: f32, z: f32| energy_db(&source.impulse_response(&listener(x, z, 0.0)));
     for z in [2.6, 3.0, 3.5] {
@@ -112,7 +112,7 @@ fn reverberation_has_the_same_bits_on_every_thread() {
 }
 
 #[test]
-fn sound_leaves_a_room_without_a_ceiling() {
+fn missing_ceilings_lose_energy() {
     let mut scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
     let surface =
         Surface::new([0.1; SURFACE_BANDS], [0.3; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
@@ -130,7 +130,7 @@ fn sound_leaves_a_room_without_a_ceiling() {
 }
 
 #[test]
-fn no_rays_no_reverberation() {
+fn zero_rays_give_no_reverberation() {
     let silent = opaque_rooms(true, first_wave());
     let response: ImpulseResponse =
         silent.source(&point(1.2, 1.0, 3.0)).impulse_response(&listener(3.0, 2.0, 0.0));
@@ -138,7 +138,7 @@ fn no_rays_no_reverberation() {
 }
 
 #[test]
-fn broken_triangles_are_no_surfaces() {
+fn degenerate_triangles_do_not_change_sound() {
     let mut scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
     let surface =
         Surface::new([0.2; SURFACE_BANDS], [0.3; SURFACE_BANDS], [0.1; SURFACE_BANDS]).expect("shares");
@@ -157,8 +157,8 @@ fn broken_triangles_are_no_surfaces() {
     assert!(broken.left.iter().chain(&broken.right).all(|sample| sample.is_finite()));
 }
 
-/// A room on the left, two on the right, walls of 0.2 m. Doors as high as the rooms: from the left into the upper right
-/// at z = 1.0 to 1.9, from there into the lower right at x = 7.0 to 7.9.
+/// A room on the left, two on the right, walls of 0.2 m. Room-high doors connect the left with the upper
+/// right room at z = 1.0 to 1.9, and the right rooms at x = 7.0 to 7.9.
 const PLAN: [[f32; 2]; 20] = [
     [0.0, 0.0],
     [4.0, 0.0],
@@ -184,23 +184,23 @@ const PLAN: [[f32; 2]; 20] = [
 
 const HEIGHT_M: f32 = 2.6;
 
-/// In the lower right room.
+/// Source position in the lower right room.
 const SOURCE: [f32; 3] = [8.225, 1.525, 4.625];
 
-/// Places at a height of 1.225 m, as rows along x and z.
+/// Listener rows in x and z at a height of 1.225 m.
 struct Places {
     first_m: [f32; 2],
     step_m: [f32; 2],
     count: [usize; 2],
 }
 
-/// Behind one door: all of the upper right room.
+/// The whole upper right room.
 const ONE_DOOR: Places = Places { first_m: [4.575, 0.475], step_m: [0.6, 0.4], count: [9, 6] };
 
-/// Behind two doors: all of the left room.
+/// The whole left room.
 const TWO_DOORS: Places = Places { first_m: [0.575, 0.475], step_m: [0.4, 0.6], count: [8, 9] };
 
-/// Behind two doors: the part of the left room that lies before the first of them.
+/// The left room near the door.
 const BEFORE_THE_DOOR: Places = Places { first_m: [0.575, 1.075], step_m: [0.2, 0.2], count: [6, 6] };
 
 impl Places {
@@ -212,7 +212,7 @@ impl Places {
     }
 }
 
-/// The flat, all of one surface, heard without a head.
+/// The flat with uniform surfaces and without a head.
 fn flat(absorption: f32) -> Acoustics {
     let scene = RoomPlan::new(&PLAN, HEIGHT_M).expect("a flat").scene();
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
@@ -222,7 +222,7 @@ fn flat(absorption: f32) -> Acoustics {
     Acoustics::new(&scene, rays, Surfaces::uniform(&scene, surface), settings)
 }
 
-/// Mean energy over places, decibels re the direct wave at 1 m, of the octaves of 250 and 500 Hz.
+/// Mean energy in the 250 and 500 Hz octaves, decibels re the direct wave at 1 m.
 fn levels_db(source: &Source, places: &Places) -> [f64; 2] {
     let energies: Vec<_> = places
         .listeners()
@@ -237,12 +237,12 @@ fn levels_db(source: &Source, places: &Places) -> [f64; 2] {
     })
 }
 
-/// Solver: finite differences in time on cubes of 5 cm (scalar wave equation, seven points, Courant number 0.5773), walls of
-/// locally reacting impedance whose absorption for sound from everywhere (Paris' formula) is the given one; 1.2 s with
-/// absorption 0.1, 0.7 s with 0.3. Octaves are measured as [`Measures`] does. Means over places, because modes move the
-/// level of an octave at one place by up to 5 dB.
+/// Solver: finite differences in time on 5 cm cubes (scalar wave equation, seven points, Courant number
+/// 0.5773), locally reacting walls with the given absorption for diffuse sound (Paris' formula); 1.2 s with
+/// absorption 0.1, 0.7 s with 0.3. Octaves as in [`Measures`]. Means over positions, because modes change an
+/// octave's level at a position by up to 5 dB.
 #[test]
-fn levels_behind_doors_are_those_of_a_wave_solver() {
+fn levels_behind_doors_match_a_wave_solver() {
     let cases = [
         (0.1, &ONE_DOOR, [0.5, 0.1]),
         (0.1, &TWO_DOORS, [-5.5, -5.7]),
@@ -265,10 +265,10 @@ fn levels_behind_doors_are_those_of_a_wave_solver() {
     }
 }
 
-/// Across the wall at x = 4.0 to 4.2, on whose other side sound has come through two doors, the solver finds steps of 13.4
-/// to 17.4 dB with absorption 0.1 and 23.2 to 26.8 dB with 0.3, mean of three places on either side.
+/// Sound reaches the other side of the wall at x = 4.0 to 4.2 through two doors. The solver finds steps of
+/// 13.4 to 17.4 dB with absorption 0.1 and 23.2 to 26.8 dB with 0.3, mean over three positions on both sides.
 #[test]
-fn a_wall_keeps_in_what_does_not_leave_by_the_door() {
+fn steps_across_walls_match_a_wave_solver() {
     for absorption in [0.1, 0.3] {
         let flat = flat(absorption);
         let source = flat.source(&[1.525, 1.525, 3.025].into());

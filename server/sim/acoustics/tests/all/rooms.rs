@@ -1,4 +1,4 @@
-//! Sound in buildings: walls, doorways and odd places.
+//! Sound in buildings: walls, doorways and unusual positions.
 
 use crate::common::{
     building, energy_db, first_wave, lag_us, level_db, listener, opaque_rooms, point, two_rooms,
@@ -6,12 +6,12 @@ use crate::common::{
 use avln_acoustics::{ImpulseResponse, Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings, Source};
 use avln_geom::Point3;
 
-/// A source in the first of the two rooms, out of sight of most of the second.
+/// A source in the first room, hidden from most of the second.
 fn source_beside_the_door() -> Point3<f32> {
     point(2.5, 1.0, 3.4)
 }
 
-/// First sample that is within 20 dB of the largest one of its ear, the earlier ear of the two.
+/// First sample within 20 dB of the peak, at the earlier ear.
 fn onset(response: &ImpulseResponse) -> usize {
     let first = |ear: &[f32]| {
         let peak = ear.iter().fold(0.0_f32, |peak, tap| peak.max(tap.abs()));
@@ -20,19 +20,19 @@ fn onset(response: &ImpulseResponse) -> usize {
     first(&response.left).min(first(&response.right))
 }
 
-/// Energy of both ears before sample `end`, relative to all, decibels.
+/// Energy at both ears before sample `end`, relative to the total, decibels.
 fn early_db(response: &ImpulseResponse, end: usize) -> f64 {
     let cut = |ear: &[f32]| ear[..end.min(ear.len())].to_vec();
     energy_db(&ImpulseResponse { left: cut(&response.left), right: cut(&response.right) })
         - energy_db(response)
 }
 
-/// Shortest way through the door, around its two jamb corners at z = 1.9, at one height.
+/// Shortest path through the door, around two jamb corners at z = 1.9, at constant height.
 fn around_the_jamb_m(source: &Point3<f32>, listener: &Point3<f32>) -> f32 {
     let (near, far) = (point(4.0, 1.0, 1.9), point(4.2, 1.0, 1.9));
     let direct = |jamb: &Point3<f32>| (jamb - source).norm() + (listener - jamb).norm();
     let both = (near - source).norm() + 0.2 + (listener - far).norm();
-    // Where the line from a corner passes the other one freely, only one corner bends the way.
+    // If the line from a corner passes the other corner freely, only that corner bends the path.
     let slope_in = (1.9 - source.z) / (4.0 - source.x);
     let slope_out = (listener.z - 1.9) / (listener.x - 4.2);
     if slope_in >= 0.0 {
@@ -45,7 +45,7 @@ fn around_the_jamb_m(source: &Point3<f32>, listener: &Point3<f32>) -> f32 {
 }
 
 #[test]
-fn the_way_through_a_door_is_the_taut_string() {
+fn path_through_a_door_is_the_shortest() {
     let house = two_rooms(true);
     let from = source_beside_the_door();
     let source = house.source(&from);
@@ -58,7 +58,7 @@ fn the_way_through_a_door_is_the_taut_string() {
 }
 
 #[test]
-fn sound_comes_from_the_door_when_it_is_due() {
+fn sound_arrives_from_the_door_on_time() {
     let house = opaque_rooms(true, first_wave());
     let source = house.source(&source_beside_the_door());
     for (x, z) in [(5.5, 3.0), (6.0, 3.5), (7.5, 3.6), (5.0, 3.2)] {
@@ -67,15 +67,14 @@ fn sound_comes_from_the_door_when_it_is_due() {
         let way_m = around_the_jamb_m(&source_beside_the_door(), &place.position);
         let due = way_m / SPEED_OF_SOUND_M_S * SAMPLE_RATE_HZ as f32;
         let late = onset(&response) as f32 - due;
-        // -0.3 to +1.0 ms; the nearer ear hears it a quarter of a millisecond before the head's centre.
+        // -0.3 to +1.0 ms; the nearer ear hears it 0.25 ms before the head's centre.
         assert!((-10.0..16.0).contains(&late), "({x}, {z}): {late} samples late");
         assert!(early_db(&response, due as usize - 24) < -60.0, "sound through the wall");
         assert!(door_is_ahead(&source, &place), "({x}, {z}): does not come from the door");
     }
 }
 
-/// Whether the sound reaches both ears at once when the head faces somewhere between five degrees to either side of
-/// the doorway, and from nowhere else in front.
+/// Returns true if the sound comes from the doorway, within five degrees.
 fn door_is_ahead(source: &Source, place: &Listener) -> bool {
     let azimuth_deg = |z: f32| {
         let offset = point(4.1, 1.0, z) - place.position;
@@ -89,19 +88,19 @@ fn door_is_ahead(source: &Source, place: &Listener) -> bool {
             1500.0,
         )
     };
-    // Heading is positive to the left; a source to the right makes the left ear lag.
+    // Heading is positive to the left; for a source on the right, the left ear lags.
     side(one.min(other) - 5.0) < 0.0 && side(one.max(other) + 5.0) > 0.0
 }
 
 #[test]
-fn walls_block_and_shadows_are_dull() {
+fn walls_block_and_shadows_lose_high_frequencies() {
     let house = opaque_rooms(true, first_wave());
     let source = house.source(&point(3.6, 1.0, 3.4));
     let (this_side, other_side) = (listener(3.6, 2.4, 0.0), listener(4.6, 3.4, 0.0));
     let step =
         energy_db(&source.impulse_response(&this_side)) - energy_db(&source.impulse_response(&other_side));
     assert!(step >= 10.0, "only {step} dB across the wall");
-    // The deeper the shadow the more the highs lose against the lows.
+    // Deeper shadows lose more high than low frequencies.
     let tilt = |x, z| {
         let response = source.impulse_response(&listener(x, z, 90.0));
         level_db(&response.left, 125.0) - level_db(&response.left, 2000.0)
@@ -110,7 +109,7 @@ fn walls_block_and_shadows_are_dull() {
 }
 
 #[test]
-fn walking_past_a_doorway_changes_level_and_bearing_smoothly() {
+fn level_and_delay_are_smooth_past_a_doorway() {
     let house = opaque_rooms(true, first_wave());
     for from in [source_beside_the_door(), point(1.0, 1.2, 1.3), point(3.0, 0.6, 0.5)] {
         let source = house.source(&from);
@@ -123,7 +122,7 @@ fn walking_past_a_doorway_changes_level_and_bearing_smoothly() {
                 let step_db = (energy_db(&pair[1]) - energy_db(&pair[0])).abs();
                 assert!(step_db <= 3.0, "{step_db} dB within 5 cm at {place:?} from {from}");
                 let turn_us = (lag_us(&pair[1], 100.0, 1000.0) - lag_us(&pair[0], 100.0, 1000.0)).abs();
-                // Beside the jamb itself a small step is a large angle.
+                // Next to the jamb a small step is a large angle.
                 assert!(
                     turn_us <= 120.0 || (place.0 - 4.1).abs() < 0.5,
                     "{turn_us} us within 5 cm at {place:?} from {from}"
@@ -133,7 +132,7 @@ fn walking_past_a_doorway_changes_level_and_bearing_smoothly() {
     }
 }
 
-/// Places 5 cm apart on a straight line.
+/// Positions 5 cm apart on a straight line.
 fn along(from: (f32, f32), to: (f32, f32)) -> Vec<(f32, f32)> {
     let steps = ((to.0 - from.0).hypot(to.1 - from.1) / 0.05) as usize;
     let share = |step: usize| step as f32 / steps as f32;
@@ -141,7 +140,7 @@ fn along(from: (f32, f32), to: (f32, f32)) -> Vec<(f32, f32)> {
 }
 
 #[test]
-fn a_closed_door_leaves_only_what_the_wall_lets_through() {
+fn closed_doors_leave_only_wall_transmission() {
     let open = two_rooms(true).source(&source_beside_the_door());
     let closed = two_rooms(false).source(&source_beside_the_door());
     let place = listener(6.0, 3.0, 0.0);
@@ -155,7 +154,7 @@ fn a_closed_door_leaves_only_what_the_wall_lets_through() {
 }
 
 #[test]
-fn furniture_does_not_silence_what_stands_in_it() {
+fn sources_inside_furniture_stay_audible() {
     let table = |height_m: f32| {
         let floor_and_ceiling = [[[-4.0, -0.2, -4.0], [4.0, 0.0, 4.0]], [[-4.0, 2.6, -4.0], [4.0, 2.8, 4.0]]];
         [&floor_and_ceiling[..], &[[[-0.5, 0.0, -0.5], [0.5, height_m, 0.5]]]].concat()
@@ -170,7 +169,7 @@ fn furniture_does_not_silence_what_stands_in_it() {
 }
 
 #[test]
-fn odd_places_are_heard_as_finite_numbers() {
+fn unusual_positions_give_finite_responses() {
     let house = two_rooms(true);
     let places = [
         point(2.0, 1.0, 2.0),
@@ -197,7 +196,7 @@ fn odd_places_are_heard_as_finite_numbers() {
 }
 
 #[test]
-fn the_answer_for_a_source_does_not_depend_on_who_asked_first() {
+fn query_order_does_not_change_sources() {
     let places = [point(1.0, 1.0, 1.0), point(6.0, 0.5, 3.0), source_beside_the_door()];
     let ask = |order: [usize; 3]| {
         let house = two_rooms(true);

@@ -1,4 +1,4 @@
-//! Heads from SOFA files: small ones written here, and real ones where `../shared/scenes` lies beside the repository.
+//! Heads from SOFA files: small synthetic files, and real files in `../shared/scenes` if present.
 
 use crate::common::{first_wave, lag_us, level_db, listener, opaque_building, point};
 use crate::sofa_file::{Table, file};
@@ -10,7 +10,7 @@ use std::sync::Arc;
 const RATE_HZ: f64 = 48_000.0;
 const TAPS: usize = 256;
 
-/// A head of which is known what it does: by azimuth, delays of a sphere of 8.75 cm after Woodworth, and a factor.
+/// A synthetic ear by azimuth: delay after Woodworth for a sphere of 8.75 cm, and a gain.
 fn ear(azimuth_deg: f64, is_left: bool) -> (f64, f64) {
     let towards = if is_left { azimuth_deg } else { -azimuth_deg }.to_radians().sin();
     let path_m = if towards > 0.0 { -0.0875 * towards } else { 0.0875 * (-towards).asin() };
@@ -19,7 +19,7 @@ fn ear(azimuth_deg: f64, is_left: bool) -> (f64, f64) {
 
 struct Written {
     spherical: bool,
-    /// Delays in a table of their own instead of among the taps.
+    /// Writes delays to a separate table.
     with_delays: bool,
     swapped: bool,
 }
@@ -77,7 +77,7 @@ fn table(name: &'static str, sizes: &[u64], values: Vec<f64>) -> Table {
     Table { name, sizes: sizes.to_vec(), values, kind: None }
 }
 
-/// A pulse that ends at 7 kHz, so that nothing is lost at 16 kHz.
+/// A pulse with frequencies up to 7 kHz, which fits a sample rate of 16 kHz.
 fn pulse(samples: f64) -> f64 {
     let time = std::f64::consts::PI * samples * 14_000.0 / RATE_HZ;
     let sinc = if time.abs() < 1e-9 { 1.0 } else { time.sin() / time };
@@ -90,7 +90,7 @@ fn settings(bytes: &[u8]) -> Settings {
     Settings { head: Head::Measured(Arc::new(head)), ..first_wave() }
 }
 
-/// What a head at the origin hears of a source `azimuth_deg` to its left, 2 m away.
+/// Response at the origin to a source `azimuth_deg` to the left at 2 m.
 fn heard(settings: &Settings, azimuth_deg: f32, heading_deg: f32) -> ImpulseResponse {
     let (sin, cos) = (azimuth_deg + heading_deg).to_radians().sin_cos();
     let source = opaque_building(&[], settings.clone()).source(&point(-2.0 * sin, 1.0, -2.0 * cos));
@@ -98,7 +98,7 @@ fn heard(settings: &Settings, azimuth_deg: f32, heading_deg: f32) -> ImpulseResp
 }
 
 #[test]
-fn a_measured_head_delays_and_weighs_as_its_file_says() {
+fn measured_heads_match_their_file() {
     let settings =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
     for (azimuth_deg, heading_deg) in
@@ -122,17 +122,17 @@ fn a_measured_head_delays_and_weighs_as_its_file_says() {
 }
 
 #[test]
-fn the_level_is_that_of_the_free_field() {
+fn measured_heads_have_the_free_field_level() {
     let settings =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
-    // Factors around the head are 1 + sin / 2: their mean square is 1.125 at elevation 0 and less above and below.
+    // Gains around the head are 1 + sin / 2: mean square 1.125 at elevation 0, less above and below.
     let response = heard(&settings, 0.0, 0.0);
     let level = level_db(&response.left, 500.0);
     assert!((level + 6.02 + 0.45).abs() < 0.2, "{level} dB");
 }
 
 #[test]
-fn all_ways_to_write_a_head_give_the_same_one() {
+fn table_variants_give_the_same_head() {
     let plain =
         settings(&file("SOFA", &Written { spherical: true, with_delays: false, swapped: false }.tables()));
     for (spherical, with_delays, swapped) in [(false, false, false), (true, true, false), (true, false, true)]
@@ -148,7 +148,7 @@ fn all_ways_to_write_a_head_give_the_same_one() {
 }
 
 #[test]
-fn files_that_hold_no_head_are_refused_by_name() {
+fn unusable_files_fail_with_the_table_name() {
     let whole = Written { spherical: true, with_delays: true, swapped: false };
     let refused = |bytes: &[u8]| MeasuredHead::from_sofa(bytes).expect_err("no head");
     assert_eq!(refused(&[]), HeadError::NoSofa);
@@ -183,7 +183,7 @@ fn files_that_hold_no_head_are_refused_by_name() {
 }
 
 #[test]
-fn damage_is_an_error_or_another_head_and_never_a_panic() {
+fn damaged_files_never_panic() {
     let bytes = file("SOFA", &Written { spherical: true, with_delays: true, swapped: false }.tables());
     let mut rng = Rng::new(5);
     let tables_at = bytes.len() - 1500;
@@ -198,11 +198,11 @@ fn damage_is_an_error_or_another_head_and_never_a_panic() {
 }
 
 #[test]
-fn a_manikin_hears_where_sound_comes_from() {
+fn manikin_cues_match_the_source_direction() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../../shared/scenes/sofa/MIT_KEMAR_normal_pinna.sofa");
     let Ok(bytes) = std::fs::read(path) else {
-        println!("skipped: a_manikin_hears_where_sound_comes_from: needs ../shared/scenes");
+        println!("skipped: manikin_cues_match_the_source_direction: needs ../shared/scenes");
         return;
     };
     let settings = settings(&bytes);

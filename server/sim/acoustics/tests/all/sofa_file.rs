@@ -1,6 +1,7 @@
-//! A writer for small SOFA files (HDF5), also used by tests of other crates.
+//! A writer for small SOFA files, also for tests in other crates: a subset of netCDF-4/HDF5 (The HDF Group,
+//! "HDF5 File Format Specification 3.0").
 
-/// A table in a file.
+/// A file table.
 pub(crate) struct Table {
     pub(crate) name: &'static str,
     pub(crate) sizes: Vec<u64>,
@@ -11,7 +12,7 @@ pub(crate) struct Table {
 
 const SUPERBLOCK_BYTES: usize = 48;
 
-/// A file with these tables and the convention `conventions`.
+/// Returns a file with these tables and the convention `conventions`.
 pub(crate) fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
     let mut bytes = vec![0; SUPERBLOCK_BYTES];
     let mut links = Vec::new();
@@ -46,7 +47,7 @@ pub(crate) fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
     bytes
 }
 
-/// Appends a part and returns its address.
+/// Appends a part and returns the address.
 fn place(bytes: &mut Vec<u8>, part: Vec<u8>) -> u64 {
     let address = bytes.len() as u64;
     bytes.extend(part);
@@ -57,7 +58,7 @@ fn message(kind: u8, body: Vec<u8>) -> Vec<u8> {
     [vec![kind], (body.len() as u16).to_le_bytes().to_vec(), vec![0], body].concat()
 }
 
-/// An object header of version 2; the checksum is left out.
+/// Object header, version 2, without the checksum.
 fn header(messages: &[Vec<u8>]) -> Vec<u8> {
     let messages = messages.concat();
     [b"OHDR\x02\x02".to_vec(), (messages.len() as u32).to_le_bytes().to_vec(), messages, vec![0; 4]].concat()
@@ -98,7 +99,7 @@ fn heap_block(links: &[(&str, u64)]) -> Vec<u8> {
     block
 }
 
-/// The header of a fractal heap with a single block: heaps of up to 2^32 bytes in blocks of up to 64 KiB.
+/// Header for a fractal heap with a single block: up to 2^32 bytes in blocks up to 64 KiB.
 fn heap_header(block: u64) -> Vec<u8> {
     let mut header = b"FRHP\0\x08\0\0\0\0".to_vec();
     header.extend(65_536_u32.to_le_bytes());

@@ -1,20 +1,21 @@
-//! Phases that are heard with a measured head.
+//! Phases with a measured head.
 
-#[path = "../../server/sim/acoustics/tests/all/sofa_file.rs"]
+#[path = "../../../server/sim/acoustics/tests/all/sofa_file.rs"]
 mod sofa_file;
 
-use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
+use avln_arena::setup::{NewPhase, open_phase};
+use avln_arena::{Arena, FailureKind, SCENE_MEMORY_MIB};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
 use avln_lab::dataset::build::Builder;
 use avln_referee::{Audio, Referee};
 use avln_store::Store;
 use sofa_file::{Table, file};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tempfile::TempDir;
 
 const RECIPE: &str = r#"{
@@ -26,7 +27,7 @@ const RECIPE: &str = r#"{
   ]
 }"#;
 
-/// Writes a head whose ears, left and right, are so sensitive to waves from anywhere.
+/// Writes a head with the given gain per ear, equal for all directions.
 fn write_head(path: &Path, gains: [f64; 2]) {
     let places: Vec<[f64; 3]> = (0..12).map(|step| [30.0 * f64::from(step), 0.0, 1.5]).collect();
     let pulse = |tap: usize, gain: f64| if tap == 20 { gain } else { 0.0 };
@@ -53,7 +54,7 @@ fn options(dataset: &Path, head: Option<PathBuf>) -> NewPhase {
     }
 }
 
-/// Energy at both ears over the first steps of the only episode.
+/// Returns the energy per ear over the first steps.
 fn energies(split: &SplitFolder, rules: &Rules, audio: &Audio) -> [f32; 2] {
     let scene = split.scenes()[0].clone();
     let spec = split.episodes(&scene).expect("readable").remove(0);
@@ -80,7 +81,7 @@ async fn reopened(data: &DataFolder, store: &Store) -> Result<(), String> {
 }
 
 #[tokio::test]
-async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
+async fn a_phase_keeps_its_head() {
     let (home, dataset) = (TempDir::new().expect("a folder"), TempDir::new().expect("a folder"));
     let recipe = Recipe::from_json(RECIPE).expect("a recipe");
     let builder = Builder::open(DatasetFiles::at(dataset.path()), recipe).expect("a free folder");
@@ -93,10 +94,10 @@ async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
     let plain = open_phase(&data, &store, &options(dataset.path(), None)).await.expect("opens");
     assert_eq!(plain.rules.head, HeadRule::Sphere);
     let told = serde_json::to_string(&plain.rules).expect("plain data");
-    assert!(!told.contains("head"), "digests of configurations without a head are as ever: {told}");
+    assert!(!told.contains("head"), "a configuration without a head keeps its digest: {told}");
     let with = options(dataset.path(), Some(given.clone()));
     let measured = open_phase(&data, &store, &with).await.expect("opens");
-    fs::remove_file(&given).expect("nobody needs it any more");
+    fs::remove_file(&given).expect("the file was copied");
     let HeadRule::Measured(digest) = &measured.rules.head else { panic!("{:?}", measured.rules.head) };
     assert!(serde_json::to_string(&measured.rules).expect("plain data").contains(digest));
 
@@ -106,13 +107,13 @@ async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
     write_head(&given, [0.01, 1.0]);
     let other = open_phase(&data, &store, &with).await.expect("opens");
     let ([left, right], [other_left, other_right]) = (heard(&measured.rules), heard(&other.rules));
-    // Late sound is as loud at both ears of any head; waves are not.
+    // Late reverberation is equally loud at both ears; direct sound is not.
     assert!(left > 1.05 * right, "{left} and {right}");
     assert!(other_right > 1.05 * other_left, "{other_left} and {other_right}");
     assert_ne!(heard(&plain.rules), [left, right]);
     open_phase(&data, &store, &NewPhase { head: Some(kept.clone()), ..with })
         .await
-        .expect("a kept file is a file");
+        .expect("a stored head is accepted");
     reopened(&data, &store).await.expect("all is there");
     let mut bytes = fs::read(&kept).expect("kept");
     let last = bytes.len() - 1;
@@ -127,7 +128,7 @@ async fn a_phase_is_heard_with_the_head_that_it_was_opened_with() {
 }
 
 #[tokio::test]
-async fn what_is_no_head_opens_no_phase() {
+async fn invalid_heads_are_refused() {
     let (home, dataset) = (TempDir::new().expect("a folder"), TempDir::new().expect("a folder"));
     let recipe = Recipe::from_json(RECIPE).expect("a recipe");
     let builder = Builder::open(DatasetFiles::at(dataset.path()), recipe).expect("a free folder");

@@ -1,24 +1,25 @@
-//! Building, checking and playing a data set on disk.
+//! Data sets on disk: building, checks, exports and phases.
 
-use avln_arena::{FailureKind, cache::CacheFolder, data::DataFolder, dataset::{DatasetFiles, SplitFolder}, setup::{NewPhase, open_phase}};
+mod heads;
+
+use avln_arena::FailureKind;
+use avln_arena::cache::CacheFolder;
+use avln_arena::data::DataFolder;
+use avln_arena::dataset::{DatasetFiles, SplitFolder};
+use avln_arena::setup::{NewPhase, open_phase};
 use avln_dataset::{CueSpec, EpisodeSpec, PublicGoal, Recipe};
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_interchange::{ForeignFile, Importer, read};
-use avln_lab::dataset::{
-    build::Builder,
-    check::{self, CheckReport, CheckScope},
-    export::Export,
-    openness::Openness,
-};
+use avln_lab::dataset::build::Builder;
+use avln_lab::dataset::check::{self, CheckReport, CheckScope};
+use avln_lab::dataset::export::{Export, Openness};
 use avln_store::{Phase, Visibility};
 use avln_world::Cache;
-use std::{
-    collections::BTreeMap,
-    fs,
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::{Path, PathBuf},
-    sync::{Arc, LazyLock},
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
 
 const RECIPE: &str = r#"{
@@ -43,14 +44,14 @@ fn build(folder: &Path, threads: usize) {
     builder.run(Some(threads), Some(&cache).filter(|_| threads > 1), |_| {}).expect("built");
 }
 
-/// A data set that tests read and do not change.
+/// A data set that tests only read.
 static BUILT: LazyLock<TempDir> = LazyLock::new(|| {
     let folder = TempDir::new().expect("a folder");
     build(folder.path(), 2);
     folder
 });
 
-/// All files below a folder, by path.
+/// Returns all files below a folder, by path.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -68,7 +69,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// A copy that a test may break.
+/// Copies the data set for tests that damage it.
 fn copy() -> TempDir {
     let folder = TempDir::new().expect("a folder");
     for (name, bytes) in contents(BUILT.path()) {
@@ -85,7 +86,7 @@ fn checked(folder: &Path) -> Result<CheckReport, avln_arena::Failure> {
 }
 
 #[test]
-fn one_and_eight_threads_give_the_same_bytes() {
+fn bytes_do_not_depend_on_threads() {
     for threads in [1, 8] {
         let folder = TempDir::new().expect("a folder");
         build(folder.path(), threads);
@@ -94,7 +95,7 @@ fn one_and_eight_threads_give_the_same_bytes() {
 }
 
 #[test]
-fn a_build_that_was_killed_goes_on_and_ends_the_same() {
+fn a_killed_build_resumes_with_equal_bytes() {
     let folder = TempDir::new().expect("a folder");
     let builder = Builder::open(DatasetFiles::at(folder.path()), recipe()).expect("a free folder");
     let killed = catch_unwind(AssertUnwindSafe(|| {
@@ -104,7 +105,7 @@ fn a_build_that_was_killed_goes_on_and_ends_the_same() {
     let half = contents(folder.path());
     assert!(half.contains_key(Path::new("val/missions/tiny-val-0000.jsonl")));
     assert!(!half.contains_key(Path::new("dataset.json")));
-    // A file that a crash cut off is made again, one that is whole is not.
+    // A truncated file is replaced, a complete one is not.
     let kept = folder.path().join("val/missions/tiny-val-0000.jsonl");
     let before = fs::metadata(&kept).and_then(|data| data.modified()).expect("a time");
     fs::write(folder.path().join("val/missions/tiny-val-0001.jsonl"), "{").expect("writable");
@@ -114,7 +115,7 @@ fn a_build_that_was_killed_goes_on_and_ends_the_same() {
 }
 
 #[test]
-fn a_complete_data_set_is_not_built_again_and_another_recipe_is_refused() {
+fn a_complete_data_set_rejects_another_recipe() {
     build(BUILT.path(), 1);
     let other = Recipe { seed: 5, ..recipe() };
     let refused = Builder::open(DatasetFiles::at(BUILT.path()), other).err().expect("another recipe");
@@ -123,14 +124,14 @@ fn a_complete_data_set_is_not_built_again_and_another_recipe_is_refused() {
 }
 
 #[test]
-fn a_fresh_data_set_passes_its_check() {
+fn a_new_data_set_passes_the_check() {
     let report = checked(BUILT.path()).expect("readable");
     assert_eq!((report.scenes, report.missions), (3, 10));
     assert_eq!(report.faults, Vec::<String>::new());
 }
 
 #[test]
-fn changed_files_are_refused_by_name() {
+fn changed_files_are_named() {
     let folder = copy();
     let path = folder.path().join("val/sealed/tiny-val-0001.jsonl");
     let text = fs::read_to_string(&path).expect("text");
@@ -146,7 +147,7 @@ fn changed_files_are_refused_by_name() {
 }
 
 #[tokio::test]
-async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_a_time() {
+async fn a_phase_opens_on_a_split() {
     let home = TempDir::new().expect("a folder");
     let data = DataFolder::open(home.path()).expect("writable");
     let store = data.store().await.expect("a database");
@@ -177,14 +178,14 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
     assert_eq!((&episode.id, &episode.scene), (id, &phase.episodes[4].scene));
     assert_eq!(missions.episode("tiny-val-0000-9999").expect("readable"), None);
     assert_eq!(missions.episode("elsewhere").expect("readable"), None);
-    // The same split again is no other split; a split that is not there is refused with those that are.
+    // A second link of the split changes nothing; an unknown split is refused with the known names.
     assert_eq!(data.link_split(BUILT.path(), "val").expect("the same"), "tiny-val");
     let failure = SplitFolder::open(BUILT.path(), "test").err().expect("no such split").to_string();
     assert!(failure.contains("val, train"), "{failure}");
     store.close().await;
 }
 
-/// What targets play is drawn from the share of the split's pool, or from what the organiser says.
+/// Targets play clips from the share of the split's pool, or from the organiser's choice.
 async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &NewPhase) {
     let by = |sounds: &str, rules: &str| NewPhase {
         id: "sounds".to_owned(),
@@ -220,7 +221,7 @@ async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &Ne
     assert_eq!(nowhere.kind(), FailureKind::Data);
 }
 
-/// What is written of a split of the built data set, by path.
+/// Exports a split; returns the files by path.
 fn exported(split: &str, openness: Openness) -> BTreeMap<PathBuf, Vec<u8>> {
     let (split, out) =
         (SplitFolder::open(BUILT.path(), split).expect("a split"), TempDir::new().expect("a folder"));
@@ -230,14 +231,14 @@ fn exported(split: &str, openness: Openness) -> BTreeMap<PathBuf, Vec<u8>> {
     contents(out.path())
 }
 
-/// What the authors' files say of a scene.
+/// Reads an exported file in the authors' format.
 fn read_back(files: &BTreeMap<PathBuf, Vec<u8>>, path: &str) -> ForeignFile {
     let bytes = files.get(Path::new(path)).expect("a file");
     read(path, bytes, None).expect("it is read").1
 }
 
 #[test]
-fn a_training_split_that_is_exported_comes_back_the_same() {
+fn exported_training_splits_round_trip() {
     let files = exported("train", Openness::Training);
     let names: Vec<_> = files.keys().map(|path| path.to_string_lossy().replace("train/", "")).collect();
     let tables = ["goals", "missions", "places", "targets", "tours"].map(|name| format!("{name}.parquet"));
@@ -274,7 +275,7 @@ fn a_training_split_that_is_exported_comes_back_the_same() {
 }
 
 #[test]
-fn a_split_that_agents_are_measured_by_is_exported_without_ground_truth() {
+fn public_exports_contain_no_ground_truth() {
     let split = SplitFolder::open(BUILT.path(), "val").expect("a split");
     assert_eq!(Openness::of(&split, &[], true).expect("it is known"), Openness::Public);
     let refused = Openness::Public.check_training(&split).expect_err("not for training").to_string();
@@ -296,11 +297,11 @@ fn a_split_that_agents_are_measured_by_is_exported_without_ground_truth() {
 }
 
 #[test]
-fn hidden_splits_are_not_handed_out() {
+fn hidden_splits_are_not_exported() {
     let train = SplitFolder::open(BUILT.path(), "train").expect("a split");
     assert_eq!(Openness::of(&train, &[], false).expect("it is known"), Openness::Training);
     let mut phase = Phase::new("finals", "train", Rules::paper(), Vec::new());
-    assert!(Openness::of(&train, std::slice::from_ref(&phase), false).is_ok(), "everybody sees its targets");
+    assert!(Openness::of(&train, std::slice::from_ref(&phase), false).is_ok(), "its targets are public");
     phase.replays = Visibility::Organiser;
     let refused = Openness::of(&train, &[phase], true).expect_err("hidden").to_string();
     assert!(refused.contains("hidden: phase 'finals'"), "{refused}");

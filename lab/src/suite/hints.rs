@@ -1,20 +1,20 @@
-use avln_episode::{Pose, Rules};
+//! Ground truth for privileged agents: the running episodes' states, as hints.
+
+use avln_episode::{Order, Pose, Rules};
 use avln_geom::{Aabb, Point3};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::perception::{Hints, TargetHint};
 use avln_referee::Referee;
 use avln_truth::EpisodeTruth;
 use avln_world::{InstanceId, SceneAssets};
-use std::{
-    collections::BTreeMap,
-    f32::consts::{FRAC_PI_4, PI, TAU},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_4, PI, TAU};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Largest distance of a visible target, metres.
+/// Largest distance to a visible target, metres.
 const IN_VIEW_M: f32 = 6.0;
 
-/// The state of an episode at its last observation.
+/// An episode's state at the last observation.
 pub(super) struct EpisodeState {
     pub(super) pose: Pose,
     pub(super) sounding: Option<usize>,
@@ -23,12 +23,11 @@ pub(super) struct EpisodeState {
     pub(super) assets: Arc<SceneAssets>,
 }
 
-/// The states of running episodes, by handle.
+/// Running episodes' states, by handle.
 #[derive(Default)]
 pub(super) struct LiveEpisodes(Mutex<BTreeMap<String, Arc<EpisodeState>>>);
 
 impl LiveEpisodes {
-    /// Stores the state of an episode.
     pub(super) fn note(&self, handle: &str, referee: &Referee) {
         let state = EpisodeState {
             pose: referee.world().pose(),
@@ -39,7 +38,6 @@ impl LiveEpisodes {
         self.lock().insert(handle.to_owned(), Arc::new(state));
     }
 
-    /// Removes a finished episode.
     pub(super) fn forget(&self, handle: &str) {
         self.lock().remove(handle);
     }
@@ -65,13 +63,13 @@ impl TrueHints {
         Self { live, rules, episode: Mutex::default() }
     }
 
-    /// Switches to the episode of a handle.
+    /// Switches to a handle's episode.
     pub(super) fn follow(&self, handle: &str, truth: EpisodeTruth) {
         let episode = Some((handle.to_owned(), Arc::new(truth)));
         *self.episode.lock().unwrap_or_else(PoisonError::into_inner) = episode;
     }
 
-    /// Returns the ground truth and the state of the episode.
+    /// Returns the episode's ground truth and state.
     pub(super) fn now(&self) -> Option<(Arc<EpisodeTruth>, Arc<EpisodeState>)> {
         let episode = self.episode.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (handle, truth) = episode?;
@@ -82,8 +80,8 @@ impl TrueHints {
 impl Hints for TrueHints {
     fn source(&self) -> Option<FloorPoint> {
         let (truth, now) = self.now()?;
-        let told = in_frame_of(&truth.start, &truth.targets.get(now.sounding?)?.source);
-        Some(FloorPoint::new(told.x, told.z))
+        let source = in_agent_frame(&truth.start, &truth.targets.get(now.sounding?)?.source);
+        Some(FloorPoint::new(source.x, source.z))
     }
 
     fn targets(&self) -> Vec<TargetHint> {
@@ -98,31 +96,35 @@ impl Hints for TrueHints {
                 && now.assets.sees(&eye, InstanceId(target.instance), Rules::HALF_VIEW_RAD)
         };
         let goals = (0..truth.targets.len()).filter(in_view);
-        goals
-            .map(|goal| sight(goal, &truth.targets[goal].bounds, &truth.start, now.pose.position.y))
-            .collect()
+        goals.map(|goal| hint(goal, &truth.targets[goal].bounds, &truth.start, now.pose.position.y)).collect()
     }
 }
 
-/// A place of the world as poses tell it that count from `start`.
-fn in_frame_of(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
+/// Returns the open goals that a Submit can complete.
+pub(super) fn claimable(order: Order, open: &[usize]) -> &[usize] {
+    match order {
+        Order::Ordered => &open[..open.len().min(1)],
+        Order::Unordered => open,
+    }
+}
+
+/// Converts a world position to the agent's frame, with origin `start`.
+fn in_agent_frame(start: &Pose, place: &Point3<f32>) -> Point3<f32> {
     Pose::new(*place, 0.0).relative_to(start).position
 }
 
-/// Returns `true` if the centre of a box is within 45 degrees of the view direction.
+/// Returns `true` if a box's centre is within 45 degrees of the view direction.
 fn is_ahead(pose: &Pose, bounds: &Aabb) -> bool {
-    let (middle, here) = (middle_of(bounds), pose.position);
+    let middle = bounds.min + (bounds.max - bounds.min) * 0.5;
+    let here = pose.position;
     let bearing_rad = (here.x - middle.x).atan2(here.z - middle.z) - pose.heading_rad;
     ((bearing_rad + PI).rem_euclid(TAU) - PI).abs() <= FRAC_PI_4
 }
 
-fn middle_of(bounds: &Aabb) -> Point3<f32> {
-    bounds.min + (bounds.max - bounds.min) * 0.5
-}
-
-fn sight(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> TargetHint {
+/// Returns the hint for a visible target: the box in the agent's frame, heights above the floor.
+fn hint(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> TargetHint {
     let corners = [bounds.min.x, bounds.max.x].into_iter().flat_map(|x| {
-        [bounds.min.z, bounds.max.z].map(|z| in_frame_of(start, &Point3::new(x, bounds.min.y, z)))
+        [bounds.min.z, bounds.max.z].map(|z| in_agent_frame(start, &Point3::new(x, bounds.min.y, z)))
     });
     let (mut min_m, mut max_m) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for corner in corners {
@@ -139,11 +141,11 @@ mod tests {
     use std::f32::consts::FRAC_PI_2;
 
     #[test]
-    fn boxes_are_told_in_the_frame_of_the_start() {
-        // Turned left by a quarter, ahead is -x of the world; the box lies 2 to 3 m ahead and up to 1 m to the right.
+    fn target_boxes_are_in_the_start_frame() {
+        // Turned left by a quarter, ahead is -x of the world; the box is 2 to 3 m ahead and up to 1 m to the right.
         let start = Pose::new(Point3::new(5.0, 0.5, 5.0), FRAC_PI_2);
         let bounds = Aabb::new(Point3::new(2.0, 0.5, 4.0), Point3::new(3.0, 1.3, 5.0));
-        let seen = sight(1, &bounds, &start, 0.5);
+        let seen = hint(1, &bounds, &start, 0.5);
         let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-5);
         assert!(near(seen.min_m, [0.0, 0.0, -3.0]) && near(seen.max_m, [1.0, 0.8, -2.0]), "{seen:?}");
         assert!(is_ahead(&start, &bounds) && !is_ahead(&Pose { heading_rad: 0.0, ..start }, &bounds));
