@@ -109,7 +109,7 @@ mod verification {
         let text = fs::read_to_string(&played.log).expect("the log");
         let spoiled = played.files.path().join("spoiled.log");
         fs::write(&spoiled, text.replacen("\"thought_us\":", "\"thought_us\":1", 1)).expect("a copy");
-        played.refused(&spoiled, &[], "its hash does not fit");
+        played.refused(&spoiled, &[], "its hash does not match");
 
         let action = played.forged(|entries| {
             unsign(entries);
