@@ -3,16 +3,17 @@
 use avln_arena::Failure;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use std::{fmt, io::Write};
+use std::{fmt, io::Write, num::NonZero, path::Path, thread};
 
 /// Prints a line to standard output.
 pub(crate) fn line(text: fmt::Arguments<'_>) {
+    // The reader may have closed the pipe, as in `avln demo | head`: that is not an error.
     if writeln!(std::io::stdout().lock(), "{text}").is_err() {
         std::process::exit(0);
     }
 }
 
-/// `println!` for programs whose output may be piped.
+/// `println!` for output that may be piped.
 macro_rules! say {
     ($($text:tt)*) => { $crate::output::line(format_args!($($text)*)) };
 }
@@ -35,4 +36,19 @@ pub(crate) fn progress_bar(items: &str, length: usize) -> ProgressBar {
 /// Returns a number with a noun; the plural ends in s.
 pub(crate) fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Writes a file.
+pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
+    std::fs::write(path, bytes).map_err(|error| cannot_write(path, error))
+}
+
+/// Returns the failure for a file or folder that is not writable.
+pub(crate) fn cannot_write(path: &Path, error: impl fmt::Display) -> Failure {
+    Failure::file("write", path, error).hinted("choose an existing folder with write access and free space")
+}
+
+/// Returns the number of processors.
+pub(crate) fn processors() -> usize {
+    thread::available_parallelism().map_or(1, NonZero::get)
 }

@@ -4,7 +4,6 @@ use std::io::{self, Write};
 
 /// Bytes before the header: magic string, version, and header length.
 const PREAMBLE_BYTES: usize = 10;
-/// Number alignment.
 const ALIGNMENT_BYTES: usize = 64;
 
 /// Writes `rows × columns` four-byte numbers, row by row; `kind` is NumPy's type string.

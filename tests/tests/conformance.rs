@@ -52,7 +52,7 @@ fn checked(agent: &[&str]) -> (bool, String) {
 }
 
 #[test]
-fn the_client_lives_through_everything_that_may_go_wrong() {
+fn client_survives_every_kit_fault() {
     let (content, output) = checked(&["random", "--seed", "3"]);
     assert!(content && output.contains("12 rules checked, none broken"), "{output}");
 }

@@ -1,7 +1,6 @@
 use avln_client::{Action, Agent, GoalCue, Mission, Observation, Order, TaskSpec};
 use avln_kit::LOOK_M;
 use avln_kit::explorer::Explorer;
-use avln_kit::geometry::FloorPoint;
 use avln_kit::map::{Cell, ObjectMemory};
 use avln_kit::perception::{CueWords, NetworkRecognition, Query, Recognition};
 use std::collections::BTreeMap;
@@ -31,7 +30,7 @@ impl Agent for Detector {
     fn act(&mut self, observation: &Observation) -> Action {
         let Some(memory) = &mut self.memory else { return Action::Stop };
         let in_view = memory.observe(observation);
-        if memory.aim().is_none() {
+        if memory.aim.is_none() {
             let detected = in_view.into_iter().filter(|&index| memory.objects.all()[index].looks >= LOOKS);
             let fits = detected.filter_map(|index| Some((index, memory.fit(index)?)));
             let best = fits.filter(|(_, (fit, _))| *fit >= DETECTED).max_by(|a, b| a.1.0.total_cmp(&b.1.0));
@@ -82,8 +81,8 @@ impl Agent for Snapshot {
         self.snapshots.take(in_view);
         let choice = self.snapshots.best(memory);
         match choice {
-            Some((index, goal)) if memory.aim().is_none() => memory.head_for(index, goal),
-            None => memory.forget_aim(),
+            Some((index, goal)) if memory.aim.is_none() => memory.head_for(index, goal),
+            None => memory.aim = None,
             Some(_) => {}
         }
         let onward = memory.pursue().unwrap_or_else(|| memory.explorer.explore());
@@ -136,7 +135,11 @@ impl SnapshotMemory {
             let fits = detections.iter().filter_map(|&index| {
                 let (fit, goal) = memory.fit(index)?;
                 let place = memory.objects.all()[index].detection.center();
-                (fit >= WORTH).then_some((fit - PER_M * away_m(&memory.explorer, place), index, goal))
+                (fit >= WORTH).then_some((
+                    fit - PER_M * place.distance_m(memory.explorer.pose().place),
+                    index,
+                    goal,
+                ))
             });
             fits.max_by(|a, b| a.0.total_cmp(&b.0))
         };
@@ -155,9 +158,9 @@ const PATIENCE_STEPS: u32 = 150;
 
 /// The shared state in agents that see and do not hear: a map, objects with fits, and open goals. Submit outcomes are
 /// unknown; every Submit counts as correct.
-pub(crate) struct VisualMemory {
-    pub(crate) explorer: Explorer,
-    pub(crate) objects: ObjectMemory,
+struct VisualMemory {
+    explorer: Explorer,
+    objects: ObjectMemory,
     perception: Box<dyn Recognition>,
     goals: usize,
     ordered: bool,
@@ -170,7 +173,7 @@ pub(crate) struct VisualMemory {
 }
 
 impl VisualMemory {
-    pub(crate) fn new(task: &TaskSpec, mission: &Mission) -> Self {
+    fn new(task: &TaskSpec, mission: &Mission) -> Self {
         let goals = mission.goals.len();
         let mut perception = Box::<NetworkRecognition>::default();
         perception.begin(task, mission);
@@ -188,7 +191,7 @@ impl VisualMemory {
     }
 
     /// Adds an observation and returns the indices in view.
-    pub(crate) fn observe(&mut self, observation: &Observation) -> Vec<usize> {
+    fn observe(&mut self, observation: &Observation) -> Vec<usize> {
         self.explorer.observe(observation);
         let (pose, map) = (self.explorer.pose(), &self.explorer.map);
         let detections = self.perception.see(&pose, observation, &|place| map.is_wall(Cell::at(place)));
@@ -206,34 +209,23 @@ impl VisualMemory {
     }
 
     /// Returns the goals that a Submit may be for.
-    pub(crate) fn active(&self) -> impl Iterator<Item = usize> {
+    fn active(&self) -> impl Iterator<Item = usize> {
         let count = if self.ordered { 1 } else { self.goals };
         (0..self.goals).filter(|&goal| !self.done[goal]).take(count)
     }
 
     /// Returns an open object's best fit with an active goal, and that goal.
-    pub(crate) fn fit(&self, index: usize) -> Option<(f32, usize)> {
+    fn fit(&self, index: usize) -> Option<(f32, usize)> {
         let object = self.objects.all().get(index).filter(|_| !self.closed.contains(&index))?;
         self.active().map(|goal| (object.vis(goal), goal)).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// Returns the object that the agent heads for.
-    pub(crate) fn aim(&self) -> Option<usize> {
-        self.aim.map(|(index, _)| index)
-    }
-
-    /// Heads for an object as a goal.
-    pub(crate) fn head_for(&mut self, index: usize, goal: usize) {
+    fn head_for(&mut self, index: usize, goal: usize) {
         (self.aim, self.aimed_steps) = (Some((index, goal)), 0);
     }
 
-    /// Gives up the current object.
-    pub(crate) fn forget_aim(&mut self) {
-        self.aim = None;
-    }
-
     /// Returns the next action towards the current object, or the Submit there; `None` without a reachable object.
-    pub(crate) fn pursue(&mut self) -> Option<Action> {
+    fn pursue(&mut self) -> Option<Action> {
         let (index, goal) = self.aim?;
         let pose = self.explorer.pose();
         let place = self.objects.all().get(index)?.detection.nearest(pose.place);
@@ -258,11 +250,6 @@ impl VisualMemory {
         self.closed.push(index);
         self.aim = None;
     }
-}
-
-/// Returns the distance from the body, metres.
-pub(crate) fn away_m(explorer: &Explorer, place: FloorPoint) -> f32 {
-    place.distance_m(explorer.pose().place)
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@ use avln_client::{
 use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
-/// A request of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PageRequest {
     /// Report the state.
@@ -90,7 +89,6 @@ async fn drive(
     }
 }
 
-/// Constants of the run.
 #[derive(Clone, Debug)]
 pub(crate) struct RunFacts {
     max_steps: u32,

@@ -102,7 +102,6 @@ const OURS: &str = "x-avln-page";
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Time limit for open answers after the run.
 const FAREWELL: Duration = Duration::from_secs(2);
-/// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 4] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -113,7 +112,6 @@ const HEADERS: [(HeaderName, &str); 4] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-/// Address of the page.
 #[derive(Clone, Copy)]
 struct PageAddress(SocketAddr);
 

@@ -57,7 +57,6 @@ const USUAL: f32 = 1e-3;
 const IN_THE_MIDDLE: f32 = 0.2;
 const OF_THE_WHOLE: f32 = 0.005;
 
-/// How a goal is described.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Modality {
     Category,
@@ -72,7 +71,6 @@ struct WalkGoal {
     cue: GoalCue,
 }
 
-/// Images from one storey.
 struct HouseWalk<'a> {
     task: TaskSpec,
     shown: Vec<&'a Record>,
@@ -206,7 +204,6 @@ const LEAST_PX: usize = 300;
 /// Farther pixels do not count, metres.
 const FAR_M: f32 = 6.0;
 
-/// An instance.
 struct Instance {
     id: u16,
     category: u8,

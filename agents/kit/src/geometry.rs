@@ -41,6 +41,8 @@ pub struct Pose2d {
 impl Pose2d {
     /// Projects a pose onto the floor plan.
     pub fn new(pose: &Pose) -> Self {
+        // libm, as everywhere in the agents: the platform's functions differ in the last bit between systems, and
+        // calibration compares actions bit for bit (docs/decisions/0019).
         let (sin, cos) = libm::sincosf(pose.heading_rad);
         let [x, _, z] = pose.position;
         Self { place: FloorPoint { x, z }, sin, cos }

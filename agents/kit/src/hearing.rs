@@ -8,9 +8,7 @@ use std::sync::Arc;
 
 /// Transform length: a step plus the same length in zeros, against wrap-around.
 const POINTS: usize = 8192;
-/// Largest interaural delay, seconds.
 const MAX_ITD_S: f32 = 0.000_8;
-/// Correlation band, hertz.
 const BAND_HZ: [f32; 2] = [150.0, 6000.0];
 /// Lower levels are silence.
 const SILENCE: f32 = 1e-5;
@@ -118,8 +116,8 @@ impl Ear {
     }
 }
 
-/// Magnitude. `Complex::norm` would use the platform's `hypot`.
 fn norm(value: Complex32) -> f32 {
+    // Complex::norm would call the platform's hypot (docs/decisions/0019).
     libm::hypotf(value.re, value.im)
 }
 

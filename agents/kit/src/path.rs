@@ -12,7 +12,6 @@ const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
 /// Additional cost per blocked step in the cell.
 const BUMP: f32 = 6.0;
-/// Node limit per search.
 const MOST_NODES: usize = 40_000;
 const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
@@ -27,7 +26,6 @@ pub struct Path {
     pub cost_m: f32,
 }
 
-/// The search state by node.
 struct Nodes {
     /// Lowest cost so far, metres; 0 for an unvisited node.
     cost_m: Vec<f32>,
@@ -45,7 +43,6 @@ impl Nodes {
         Self { cost_m: vec![0.0; count], before: vec![0; count], count: 0 }
     }
 
-    /// Returns the node index for a cell.
     fn index(cell: Cell) -> Option<usize> {
         let (column, row) = (cell.column / STRIDE, cell.row / STRIDE);
         let inside = cell.column >= 0 && cell.row >= 0 && column < Self::COLUMNS && row < Self::COLUMNS;
@@ -76,7 +73,6 @@ impl Nodes {
         Self::index(cell).map_or(0.0, |index| self.cost_m[index])
     }
 
-    /// Returns a cell's predecessor.
     fn before(&self, cell: Cell) -> Option<Cell> {
         let (dc, dr) = SIDES[usize::from(self.before[Self::index(cell)?] & !Self::CLOSED)];
         Some(cell.moved(-dc * STRIDE, -dr * STRIDE))

@@ -57,7 +57,6 @@ pub struct PagNav {
     trace: Option<Recorder>,
 }
 
-/// A storey's memory.
 struct StoreyMemory {
     map: Occupancy,
     objects: ObjectMemory,

@@ -32,11 +32,8 @@ impl Evidence {
 /// A source's audio memories at a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SoundSupport {
-    /// Distance to the estimated source, metres.
     pub(crate) off_m: f32,
-    /// Certainty of the estimate, 0 to 1.
     pub(crate) certainty: f32,
-    /// Range of the loudest sound, metres.
     pub(crate) loudest_range_m: f32,
     /// Agreement of a source at the position with the loudest positions, 0 to 1.
     pub(crate) explained: f32,
@@ -146,7 +143,7 @@ fn patience(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> f32 {
 }
 
 /// The Submit gate of the paper.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct SubmitGate {
     /// The candidate passed verification: V(o*, g).
     pub(crate) is_verified: bool,

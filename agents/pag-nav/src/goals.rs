@@ -105,6 +105,7 @@ impl GoalPairing {
             (0..self.count()).filter(|source| !self.done.contains(&Some(*source))).collect();
         let place = open_goals.iter().position(|&goal| goal == next).unwrap_or(0);
         let (mut right, mut all) = (0.0, 1e-9);
+        // All pairings are enumerated: missions usually have two to four goals.
         permutations(&mut sources, 0, &mut |pairing| {
             let pairs = pairing.iter().zip(&open_goals);
             let score = pairs.map(|(&source, &goal)| self.score(source, goal)).sum();

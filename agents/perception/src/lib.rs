@@ -184,12 +184,10 @@ pub struct WeightsError {
 /// Outputs with interleaved weights.
 pub(crate) const PANEL: usize = 8;
 
-/// A convolution.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ConvLayer {
     /// Weights by panel of [`PANEL`] outputs, tap (row by row), input and output; 0 beyond the last output.
     pub(crate) panels: Vec<[f32; PANEL]>,
-    /// Bias by output.
     pub(crate) bias: Vec<f32>,
 }
 

@@ -64,6 +64,7 @@ pub enum PictureError {
 impl CameraModel {
     /// Returns a pixel's ray at 1 m depth: metres to the right, up and ahead, for a level camera.
     pub(crate) fn ray(&self, [width, height]: [usize; 2], [column, row]: [f32; 2]) -> [f32; 3] {
+        // Equal bits on every platform, as for the convolutions (docs/decisions/0019).
         let metres_per_px = 2.0 * libm::tanf(0.5 * self.hfov_rad) / width as f32;
         let right = (column + 0.5 - 0.5 * width as f32) * metres_per_px;
         let up = (0.5 * height as f32 - row - 0.5) * metres_per_px;

@@ -149,13 +149,11 @@ fn bin(rgb: [u8; 3]) -> usize {
     hue * VIVIDNESSES + vivid.min(VIVIDNESSES - 1)
 }
 
-/// Fewest pixels per instance.
 const LEAST_PX: usize = 12;
 /// Radius around predicted centres within an instance, map pixels.
 const SPREAD_PX: usize = 5;
 /// Least vote share for a centre in a stretch.
 const LEAST_SHARE: f32 = 0.12;
-/// Part limit per stretch.
 const MOST_PARTS: usize = 16;
 /// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;

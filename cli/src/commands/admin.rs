@@ -37,7 +37,7 @@ pub(crate) enum AdminCommand {
 /// Admin server address.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct AdminAddress {
-    /// admin server URL, on the server's own machine
+    /// Admin server URL, on the server's own machine
     #[arg(long, default_value = "http://127.0.0.1:50052", value_name = "URL")]
     server: String,
 }

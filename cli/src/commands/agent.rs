@@ -19,7 +19,7 @@ pub(crate) enum AgentCommand {
 }
 
 impl AgentCommand {
-    /// Parallel episode count.
+    /// Returns the number of parallel episodes.
     pub(crate) fn slots(&self) -> u32 {
         match self {
             Self::Random(_) | Self::Human(_) => 1,

@@ -2,12 +2,13 @@
 
 use crate::{
     commands::split::SplitOrigin,
-    output::{progress_bar, say},
+    output::{processors, progress_bar, say, write_file},
 };
 use avln_arena::{
     Failure,
     data::DataFolder,
     dataset::SplitFolder,
+    run_blocking,
     setup::{self, sounds_for_phase},
 };
 use avln_episode::Order;
@@ -16,11 +17,7 @@ use avln_lab::{
     suite::{self, AgentVariant, SuiteOptions, SuiteSize},
 };
 use clap::{Args, Subcommand, ValueEnum};
-use std::{
-    num::NonZero,
-    path::{Path, PathBuf},
-    thread,
-};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum BaselinesCommand {
@@ -101,22 +98,20 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
         }
         BaselinesCommand::Report(args) => {
             let report = suite::report(&args.out)?;
-            write(&report.page, &args.to)?;
-            write(&report.episodes, &args.to.with_file_name("results.csv"))
+            for (path, text) in
+                [(args.to.clone(), report.page), (args.to.with_file_name("results.csv"), report.episodes)]
+            {
+                write_file(&path, text)?;
+                say!("written to {}", path.display());
+            }
+            Ok(())
         }
     }
 }
 
-fn write(page: &str, to: &Path) -> Result<(), Failure> {
-    std::fs::write(to, page)
-        .map_err(|error| Failure::file("write", to, error).hinted("name another file with --to FILE"))?;
-    say!("written to {}", to.display());
-    Ok(())
-}
-
 impl BaselinesRunArgs {
     fn options(&self) -> SuiteOptions {
-        let processors = || thread::available_parallelism().map_or(1, NonZero::get).min(16) as u32;
+        let slots = || processors().min(16) as u32;
         SuiteOptions {
             agents: if self.agents.is_empty() {
                 AgentVariant::value_variants().to_vec()
@@ -129,7 +124,7 @@ impl BaselinesRunArgs {
                 OrderChoice::Unordered => vec![Order::Unordered],
             },
             episodes: self.episodes.unwrap_or(usize::MAX),
-            slots: self.slots.unwrap_or_else(processors),
+            slots: self.slots.unwrap_or_else(slots),
             seed: self.seed,
             side: self.size,
             again: self.again,
@@ -146,7 +141,7 @@ pub(crate) struct RolloutArgs {
     split: String,
     #[command(flatten)]
     origin: SplitOrigin,
-    /// Mission count, in turn from all scenes; all by default
+    /// Missions, in turn from all scenes; all by default
     #[arg(long, value_name = "COUNT")]
     episodes: Option<usize>,
     /// Folder for rollouts.json and one .npz file per episode; existing episodes are skipped
@@ -172,8 +167,7 @@ pub(crate) async fn roll_out(data: &Path, args: RolloutArgs) -> Result<(), Failu
     let data = DataFolder::open(data)?;
     let (split, openness) = args.origin.open(&data, &args.split).await?;
     openness.check_training(&split)?;
-    let done = tokio::task::spawn_blocking(move || record(&data, &split, &args)).await;
-    done.map_err(Failure::internal)?
+    run_blocking(move || record(&data, &split, &args)).await
 }
 
 fn record(data: &DataFolder, split: &SplitFolder, args: &RolloutArgs) -> Result<(), Failure> {

@@ -1,6 +1,6 @@
 //! Checks: doctor before a run, protocol conformance, server calibration.
 
-use crate::output::{print_json, say};
+use crate::output::{print_json, say, write_file};
 use avln_arena::{Failure, data::DataFolder, servers::RunningServers, setup::admit};
 use avln_client::Sensors;
 use avln_conformance::{Check, Host, Outcome, Site, check};
@@ -10,7 +10,6 @@ use avln_lab::{
 };
 use avln_store::Reference;
 use std::{
-    fs,
     net::SocketAddr,
     path::{Path, PathBuf},
 };
@@ -32,10 +31,10 @@ pub(crate) struct DoctorArgs {
     /// Phase for the practice episodes, --phase by default; phases that count runs are not played
     #[arg(long, value_name = "PHASE")]
     practice: Option<String>,
-    /// Practice episode count
+    /// Practice episodes
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=100))]
     episodes: u32,
-    /// Limit for actions per practice episode
+    /// Action limit per practice episode
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1000))]
     steps: u32,
     /// Picture side in pixels, 64 to 1024
@@ -116,7 +115,7 @@ pub(crate) async fn check_conformance(args: ConformanceArgs) -> Result<(), Failu
             let ca = args.ca.map(read_authorities).transpose()?;
             let site = Site { server: &args.server, ca: ca.as_deref() };
             let checks = check(&site, &token, &phase).await;
-            checks.map_err(|trouble| Failure::run(trouble))?
+            checks.map_err(Failure::run)?
         }
     };
     print_rules(&checks)
@@ -257,7 +256,11 @@ fn print_means(run: &CalibrationRun) {
 
 fn write_results(path: &Path, found: &Calibration) -> Result<(), Failure> {
     let json = serde_json::to_string_pretty(found).map_err(Failure::internal)?;
-    fs::write(path, json + "\n").map_err(|error| Failure::file("write", path, error))?;
+    write_file(
+        path,
+        json + "
+",
+    )?;
     say!("written to {}", path.display());
     Ok(())
 }

@@ -29,7 +29,7 @@ pub(crate) enum DatasetCommand {
     },
     /// Render labelled pictures in houses of a split, to train perception
     Frames(FramesArgs),
-    /// Verify the constraints of all missions, from the files and scenes alone
+    /// Verify all missions' constraints, from files and scenes only
     Check(CheckArgs),
     /// Import missions of another data set: LH-AVLN of its authors, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
     Import(ImportArgs),
@@ -56,7 +56,7 @@ pub(crate) struct CheckArgs {
     /// Split; all by default
     #[arg(long)]
     split: Option<String>,
-    /// Approximate checked scenes per split, spread evenly; all by default
+    /// Approximate number of checked scenes per split, spread evenly; all by default
     #[arg(long, value_name = "COUNT")]
     scenes: Option<usize>,
     /// Recompute tours and render pictures of every COUNT-th mission
@@ -186,7 +186,7 @@ pub(crate) struct FramesArgs {
     /// Render measurement pictures from a validation-pool split; training refuses these files
     #[arg(long)]
     measure: bool,
-    /// House count, from the first in the split
+    /// Houses, from the first in the split
     #[arg(long, value_name = "COUNT", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     houses: u32,
     /// Pictures per house
@@ -237,7 +237,7 @@ pub(crate) struct ImportArgs {
     /// Folder for the data set
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// New name split
+    /// Name for the new split
     #[arg(long, default_value = "val")]
     split: String,
     /// Rule set for success regions and reference tours

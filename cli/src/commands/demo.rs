@@ -31,7 +31,7 @@ pub(crate) struct DemoArgs {
     /// Scene file or folder instead of procedural houses, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
-    /// Procedural house count
+    /// Procedural houses
     #[arg(long, default_value_t = 3)]
     houses: u32,
     /// Missions per scene
@@ -50,18 +50,19 @@ const TEAM: &str = "LH-AVLN Arena";
 /// The agents, by their names in `avln agent`.
 const AGENTS: [&str; 2] = ["random", "pag-nav"];
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// Parallel run count.
+/// Parallel runs.
 const RUNS_AT_ONCE: usize = 2;
 
-/// Builds houses and missions, runs two agents over gRPC, prints the table and keeps the servers running.
+/// Builds houses and missions, runs two agents over gRPC, prints the table and continues to serve.
 pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    let doors = Servers::bind(&args.addresses.addresses()).await?;
+    // First of all: a used address must fail before minutes of building.
+    let servers = Servers::bind(&args.addresses.addresses()).await?;
     let store = data.store().await?;
     let phase = prepare(&data, &store, &args).await?;
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
     let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
-    let open = doors.open(Arc::new(arena), store.reader())?;
+    let open = servers.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;
     print_table(&store, &phase).await?;
     print_outlook(&data, &open, &phase, &args);
@@ -149,6 +150,7 @@ fn spawn(
     let server = format!("http://{}", open.grpc);
     Command::new(program)
         .args(["agent", agent, "--server", &server, "--phase", phase, "--order", order.as_str()])
+        // Not as an argument: those are visible to other users.
         .env("AVLN_TOKEN", token)
         .stdin(Stdio::null())
         .stdout(Stdio::null())

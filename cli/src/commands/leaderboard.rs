@@ -31,7 +31,7 @@ pub(crate) enum LeaderboardCommand {
     Freeze(FreezeArgs),
     /// Check that a frozen copy is complete, unchanged, and signed by the server
     Check(CheckCopyArgs),
-    /// Play a phase with the oracle, as upper bound on leaderboards; stop the server before
+    /// Play a phase with the oracle, as upper bound on leaderboards; stop the server first
     Oracle {
         /// Phase id
         #[arg(long)]
@@ -51,7 +51,7 @@ pub(crate) struct FreezeArgs {
 
 #[derive(Clone, Debug, Args)]
 pub(crate) struct CheckCopyArgs {
-    /// Copy's folder
+    /// Folder with the copy
     folder: PathBuf,
     /// Expected public server key, hexadecimal, as log_key in /api/v1/status; by default any valid signature
     /// is accepted and the key printed
@@ -221,7 +221,7 @@ fn files(folder: &Path) -> io::Result<BTreeSet<String>> {
         for entry in fs::read_dir(next)? {
             let entry = entry?;
             let path = entry.path();
-            // A link counts as a file: to follow it could leave the folder.
+            // A link counts as a file: following it could leave the folder.
             if entry.file_type()?.is_dir() {
                 open.push(path);
             } else {

@@ -51,10 +51,10 @@ pub(crate) struct OpenPhaseArgs {
     /// Title on pages; the id by default
     #[arg(long)]
     title: Option<String>,
-    /// Audience for scores
+    /// Score visibility
     #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
     scores: VisibleTo,
-    /// Audience for paths, maps and targets
+    /// Visibility for paths, maps and targets
     #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
     replays: VisibleTo,
     /// Rule set; the split's by default. It may differ only in noise and clips: a split for lh-avln-v1 can be played with
@@ -72,7 +72,7 @@ pub(crate) struct OpenPhaseArgs {
     /// Feedback to a Submit; the rule set's by default
     #[arg(long, value_enum)]
     feedback: Option<FeedbackLevel>,
-    /// Limit for runs per team; unlimited by default
+    /// Run limit per team; unlimited by default
     #[arg(long, value_name = "RUNS")]
     quota: Option<u32>,
     /// Limit for parallel episodes per run

@@ -1,6 +1,6 @@
 //! Verification and rescoring of runs.
 
-use crate::output::{counted, print_json, say};
+use crate::output::{counted, print_json, processors, say};
 use avln_arena::{
     Failure,
     data::DataFolder,
@@ -13,7 +13,6 @@ use avln_store::Run;
 use indicatif::ProgressBar;
 use std::{
     collections::BTreeMap,
-    num::NonZero,
     path::{Path, PathBuf},
     sync::Mutex,
     thread,
@@ -43,6 +42,7 @@ pub(crate) async fn verify(data: &Path, args: VerifyArgs) -> Result<(), Failure>
     let Some(Entry::Run { run, phase, order, digests, .. }) = history.entries.first() else {
         return Err(refused(format!("{} is empty", args.file.display())));
     };
+    // A participant without the data folder can still verify chain and signature.
     let why_not = match (args.log_only, data.join("avln.db").is_file()) {
         (true, _) => Some("as requested".to_owned()),
         (false, false) => Some(format!("there is no data folder at {}", data.display())),
@@ -142,10 +142,9 @@ fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) 
         }
         Ok(done)
     };
-    let cores = thread::available_parallelism().map_or(1, NonZero::get);
     let parts: Vec<Result<Replayed, Failure>> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        let lost = |_| Err(Failure::internal("a thread broke down"));
+        let workers: Vec<_> = (0..processors()).map(|_| scope.spawn(work)).collect();
+        let lost = |_| Err(Failure::internal("a thread panicked"));
         workers.into_iter().map(|worker| worker.join().unwrap_or_else(lost)).collect()
     });
     bar.finish_and_clear();
@@ -166,7 +165,7 @@ fn check_metrics(handle: &str, history: &EpisodeHistory, again: Option<&Metrics>
     if recorded == again {
         return Ok(());
     }
-    Err(refused(format!("episode {handle} is recorded as worth {recorded} and is worth {again}")))
+    Err(refused(format!("episode {handle}: the log contains {recorded}, the replay gives {again}")))
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -206,7 +205,7 @@ pub(crate) async fn rescore_runs(data: &Path, args: RescoreArgs) -> Result<(), F
         say!("{} scored by benchmark {}", counted(comparisons.len(), "run"), Scorer::OURS.version);
     }
     match comparisons.iter().find(|comparison| comparison.contradicts()) {
-        Some(Comparison { run, scorer_before, .. }) => Err(Failure::run(format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} gives other scores"),
+        Some(Comparison { run, scorer_before, .. }) => Err(Failure::run(format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} computes other scores"),
         )
         .hinted("the scorer was changed without a new version, or the database was edited")),
         None => Ok(()),

@@ -1,7 +1,10 @@
 //! Scenes: information, export, import and pictures.
 
 use super::scene_stats;
-use crate::{data_option, output::say};
+use crate::{
+    data_option,
+    output::{self, cannot_write, say},
+};
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
@@ -11,7 +14,6 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::json;
 use std::{
     collections::BTreeMap,
-    fmt::Display,
     path::{Path, PathBuf},
 };
 
@@ -67,7 +69,7 @@ pub(crate) struct FurnishedSceneArgs {
 impl FurnishedSceneArgs {
     /// Opens or builds the scene.
     pub(super) fn load(&self) -> Result<Scene, Failure> {
-        load_from(&self.scene, self.pool)
+        open_or_build(self.scene.scene.as_deref(), self.scene.seed, self.pool)
     }
 
     /// Returns the arguments for a procedural house.
@@ -95,19 +97,17 @@ pub(crate) fn run(data: &Path, command: SceneCommand) -> Result<(), Failure> {
 }
 
 fn load(scene: &SceneArgs) -> Result<Scene, Failure> {
-    load_from(scene, Pool::default())
+    open_or_build(scene.scene.as_deref(), scene.seed, Pool::default())
 }
 
-/// Opens a scene, or builds a house with furniture from `pool`.
-fn load_from(scene: &SceneArgs, pool: Pool) -> Result<Scene, Failure> {
-    match (&scene.scene, scene.seed) {
-        (Some(path), _) => open::open(path).map_err(Failure::scene),
-        (None, seed) => {
-            let seed = seed.unwrap_or_default();
-            let options = avln_houses::HouseOptions { pool, ..Default::default() };
-            Ok(avln_houses::house(&format!("house-{seed}"), seed, &options))
-        }
+/// Opens a scene file, or builds the house of a seed with furniture from `pool`.
+pub(super) fn open_or_build(path: Option<&Path>, seed: Option<u64>, pool: Pool) -> Result<Scene, Failure> {
+    if let Some(path) = path {
+        return open::open(path).map_err(Failure::scene);
     }
+    let seed = seed.unwrap_or_default();
+    let options = avln_houses::HouseOptions { pool, ..Default::default() };
+    Ok(avln_houses::house(&format!("house-{seed}"), seed, &options))
 }
 
 fn print_info(scene: &Scene) {
@@ -170,16 +170,14 @@ fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    std::fs::write(path, bytes).map_err(|error| {
-        Failure::file("write", path, error).hinted("name a file in a folder that exists and has room")
-    })?;
+    output::write_file(path, bytes)?;
     say!("{}: {} bytes", path.display(), bytes.len());
     Ok(())
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct ImportSceneArgs {
-    /// Folder or file in the layout from HM3D, Matterport3D, Replica, Gibson, HSSD or ReplicaCAD, or plain glTF, OBJ or PLY
+    /// Folder or file in the layout of HM3D, Matterport3D, Replica, Gibson, HSSD or ReplicaCAD, or plain glTF, OBJ or PLY
     #[arg(value_name = "SRC")]
     source: PathBuf,
     /// GLB file to write; all commands open it as a scene
@@ -215,9 +213,7 @@ fn import(args: &ImportSceneArgs) -> Result<(), Failure> {
     let mut report = ImportReport::default();
     let scene = open::open_as(&args.source, &import_options(args), &mut report).map_err(Failure::scene)?;
     let bytes = glb::export(&scene);
-    std::fs::write(&args.out, &bytes).map_err(|error| {
-        Failure::file("write", &args.out, error).hinted("name a file in a folder that exists and has room")
-    })?;
+    output::write_file(&args.out, &bytes)?;
     let cached = reopened(&scene, &bytes, args)?;
     let summary = Summary::of(&cached);
     if args.json {
@@ -293,7 +289,7 @@ pub(crate) struct PreviewArgs {
     /// Folder for the pictures; created if missing
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Indoor view count
+    /// Views inside rooms
     #[arg(long, default_value_t = 8)]
     views: usize,
 }
@@ -315,8 +311,4 @@ fn preview(data: &Path, args: &PreviewArgs) -> Result<(), Failure> {
 fn write_picture(picture: &Picture, path: &Path) -> Result<(), Failure> {
     let file = std::fs::File::create(path).map_err(|error| cannot_write(path, error))?;
     picture.write_png(std::io::BufWriter::new(file)).map_err(|error| cannot_write(path, error))
-}
-
-fn cannot_write(path: &Path, error: impl Display) -> Failure {
-    Failure::file("write", path, error)
 }

@@ -21,7 +21,8 @@ use std::{
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SealedCommand {
-    /// Play a team's run with an agent in a sandboxed process or container, whose only connection is the server's socket
+    /// Play a team's run with an agent in a sandboxed process or container that reaches only the server's
+    /// socket
     Run(Box<SealedRunArgs>),
     /// Internal: start the sandbox
     #[command(hide = true)]
@@ -43,7 +44,7 @@ pub(crate) struct SealedRunArgs {
     #[arg(long, default_value = "", value_name = "VERSION")]
     method_version: String,
     /// Goal order: ordered or unordered
-    #[arg(long, default_value = "unordered", value_parser = order)]
+    #[arg(long, default_value = "unordered")]
     order: Order,
     /// gRPC address of a plain-text server for this data folder; by default the command hosts the folder
     /// itself, and no other server may run
@@ -85,13 +86,6 @@ pub(crate) struct EnterArgs {
     /// Reason for a second step outside namespaces
     #[arg(long, requires = "inmate")]
     outside: Option<String>,
-}
-
-fn order(word: &str) -> Result<Order, String> {
-    [Order::Ordered, Order::Unordered]
-        .into_iter()
-        .find(|order| order.as_str() == word)
-        .ok_or_else(|| "use ordered or unordered".to_owned())
 }
 
 impl EnterArgs {
@@ -136,6 +130,7 @@ async fn play_in(
     store: &Store,
     args: &SealedRunArgs,
 ) -> Result<(), Failure> {
+    // Before the run: if the sandbox fails, no quota is used.
     let report = sandbox.enter().await?;
     tell(&report);
     if args.require_all && !report.missing.is_empty() {
@@ -170,6 +165,7 @@ fn tell(report: &SandboxReport) {
 /// Cancels an unfinished run and reports the result.
 async fn conclude(store: &Store, run: &str, ended: Result<AgentExit, Failure>) -> Result<(), Failure> {
     let mut found = store.run(run).await?;
+    // The token existed only in the sandbox, so the run cannot continue.
     if found.state.is_open() {
         found = store.cancel_run(run, now_unix_ms()).await?;
     }

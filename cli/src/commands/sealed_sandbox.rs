@@ -130,8 +130,8 @@ impl Sandbox {
             Inside::Process { running: Some(running), .. } => {
                 let (supervisor, mut child_socket) = *running;
                 let line = format!("{token}\n");
-                let told = child_socket.get_mut().write_all(line.as_bytes()).await;
-                told.map_err(|error| failed("the agent left before its run", error))?;
+                let sent = child_socket.get_mut().write_all(line.as_bytes()).await;
+                sent.map_err(|error| failed("the agent left before its run", error))?;
                 (supervisor, None)
             }
             Inside::Process { .. } => {
@@ -200,6 +200,7 @@ async fn pass(listener: UnixListener, server: SocketAddr) {
         let Ok((mut inside, _)) = listener.accept().await else { continue };
         connections.spawn(async move {
             let Ok(mut outside) = TcpStream::connect(server).await else { return };
+            // Steps are small messages, which must not wait for more data.
             let _ = outside.set_nodelay(true);
             // Either side may close at any time. The error is irrelevant, because the other side sees the
             // stream's end.

@@ -99,15 +99,16 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     data.limit_cache(args.cache_size)?;
     let security = Security { tls_cert: args.tls.tls_cert, tls_key: args.tls.tls_key };
-    let mut doors = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
-    doors = doors.with_trusted_proxies(args.trusted_proxy);
+    // Before the phases are read, so that a used address fails at once.
+    let mut servers = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
+    servers = servers.with_trusted_proxies(args.trusted_proxy);
     if let AdminListener(Some(address)) = args.admin {
-        doors = doors.with_admin(address).await?;
+        servers = servers.with_admin(address).await?;
     }
     let store = data.store().await?;
     let seconds = |s: u32| Duration::from_secs(u64::from(s));
     let (step, preparation) = (seconds(args.step_limit), seconds(args.preparation_limit));
-    let doors = doors.with_limits(|limits| Limits { step, preparation, ..limits });
+    let servers = servers.with_limits(|limits| Limits { step, preparation, ..limits });
     let budget = Budget { session_memory_mib: args.session_memory, preparation };
     let arena = Arena::open(&data, store.clone(), args.scene_memory).await?.with_budget(budget);
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
@@ -118,7 +119,7 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
             "make one with: avln data split make NAME && avln challenge phase open ID --split NAME",
         ));
     }
-    let open = doors.open(Arc::new(arena), store.reader())?;
+    let open = servers.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
     say!("agents       {}://{}", open.scheme(), open.grpc);

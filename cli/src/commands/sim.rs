@@ -56,7 +56,7 @@ pub(crate) enum SimCommand {
     Bench(bench::BenchArgs),
     /// Compute and measure the impulse response from a source to a listener
     Rir(Box<sound::RirArgs>),
-    /// Render the sound at the ears along a walk, step by step as in an episode
+    /// Render the sound at the ears on a walk, step by step as in an episode
     Listen(Box<sound::ListenArgs>),
 }
 
@@ -150,6 +150,12 @@ fn geodesic(ground: &GroundArgs, file: &Path, exact: bool, json: bool) -> Result
     Ok(())
 }
 
+/// Parses numbers between separators.
+fn numbers<T: FromStr<Err: std::fmt::Display>>(words: &str, separators: &[char]) -> Result<Vec<T>, String> {
+    let parse = |word: &str| word.trim().parse().map_err(|error| format!("'{word}': {error}"));
+    words.split(separators).map(parse).collect()
+}
+
 /// Reads a JSON file; `what` describes the expected contents.
 fn read<T: DeserializeOwned>(file: &Path, what: &str) -> Result<T, Failure> {
     let bytes = std::fs::read(file).map_err(|error| unusable(file, error, "check the path"))?;
@@ -192,10 +198,7 @@ impl FromStr for StartPose {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let values: Vec<f64> = words
-            .split(',')
-            .map(|word| word.trim().parse().map_err(|error| format!("'{word}': {error}")))
-            .collect::<Result<_, _>>()?;
+        let values: Vec<f64> = numbers(words, &[','])?;
         match *values.as_slice() {
             [x, y, z, heading_deg] if values.iter().all(|value| value.abs() < 1e6) => {
                 Ok(Self { position: Point3::new(x as f32, y as f32, z as f32), heading_deg })
@@ -299,7 +302,7 @@ mod tests {
     use avln_arena::FailureKind;
 
     #[test]
-    fn files_that_hold_something_else_are_refused_with_a_hint() {
+    fn foreign_file_error_has_hint() {
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let file = folder.path().join("pairs.json");
         for text in ["", "{}", "[[1,2,3]]", "[[[0,0,0],[0,0]]]", "[[[0,0,0],[0,0,1e999]]]"] {
@@ -328,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_walk_slides_along_walls_and_says_so() {
+    fn walk_slides_along_walls_and_reports_it() {
         let scene = avln_houses::house("house-1", 1, &Default::default());
         let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
         let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());

@@ -1,10 +1,11 @@
 //! Splits: scenes with missions.
 
-use crate::output::{counted, progress_bar, say};
+use crate::output::{counted, processors, progress_bar, say};
 use avln_arena::{
     Failure,
     data::DataFolder,
     dataset::{DatasetFiles, Passphrase, Sealed, SplitFolder},
+    run_blocking,
     setup::{NewSplit, make_split},
 };
 use avln_dataset::SceneLine;
@@ -32,7 +33,7 @@ pub(crate) enum SplitCommand {
     Make(MakeSplitArgs),
     /// Precompute light, textures and sound of a split's scenes, so that the first episodes start at once
     Prepare(PrepareArgs),
-    /// Write a split's missions in the layout from the LH-AVLN authors, and as Parquet tables
+    /// Write a split's missions in the LH-AVLN authors' layout, and as Parquet tables
     Export(ExportArgs),
     /// Encrypt a split's files in place; the server decrypts them in memory with AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
     Seal(SealArgs),
@@ -42,7 +43,7 @@ pub(crate) enum SplitCommand {
 pub(crate) struct MakeSplitArgs {
     /// Split name
     name: String,
-    /// Procedural house count
+    /// Procedural houses
     #[arg(long, default_value_t = 2, conflicts_with = "scene")]
     houses: u32,
     /// Scene file or folder, in any layout that `avln scene import` reads (can be repeated)
@@ -91,7 +92,7 @@ pub(crate) struct ExportArgs {
 /// An export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExportFormat {
-    /// Gzipped JSON in the layout from the LH-AVLN authors
+    /// Gzipped JSON in the LH-AVLN authors' layout
     Authors,
     /// Parquet tables with plain columns
     Parquet,
@@ -103,7 +104,7 @@ pub(super) struct SplitOrigin {
     /// Data set folder made by avln data dataset build
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
-    /// Treat scenes from files as training scenes, whose ground truth may be published
+    /// Treat scenes from files as training scenes, with publishable ground truth
     #[arg(long)]
     training: bool,
 }
@@ -127,15 +128,10 @@ pub(crate) async fn run(data: &Path, command: SplitCommand) -> Result<(), Failur
         SplitCommand::Seal(args) => seal(&data, &args),
         SplitCommand::Export(args) => {
             let (split, openness) = args.origin.open(&data, &args.name).await?;
-            on_thread(move || export(&args, &split, openness)).await
+            run_blocking(move || export(&args, &split, openness)).await
         }
-        SplitCommand::Prepare(args) => on_thread(move || prepare(&data, &args)).await,
+        SplitCommand::Prepare(args) => run_blocking(move || prepare(&data, &args)).await,
     }
-}
-
-async fn on_thread(work: impl FnOnce() -> Result<(), Failure> + Send + 'static) -> Result<(), Failure> {
-    let done = tokio::task::spawn_blocking(work).await;
-    done.map_err(Failure::internal)?
 }
 
 async fn make(data: &DataFolder, args: MakeSplitArgs) -> Result<(), Failure> {
@@ -223,7 +219,7 @@ fn prepare(data: &DataFolder, args: &PrepareArgs) -> Result<(), Failure> {
     let split = data.missions(&args.name)?;
     let rules = args.rules.as_deref().unwrap_or(split.rules());
     let rules = Rules::named(rules).map_err(Failure::scene)?;
-    let threads = args.threads.or_else(|| thread::available_parallelism().ok()).map_or(1, NonZero::get);
+    let threads = args.threads.map_or_else(processors, NonZero::get);
     data.limit_cache(args.cache_size)?;
     let scenes = split.scenes().iter().map(|scene| sources_of(&split, scene, &rules));
     let scenes = scenes.collect::<Result<Vec<_>, _>>()?;
@@ -278,6 +274,7 @@ fn distinct(positions: Vec<Point3<f32>>) -> Vec<Point3<f32>> {
 }
 
 fn prepare_sources(assets: &SceneAssets, positions: &[Point3<f32>], threads: usize, bar: &ProgressBar) {
+    // Sources take different times, so threads fetch them from a shared counter.
     let next = AtomicUsize::new(0);
     let work = || {
         while let Some(position) = positions.get(next.fetch_add(1, Ordering::Relaxed)) {

@@ -46,7 +46,7 @@ pub(crate) enum TeamCommand {
         /// Phase id
         #[arg(long)]
         phase: String,
-        /// Run count
+        /// Additional runs
         #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
         runs: u32,
         /// Reason, for the audit list

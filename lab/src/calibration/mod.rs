@@ -18,10 +18,8 @@ use std::{collections::BTreeMap, path::PathBuf};
 /// Phase and split id.
 pub const PHASE: &str = "calibration";
 const PUBLISHED: &str = include_str!("published.json");
-/// Image side, pixels.
 const SIDE: u32 = 128;
 const HOUSES: u32 = 3;
-/// Missions per house.
 const MISSIONS: usize = 4;
 const SEED: u64 = 1;
 /// Random agent's episode length, actions.
@@ -221,7 +219,6 @@ pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> 
     lines
 }
 
-/// Describes an episode's first difference.
 fn difference(found: &CalibrationEpisode, expected: &CalibrationEpisode) -> Option<String> {
     if (&found.end, found.steps) != (&expected.end, expected.steps) {
         return Some(format!(
@@ -247,9 +244,7 @@ pub fn is_current(published: &Calibration) -> bool {
 /// An agent that hashes missions, observations and actions.
 struct DigestingAgent {
     agent: Box<dyn Agent + Send>,
-    /// Action limit per episode.
     max_steps: u32,
-    /// Hashers by episode.
     episodes: Vec<blake3::Hasher>,
 }
 

@@ -45,7 +45,6 @@ pub struct CheckReport {
     pub faults: Vec<String>,
 }
 
-/// A scene to check.
 struct CheckJob {
     split: Arc<SplitFolder>,
     rules: MissionRules,

@@ -58,19 +58,15 @@ struct FramesManifest<'a> {
     split: &'a str,
     side_px: u32,
     views: usize,
-    /// Category names by number.
     categories: &'static [&'static str],
     /// Number for other content.
     unknown: u8,
     houses: Vec<LabelledHouse>,
 }
 
-/// A house and the output files.
 #[derive(Debug, Serialize)]
 struct LabelledHouse {
-    /// Image file.
     file: String,
-    /// Sentence file.
     sentences: String,
     #[serde(flatten)]
     source: SceneSource,

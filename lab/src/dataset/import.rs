@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 
 /// Folder levels in the search for files.
 const DEPTH: usize = 4;
-/// File limit per data set.
 const MAX_FILES: usize = 100_000;
 
 /// An import's source and target.
@@ -49,7 +48,6 @@ pub struct Account {
     pub notes: BTreeMap<String, usize>,
 }
 
-/// Episodes by scene name.
 type Scenes = BTreeMap<String, Vec<ForeignEpisode>>;
 
 impl Import<'_> {

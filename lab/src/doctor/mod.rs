@@ -7,13 +7,11 @@ use avln_client::{Client, ConnectOptions, Error, Phase, PhaseState, Quota, Senso
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};
 
-/// Requests for the round-trip time.
 const ROUND_TRIPS: usize = 20;
 /// Clock difference for a warning, seconds.
 const CLOCK_S: f64 = 2.0;
 /// Remaining token lifetime for a warning, seconds.
 const SOON_S: i64 = 7 * 86_400;
-/// Advice after a lost connection.
 const LOST: &str = "the connection was lost: check the network";
 
 /// Check settings.
@@ -231,7 +229,6 @@ async fn round_trips(report: &mut DoctorReport, client: &Client) -> Result<(), E
     Ok(())
 }
 
-/// Formats a duration in milliseconds.
 fn ms(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1000.0)
 }

@@ -5,7 +5,6 @@ use avln_baselines::RandomAgent;
 use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, Run, RunOptions};
 use std::time::Instant;
 
-/// Method name in practice runs.
 const METHOD: &str = "doctor";
 
 /// Plays practice episodes if they are free, and estimates the run's duration.

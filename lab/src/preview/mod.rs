@@ -21,9 +21,7 @@ const ELBOW_ROOM_M: f32 = 0.35;
 const STEP_M: f32 = 0.5;
 /// Eye positions per room.
 const PLACES: usize = 24;
-/// Directions per eye position.
 const DIRECTIONS: usize = 8;
-/// Horizontal field of view, radians.
 const HFOV_RAD: f32 = 1.4;
 
 /// A named picture.
@@ -150,7 +148,6 @@ fn interest(frame: &CameraImage) -> f32 {
     seen as f32 - 12.0 * near
 }
 
-/// A scored view.
 struct RoomView {
     eye: Point3<f32>,
     heading_rad: f32,

@@ -118,7 +118,6 @@ impl Corner {
         Self { position: mesh.positions[index], uv: mesh.uvs[index], color: mesh.colors[index] }
     }
 
-    /// Interpolates between two corners.
     fn towards(&self, other: &Self, share: f32) -> Self {
         let color = |channel: usize| {
             let (a, b) = (f32::from(self.color[channel]), f32::from(other.color[channel]));

@@ -9,7 +9,7 @@ use crate::suite::Oracle;
 use crate::{internal, parallel};
 use avln_arena::dataset::{SplitFolder, check_plain, write_whole};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{EpisodeSpec, SceneLine};
+use avln_dataset::EpisodeSpec;
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;
 use avln_world::Cache;
@@ -76,7 +76,6 @@ struct RolloutManifest<'a> {
     version: u32,
     agent: &'static str,
     split: &'a str,
-    /// Split digest.
     digest: &'a str,
     order: Order,
     sensors: Vec<Sense>,
@@ -85,7 +84,6 @@ struct RolloutManifest<'a> {
     sample_rate_hz: u32,
     /// Factor from stored depth values to metres.
     depth_scale: f32,
-    /// Action names by number.
     actions: [String; 5],
     rules: &'a Rules,
 }
@@ -200,7 +198,7 @@ impl RolloutOptions<'_> {
         if missing.is_empty() {
             return Ok(tally);
         }
-        let assets = Arc::new(self.open(scene)?);
+        let assets = Arc::new(scene.spec().open_with(&self.rules, Some(&self.cache))?);
         for (episode, path) in missing {
             let Recorded { bytes, is_complete } = record::record(self, &assets, &episode)?;
             write_whole(&path, &bytes)?;
@@ -209,10 +207,6 @@ impl RolloutOptions<'_> {
             on_episode();
         }
         Ok(tally)
-    }
-
-    fn open(&self, scene: &SceneLine) -> Result<avln_world::SceneAssets, Failure> {
-        Ok(scene.spec().open_with(&self.rules, Some(&self.cache))?)
     }
 }
 

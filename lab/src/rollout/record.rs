@@ -15,9 +15,7 @@ use std::sync::Arc;
 use zip::write::{PreparedZipFile, SimpleFileOptions, ZipFileBuilder};
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-/// A recorded episode.
 pub(super) struct Recorded {
-    /// `.npz` file.
     pub(super) bytes: Vec<u8>,
     /// `true` if every goal was found.
     pub(super) is_complete: bool,
@@ -59,7 +57,6 @@ impl Recording<'_> {
         Ok(Recorded { bytes, is_complete: metrics.found == metrics.goals })
     }
 
-    /// Returns the oracle's actions.
     fn rehearse(&self) -> Result<Vec<Action>, Failure> {
         let mut oracle = Oracle::new(self.episode.truth(self.plan.order), &self.plan.rules);
         let blind = Sensors { rgb: false, depth: false, audio: false, ..self.plan.sensors() };
@@ -196,7 +193,6 @@ impl Array {
         Ok(Self(file))
     }
 
-    /// Adds numbers, little-endian.
     fn add_floats(&mut self, numbers: &[f32]) -> io::Result<()> {
         let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
         self.0.write_all(&bytes)

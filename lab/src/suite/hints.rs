@@ -28,7 +28,6 @@ pub(super) struct EpisodeState {
 pub(super) struct LiveEpisodes(Mutex<BTreeMap<String, Arc<EpisodeState>>>);
 
 impl LiveEpisodes {
-    /// Stores an episode's state.
     pub(super) fn note(&self, handle: &str, referee: &Referee) {
         let state = EpisodeState {
             pose: referee.world().pose(),
@@ -39,7 +38,6 @@ impl LiveEpisodes {
         self.lock().insert(handle.to_owned(), Arc::new(state));
     }
 
-    /// Removes a finished episode.
     pub(super) fn forget(&self, handle: &str) {
         self.lock().remove(handle);
     }

@@ -53,7 +53,6 @@ pub(super) struct SuiteFolder {
     _lock: File,
 }
 
-/// A running server for the suite.
 pub(super) struct HostedSuite {
     pub(super) store: Store,
     pub(super) servers: RunningServers,
@@ -179,7 +178,6 @@ pub(super) fn client_order(order: Order) -> avln_client::Order {
     }
 }
 
-/// Returns the results file's path.
 pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }

@@ -173,7 +173,6 @@ pub struct Oracle {
 impl Oracle {
     /// Name in files.
     pub const NAME: &str = "shortest-path";
-    /// Handle for the only episode.
     const HANDLE: &str = "episode";
 
     /// Creates an oracle for an episode.
@@ -233,7 +232,6 @@ pub async fn play_oracle(
     Ok(())
 }
 
-/// The oracle's connection and phase.
 struct OracleRuns {
     client: Client,
     store: Store,

@@ -16,7 +16,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::task::{JoinSet, block_in_place};
 
-/// Interval between progress messages.
 const REPORT_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Suite settings.
@@ -92,7 +91,6 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     played.map(|()| count)
 }
 
-/// Returns the missions without results.
 fn missing(folder: &SuiteFolder, results: &Results, plan: &SuiteOptions) -> Result<Vec<Batch>, Failure> {
     let mut all = folder.episodes()?;
     all.truncate(plan.episodes);
@@ -114,7 +112,6 @@ fn missing(folder: &SuiteFolder, results: &Results, plan: &SuiteOptions) -> Resu
     Ok(batches)
 }
 
-/// The state shared by all runs.
 struct SuiteRun {
     folder: SuiteFolder,
     hosted: HostedSuite,

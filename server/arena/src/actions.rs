@@ -5,7 +5,7 @@ use avln_store::{
     AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
 };
 
-/// Failures of an action.
+/// A failed action.
 #[derive(Debug)]
 pub enum ActionFailure {
     /// A refusal.
@@ -46,7 +46,7 @@ impl From<ActionFailure> for Failure {
     }
 }
 
-/// Actor and reason of an action, for audit entries.
+/// Actor and reason for audit entries.
 #[derive(Clone, Copy, Debug)]
 pub struct Attribution<'a> {
     /// Actor.
@@ -134,7 +134,7 @@ fn random_token(kind: TokenScope) -> Result<String, ActionFailure> {
     new_token(word(kind)).map_err(|error| ActionFailure::System(error.to_string()))
 }
 
-/// Changes the schedule of a phase, with audit entries.
+/// Changes a phase's schedule, with audit entries.
 pub async fn reschedule(
     store: &Store,
     id: &str,

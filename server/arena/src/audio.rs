@@ -10,11 +10,11 @@ use std::{
     sync::Arc,
 };
 
-/// Largest number of files in a bank.
+/// Largest bank, files.
 const MAX_FILES: usize = 1000;
-/// Largest total duration of a bank, seconds: 115 MB in memory.
+/// Largest bank, seconds: 115 MB in memory.
 const MAX_BANK_SECONDS: usize = 30 * 60;
-/// Largest decoded duration of a file, seconds; clips are shorter.
+/// Largest decoded duration, seconds; clips are shorter.
 const MAX_FILE_SECONDS: usize = 61;
 /// Largest SOFA file, bytes: ten times a fine-grained set of responses.
 const MAX_HEAD_BYTES: u64 = 256 << 20;
@@ -67,12 +67,12 @@ fn recordings(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     )))
 }
 
-/// A folder of recorded sound banks, named by sample digest.
+/// Recorded sound banks, named by sample digest.
 pub struct SoundFolder {
     folder: PathBuf,
 }
 
-/// Format of stored clips: mono float samples, so that nothing is rounded.
+/// Clip file format: mono float samples, so that nothing is rounded.
 const CLIP_FORMAT: WavSpec = WavSpec {
     channels: 1,
     sample_rate: SAMPLE_RATE_HZ,
@@ -215,12 +215,12 @@ fn max_samples(rate_hz: u32, channels: usize) -> usize {
     (rate_hz as usize).saturating_mul(MAX_FILE_SECONDS * channels)
 }
 
-/// Returns the value of the smallest sample step at `bits` bits.
+/// Returns the smallest sample step at `bits` bits.
 fn sample_unit(bits: u32) -> f32 {
     1.0 / (1_u64 << bits.clamp(1, 32).saturating_sub(1)) as f32
 }
 
-/// Averages the channels of interleaved samples.
+/// Averages interleaved channels.
 fn mix(samples: &[f32], channels: usize, rate_hz: u32) -> Result<Recording, DecodeError> {
     if !samples.len().is_multiple_of(channels) {
         return Err(DecodeError::Torn);
@@ -229,7 +229,7 @@ fn mix(samples: &[f32], channels: usize, rate_hz: u32) -> Result<Recording, Deco
     Ok(Recording { samples: samples.chunks(channels).map(mean).collect(), rate_hz })
 }
 
-/// A folder of measured heads, named by digest.
+/// Measured heads, named by digest.
 pub struct HeadFolder {
     folder: PathBuf,
 }

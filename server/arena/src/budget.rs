@@ -13,7 +13,7 @@ pub const SESSION_MEMORY_MIB: u32 = 4096;
 /// Bytes per pixel for colour, depth and instance in rendering, observation, encoding and queue.
 const BYTES_PER_PIXEL: usize = 40;
 
-/// Resource limits of a session.
+/// Session limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     /// Memory for open episodes, MiB: scenes (counted once), sound sources, ears and frames.
@@ -51,7 +51,7 @@ impl Budget {
     }
 }
 
-/// Memory use of an open episode.
+/// An open episode's memory use.
 #[derive(Clone)]
 pub(crate) struct MemoryUse {
     pub(crate) scene: Arc<SceneAssets>,

@@ -1,6 +1,4 @@
-//! Disk cache of render models and sound sources, shared by runs and processes.
-//!
-//! All files can be recomputed, so every problem is a warning, never an error.
+//! Disk cache for render models and sound sources, shared by runs and processes.
 
 use crate::{Failure, ids};
 use avln_render::{Model, ModelCache};
@@ -23,10 +21,10 @@ const BUDGET_GIB: u32 = 4;
 /// File with another limit, GiB in digits.
 const LIMIT_FILE: &str = "limit_gib";
 
-/// Length of the hash prefix in sound files, bytes. Models contain a hash.
+/// Hash prefix length in sound files, bytes. Models contain a hash.
 const HASH_BYTES: usize = 32;
 
-/// A folder of render models and sound sources. Files are never modified: a complete file is renamed into
+/// A folder with render models and sound sources. Files are never modified: a complete file is renamed into
 /// place.
 pub struct CacheFolder {
     folder: PathBuf,
@@ -64,7 +62,7 @@ impl CacheFolder {
         Self { folder: folder.to_owned(), budget_bytes, warned: AtomicBool::new(false) }
     }
 
-    /// Returns the cache of an existing data folder. Commands with an optional cache create no folder.
+    /// Returns an existing data folder's cache. Commands with an optional cache create no folder.
     pub fn of_data(data: &Path) -> Option<Arc<dyn Cache>> {
         data.is_dir().then(|| Arc::new(Self::at(&data.join(Self::IN_DATA))) as Arc<dyn Cache>)
     }
@@ -78,7 +76,7 @@ impl CacheFolder {
         self.folder.join(format!("{name}.sound"))
     }
 
-    /// Writes the file `path` of `bytes` bytes.
+    /// Writes the file `path` with `bytes` bytes.
     fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
         // Before the write: the folder must never exceed the limit.
@@ -239,7 +237,7 @@ mod tests {
     use tempfile::TempDir;
 
     static HOUSE: LazyLock<Scene> = LazyLock::new(|| house("kept", 3, &HouseOptions::small()));
-    /// Images of the house from an uncached model.
+    /// Images from an uncached model.
     static PLAIN: LazyLock<Vec<Vec<u8>>> = LazyLock::new(|| pictures(None));
 
     fn folder() -> TempDir {
@@ -250,7 +248,7 @@ mod tests {
         Some(Arc::new(CacheFolder::at(folder)))
     }
 
-    /// Renders four pictures of the house and returns their bytes.
+    /// Renders four pictures and returns their bytes.
     fn pictures(cache: Option<Arc<dyn Cache>>) -> Vec<Vec<u8>> {
         let cached = cache.map(|cache| Cached { cache, name: digest(&HOUSE) });
         let assets = SceneAssets::prepare_cached(HOUSE.clone(), &Body::default(), cached).expect("a house");

@@ -1,4 +1,4 @@
-//! Conversion of store types and errors for the gRPC server.
+//! Store types and errors converted for the gRPC server.
 
 use crate::now_unix_ms;
 use avln_challenge::{Account, Charge, PhaseInfo, RunStatus, TokenScope};
@@ -20,7 +20,7 @@ pub(crate) fn viewer(account: &Account) -> Viewer {
     }
 }
 
-/// Returns the account of a token.
+/// Returns a token's account.
 pub(crate) fn account_of(state: TokenState) -> Result<Account, Refusal> {
     match state {
         TokenState::Valid(token) if token.kind != TokenScope::Run => Ok(Account {
@@ -102,12 +102,12 @@ fn columns(summary: &Summary) -> Vec<(String, f64)> {
 // One counter per process: the web page and the metrics report all arenas together.
 static FAULTS: AtomicU64 = AtomicU64::new(0);
 
-/// Returns the number of store failures since the process start.
+/// Counts the store failures since the process start.
 pub fn fault_count() -> u64 {
     FAULTS.load(Ordering::Relaxed)
 }
 
-/// Converts a store error. Faults of agents become refusals, all others server faults.
+/// Converts a store error. An agent's fault becomes a refusal, all else a server fault.
 pub(crate) fn refusal(error: StoreError) -> Refusal {
     let reason = match &error {
         StoreError::Unknown { what: "phase", .. } => Reason::PhaseUnknown,
@@ -156,7 +156,7 @@ fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
     u32::try_from(seconds).unwrap_or(u32::MAX)
 }
 
-/// Returns the refusal of an unusable token.
+/// Returns the refusal for an unusable token.
 pub(crate) fn token_refusal(state: &TokenState) -> Refusal {
     let renew = "ask the organiser for a new one (avln challenge team add NAME)";
     match state {

@@ -89,7 +89,7 @@ impl DataFolder {
         Arc::new(self.cache_folder())
     }
 
-    /// Returns the folder of the scene cache.
+    /// Returns the scene cache's folder.
     pub fn cache_folder(&self) -> CacheFolder {
         CacheFolder::at(&self.root.join(CacheFolder::IN_DATA))
     }
@@ -119,7 +119,7 @@ impl DataFolder {
         DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Links a split of another data set; returns the derived name.
+    /// Links a split from another data set; returns the derived name.
     ///
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
@@ -130,7 +130,7 @@ impl DataFolder {
         Ok(name)
     }
 
-    /// Links a split of another data set as `name`.
+    /// Links a split from another data set as `name`.
     ///
     /// # Errors
     /// If the split is unknown, or the name is used by another split.
@@ -161,7 +161,7 @@ impl DataFolder {
         SplitFolder::open(&link.dataset, &link.split)
     }
 
-    /// Returns the folder of an own split.
+    /// Returns an own split's folder.
     pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
         let folder = self.split_folder(name)?;
         if folder.is_dir() {
@@ -191,7 +191,7 @@ impl DataFolder {
     }
 }
 
-/// The location of a linked split.
+/// A linked split.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Link {

@@ -45,14 +45,14 @@ pub(crate) struct IssuedEpisode {
 }
 
 impl OpenEpisodes {
-    /// Returns the memory use per open episode of a run.
+    /// Returns a run's memory use per open episode.
     pub(crate) fn memory_of(&self, run: &str) -> impl Iterator<Item = &MemoryUse> {
         self.issued.values().filter(move |issued| issued.run == run).map(|issued| &issued.memory)
     }
 }
 
 impl Arena {
-    /// Issues the next episode of a run; `None` if no episode is pending.
+    /// Issues a run's next episode; `None` if no episode is pending.
     pub(crate) async fn issue_next(
         &self,
         run: &str,
@@ -78,7 +78,7 @@ impl Arena {
         begun.map(Some)
     }
 
-    /// Logs the start of an episode and prepares it.
+    /// Logs an episode's start and prepares it.
     async fn begin(
         &self,
         run: &Run,
@@ -104,7 +104,7 @@ impl Arena {
         Ok(self.host_episode(assigned.handle, referee, issued))
     }
 
-    /// Opens the log of a run for writing.
+    /// Opens a run's log for writing.
     pub(crate) fn log_of(&self, run: &Run, phase: &HostedPhase) -> Result<Arc<RunLog>, Refusal> {
         let first = || Entry::Run {
             format: Entry::FORMAT,
@@ -138,7 +138,7 @@ impl Arena {
         HostedEpisode { handle, episode, ticket, log, time: TimeSpent::default() }
     }
 
-    /// Creates a referee on a watched thread, within the session memory. Stores the map of a new scene.
+    /// Creates a referee on a watched thread, within the session memory. Stores a new scene's map.
     pub(crate) async fn prepare_episode(
         &self,
         run: &Run,
@@ -234,7 +234,7 @@ impl Arena {
         }
     }
 
-    /// Signs the log of an ended run.
+    /// Signs an ended run's log.
     pub(crate) async fn sign_if_over(&self, run: &Run) {
         if run.state.is_open() {
             return;
@@ -247,7 +247,7 @@ impl Arena {
         }
     }
 
-    /// Returns the end of a stored episode; a lost episode counts as a server fault.
+    /// Returns a stored episode's end; a lost episode counts as a server fault.
     pub(crate) async fn stored_end(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
         let Some(found) = self.store.episode_status(run, handle).await.map_err(refusal)? else {
             return Ok(None);
@@ -272,7 +272,7 @@ impl Arena {
     }
 }
 
-/// Rejects sensors beyond those of the phase.
+/// Rejects sensors beyond the phase's sensors.
 fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
     let too_large = requested.width > most.width || requested.height > most.height;
     let missing =
@@ -288,7 +288,7 @@ fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
 }
 
 impl Arena {
-    /// Prepares the next episode of `run` in the background.
+    /// Prepares the next episode for `run` in the background.
     pub(crate) fn prefetch(&self, run: &str, phase: &Arc<HostedPhase>) {
         let (run, phase, store) = (run.to_owned(), phase.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.prefetching.clone());
@@ -311,7 +311,7 @@ impl Arena {
     }
 }
 
-/// Prepares the expensive parts of an episode; returns the map of a new scene.
+/// Prepares an episode's expensive parts; returns a new scene's map.
 fn prepare(phase: &HostedPhase, scenes: &SceneCache, episode: &str) -> Result<Option<Scene>, Failure> {
     let spec = phase.episode(episode)?;
     let (assets, map) = phase.scene(&spec.scene, scenes)?;
@@ -329,7 +329,7 @@ fn prepare(phase: &HostedPhase, scenes: &SceneCache, episode: &str) -> Result<Op
     Ok(map)
 }
 
-/// A referee with scene, and the map of a new scene.
+/// A referee with scene, and a new scene's map.
 pub(crate) struct PreparedReferee {
     pub(crate) referee: Referee,
     scene: Arc<SceneAssets>,
@@ -379,7 +379,7 @@ fn outcome(metrics: &Metrics) -> EpisodeOutcome {
     EpisodeOutcome { metrics: values.collect() }
 }
 
-/// Fault injection: called on the simulation thread before each step, with the number of steps taken.
+/// Fault injection: called on the simulation thread before each step, with the step count.
 pub(crate) type FaultInjection = Arc<dyn Fn(u32) + Send + Sync>;
 
 /// Observer: called on the simulation thread before an observation is sent, with episode handle and referee.

@@ -1,4 +1,4 @@
-//! Failures of commands.
+//! Command failures.
 
 use std::{fmt, path::Path, process::ExitCode};
 
@@ -10,7 +10,7 @@ pub struct Failure {
     hint: Option<String>,
 }
 
-/// Kinds of failure with their exit codes.
+/// Failure kinds with exit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureKind {
     /// An internal error.
@@ -31,27 +31,27 @@ impl Failure {
         Self { kind, message: message.to_string(), hint: None }
     }
 
-    /// Creates a failure of kind [`FailureKind::Internal`].
+    /// Creates an internal failure.
     pub fn internal(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Internal, message)
     }
 
-    /// Creates a failure of kind [`FailureKind::Data`].
+    /// Creates a data failure.
     pub fn data(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Data, message)
     }
 
-    /// Creates a failure of kind [`FailureKind::Address`].
+    /// Creates an address failure.
     pub fn address(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Address, message)
     }
 
-    /// Creates a failure of kind [`FailureKind::Scene`].
+    /// Creates a scene failure.
     pub fn scene(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Scene, message)
     }
 
-    /// Creates a failure of kind [`FailureKind::Run`].
+    /// Creates a run failure.
     pub fn run(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Run, message)
     }

@@ -1,4 +1,4 @@
-//! Server heartbeat, and correction of deadlines after clock changes.
+//! Server heartbeat, and deadlines after clock changes.
 
 use crate::{Arena, conversion::refusal};
 use avln_grpc::Refusal;
@@ -7,9 +7,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Heartbeat interval: the precision of a measured downtime.
+/// Heartbeat interval; also the precision for measured downtime.
 const INTERVAL: Duration = Duration::from_secs(10);
-/// Largest deviation of the wall clock that counts as drift, milliseconds.
+/// Largest clock deviation that counts as drift, milliseconds.
 const MAX_DRIFT_MS: i64 = 2000;
 
 /// Clock and last reading.

@@ -164,7 +164,7 @@ impl Host for Arena {
 }
 
 impl Arena {
-    /// Cancels a run and signs the log. Results of running episodes may still be stored.
+    /// Cancels a run and signs the log. Running episodes may still store results.
     pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
         let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
         self.sign_if_over(&cancelled).await;
@@ -212,7 +212,7 @@ impl Arena {
         self.phases.now(&self.store).await.map_err(Refusal::internal)
     }
 
-    /// Returns the phase of a run.
+    /// Returns a run's phase.
     pub(crate) async fn phase(&self, phase: &str) -> Result<Arc<HostedPhase>, Refusal> {
         let found = find_phase(&self.now().await?, phase);
         found.ok_or_else(|| Refusal::internal(format!("phase '{phase}' is not hosted")))

@@ -20,6 +20,7 @@ mod host;
 pub mod ids;
 mod lru;
 mod management;
+mod metrics;
 mod phases;
 mod replays;
 pub mod rescoring;
@@ -50,7 +51,7 @@ use std::{
 };
 use tokio::{sync::Semaphore, task::spawn_blocking};
 
-/// Benchmark version; changes with every possible change of scores.
+/// Benchmark version; a possible change in scores needs a new one.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
 
 /// Default memory for prepared scenes, MiB: tens of scans or two hundred houses.
@@ -63,7 +64,7 @@ pub struct Arena {
     scenes: Arc<SceneCache>,
     open_episodes: Mutex<OpenEpisodes>,
     logs: Arc<RunLogs>,
-    /// Signing key for logs of ended runs.
+    /// Signing key for ended runs.
     key: Arc<SigningKey>,
     /// Permit for prefetching, a single one.
     prefetching: Arc<Semaphore>,
@@ -80,7 +81,7 @@ pub struct Arena {
 type PendingReturns = BTreeSet<(String, String)>;
 
 impl Arena {
-    /// Reads the phases and splits of a data folder. Prepared scenes use `scene_memory_mib` MiB; scenes in use may
+    /// Reads a data folder's phases and splits. Prepared scenes use `scene_memory_mib` MiB; scenes in use may
     /// exceed it.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
@@ -115,8 +116,8 @@ impl Arena {
         Self { budget, ..self }
     }
 
-    /// Injects faults, for tests: calls `inject` on the simulator thread before every step, with the number of
-    /// steps taken.
+    /// Injects faults, for tests: calls `inject` on the simulator thread before every step, with the step
+    /// count.
     pub fn with_fault_injection(self, inject: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { faults: Some(Arc::new(inject)), ..self }
     }
@@ -137,17 +138,17 @@ impl Arena {
         Ok(())
     }
 
-    /// Returns the control of live runs.
+    /// Returns the control for live runs.
     pub fn control(&self) -> &Control {
         &self.control
     }
 
-    /// Returns the total size of prepared scenes, bytes.
+    /// Returns the prepared scenes' total size, bytes.
     pub fn scene_bytes(&self) -> usize {
         self.scenes.bytes()
     }
 
-    /// Returns the phase ids, each with the episode count of a run.
+    /// Returns phase ids with episode counts per run.
     pub async fn phases(&self) -> Result<Vec<(String, u32)>, Failure> {
         let phases = self.phases.now(&self.store).await?;
         Ok(phases.iter().map(|phase| (phase.settings.id.clone(), phase.settings.episodes_of_run())).collect())

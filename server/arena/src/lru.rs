@@ -27,8 +27,8 @@ impl<K: PartialEq, T> LruCache<K, T> {
         Self { budget_bytes, bytes_of, entries: Mutex::default() }
     }
 
-    /// Returns the value of `key`, and true if it was created now. The last value always stays; values in use
-    /// stay and count.
+    /// Returns the value for `key`, and true if it was created now. The last value always stays; values in
+    /// use stay and count.
     pub(crate) fn get<E>(&self, key: K, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
         let slot = self.to_front(key);
         // Only the slot is locked meanwhile: creation takes seconds, and other keys stay available.
@@ -43,7 +43,7 @@ impl<K: PartialEq, T> LruCache<K, T> {
         lock(&self.entries).iter().map(|entry| entry.bytes(self.bytes_of)).sum()
     }
 
-    /// Moves the entry of `key` to the front.
+    /// Moves the entry for `key` to the front.
     fn to_front(&self, key: K) -> SharedSlot<T> {
         let mut entries = lock(&self.entries);
         let found = entries.iter().position(|entry| entry.key == key).and_then(|index| entries.remove(index));
@@ -55,8 +55,10 @@ impl<K: PartialEq, T> LruCache<K, T> {
 
     fn make_room(&self) {
         let mut entries = lock(&self.entries);
+        // Entries without a value remain from failed creations.
         entries.retain(|entry| !entry.is_empty());
         let mut sum: usize = entries.iter().map(|entry| entry.bytes(self.bytes_of)).sum();
+        // Index 0 is the most recent request, whose value always stays.
         for index in (1..entries.len()).rev() {
             if sum <= self.budget_bytes {
                 break;
@@ -81,7 +83,7 @@ impl<K, T> CacheEntry<K, T> {
         Arc::strong_count(&self.slot) == 1 && lock(&self.slot).as_ref().is_none_or(unused)
     }
 
-    /// Returns the size of the value; 0 during creation.
+    /// Returns the value's size; 0 during creation.
     fn bytes(&self, bytes_of: fn(&T) -> usize) -> usize {
         let slot = match self.slot.try_lock() {
             Ok(slot) => slot,
@@ -92,7 +94,7 @@ impl<K, T> CacheEntry<K, T> {
     }
 }
 
-/// Returns the existing value, or the result of `make`.
+/// Returns the existing or a created value.
 fn fill<T, E>(slot: &mut Option<Arc<T>>, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
     if let Some(ready) = slot {
         return Ok((ready.clone(), false));
@@ -123,7 +125,7 @@ mod tests {
         LruCache::new(budget_bytes, |size| size.load(Ordering::Relaxed))
     }
 
-    /// Requests a value of `bytes`; returns true if it was created.
+    /// Requests a value with `bytes`; returns true if it was created.
     fn request(cache: &Sizes, key: &'static str, bytes: usize) -> (Arc<AtomicUsize>, bool) {
         let made: Result<_, Infallible> = cache.get(key, || Ok(AtomicUsize::new(bytes)));
         made.unwrap_or_else(|never| match never {})

@@ -1,5 +1,5 @@
-//! Management actions for signed-in users, and live status for visitors. Audit entries contain the prefix of
-//! the user's token.
+//! Management actions for signed-in users, and live status for visitors. Audit entries contain the user's
+//! token prefix.
 
 use crate::{
     Arena,
@@ -14,11 +14,11 @@ use avln_web::{
 };
 use std::{fmt, sync::Arc, time::Duration};
 
-/// Largest number of valid tokens per team: several per member.
+/// Limit for valid tokens per team: several per member.
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
-/// The management of a running server.
+/// A running server's management.
 pub(crate) struct ArenaManagement(Arc<Arena>);
 
 impl ArenaManagement {
@@ -135,6 +135,7 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
         return Err(StoreError::RunOver { run: run.to_owned(), state }.into());
     }
     arena.cancel(run).await?;
+    // After the database: a client that reconnects must find the run cancelled.
     arena.control().leave(run);
     let cancelled = note(actor, format!("run {run}"), "cancelled", "");
     arena.store.add_audit_note(cancelled, now_unix_ms()).await?;

@@ -28,7 +28,7 @@ pub(crate) fn find_phase(phases: &PhaseList, id: &str) -> Option<Arc<HostedPhase
     phases.iter().find(|phase| phase.settings.id == id).cloned()
 }
 
-/// The current phases of a data folder.
+/// A data folder's current phases.
 pub(crate) struct PhaseCatalog {
     data: DataFolder,
     /// Newest audit entry at the last reading, and the phases.
@@ -120,7 +120,7 @@ impl HostedPhase {
         self.split.episode(id)?.ok_or_else(missing)
     }
 
-    /// Returns the size of an episode's scene file, bytes; 0 if missing or not accessible.
+    /// Returns an episode's scene file size, bytes; 0 if missing or not accessible.
     pub(crate) fn scene_file_bytes(&self, episode: &str) -> Result<u64, Failure> {
         let scene = self.episode(episode)?.scene;
         let source = self.split.scene(&scene).map(|spec| spec.source);
@@ -128,7 +128,7 @@ impl HostedPhase {
         Ok(std::fs::metadata(path).map_or(0, |file| file.len()))
     }
 
-    /// Returns the scene `name`, prepared for the rules, and the map of a new scene.
+    /// Returns the scene `name`, prepared for the rules, and a new scene's map.
     pub(crate) fn scene(
         &self,
         name: &str,
@@ -162,7 +162,7 @@ impl HostedPhase {
         digests.into_iter().map(|(name, digest)| (name.to_owned(), digest)).collect()
     }
 
-    /// Compares the digests `names` of a run with the present ones; a difference is described in words.
+    /// Compares a run's digests `names` with the present ones; the error describes a difference.
     pub(crate) fn check_digests(
         &self,
         then: &BTreeMap<String, String>,
@@ -174,7 +174,7 @@ impl HostedPhase {
         Err(format!("the run was played with {name} '{}'; here it is '{}'", word(then), word(&now)))
     }
 
-    /// Returns the digest of the rules with every option.
+    /// Returns the digest over all rules.
     pub(crate) fn config_digest(&self) -> String {
         let rules = serde_json::to_vec(self.rules()).unwrap_or_default();
         blake3::hash(&rules).to_hex().to_string()
@@ -200,12 +200,12 @@ pub(crate) struct SceneCache {
 }
 
 impl SceneCache {
-    /// Creates a cache with `budget_bytes` of memory; `disk` stores render data.
+    /// Creates a cache with `budget_bytes` in memory; `disk` stores render data.
     pub(crate) fn new(budget_bytes: usize, disk: Arc<dyn Cache>) -> Self {
         Self { memory: LruCache::new(budget_bytes, SceneAssets::resident_bytes), disk }
     }
 
-    /// Returns the total size of the scenes, bytes.
+    /// Returns the scenes' total size, bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.memory.bytes()
     }

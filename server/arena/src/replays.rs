@@ -1,4 +1,4 @@
-//! Images and sound of replays.
+//! Replay images and sound.
 
 use crate::{
     episodes::prepare_referee,
@@ -22,7 +22,7 @@ const SCENE_BYTES: usize = 512 << 20;
 pub(crate) struct SceneRenderer {
     store: Store,
     phases: Arc<PhaseCatalog>,
-    // Separate from the scenes of running episodes, so that visitors do not slow agents.
+    // Separate from running episodes' scenes, so that visitors do not slow agents.
     scenes: Arc<SceneCache>,
 }
 

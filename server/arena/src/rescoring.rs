@@ -1,4 +1,4 @@
-//! Replay and rescoring of recorded runs.
+//! Recorded runs, replayed and rescored.
 
 use crate::{
     BENCHMARK_VERSION, Failure, data::DataFolder, episodes::prepare_referee, phases::HostedPhase,
@@ -25,7 +25,7 @@ impl Scorer {
     pub const OURS: Self = Self { version: BENCHMARK_VERSION, score };
 }
 
-/// Two scores of a run.
+/// A run with two scores.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// Run id.
@@ -36,9 +36,9 @@ pub struct Comparison {
     pub scorer_before: String,
     /// Benchmark version of the new score.
     pub scorer_after: String,
-    /// Number of counted episodes.
+    /// Counted episodes.
     pub episodes: usize,
-    /// Indices of changed episodes.
+    /// Changed episodes' indices.
     pub changed: Vec<u32>,
     /// Original summary; `None` without counted episodes.
     pub before: Option<Summary>,
@@ -49,7 +49,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Returns true if equal versions disagree, a sign of an unversioned change.
+    /// Returns true if equal versions disagree: a change without a new version.
     pub fn contradicts(&self) -> bool {
         self.scorer_before == self.scorer_after && !self.changed.is_empty()
     }
@@ -119,7 +119,7 @@ impl Replayer {
         })
     }
 
-    /// Compares the digests of a run with the present ones.
+    /// Compares a run's digests with the present ones.
     ///
     /// # Errors
     /// If a digest that affects scores differs; the message names it.

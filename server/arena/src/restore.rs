@@ -1,4 +1,4 @@
-//! Restoration of open episodes from run logs after a server stop.
+//! Open episodes restored from run logs after a server stop.
 
 use crate::{
     Arena,
@@ -19,11 +19,11 @@ use std::{
 };
 use tokio::task::spawn_blocking;
 
-/// Number of server crashes in a restoration before the episode is reissued.
+/// Server crashes in a restoration before the episode is reissued.
 const MAX_CRASHES: u32 = 5;
 
 impl Arena {
-    /// Returns the resumable runs. Episodes of other runs are reissued.
+    /// Returns the resumable runs. Other runs' episodes are reissued.
     pub(crate) async fn interrupted_runs(&self) -> Result<Vec<String>, Refusal> {
         let mut runs = BTreeSet::new();
         for lost in self.store.running_episodes().await.map_err(refusal)? {
@@ -52,7 +52,7 @@ impl Arena {
         self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
-    /// Restores the episodes of a run.
+    /// Restores a run's episodes.
     pub(crate) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
         let phase = self.phase(&row.phase).await?;

@@ -13,7 +13,7 @@ use avln_store::{NewRun, Run, Store};
 /// A run id and a token.
 #[derive(Clone, Debug)]
 pub struct IssuedRun {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// Token for this run only.
     pub token: String,
@@ -26,10 +26,10 @@ impl IssuedRun {
     }
 }
 
-/// A request of the organiser for a sealed run.
+/// The organiser's request for a sealed run.
 #[derive(Clone, Copy, Debug)]
 pub struct SealedRunRequest<'a> {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: &'a str,
     /// Team.
     pub team: &'a str,
@@ -37,7 +37,7 @@ pub struct SealedRunRequest<'a> {
     pub method: &'a str,
     /// Method version; may be empty.
     pub version: &'a str,
-    /// Order of goals.
+    /// Goal order.
     pub order: Order,
 }
 

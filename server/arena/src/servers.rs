@@ -40,7 +40,7 @@ impl Addresses {
 pub struct Security {
     /// PEM file with certificate and intermediates.
     pub tls_cert: Option<PathBuf>,
-    /// PEM file of the private key.
+    /// PEM file with the private key.
     pub tls_key: Option<PathBuf>,
 }
 
@@ -118,7 +118,7 @@ impl Servers {
         Self { limits: change(self.limits), ..self }
     }
 
-    /// Trusts the `X-Forwarded-For` of these proxies, for the sign-in limit.
+    /// Trusts these proxies' `X-Forwarded-For`, for the sign-in limit.
     pub fn with_trusted_proxies(self, trusted_proxies: Vec<TrustedProxy>) -> Self {
         Self { trusted_proxies, ..self }
     }
@@ -177,7 +177,7 @@ impl RunningServers {
         if self.is_secure { "https" } else { "http" }
     }
 
-    /// Waits for Ctrl-C, a termination signal, the end of a drain or a failure, then closes.
+    /// Waits for Ctrl-C, a termination signal, a finished drain or a failure, then closes.
     pub async fn wait(mut self) -> Result<(), Failure> {
         let control = self.control.clone();
         tokio::select! {

@@ -1,4 +1,4 @@
-//! Setup of splits, phases and teams.
+//! Setup: splits, phases and teams.
 
 use crate::{
     Failure, actions, challenge,
@@ -20,9 +20,9 @@ use std::{
 /// A new split.
 #[derive(Clone, Debug)]
 pub struct NewSplit {
-    /// Name of the split.
+    /// Split name.
     pub name: String,
-    /// Number of procedural houses, if `scenes` is empty.
+    /// Procedural houses, if `scenes` is empty.
     pub houses: u32,
     /// Scene files or folders.
     pub scenes: Vec<PathBuf>,
@@ -34,7 +34,7 @@ pub struct NewSplit {
     pub rules: String,
 }
 
-/// Settings of a new or changed phase.
+/// New or changed phase settings.
 #[derive(Clone, Debug)]
 pub struct NewPhase {
     /// Id, used in URLs and by agents.
@@ -45,13 +45,13 @@ pub struct NewPhase {
     pub dataset: Option<PathBuf>,
     /// Heading on pages; the id if `None`.
     pub title: Option<String>,
-    /// Visibility of scores.
+    /// Score visibility.
     pub scores: Visibility,
-    /// Visibility of paths, maps and targets.
+    /// Visibility for paths, maps and targets.
     pub replays: Visibility,
     /// Rule set; by default the split's.
     pub rules: Option<String>,
-    /// Target clips: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
+    /// Target clips: a share (`all`, `train`, `validation`, `test`) or a folder with recordings.
     pub sounds: Option<String>,
     /// SOFA file with a measured head; a sphere if `None`.
     pub head: Option<PathBuf>,
@@ -59,9 +59,9 @@ pub struct NewPhase {
     pub feedback: Option<FeedbackRule>,
     /// Runs per team; unlimited if `None`.
     pub quota: Option<u32>,
-    /// Largest number of parallel episodes.
+    /// Limit for parallel episodes.
     pub max_slots: u32,
-    /// Largest side of a picture, pixels.
+    /// Largest picture side, pixels.
     pub max_side: u32,
 }
 
@@ -196,7 +196,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     Ok(phase)
 }
 
-/// Returns the target clips for a share or a folder; by default the share of the split's pool.
+/// Returns the target clips for a share or a folder; by default the split pool's share.
 pub fn sounds_for_phase(
     data: &DataFolder,
     choice: Option<&str>,
@@ -212,7 +212,7 @@ pub fn sounds_for_phase(
     })
 }
 
-/// Returns the share for the pool of a split's houses.
+/// Returns the share for a split's house pool.
 fn sounds_of_pool(split: &SplitFolder) -> Sounds {
     let of = |scene: &SceneLine| match scene.source {
         SceneSource::Procedural { pool: Pool::Train, .. } => Sounds::Train,

@@ -42,7 +42,7 @@ fn corpus(kind: &str) -> Vec<PathBuf> {
     files
 }
 
-/// Changes a position of `bytes`.
+/// Changes `bytes` at a position.
 fn mangle(bytes: &mut Vec<u8>, rng: &mut Rng) {
     let at = rng.below(bytes.len() + 1);
     let end = (at + rng.below(24)).min(bytes.len());
@@ -65,7 +65,7 @@ fn mangle(bytes: &mut Vec<u8>, rng: &mut Rng) {
     }
 }
 
-/// Reads every file of a kind as it is and mangled.
+/// Reads every file, unchanged and mangled.
 fn try_all(kind: &str, seed: u64, mut read: impl FnMut(&Path, &[u8])) {
     let times = std::env::var("AVLN_MANGLE").map_or(1, |times| times.parse().expect("a number"));
     let mut rng = Rng::new(seed);
@@ -84,7 +84,7 @@ fn try_all(kind: &str, seed: u64, mut read: impl FnMut(&Path, &[u8])) {
     }
 }
 
-/// Resets the peak memory of this process, if supported.
+/// Resets the process's peak memory, if supported.
 fn forget_most() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }

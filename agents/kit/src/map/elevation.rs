@@ -15,7 +15,6 @@ const STEP_M: f32 = 0.22;
 const UNSEEN_M: f32 = 0.3;
 /// Cells between search nodes.
 const STRIDE: i32 = 2;
-/// Node limit per search.
 const MOST_NODES: usize = 20_000;
 /// Radius around the body's middle in which heights must differ by less than a step, cells.
 const BODY: i32 = 2;
@@ -35,7 +34,6 @@ pub struct ClimbPath {
     pub height_m: f32,
 }
 
-/// A search node.
 #[derive(Clone, Copy)]
 struct ClimbNode {
     before: Cell,

@@ -3,7 +3,6 @@ use crate::perception::category::likeness;
 use crate::perception::cue::{CueWords, Query};
 use crate::perception::objects::DetectedObject;
 
-/// Hypothesis limit.
 const MOST: usize = 400;
 /// Radius for nearby objects, and a room's radius, metres.
 const NEAR_M: f32 = 1.2;

@@ -26,9 +26,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Cells per map row.
     pub(crate) const COLUMNS: i32 = SIDE;
-    /// Cells in the map.
     pub(crate) const COUNT: usize = (SIDE * SIDE) as usize;
 
     /// Returns the index in row-major order; `None` outside the map.
@@ -295,7 +293,6 @@ impl Occupancy {
     }
 }
 
-/// Returns cell offsets within a radius.
 fn disk(radius_m: f32) -> Vec<(i32, i32)> {
     let reach = (radius_m / CELL_M).ceil() as i32;
     let offsets = (-reach..=reach).flat_map(|dc| (-reach..=reach).map(move |dr| (dc, dr)));

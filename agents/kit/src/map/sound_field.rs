@@ -3,7 +3,6 @@ use crate::map::occupancy::{Cell, Occupancy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Cell side, metres.
 pub(crate) const STEP_M: f32 = 0.25;
 /// Cells per side: a square of 40 m around the start.
 pub(crate) const SIDE: usize = 160;
@@ -25,7 +24,6 @@ pub struct SoundField {
     listener: FloorPoint,
 }
 
-/// A visited search cell.
 #[derive(Clone, Copy)]
 struct ReachedCell {
     ray: SoundRay,
@@ -125,7 +123,6 @@ fn is_wall(map: &Occupancy, place: FloorPoint) -> bool {
     map.is_wall(Cell::at(place))
 }
 
-/// Returns a cell's centre.
 pub(crate) fn center(index: usize) -> FloorPoint {
     let coordinate = |index: usize| (index as f32 + 0.5 - 0.5 * SIDE as f32) * STEP_M;
     FloorPoint::new(coordinate(index % SIDE), coordinate(index / SIDE))

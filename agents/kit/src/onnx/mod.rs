@@ -227,7 +227,6 @@ fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, 
     Ok(frames.zip(best).collect())
 }
 
-/// Cosine of two unit vectors.
 fn cosine(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -15,7 +15,6 @@ use std::{fs, io};
 pub(crate) struct CropBox(pub(crate) [f32; 4]);
 
 impl CropBox {
-    /// The whole image.
     pub(crate) const ALL: Self = Self([0.0, 0.0, 1.0, 1.0]);
 
     /// Clamps the crop to the image; `None` if nothing is left.
@@ -30,17 +29,14 @@ impl CropBox {
         first..((to * pixels as f32).ceil() as usize).clamp(first + 1, pixels.max(first + 1))
     }
 
-    /// Returns the columns at this image width.
     pub(crate) fn columns(self, width: usize) -> std::ops::Range<usize> {
         Self::span(self.0[0], self.0[2], width)
     }
 
-    /// Returns the rows at this image height.
     pub(crate) fn rows(self, height: usize) -> std::ops::Range<usize> {
         Self::span(self.0[1], self.0[3], height)
     }
 
-    /// Returns the middle half.
     pub(crate) fn middle(self) -> Self {
         let [left, top, right, bottom] = self.0;
         let (x, y) = (0.25 * (right - left), 0.25 * (bottom - top));
@@ -79,7 +75,6 @@ pub(crate) fn planes(image: &Image, frame: CropBox, model: &ModelFile) -> Vec<f3
 /// ONNX Runtime, loaded once per process.
 static RUNTIME: Mutex<Option<Environment>> = Mutex::new(None);
 
-/// A model with an image input.
 pub(crate) struct Model {
     about: ModelFile,
     session: Session,
@@ -123,7 +118,6 @@ impl Model {
         Ok(outputs)
     }
 
-    /// Creates an error about an output.
     pub(crate) fn wrong(&self, problem: String) -> ModelsError {
         ModelsError::Model { path: self.about.file.clone(), problem }
     }
@@ -158,23 +152,19 @@ const SIDES_PX: [usize; 2] = [8, 2048];
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Models {
-    /// ONNX Runtime library path.
     pub(crate) runtime: PathBuf,
     pub(crate) detector: Detector,
     pub(crate) encoder: Encoder,
 }
 
-/// The detector.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Detector {
     #[serde(flatten)]
     pub(crate) model: ModelFile,
-    /// Least detection score.
     pub(crate) least_score: f32,
 }
 
-/// The image encoder.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Encoder {
@@ -296,7 +286,6 @@ pub(crate) fn words(path: &Path) -> Result<Vec<(String, Vec<f32>)>, ModelsError>
     Ok(words.into_iter().map(|(word, embedding)| (word.replace(' ', "_"), unit(&embedding))).collect())
 }
 
-/// Scales a vector to length 1.
 pub(crate) fn unit(vector: &[f32]) -> Vec<f32> {
     let length = vector.iter().map(|value| value * value).sum::<f32>().sqrt().max(f32::EPSILON);
     vector.iter().map(|value| value / length).collect()

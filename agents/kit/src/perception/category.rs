@@ -63,54 +63,29 @@ const PRIORS: &[Prior] = &[
 ];
 
 /// Synonyms for the names in [`PRIORS`].
-const SYNONYMS: &[(&str, &str)] = &[
-    ("couch", "sofa"),
-    ("loveseat", "sofa"),
-    ("recliner", "armchair"),
-    ("dresser", "chest_of_drawers"),
-    ("drawers", "chest_of_drawers"),
-    ("commode", "chest_of_drawers"),
-    ("television", "tv_monitor"),
-    ("tv", "tv_monitor"),
-    ("monitor", "tv_monitor"),
-    ("screen", "tv_monitor"),
-    ("painting", "picture"),
-    ("poster", "picture"),
-    ("photo", "picture"),
-    ("frame", "picture"),
-    ("pillow", "cushion"),
-    ("flowerpot", "plant"),
-    ("tree", "plant"),
-    ("basin", "sink"),
-    ("washbasin", "sink"),
-    ("tub", "bathtub"),
-    ("island", "counter"),
-    ("worktop", "counter"),
-    ("seat", "seating"),
-    ("treadmill", "gym_equipment"),
-    ("dumbbells", "gym_equipment"),
-    ("cupboard", "cabinet"),
-    ("sideboard", "cabinet"),
-    ("closet", "wardrobe"),
-    ("bedside_table", "nightstand"),
-    ("side_table", "nightstand"),
-    ("end_table", "nightstand"),
-    ("bookcase", "bookshelf"),
-    ("shelf", "bookshelf"),
-    ("shelves", "bookshelf"),
-    ("shelving", "bookshelf"),
-    ("footstool", "ottoman"),
-    ("pouf", "ottoman"),
-    ("fridge", "refrigerator"),
-    ("freezer", "refrigerator"),
-    ("oven", "stove"),
-    ("cooker", "stove"),
-    ("dishwasher", "washing_machine"),
-    ("dryer", "washing_machine"),
-    ("lighting", "lamp"),
-    ("curtains", "curtain"),
-    ("machine", "gym_equipment"),
-    ("blind", "curtain"),
+const SYNONYMS: &[(&str, &[&str])] = &[
+    ("sofa", &["couch", "loveseat"]),
+    ("armchair", &["recliner"]),
+    ("chest_of_drawers", &["dresser", "drawers", "commode"]),
+    ("tv_monitor", &["television", "tv", "monitor", "screen"]),
+    ("picture", &["painting", "poster", "photo", "frame"]),
+    ("cushion", &["pillow"]),
+    ("plant", &["flowerpot", "tree"]),
+    ("sink", &["basin", "washbasin"]),
+    ("bathtub", &["tub"]),
+    ("counter", &["island", "worktop"]),
+    ("seating", &["seat"]),
+    ("gym_equipment", &["treadmill", "dumbbells", "machine"]),
+    ("cabinet", &["cupboard", "sideboard"]),
+    ("wardrobe", &["closet"]),
+    ("nightstand", &["bedside_table", "side_table", "end_table"]),
+    ("bookshelf", &["bookcase", "shelf", "shelves", "shelving"]),
+    ("ottoman", &["footstool", "pouf"]),
+    ("refrigerator", &["fridge", "freezer"]),
+    ("stove", &["oven", "cooker"]),
+    ("washing_machine", &["dishwasher", "dryer"]),
+    ("lamp", &["lighting"]),
+    ("curtain", &["curtains", "blind"]),
 ];
 
 /// Returns an object's fit with a category, 0 to 1: its probability, or by shape and colours; 0.5 for unknown
@@ -138,7 +113,9 @@ fn known(noun: &str) -> Option<&'static str> {
     let singular = noun.strip_suffix('s').unwrap_or(noun);
     let is = |name: &str| name == noun || name == singular;
     let prior = PRIORS.iter().map(|prior| prior.name).find(|name| is(name));
-    prior.or_else(|| SYNONYMS.iter().find(|(word, _)| is(word)).map(|(_, name)| *name))
+    prior.or_else(|| {
+        SYNONYMS.iter().find(|(_, words)| words.iter().any(|word| is(word))).map(|(name, _)| *name)
+    })
 }
 
 /// Returns the fit with an adjective, 0 to 1, by extents relative to the category; `None` for adjectives without a

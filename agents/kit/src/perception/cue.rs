@@ -35,7 +35,6 @@ pub struct CueWords {
     pub near: Option<String>,
 }
 
-/// Room names.
 const ROOMS: [&str; 12] = [
     "living room",
     "dining room",

@@ -175,7 +175,6 @@ pub struct NetworkRecognition {
     last: Option<Pose2d>,
 }
 
-/// A goal.
 enum GoalMatcher {
     Words(CueWords),
     /// The descriptor from the reference image's middle, if the network found an object, and the parsed cue.

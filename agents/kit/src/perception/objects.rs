@@ -167,7 +167,6 @@ fn mix(mean: &mut Vec<f32>, others: &[f32], share: f32) {
     mean.iter_mut().zip(others).for_each(|(mean, other)| *mean += share * (other - *mean));
 }
 
-/// A grid node.
 #[derive(Clone, Copy)]
 struct GridNode {
     seen: SurfacePoint,
@@ -333,7 +332,6 @@ impl Palette {
     }
 }
 
-/// Returns true for a colour word.
 pub(crate) fn is_color(word: &str) -> bool {
     NAMED.iter().any(|(name, _)| *name == word)
 }

@@ -9,7 +9,6 @@ use avln_kit::perception::DetectedObject;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Format version.
 const FORMAT: u32 = 1;
 /// Words per object in a map line.
 const WORDS: usize = 3;
@@ -20,7 +19,6 @@ pub(crate) struct TraceInput<'a> {
     pub(crate) ablation: Ablation,
     pub(crate) map: &'a Occupancy,
     pub(crate) objects: &'a ObjectMemory,
-    /// Goal count.
     pub(crate) goals: usize,
     pub(crate) sources: &'a [SourceMemory],
     pub(crate) schedule: &'a SoundSchedule,
@@ -29,7 +27,6 @@ pub(crate) struct TraceInput<'a> {
     pub(crate) decision: &'a Decision,
 }
 
-/// A trace line.
 #[derive(Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub(crate) enum TraceLine<'a> {
@@ -74,7 +71,7 @@ pub(crate) struct StepLine {
     focus: Option<usize>,
     stage: Option<Stage>,
     candidate: Option<CandidateLine>,
-    gate: Option<GateLine>,
+    gate: Option<SubmitGate>,
     frontier: Option<FrontierLine>,
     action: String,
 }
@@ -114,13 +111,6 @@ struct CandidateLine {
     context: f32,
     sound: f32,
     score: f32,
-}
-
-#[derive(Serialize)]
-struct GateLine {
-    is_verified: bool,
-    distance_m: f32,
-    bearing_rad: f32,
 }
 
 #[derive(Serialize)]
@@ -181,7 +171,7 @@ impl StepLine {
             focus: agent.focus,
             stage: decision.stage,
             candidate: decision.candidate.map(|candidate| CandidateLine::of(agent, &candidate)),
-            gate: decision.gate.map(GateLine::of),
+            gate: decision.gate,
             frontier: decision.frontier.map(|(place, score)| FrontierLine { place_m: xz(place), score }),
             action: action.to_string(),
         }
@@ -215,13 +205,6 @@ impl CandidateLine {
             sound: evidence.sound,
             score: evidence.score(agent.weights),
         }
-    }
-}
-
-impl GateLine {
-    fn of(gate: SubmitGate) -> Self {
-        let SubmitGate { is_verified, distance_m, bearing_rad } = gate;
-        Self { is_verified, distance_m, bearing_rad }
     }
 }
 

@@ -139,6 +139,7 @@ fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
         for (camera, fastest_s) in cameras.iter().zip(&mut fastest_s) {
             let start = Instant::now();
             black_box(renderer.render(black_box(camera)));
+            // Other programs only lengthen a time, so the fastest one is the least disturbed.
             *fastest_s = fastest_s.min(start.elapsed().as_secs_f64());
         }
     }
@@ -177,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn three_sizes_are_measured_unless_one_is_asked_for() {
+    fn bench_measures_three_sizes_by_default() {
         let report = measure(&args(None)).expect("a report");
         let sides: Vec<_> = report.sizes.iter().map(|rate| (rate.width, rate.height)).collect();
         assert_eq!(sides, [(128, 128), (256, 256), (512, 512)]);
@@ -191,14 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_a_floor_is_seen_from_its_middle() {
+    fn scene_without_floor_is_viewed_from_centre() {
         let mut scene = FurnishedSceneArgs::grown(3).load().expect("a house");
         let (walked, words) = poses(&scene, 20).expect("poses");
         assert!(
             words.contains("navmesh")
                 && walked.iter().all(|pose| pose.eye != walked[0].eye || pose == &walked[0])
         );
-        // Only what stands upright is left: nowhere to stand.
+        // Only vertical surfaces remain: no floor.
         let upright = |corners: [Point3<f32>; 3]| {
             let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
             normal.y.abs() < 0.1 * normal.norm()

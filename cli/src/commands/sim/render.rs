@@ -3,9 +3,9 @@
 use crate::{
     commands::{
         scene::FurnishedSceneArgs,
-        sim::{read, unusable},
+        sim::{numbers, read, unusable},
     },
-    output::say,
+    output::{cannot_write, processors, say},
 };
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_geom::{Point3, UnitQuaternion, angle};
@@ -84,7 +84,7 @@ impl Hfov {
         let (least, most) = (HFOV_DEG.start(), HFOV_DEG.end());
         match HFOV_DEG.contains(&degrees) {
             true => Ok(Self { degrees }),
-            false => Err(format!("hfov {degrees}: angles of view lie between {least} and {most} degrees")),
+            false => Err(format!("hfov {degrees}: view angles are from {least} to {most} degrees")),
         }
     }
 }
@@ -110,19 +110,16 @@ impl FromStr for CameraPose {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let number = |word: &str| word.trim().parse().map_err(|error| format!("'{word}': {error}"));
-        let values: Vec<f64> = words.split(',').map(number).collect::<Result<_, _>>()?;
+        let values: Vec<f64> = numbers(words, &[','])?;
         let (place, heading_deg, pitch_deg) = match *values.as_slice() {
             [x, y, z, heading_deg] => ([x, y, z], heading_deg, 0.0),
             [x, y, z, heading_deg, pitch_deg] => ([x, y, z], heading_deg, pitch_deg),
             _ => {
-                return Err(
-                    "write x,y,z in metres, the heading and, if you like, the pitch in degrees".into()
-                );
+                return Err("write x,y,z in metres, the heading and optionally the pitch in degrees".into());
             }
         };
         if let Some(value) = [heading_deg, pitch_deg].into_iter().find(|value| !value.is_finite()) {
-            return Err(format!("'{value}' is no angle; write degrees"));
+            return Err(format!("'{value}' is not an angle; write degrees"));
         }
         let turned = angle::about_up(heading_deg.to_radians() as f32);
         let tipped = angle::about_right(pitch_deg.to_radians() as f32);
@@ -133,7 +130,7 @@ impl FromStr for CameraPose {
 /// Returns the pinhole at `position`, metres.
 pub(super) fn eye(position: [f64; 3]) -> Result<Point3<f32>, String> {
     match position.iter().find(|value| value.is_nan() || value.abs() > REACH_M) {
-        Some(value) => Err(format!("position {value}: cameras stand within {REACH_M} m of the origin")),
+        Some(value) => Err(format!("position {value}: cameras must be within {REACH_M} m of the origin")),
         None => Ok(Point3::from(position.map(|value| value as f32))),
     }
 }
@@ -259,19 +256,18 @@ impl RenderArgs {
     }
 
     fn threads(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.threads.map_or_else(cores, usize::from)
+        self.threads.map_or_else(processors, usize::from)
     }
 }
 
 fn depth_noise(name: &str) -> Result<DepthNoise, String> {
     DepthNoise::from_name(name)
-        .ok_or_else(|| format!("no noise of depth is called `{name}`; use none or redwood"))
+        .ok_or_else(|| format!("depth noise `{name}` does not exist; use none or redwood"))
 }
 
 fn rgb_noise(name: &str) -> Result<RgbNoise, String> {
     RgbNoise::from_name(name)
-        .ok_or_else(|| format!("no noise of colours is called `{name}`; use none or gaussian"))
+        .ok_or_else(|| format!("colour noise `{name}` does not exist; use none or gaussian"))
 }
 
 /// Renders and writes all pictures; stops at the first failure.
@@ -284,6 +280,7 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
             let mut frame = renderer.render(&shot.camera);
             noise.apply(&mut frame, index as u64, shot.camera.depth_max_m);
             if let Err(failure) = shot.files.write(frame) {
+                // Other threads stop after their present picture.
                 next.store(shots.len(), Ordering::Relaxed);
                 return Err(failure);
             }
@@ -291,7 +288,7 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
     };
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(shots.len())).map(|_| scope.spawn(work)).collect();
-        let broken = |_| Err(Failure::internal("a thread that takes pictures broke"));
+        let broken = |_| Err(Failure::internal("a rendering thread panicked"));
         workers.into_iter().try_for_each(|worker| worker.join().unwrap_or_else(broken))
     })
 }
@@ -339,10 +336,6 @@ fn written<E: Display>(
     let mut out = BufWriter::new(File::create(path).map_err(|error| cannot_write(path, error))?);
     fill(&mut out).map_err(|error| cannot_write(path, error))?;
     out.flush().map_err(|error| cannot_write(path, error))
-}
-
-fn cannot_write(path: &Path, error: impl Display) -> Failure {
-    Failure::file("write", path, error).hinted("choose an existing folder with write access")
 }
 
 const FIELDS: [&str; 5] = ["position", "rotation", "hfov_deg", "width", "height"];

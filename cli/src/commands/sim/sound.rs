@@ -1,12 +1,12 @@
-//! `avln sim listen` and `avln sim rir`: sound along a walk, and impulse responses.
+//! `avln sim listen` and `avln sim rir`: sound on a walk, and impulse responses.
 
 use crate::{
     commands::sim::{
-        StartPose, read,
+        StartPose, numbers, read,
         surroundings::{Surroundings, SurroundingsArgs},
         text, unusable,
     },
-    output::say,
+    output::{cannot_write, say},
 };
 use avln_acoustics::{
     BandMeasures, Bank, Clip, Ears, Emitter, Head, ImpulseResponse, Listener, Measures, SAMPLE_RATE_HZ,
@@ -155,7 +155,7 @@ pub(super) struct HearingArgs {
     /// Impulse response length, seconds from 0.01 to 20 [default: by Sabine's formula]
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<Seconds>,
-    /// Ray count for late reverberation, 0 (none) to 4194304
+    /// Rays for late reverberation, 0 (none) to 4194304
     #[arg(long, value_name = "COUNT", default_value_t = Settings::default().ray_count as u32, value_parser = clap::value_parser!(u32).range(0..=1 << 22))]
     rays: u32,
     /// Highest early reflection order, 0 to 3
@@ -194,7 +194,7 @@ impl HearingArgs {
         Ok(audio::read_head(file)?.1)
     }
 
-    /// Output channel count.
+    /// Returns the output channel count.
     pub(super) fn channels(&self) -> u16 {
         if self.omni { 1 } else { 2 }
     }
@@ -209,10 +209,7 @@ impl FromStr for Position {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let values: Vec<f32> = words
-            .split(',')
-            .map(|word| word.trim().parse().map_err(|error| format!("'{word}': {error}")))
-            .collect::<Result<_, _>>()?;
+        let values: Vec<f32> = numbers(words, &[','])?;
         match *values.as_slice() {
             [x, y, z] if values.iter().all(|value| value.abs() < REACH_M) => Ok(Self(Point3::new(x, y, z))),
             _ => Err(format!("three numbers are needed: x,y,z in metres, each below {REACH_M}")),
@@ -231,9 +228,7 @@ impl FromStr for Seconds {
 
 /// Writes channels, padded with silence to equal length: 32-bit float, 16 kHz.
 pub(super) fn write_wav(file: &Path, channels: &[&[f32]]) -> Result<(), Failure> {
-    let failed = |error: hound::Error| {
-        Failure::file("write", file, error).hinted("name a file in a folder that exists and has room")
-    };
+    let failed = |error: hound::Error| cannot_write(file, error);
     let spec = WavSpec {
         channels: channels.len() as u16,
         sample_rate: SAMPLE_RATE_HZ,

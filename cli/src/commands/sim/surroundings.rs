@@ -1,11 +1,13 @@
 //! Acoustic surroundings: a building or a test room with surfaces.
 
-use crate::commands::sim::{read, unusable};
+use crate::commands::{
+    scene::open_or_build,
+    sim::{numbers, read, unusable},
+};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
 use avln_arena::Failure;
-use avln_formats::open;
 use avln_geom::{Point3, RayMesh};
-use avln_houses::HouseOptions;
+use avln_houses::Pool;
 use avln_scene::{RoomPlan, Scene};
 use clap::Args;
 use serde::Deserialize;
@@ -44,7 +46,7 @@ struct SurroundingsChoice {
     /// Seed for a procedural house
     #[arg(long)]
     seed: Option<u64>,
-    /// Box-shaped test room from the origin: metres along x, z and y
+    /// Box-shaped test room from the origin: metres in x, z and y
     #[arg(long, value_name = "LxWxH")]
     shoebox: Option<Shoebox>,
     /// Test room with vertical walls and the floor at y = 0: {"vertices": [[x,z],...], "height_m": 2.7} in metres, corners in order
@@ -56,7 +58,7 @@ struct SurroundingsChoice {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shares([f32; SURFACE_BANDS]);
 
-/// Lengths along x, z and y, metres.
+/// Lengths in x, z and y, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shoebox([f32; 3]);
 
@@ -119,13 +121,7 @@ impl SurroundingsChoice {
     }
 
     fn scene(&self) -> Result<Scene, Failure> {
-        match (&self.scene, self.seed) {
-            (Some(path), _) => open::open(path).map_err(Failure::scene),
-            (None, seed) => {
-                let seed = seed.unwrap_or_default();
-                Ok(avln_houses::house(&format!("house-{seed}"), seed, &HouseOptions::default()))
-            }
-        }
+        open_or_build(self.scene.as_deref(), self.seed, Pool::default())
     }
 }
 
@@ -157,9 +153,9 @@ impl FromStr for Shares {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let values: Vec<f32> = numbers(words.split(','))?;
+        let values: Vec<f32> = numbers(words, &[','])?;
         if let Some(value) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
-            return Err(format!("{value} is no share of energy; write 0 to 1"));
+            return Err(format!("{value} is not an energy share; write 0 to 1"));
         }
         match *values.as_slice() {
             [all] => Ok(Self([all; SURFACE_BANDS])),
@@ -177,14 +173,10 @@ impl FromStr for Shoebox {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
-        let values = numbers(words.split(['x', 'X']))?;
+        let values = numbers(words, &['x', 'X'])?;
         let count = values.len();
         values.try_into().map(Self).map_err(|_| format!("{count} lengths; write three, such as 6x5x3"))
     }
-}
-
-fn numbers<'a>(words: impl Iterator<Item = &'a str>) -> Result<Vec<f32>, String> {
-    words.map(|word| word.trim().parse().map_err(|error| format!("'{word}': {error}"))).collect()
 }
 
 #[cfg(test)]
@@ -192,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_one_or_six_from_0_to_1() {
+    fn share_list_has_one_or_six_values() {
         assert_eq!("0.25".parse(), Ok(Shares([0.25; 6])));
         assert_eq!("0,0.1,0.2, 0.3,0.4,1".parse(), Ok(Shares([0.0, 0.1, 0.2, 0.3, 0.4, 1.0])));
         for bad in ["", "1.1", "-0.1", "NaN", "0.1,0.2", "a", "0.1,,0.1"] {

@@ -63,9 +63,7 @@ const LEVEL_M: f32 = 0.02;
 /// Height difference between equal levels, metres.
 const SAME_LEVEL_M: f32 = 1e-3;
 
-/// A scene's labels.
 pub(super) struct Labels {
-    /// Category number by instance id.
     category_of: Vec<u8>,
     floors_m: Vec<f32>,
     ceilings_m: Vec<f32>,
@@ -135,7 +133,6 @@ pub(super) fn write_header(
     npy::write_header(out, &format!("[{}]", fields.join(", ")), &[count])
 }
 
-/// Appends a record.
 pub(super) fn append(out: &mut Vec<u8>, shot: &Shot, frame: &CameraImage, labels: &Labels) {
     let eye = shot.camera.eye;
     let camera = [eye.x, eye.y, eye.z, shot.height_m, shot.heading_rad, shot.pitch_rad, shot.camera.hfov_rad];
@@ -175,7 +172,6 @@ const REACHES_M: [f32; 2] = [0.3, 3.5];
 const ASIDE_RAD: f32 = 0.6;
 /// Attempts per aimed camera.
 const TRIES: usize = 40;
-/// Depth range, metres.
 const DEPTH_MAX_M: f32 = 10.0;
 
 /// A camera above a floor.
@@ -189,7 +185,6 @@ pub(super) struct Shot {
     pub(super) pitch_rad: f32,
 }
 
-/// Draws cameras above walkable floor.
 pub(super) fn shots(assets: &SceneAssets, rng: &mut Rng, count: usize, side_px: u32) -> Vec<Shot> {
     let mut kinds: BTreeMap<&str, Vec<&Object>> = BTreeMap::new();
     for object in &assets.scene.objects {

@@ -11,7 +11,6 @@ use statistics::{Paired, VariantResults, comparable, compare, mean, steps_to_fir
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// End reasons in the failure table.
 const ENDS: [EndReason; 4] =
     [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
 

@@ -6,9 +6,7 @@ use avln_geom::Rng;
 use avln_scoring::{EpisodeScore, EpisodeValue, METRICS, Metric, Summary, Unit, summarise};
 use std::collections::BTreeMap;
 
-/// Resampling seed.
 const SEED: u64 = 1;
-/// Sign draws per test.
 const DRAWS: u32 = 20_000;
 /// Metrics without a column: docs/results.csv was published before they existed.
 const OMITTED: [&str; 3] = ["osr_all", "sna", "wrong_instance_submits"];
@@ -90,12 +88,9 @@ pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a ResultLine>) -> Vec
     lines.into_iter().filter(|line| edition(&line.key) == most).collect()
 }
 
-/// A paired test's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Paired {
-    /// Pair count.
     pub(super) pairs: usize,
-    /// Mean difference.
     pub(super) difference: f64,
     /// Two-sided probability of an equal or greater mean if signs were random.
     pub(super) p: f64,

@@ -59,7 +59,7 @@ fn all_formats_decode_to_the_same_clip() {
     let names: Vec<_> = clips.iter().map(|clip| clip.name.as_str()).collect();
     assert_eq!(names, ["a float", "b", "c", "d", "e", "f", "g"]);
     for clip in &clips[1..] {
-        // The last and the first 50 ms sound together; a resampled recording ends in half of a filter.
+        // The last and the first 50 ms sound together; a resampled recording ends in half a filter.
         let tolerance = if clip.name == "e" { 2e-3 } else { 2e-4 };
         let middle =
             |clip: &Clip| Clip { name: clip.name.clone(), samples: clip.samples[1000..22_000].into() };
@@ -123,7 +123,7 @@ fn random_bytes_cause_no_panic() {
             let mut broken = bytes.clone();
             (0..3).for_each(|_| broken[rng.below(60)] = rng.next_u64() as u8);
             fs::write(&target, &broken).expect("written");
-            // Some of them are still sounds.
+            // Some are still sounds.
             let _ = read_recording(&target);
         }
     }
@@ -201,7 +201,7 @@ fn frame(number: usize, samples: &[f32], bits: u32) -> Vec<u8> {
     frame.put(samples.len() as u64 - 1, 16);
     let header_check = checksum(&frame.bytes, 0x07, 8);
     frame.put(header_check, 8);
-    // A subframe of plain samples.
+    // A subframe with plain samples.
     frame.put(0b0000_0010, 8);
     let full_scale = ((1_i64 << (bits - 1)) - 1) as f32;
     for sample in samples {

@@ -1,4 +1,4 @@
-//! Backup file format: a tar archive with a final manifest of all digests.
+//! Backup file format: a tar archive with a manifest at the end.
 
 use serde::{Deserialize, Serialize};
 use std::{
@@ -8,14 +8,14 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-/// Version of the layout.
+/// Layout version.
 const FORMAT: u32 = 1;
 /// Manifest file; the last one, so that truncated archives have none.
 const MANIFEST: &str = "manifest.json";
 /// Largest manifest, bytes: a million files.
 const MAX_MANIFEST_BYTES: u64 = 256 << 20;
 
-/// The file list of a backup.
+/// A backup's file list.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -31,7 +31,7 @@ pub struct Manifest {
     pub files: BTreeMap<String, ArchivedFile>,
 }
 
-/// A file of a backup.
+/// A file in a backup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArchivedFile {
@@ -65,7 +65,7 @@ impl<W: Write> Writer<W> {
         Self { archive: tar::Builder::new(to), manifest }
     }
 
-    /// Adds a file of `bytes` bytes.
+    /// Adds a file with `bytes` bytes.
     pub(super) fn add(&mut self, path: &str, bytes: u64, from: impl Read) -> io::Result<()> {
         let mut from = Hashed::new(from.take(bytes));
         self.archive.append_data(&mut self.header(bytes), path, &mut from)?;
@@ -92,7 +92,7 @@ impl<W: Write> Writer<W> {
     }
 }
 
-/// Reads and verifies an archive. Calls `take` with the relative path and content of every file.
+/// Reads and verifies an archive. Calls `take` with relative path and content for every file.
 ///
 /// # Errors
 /// If the archive is not a backup, is modified or truncated, or `take` fails.
@@ -225,7 +225,7 @@ mod tests {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x10;
             if let Ok(manifest) = read_archive(bytes.as_slice(), |_, _| Ok(())) {
-                // Owner, time and padding are not part of the content.
+                // Owner, time and padding are not covered by digests.
                 assert_eq!(manifest.files.len(), 2, "byte {at}");
                 let mut contents = Vec::new();
                 let read =

@@ -1,4 +1,4 @@
-//! Run logs in backups, and pruning of old logs and records.
+//! Run logs in backups, and pruning.
 
 use crate::{
     Failure,
@@ -69,14 +69,14 @@ pub struct PruneOptions {
 }
 
 impl PruneOptions {
-    /// Returns the latest end of pruned runs, Unix milliseconds.
+    /// Returns the latest end time for pruned runs, Unix milliseconds.
     pub fn cutoff_ms(&self, now_unix_ms: i64) -> i64 {
         const DAY_MS: i64 = 86_400_000;
         now_unix_ms - i64::from(self.older_than_days) * DAY_MS
     }
 }
 
-/// Counts of deleted items; in a dry run, of items to delete.
+/// Counts after pruning; in a dry run, of items to delete.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pruned {
     /// Ended runs.

@@ -26,7 +26,7 @@ const FOLDERS: [&str; 3] = ["splits", "sounds", "heads"];
 /// Other known names in a data folder; not copied as they are.
 const OTHERS: [&str; 5] = ["avln.db-wal", "avln.db-shm", "runs", "cache", ".writable"];
 
-/// The contents of a backup.
+/// Backup contents.
 #[derive(Debug)]
 pub struct Contents {
     /// File list.
@@ -57,6 +57,7 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let made_ms = now_unix_ms();
     copy_database(&database, &copy).await?;
     let inventory = inspect_database(&copy).await?;
+    // Logs are read after the database copy: then they contain every episode in it.
     let (data, to) = (data.to_owned(), to.to_owned());
     let written = tokio::task::spawn_blocking(move || {
         let manifest = write(&data, &copy, &inventory, made_ms, &to)?;
@@ -191,6 +192,7 @@ fn move_into_place(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
     }
     let names = fs::read_dir(work.path())?.map(|entry| Ok(entry?.file_name()));
     let mut names = names.collect::<io::Result<Vec<_>>>()?;
+    // The database last: its presence marks a complete data folder.
     names.sort_by_key(|name| name == DATABASE);
     for name in names {
         fs::rename(work.path().join(&name), to.join(&name))?;

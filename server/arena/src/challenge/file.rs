@@ -28,7 +28,7 @@ pub struct ChallengeFile {
     pub phases: Vec<PhaseFile>,
 }
 
-/// The location of a split outside the data folder.
+/// A split outside the data folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SplitSource {
@@ -53,7 +53,7 @@ pub struct PhaseFile {
     pub split: String,
     /// Rule set; the split's by default.
     pub rules: Option<String>,
-    /// Sound bank: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
+    /// Sound bank: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder with recordings.
     pub sounds: Option<String>,
     /// Head model: `sphere` (default), `kept:DIGEST` or a SOFA file.
     pub head: Option<String>,
@@ -67,17 +67,17 @@ pub struct PhaseFile {
     pub opens: Option<Datetime>,
     /// Closing time; never by default.
     pub closes: Option<Datetime>,
-    /// Visibility of scores.
+    /// Score visibility.
     pub scores: Visibility,
-    /// Visibility of paths, maps and targets.
+    /// Visibility for paths, maps and targets.
     pub replays: Visibility,
-    /// Largest number of parallel episodes.
+    /// Limit for parallel episodes.
     pub max_slots: Option<u32>,
-    /// Largest side of a picture, pixels.
+    /// Largest picture side, pixels.
     pub max_side: Option<u32>,
     /// Random episode order per run; by default if replays are not public.
     pub shuffle: Option<bool>,
-    /// Draw of a run's episodes; all by default.
+    /// Episode draw per run; all episodes by default.
     pub sample: Option<Sample>,
     /// Sandboxed runs by the organiser only.
     #[serde(default)]
@@ -230,7 +230,7 @@ pub(super) fn unix_ms(written: Option<&Datetime>, path: KeyPath<'_>) -> Result<O
     Ok(Some(moment))
 }
 
-/// Converts a time with date and offset; fractions of seconds are dropped.
+/// Converts a time with date and offset; second fractions are dropped.
 fn timestamp(written: &Datetime) -> Option<i64> {
     let moment: jiff::Timestamp = written.to_string().parse().ok()?;
     Some(1000 * moment.as_millisecond().div_euclid(1000))
@@ -344,7 +344,7 @@ fn example_in(words: &str) -> Option<&'static str> {
     assigned.into_iter().chain(quoted).find_map(example)
 }
 
-/// Returns the position of a key; a missing key has the position of the nearest parent.
+/// Returns a key's position; a missing key has the nearest parent's position.
 fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
     let table = DeTable::parse(text).ok()?;
     let mut span = None;

@@ -1,4 +1,4 @@
-//! Comparison of a challenge file with the data folder.
+//! Challenge file and data folder compared.
 
 use crate::{
     Failure,
@@ -45,7 +45,7 @@ pub struct ChallengeChanges {
     pub left_out: Vec<String>,
 }
 
-/// Errors of planning.
+/// Planning errors.
 #[derive(Debug)]
 pub enum PlanError {
     /// A fault in the file.
@@ -101,6 +101,7 @@ impl Planner<'_> {
 
     /// Applies the changes; phases and audit entries in a single transaction.
     pub async fn apply(&self, plan: ChallengeChanges) -> Result<(), Failure> {
+        // Splits before phases: a phase refers to a registered split.
         for (name, source) in &plan.splits {
             self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;
             setup::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
@@ -127,7 +128,7 @@ impl Planner<'_> {
         Ok(open)
     }
 
-    /// Rejects changes of settings fixed by existing runs.
+    /// Rejects changes to settings fixed by existing runs.
     async fn refuse_fixed(
         &self,
         conversion: &PhaseConversion<'_>,
@@ -163,7 +164,7 @@ impl Planner<'_> {
     }
 }
 
-/// Conversion of a file entry to a phase.
+/// A file entry during conversion to a phase.
 struct PhaseConversion<'a> {
     planner: &'a Planner<'a>,
     /// Index in the file, from 0.

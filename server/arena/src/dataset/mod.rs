@@ -22,7 +22,7 @@ pub use seal::Passphrase;
 /// Largest file, bytes: a scene's missions take some megabytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 
-/// The files of a data set.
+/// Data set files.
 #[derive(Clone, Debug)]
 pub struct DatasetFiles {
     root: PathBuf,
@@ -39,22 +39,22 @@ impl DatasetFiles {
         &self.root
     }
 
-    /// Returns the path of `dataset.json`.
+    /// Returns the manifest path.
     pub fn manifest_path(&self) -> PathBuf {
         self.root.join("dataset.json")
     }
 
-    /// Returns the path of a scene list.
+    /// Returns the scene list path.
     pub fn scenes_path(&self, split: &str) -> PathBuf {
         self.root.join(split).join("scenes.jsonl")
     }
 
-    /// Returns the path of a scene's public missions.
+    /// Returns the path to a scene's public missions.
     pub fn missions_path(&self, split: &str, scene: &str) -> PathBuf {
         self.root.join(split).join("missions").join(format!("{scene}.jsonl"))
     }
 
-    /// Returns the path of a scene's ground truth.
+    /// Returns the path to a scene's ground truth.
     pub fn sealed_path(&self, split: &str, scene: &str) -> PathBuf {
         self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
     }
@@ -203,6 +203,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 /// Reads a file without decryption.
 fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
+    // One byte beyond the limit is enough to detect a larger file.
     let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
     std::fs::File::open(path).and_then(limited).map_err(|error| Failure::file("read", path, error))?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
@@ -224,13 +225,13 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         .map_err(|error| Failure::file("write", path, error))
 }
 
-/// Number of scenes with cached missions.
+/// Limit for scenes with cached missions.
 const CACHED_SCENES: usize = 16;
 
 /// A split on disk. Missions are read per scene on demand.
 pub struct SplitFolder {
     files: DatasetFiles,
-    /// Name of the split in its data set.
+    /// Name in the data set.
     split: String,
     rules: String,
     digest: String,
@@ -297,7 +298,7 @@ impl SplitFolder {
         &self.scenes
     }
 
-    /// Returns the specification of a scene.
+    /// Returns a scene's specification.
     pub fn scene(&self, name: &str) -> Option<SceneSpec> {
         self.by_name.get(name).map(|&index| self.scenes[index].spec())
     }
@@ -307,14 +308,14 @@ impl SplitFolder {
         self.by_name.contains_key(scene) && scene_of(id) == Some(scene)
     }
 
-    /// Reads the public part of a scene's missions.
+    /// Reads a scene's missions, the public part.
     pub fn public(&self, scene: &SceneLine) -> Result<Vec<PublicMission>, Failure> {
         let path = self.files.missions_path(&self.split, &scene.name);
         let (name, bytes) = (path.display().to_string(), read(&path)?);
         Ok(read_missions(File { name: &name, bytes: &bytes }, &scene.name).map_err(DatasetError::from)?)
     }
 
-    /// Reads both parts of a scene's missions.
+    /// Reads a scene's missions, both parts.
     pub fn episodes(&self, scene: &SceneLine) -> Result<Vec<EpisodeSpec>, Failure> {
         let public = self.files.missions_path(&self.split, &scene.name);
         let sealed = self.files.sealed_path(&self.split, &scene.name);

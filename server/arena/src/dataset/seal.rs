@@ -1,4 +1,4 @@
-//! Encryption of split files with a passphrase.
+//! Split files encrypted with a passphrase.
 //!
 //! A sealed file replaces the plain file: [`MAGIC`], 16 bytes salt, 24 bytes nonce, and the text under
 //! XChaCha20-Poly1305, bound to the file's name and folder. The key is derived by Argon2id from passphrase
@@ -16,7 +16,7 @@ use std::{
     sync::{Mutex, OnceLock, PoisonError},
 };
 
-/// Prefix of a sealed file.
+/// File prefix.
 const MAGIC: &[u8] = b"avln sealed 1\n";
 const SALT_BYTES: usize = 16;
 const NONCE_BYTES: usize = 24;
@@ -31,7 +31,7 @@ const LEAST_DIFFERENT: usize = 8;
 const COMMON_WORDS: &str =
     "password passphrase changeme secret letmein qwerty admin default example 12345 abcdef test";
 
-/// Environment variable of the passphrase file.
+/// Environment variable for the passphrase file.
 const KEY_FILE: &str = "AVLN_SEAL_KEY_FILE";
 const KEY: &str = "AVLN_SEAL_KEY";
 
@@ -108,7 +108,7 @@ fn is_repeated(words: &str) -> bool {
     (1..=letters.len() / 2).any(|period| letters.iter().zip(&letters[period..]).all(|(a, b)| a == b))
 }
 
-/// The keys of a passphrase.
+/// A passphrase with derived keys.
 pub(super) struct Keyring {
     passphrase: Option<Passphrase>,
     /// Derived keys by salt.
@@ -139,6 +139,7 @@ impl Keyring {
         if let Some(key) = keys.get(salt) {
             return Ok(Some(*key));
         }
+        // A derivation takes 64 MiB and noticeable time, so every salt is derived once.
         let key = passphrase.key(salt)?;
         keys.insert(salt.to_vec(), key);
         Ok(Some(key))
@@ -168,6 +169,7 @@ impl Keyring {
         let mut nonce = [0; NONCE_BYTES];
         fill(&mut nonce)?;
         let place = place(path);
+        // Folder and name are authenticated too, so that sealed files cannot be exchanged.
         let payload = Payload { msg: plain, aad: place.as_bytes() };
         let sealed = XChaCha20Poly1305::new(&key).encrypt(&XNonce::from(nonce), payload);
         let sealed = sealed.map_err(Failure::internal)?;
@@ -175,7 +177,7 @@ impl Keyring {
     }
 }
 
-/// The salt of files sealed together.
+/// A salt for files sealed together.
 pub(super) struct Salt([u8; SALT_BYTES]);
 
 impl Salt {
@@ -190,7 +192,7 @@ fn fill(bytes: &mut [u8]) -> Result<(), Failure> {
     getrandom::fill(bytes).map_err(Failure::internal)
 }
 
-/// Returns the context of a sealed file: folder and name.
+/// Returns a file's context: folder and name.
 fn place(path: &Path) -> String {
     let name = |path: Option<&Path>| {
         path.and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()

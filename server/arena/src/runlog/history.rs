@@ -9,18 +9,18 @@ use std::{
     time::Duration,
 };
 
-/// The history of a run.
+/// A run's history.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// Entries in order.
     pub entries: Vec<Entry>,
-    /// Size of complete lines, bytes.
+    /// Complete lines, bytes.
     pub whole_bytes: u64,
-    /// Digits of the last line; empty without lines.
+    /// Last line's digits; empty without lines.
     pub head: String,
 }
 
-/// The history of an episode.
+/// An episode's history.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeHistory {
     /// Slot.
@@ -31,7 +31,7 @@ pub struct EpisodeHistory {
     pub episode: String,
     /// Requested sensors.
     pub sensors: Sensors,
-    /// Actions, each with the hash of the new state.
+    /// Actions, each with the new state's hash.
     pub actions: Vec<(Action, u64)>,
     /// Remaining time bank; `None` before the first action.
     pub bank_left: Option<Duration>,
@@ -44,13 +44,13 @@ pub struct EpisodeHistory {
     pub ended: Option<(EndReason, Box<Metrics>)>,
 }
 
-/// Errors of run logs.
+/// Run log errors.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
     /// Unreadable or not writable.
     #[error("run log {path}: {source}")]
     File {
-        /// Path of the file.
+        /// Path.
         path: PathBuf,
         /// System error.
         source: std::io::Error,
@@ -101,7 +101,7 @@ impl History {
         let text = std::str::from_utf8(line).map_err(|_| "it is not valid UTF-8".to_owned())?;
         let (digits, json) = text.split_once(' ').ok_or("it has no hash")?;
         if digits.len() != DIGITS || digits != link(&self.head, json) {
-            return Err("its hash does not fit the lines before".to_owned());
+            return Err("its hash does not match the lines before".to_owned());
         }
         let entry = serde_json::from_str(json).map_err(|error| error.to_string())?;
         if matches!(&entry, Entry::Signed { head, .. } if *head != self.head) {
@@ -138,7 +138,7 @@ impl History {
     }
 }
 
-/// The part of a restoration in progress: a server stop in it counts as a crash.
+/// A restoration's part in progress: a server stop in it counts as a crash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum CriticalPhase {
     None,
@@ -147,7 +147,7 @@ enum CriticalPhase {
 }
 
 impl EpisodeHistory {
-    /// Returns the consecutive crashes in the same part of a restoration.
+    /// Returns the consecutive crashes in the same restoration part.
     pub fn crashes(&self) -> u32 {
         let mut now = self.clone();
         now.count_crash();

@@ -26,117 +26,46 @@ fn link(before: &str, json: &str) -> String {
 }
 
 /// A line. Times are Unix milliseconds (`_ms`) or microseconds (`_us`).
+///
+/// - `slot`, `step`: slot and step number; steps start at 1.
+/// - `handle`, `ordinal`, `episode`: name for the agent, index in the run from 0, and id in the split.
+/// - `digests`: digests and versions by name.
+/// - `state`: hash of the new state, 16 hexadecimal digits.
+/// - `thought_us`, `bank_us`, `away_us`: thinking time, remaining time bank, disconnection time.
+/// - `head`: digits of the previous line. `key`, `signature`: server's public key and Ed25519 signature over
+///   `head`, hexadecimal.
+#[allow(missing_docs, reason = "fields with the same name mean the same in all entries and are listed above")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Entry {
     /// First line: run and versions.
     Run {
-        /// Format version.
         format: u32,
-        /// Run id.
         run: String,
-        /// Phase id.
         phase: String,
-        /// Order of goals.
         order: Order,
-        /// Digests and versions by name.
         digests: BTreeMap<String, String>,
-        /// Creation time.
         at_ms: i64,
     },
     /// An episode was issued.
-    Began {
-        /// The slot.
-        slot: u32,
-        /// The name that the agent sees.
-        handle: String,
-        /// Index in the run, from 0.
-        ordinal: u32,
-        /// Episode id in the split.
-        episode: String,
-        /// Requested sensors.
-        sensors: Sensors,
-        /// When.
-        at_ms: i64,
-    },
+    Began { slot: u32, handle: String, ordinal: u32, episode: String, sensors: Sensors, at_ms: i64 },
     /// A step was taken.
-    Acted {
-        /// The slot.
-        slot: u32,
-        /// Number of the step, counted from 1.
-        step: u32,
-        /// Action.
-        action: Action,
-        /// Hash of the new state, 16 hexadecimal digits.
-        state: String,
-        /// Thinking time.
-        thought_us: u64,
-        /// Remaining time bank.
-        bank_us: u64,
-        /// When.
-        at_ms: i64,
-    },
+    Acted { slot: u32, step: u32, action: Action, state: String, thought_us: u64, bank_us: u64, at_ms: i64 },
     /// A new server has started to restore the episode after a server stop.
     #[serde(rename = "taken_up")]
-    RestoreStarted {
-        /// The slot.
-        slot: u32,
-        /// Handle, visible to the agent.
-        handle: String,
-        /// When.
-        at_ms: i64,
-    },
+    RestoreStarted { slot: u32, handle: String, at_ms: i64 },
     /// The episode is restored.
     #[serde(rename = "stands")]
-    RestoreDone {
-        /// The slot.
-        slot: u32,
-        /// When.
-        at_ms: i64,
-    },
+    RestoreDone { slot: u32, at_ms: i64 },
     /// The first step after a restore is about to start.
     #[serde(rename = "tries")]
-    StepAttempted {
-        /// The slot.
-        slot: u32,
-        /// Step number, from 1.
-        step: u32,
-        /// When.
-        at_ms: i64,
-    },
+    StepAttempted { slot: u32, step: u32, at_ms: i64 },
     /// An observation was lost, and the answer time restarted.
-    ClockRestarted {
-        /// The slot.
-        slot: u32,
-        /// Step number of the observation.
-        step: u32,
-        /// Disconnection time.
-        away_us: u64,
-        /// When.
-        at_ms: i64,
-    },
+    ClockRestarted { slot: u32, step: u32, away_us: u64, at_ms: i64 },
     /// The run has ended, and the server signs the lines before.
-    Signed {
-        /// Digits of the previous line.
-        head: String,
-        /// Server's public key, hexadecimal.
-        key: String,
-        /// Ed25519 signature over `head`, hexadecimal.
-        signature: String,
-    },
+    Signed { head: String, key: String, signature: String },
     /// The episode has ended with a score; the database entry follows.
-    Ended {
-        /// Slot.
-        slot: u32,
-        /// Handle, visible to the agent.
-        handle: String,
-        /// End reason.
-        end: EndReason,
-        /// Score.
-        metrics: Box<Metrics>,
-        /// Time.
-        at_ms: i64,
-    },
+    Ended { slot: u32, handle: String, end: EndReason, metrics: Box<Metrics>, at_ms: i64 },
 }
 
 impl Entry {

@@ -1,4 +1,4 @@
-//! Writing and signing of run logs.
+//! Writing and signing run logs.
 
 use crate::{
     now_unix_ms,
@@ -92,8 +92,10 @@ impl RunLogs {
     /// Syncs logs to disk and closes unused ones.
     pub fn sync(&self) {
         let mut open = self.opened();
+        // A log with unsynced lines stays open: closing it would skip the sync.
         open.retain(|_, log| Arc::strong_count(log) > 1 || log.dirty.load(Ordering::Acquire));
         let logs: Vec<_> = open.values().cloned().collect();
+        // Without the lock: a sync waits for the disk, and runs must be able to open their logs meanwhile.
         drop(open);
         for log in logs {
             if let Err(error) = log.sync() {
@@ -135,8 +137,7 @@ impl RunLog {
         self.sync()
     }
 
-    /// Writes an entry. It survives a crash of the process, and after the next [`RunLog::sync`] a crash of
-    /// the machine.
+    /// Writes an entry. It survives a process crash, and after the next [`RunLog::sync`] a machine crash.
     ///
     /// # Errors
     /// If it cannot be written; the log is then unchanged.
@@ -145,6 +146,7 @@ impl RunLog {
         let mut end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
         let digits = link(&end.head, &json);
         let line = format!("{digits} {json}\n");
+        // After a failure the rest of the line is removed, because the next line must follow the hash chain.
         if let Err(error) = end.file.write_all(line.as_bytes()) {
             let whole = end.bytes;
             end.file.set_len(whole)?;
@@ -159,15 +161,17 @@ impl RunLog {
 
     /// Syncs the lines to disk.
     pub fn sync(&self) -> io::Result<()> {
+        // Cleared before the sync: a line that is written meanwhile sets it.
         if !self.dirty.swap(false, Ordering::AcqRel) {
             return Ok(());
         }
+        // On another handle, so that writers do not wait for the disk.
         let file = self.end.lock().unwrap_or_else(PoisonError::into_inner).file.try_clone()?;
         file.sync_data().inspect_err(|_| self.dirty.store(true, Ordering::Release))
     }
 }
 
-/// The log of a slot.
+/// A slot's log.
 #[derive(Debug)]
 pub struct SlotLog {
     /// Run log.

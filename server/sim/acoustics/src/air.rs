@@ -150,7 +150,6 @@ impl Air {
     }
 }
 
-/// Corners of a triangle.
 type Triangle = [Point3<f32>; 3];
 
 /// Cells with a centre this close to a surface are closed, metres.

@@ -11,7 +11,7 @@ use avln_geom::{RayMesh, Vector3};
 use avln_scene::Scene;
 use std::sync::Arc;
 
-/// Scope and resolution. Equal settings give equal bits.
+/// Simulation scope and resolution. Equal settings give equal bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Impulse response length, seconds; later sound is dropped.

@@ -128,7 +128,7 @@ impl Channel {
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
         let only_rings = self.dry.silent >= count + RINGING_SAMPLES;
         let (mut now, before) = match self.previous.take() {
-            // A diffuse tail without direct sound does not change audibly with the pose.
+            // Then only a diffuse tail remains, with the previous response regardless of head motion.
             Some(before) if only_rings || before.listener == *listener => (before, None),
             before => self.turn(listener, before, convolver),
         };

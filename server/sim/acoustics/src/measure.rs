@@ -62,7 +62,7 @@ impl Measures {
         };
         let [direct, rest] = split(DIRECT_S);
         let [early, late] = split(EARLY_S);
-        let middle = |energies: &Ears| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
+        let middle = |energies: &EarEnergies| MIDDLE.map(|band| both(energies, band)).sum::<f64>();
         let octaves = ears.map(Octaves::new);
         let all = octaves.each_ref().map(Octaves::energies);
         Self {
@@ -86,9 +86,9 @@ impl Measures {
     }
 }
 
-type Ears = [[f64; SURFACE_BANDS]; 2];
+type EarEnergies = [[f64; SURFACE_BANDS]; 2];
 
-fn both(energies: &Ears, band: usize) -> f64 {
+fn both(energies: &EarEnergies, band: usize) -> f64 {
     energies[0][band] + energies[1][band]
 }
 

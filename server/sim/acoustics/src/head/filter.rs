@@ -21,13 +21,13 @@ pub(crate) const DESIGN_BIN_HZ: f64 = SAMPLE_RATE_HZ as f64 / DESIGN_POINTS as f
 // Above this frequency the response falls to zero at half the sample rate, which shortens the filters.
 const ROLL_OFF_FROM_HZ: f64 = 6000.0;
 
-pub(crate) type Filter = [f32; HEAD_TAPS];
+pub(crate) type HeadFilter = [f32; HEAD_TAPS];
 
 /// An ear's response to a wave.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EarResponse {
     /// Filter with the wave front at tap [`HEAD_LEAD`].
-    pub(crate) filter: Filter,
+    pub(crate) filter: HeadFilter,
     /// Wave-front delay relative to the head centre, seconds; negative is earlier.
     pub(crate) delay_s: f64,
 }
@@ -39,7 +39,7 @@ impl EarResponse {
 }
 
 /// Filter for a half spectrum, with the wave front at `onset_s` moved to tap [`HEAD_LEAD`].
-pub(crate) fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
+pub(crate) fn design_from(spectrum: &[Complex64], onset_s: f64) -> HeadFilter {
     let aligned = |(bin, value): (usize, &Complex64)| {
         let frequency_hz = bin as f64 * DESIGN_BIN_HZ;
         let value = value * unit_phasor(TAU * frequency_hz * onset_s);

@@ -3,7 +3,7 @@
 //! Source: Duda and Martens (1998), "Range dependence of the response of a spherical head model", J. Acoust.
 //! Soc. Am. 104, in the time convention exp(+j w t).
 
-use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, Filter, HEAD_TAPS, design_from};
+use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, HeadFilter, design_from};
 use crate::SPEED_OF_SOUND_M_S;
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
@@ -31,7 +31,7 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
 /// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
 pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
     /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
-    static FILTERS: OnceLock<Vec<Filter>> = OnceLock::new();
+    static FILTERS: OnceLock<Vec<HeadFilter>> = OnceLock::new();
     let design = |inverse: &f32| design_range(1.0 / f64::from(*inverse));
     let filters = FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect());
     let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
@@ -61,7 +61,7 @@ fn range_position(range_m: f32) -> (usize, f32) {
     (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
 }
 
-fn design_range(range_m: f64) -> Vec<Filter> {
+fn design_range(range_m: f64) -> Vec<HeadFilter> {
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
         .map(|bin| SphereResponse::new((bin as f64 * DESIGN_BIN_HZ).max(20.0), range_m))
         .collect();
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn low_frequency_delay_is_one_and_a_half_radii() {
+    fn low_frequency_delay_is_1_5_radii() {
         // Kuhn 1977: below 500 Hz the phase delay at incidence t is -(3 a / 2 c) cos t.
         let frequency_hz = 100.0;
         let pressure = SphereResponse::new(frequency_hz, f64::INFINITY).pressure(0.5);

@@ -4,13 +4,14 @@ use super::slices::{self, CHANNELS};
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
+pub(super) const NO_CELL: u32 = u32::MAX;
+
 /// Smallest and largest block edge, voxels.
 const BLOCK: usize = 3;
 const MAX_BLOCK: usize = 24;
 
 /// Memory limit per source, bytes.
 const MAX_BYTES: usize = 6 << 20;
-pub(super) const NO_CELL: u32 = u32::MAX;
 
 /// Air blocks, divided at blocked voxel steps; twice as high as wide.
 pub(crate) struct Cells {
