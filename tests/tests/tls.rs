@@ -89,7 +89,7 @@ async fn tls_and_plain_text_are_distinguished() {
     let secure = format!("https://{}", server.servers.grpc);
     let refused = Client::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
-    assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
+    assert!(matches!(refused, Error::Tls { .. }) && text.contains("use http://"), "{text}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
