@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from avln.v1 import common_pb2
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"
 """Package version."""
 API_MINOR = 0
 """Highest supported minor number in `avln.v1`."""
