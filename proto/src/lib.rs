@@ -1,7 +1,6 @@
 //! Protocol between agents and server: messages and encodings in package `avln.v1`.
 //!
-//! Start at `PROTOCOL.md`, which defines the states and rules, then read [`v1::PlayRequest`], [`v1::PlayResponse`] and the
-//! tensor encodings in [`wire`].
+//! `PROTOCOL.md` defines states and rules; continue with [`v1::PlayRequest`], [`v1::PlayResponse`] and [`wire`].
 //!
 //! *Never*: contains behaviour beyond messages and encodings; names a scene, a target or a score that a phase hides.
 
@@ -82,14 +81,8 @@ impl Reason {
 }
 
 /// Protocol buffer codec that reserves space for the whole message before it encodes.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct WholeCodec<T, U>(PhantomData<(T, U)>);
-
-impl<T, U> Default for WholeCodec<T, U> {
-    fn default() -> Self {
-        Self(PhantomData)
-    }
-}
 
 impl<T, U> Codec for WholeCodec<T, U>
 where
@@ -119,7 +112,7 @@ impl<T: Message> Encoder for WholeEncoder<T> {
     type Error = Status;
 
     fn encode(&mut self, message: T, buffer: &mut EncodeBuf<'_>) -> Result<(), Status> {
-        // Pictures are large, and a growing buffer would copy them.
+        // Images are large, and a growing buffer would copy them.
         buffer.reserve(message.encoded_len());
         message.encode(buffer).map_err(|error| Status::internal(format!("cannot encode a message: {error}")))
     }

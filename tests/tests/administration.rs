@@ -33,7 +33,7 @@ mod sign_in {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
+    async fn team_manages_tokens_and_cancels_runs() {
         let server = TestServer::open(&TestSetup::default()).await;
         let team = Visitor::sign_in(server.servers.web, &server.token).await;
         let page = team
@@ -76,7 +76,7 @@ mod sign_in {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it() {
+    async fn cancelling_on_page_ends_agent_run() {
         let server = TestServer::open(&TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
         let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
         let run = client.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
@@ -99,7 +99,7 @@ mod sign_in {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_team_touches_nothing_that_is_not_its_own() {
+    async fn team_cannot_change_other_teams() {
         let server = TestServer::open(&TestSetup::default()).await;
         let organiser = server.organiser().await;
         let office = Visitor::sign_in(server.servers.web, &organiser).await;
@@ -222,7 +222,7 @@ mod admin_server {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_operator_sees_what_is_played_and_nobody_else_does() {
+    async fn only_operator_sees_open_episodes() {
         let server = TestServer::open_with_admin(&TestSetup::default()).await;
         let operator = Operator::of(&server).await;
         let client = Client::connect(server.agents_url(), &server.token).await.unwrap();
@@ -266,7 +266,7 @@ mod admin_server {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
+    async fn drain_lets_open_episodes_end() {
         let server = TestServer::open_with_admin(&TestSetup::default()).await;
         let operator = Operator::of(&server).await;
         let link = ConnectOptions { patience: Some(Duration::from_secs(2)), ..ConnectOptions::default() };
@@ -305,7 +305,7 @@ mod admin_server {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
+    async fn drain_extends_phases_and_records_it() {
         let server = TestServer::open_with_admin(&TestSetup::default()).await;
         let operator = Operator::of(&server).await;
         let store = DataFolder::open(server.folder.path()).unwrap().store().await.unwrap();
@@ -366,7 +366,7 @@ mod doctor {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
+    async fn doctor_leaves_healthy_server_unchanged() {
         let server = TestServer::open(&TestSetup { missions: 3, ..TestSetup::default() }).await;
         let (code, report, said) = doctor(&server.agents_url(), &server.token, PHASE);
         assert_eq!((code, said.as_str()), (Some(0), ""), "{report}");
@@ -400,7 +400,7 @@ mod doctor {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
+    async fn doctor_reports_obstacles_without_spending_quota() {
         let server = TestServer::open(&TestSetup::default()).await;
         let (code, report, said) = doctor(&server.agents_url(), "wrong", PHASE);
         assert_eq!((code, verdict(&report, "token")), (Some(6), "failed"), "{report}");

@@ -25,7 +25,7 @@ mod rust_client {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn episodes_are_a_stream_that_ends_with_the_run() {
+    async fn episode_stream_ends_with_run() {
         let server = server(3).await;
         let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
         let run = client.start_run(options()).await.expect("a run");
@@ -43,7 +43,7 @@ mod rust_client {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_open() {
+    async fn next_episode_waits_for_previous() {
         let server = server(2).await;
         let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
         let run = client.start_run(options()).await.expect("a run");
@@ -60,7 +60,7 @@ mod rust_client {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
+    async fn stream_survives_connection_loss_but_not_error() {
         let server = server(2).await;
         let proxy = FaultProxy::open(server.servers.grpc).await;
         let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
@@ -80,7 +80,7 @@ mod rust_client {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn calls_wait_for_a_server_that_is_away_for_a_while_and_begin_one_run() {
+    async fn calls_survive_server_restart_with_one_run() {
         let server = server(1).await;
         let proxy = FaultProxy::open(server.servers.grpc).await;
         let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
@@ -207,7 +207,7 @@ mod human {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_person_plays_a_run_that_stands_on_the_board() {
+    async fn human_run_appears_on_leaderboard() {
         let server = TestServer::open(&TestSetup::default()).await;
         let (found, page) = oneshot::channel();
         let options = args(&server, "127.0.0.1:0");
@@ -275,7 +275,7 @@ mod oracle {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_oracle_completes_every_mission_in_both_orders_on_a_short_path() {
+    async fn oracle_completes_every_mission_in_both_orders() {
         let lines = play().await;
         assert_eq!(lines.len(), 24);
         for order in ["ordered", "unordered"] {
@@ -289,7 +289,7 @@ mod oracle {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_oracle_stands_on_boards_for_comparison() {
+    async fn oracle_is_on_leaderboards_for_comparison() {
         let folder = tempfile::tempdir().expect("a folder");
         avln_tests::set_up(
             folder.path(),
@@ -316,7 +316,7 @@ mod oracle {
     }
 
     #[tokio::test]
-    async fn an_oracle_without_a_phase_is_told_where_phases_are_listed() {
+    async fn oracle_without_phase_error_has_hint() {
         let folder = tempfile::tempdir().expect("a folder");
         let data = DataFolder::open(folder.path()).expect("the folder");
         let strange = suite::play_oracle(&data, "nowhere", &mut |_, _| ()).await.expect_err("no such phase");
@@ -335,7 +335,7 @@ mod baselines {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn agents_play_what_they_have_not_played_and_a_page_is_written() {
+    async fn suite_resumes_and_writes_its_page() {
         let place = tempfile::tempdir().expect("a folder");
         let folder = place.path();
         assert!(suite::report(folder).is_err(), "nothing was played");
@@ -372,7 +372,7 @@ mod baselines {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn two_ladders_cannot_be_played_in_one_folder() {
+    async fn baseline_suite_locks_its_folder() {
         let place = tempfile::tempdir().expect("a folder");
         let lock = fs::File::create(place.path().join("lock")).expect("the lock");
         lock.lock().expect("it is free");
@@ -453,7 +453,7 @@ mod storeys {
     }
 
     #[tokio::test]
-    async fn it_takes_stairs() {
+    async fn pag_nav_uses_stairs() {
         let place = tempfile::tempdir().expect("a folder");
         let folder = place.path();
         fs::write(folder.join("recipe.json"), RECIPE).expect("a recipe");

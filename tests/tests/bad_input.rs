@@ -28,7 +28,7 @@ async fn play_one(client: &Client, run: &Run) -> avln_client::EpisodeEnd {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
+async fn unusable_tokens_are_rejected_with_hint() {
     let server = TestServer::open(&TestSetup::default()).await;
     let refused =
         Client::connect(server.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
@@ -47,7 +47,7 @@ async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
+async fn unknown_phase_error_lists_known_phases() {
     let server = TestServer::open(&TestSetup::default()).await;
     let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
     let refused = client.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
@@ -58,7 +58,7 @@ async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_played() {
+async fn rejected_sensors_leave_the_run_playable() {
     let server = TestServer::open(&TestSetup::default()).await;
     let (client, run) = start(&server).await;
     let absurd = client.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
@@ -73,7 +73,7 @@ async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_play
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
+async fn illegal_steps_are_rejected_and_episode_continues() {
     let server = TestServer::open(&TestSetup::default()).await;
     let proxy = RecordingProxy::open(server.servers.grpc).await;
     let client = Client::connect(proxy.url(), &server.token).await.expect("a connection");
@@ -97,7 +97,7 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
+async fn vanished_client_loses_one_episode_of_its_run() {
     let server = TestServer::open(&TestSetup::default()).await;
     let proxy = RecordingProxy::open(server.servers.grpc).await;
     let vanishing = Client::connect(proxy.url(), &server.token).await.expect("a connection");
@@ -138,7 +138,7 @@ fn oversized_frame(length: u32) -> Vec<u8> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn noise_and_idle_visitors_do_not_stop_the_server() {
+async fn random_bytes_and_idle_connections_are_harmless() {
     let server = TestServer::open(&TestSetup::default()).await;
     let (client, run) = start(&server).await;
     let mut idle = Vec::new();
@@ -157,7 +157,7 @@ async fn noise_and_idle_visitors_do_not_stop_the_server() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
+async fn restarted_server_continues_the_run() {
     let server = TestServer::open(&TestSetup::default()).await;
     let (client, run) = start(&server).await;
     let first = play_one(&client, &run).await;

@@ -73,7 +73,7 @@ fn data_folder() -> (TempDir, PathBuf) {
 }
 
 #[test]
-fn a_split_is_prepared_ahead_of_time_and_once() {
+fn split_is_prepared_once() {
     let (_folder, data) = data_folder();
     let done = |arguments: &[&str]| {
         let outcome = avln(&data, arguments);
@@ -115,7 +115,7 @@ fn help_names_every_command_and_every_exit_code() {
 }
 
 #[test]
-fn a_wrong_command_line_is_code_2_and_leads_to_the_help() {
+fn wrong_command_line_exits_with_code_2() {
     let (_folder, data) = data_folder();
     for arguments in [&["dance"][..], &["demo", "--houses", "many"], &["scene", "info"], &[]] {
         let outcome = avln(&data, arguments);
@@ -126,7 +126,7 @@ fn a_wrong_command_line_is_code_2_and_leads_to_the_help() {
 }
 
 #[test]
-fn a_data_folder_that_cannot_be_used_is_code_3() {
+fn unusable_data_folder_exits_with_code_3() {
     let (folder, _) = data_folder();
     let file = folder.path().join("file");
     fs::write(&file, "not a folder").expect("a file");
@@ -148,7 +148,7 @@ fn a_data_folder_that_cannot_be_used_is_code_3() {
 }
 
 #[test]
-fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
+fn foreign_file_exits_with_code_3_unchanged() {
     let (_folder, data) = data_folder();
     fs::create_dir_all(&data).expect("a folder");
     let letter = "Dear diary, this is no database at all.\n".repeat(100);
@@ -159,7 +159,7 @@ fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
 }
 
 #[test]
-fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
+fn taken_port_exits_with_code_4_and_hint() {
     let (_folder, data) = data_folder();
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = taken.local_addr().expect("its address").to_string();
@@ -172,7 +172,7 @@ fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
 }
 
 #[test]
-fn a_corrupt_scene_is_code_5_and_one_line() {
+fn corrupt_scene_exits_with_code_5() {
     let (folder, data) = data_folder();
     let scene = folder.path().join("house.glb");
     let path = scene.to_str().expect("a path in Unicode");
@@ -198,7 +198,7 @@ fn a_corrupt_scene_is_code_5_and_one_line() {
 }
 
 #[test]
-fn an_exported_scene_holds_the_same_objects() {
+fn exported_scene_contains_same_objects() {
     let (folder, data) = data_folder();
     let path = folder.path().join("house.glb");
     let path = path.to_str().expect("a path in Unicode");
@@ -288,7 +288,7 @@ fn an_agent_without_a_server_is_code_6() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
+async fn wrong_token_or_phase_exits_with_code_6() {
     let data_folder = avln_tests::TestServer::open(&TestSetup::default()).await;
     let (url, token) = (data_folder.agents_url(), data_folder.token.clone());
     let data = data_folder.folder.path().to_owned();
@@ -322,7 +322,7 @@ async fn teams_are_admitted_and_refused_by_name() {
 }
 
 #[test]
-fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
+fn demo_prints_two_tables_and_reuses_data() {
     let (_folder, data) = data_folder();
     let demo = || {
         let small = ["demo", "--once", "--houses", "1", "--missions", "1"];
@@ -347,7 +347,7 @@ fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
 }
 
 #[test]
-fn the_commands_of_the_organisers_page_do_what_it_says() {
+fn organising_page_commands_work() {
     let (folder, data) = data_folder();
     let done = |arguments: &[&str]| {
         let outcome = avln(&data, arguments);
@@ -412,7 +412,7 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
 }
 
 #[test]
-fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
+fn sealed_split_requires_its_passphrase() {
     let (folder, data) = data_folder();
     assert_eq!(
         avln(&data, &["data", "split", "make", "val", "--houses", "1", "--missions", "1"]).code,
@@ -487,7 +487,7 @@ fn children(help: &str) -> impl DoubleEndedIterator<Item = String> {
 }
 
 #[test]
-fn the_page_of_the_command_line_is_what_the_program_says() {
+fn command_line_page_matches_program_help() {
     let (_folder, data) = data_folder();
     let page = manual(&data);
     assert!(page.contains("## avln scene export\n"), "{page}");

@@ -82,7 +82,7 @@ mod containers {
     }
 
     #[test]
-    fn a_trial_is_set_up_once_and_its_agent_plays_by_the_token_in_the_file() {
+    fn trial_setup_runs_once_for_its_agent() {
         let container = Container::new();
         let setup = || container.succeeds(container.command(&command_of("trial-setup")));
         assert!(setup().contains("phase practice is open"));
@@ -230,7 +230,7 @@ mod packages {
     }
 
     #[test]
-    fn each_service_is_of_the_profile_in_its_name() {
+    fn service_names_start_with_profile() {
         for (name, service) in services() {
             let [profile] = words(&service["profiles"])[..] else { panic!("{name} is of one profile") };
             assert!(PROFILES.contains(&profile) && name.starts_with(&format!("{profile}-")), "{name}");
@@ -241,7 +241,7 @@ mod packages {
     }
 
     #[test]
-    fn what_needs_a_server_waits_until_it_is_well() {
+    fn services_wait_for_healthy_server() {
         assert!(text("docker/server.Dockerfile").contains("HEALTHCHECK"));
         for profile in PROFILES {
             let server = format!("{profile}-server");
@@ -327,7 +327,7 @@ mod packages {
     }
 
     #[test]
-    fn images_are_built_by_the_script_and_run_as_nobody() {
+    fn images_run_as_unprivileged_user() {
         for image in ["docker/server.Dockerfile", "docker/agents.Dockerfile"] {
             let file = text(image);
             assert!(file.contains("    docker/build.sh /built\n"), "{image}");
@@ -352,7 +352,7 @@ mod packages {
     }
 
     #[test]
-    fn each_command_has_a_page_and_each_shell_completions() {
+    fn every_command_has_manual_and_completions() {
         let folder = tempfile::TempDir::new().expect("a folder for temporary files");
         let program = env!("CARGO_BIN_EXE_avln_under_test");
         let output = Command::new(program).arg("manual").arg(folder.path()).output().expect("it starts");

@@ -40,7 +40,7 @@ mod text {
     }
 
     #[test]
-    fn no_source_file_is_longer_than_a_reader_can_hold() {
+    fn source_files_have_at_most_500_lines() {
         let long = |(path, text): &(PathBuf, String)| {
             let lines = text.lines().count();
             (lines > MAX_FILE_LINES).then(|| format!("{}: {lines} lines", shown(path)))
@@ -232,7 +232,7 @@ mod commands {
     }
 
     #[test]
-    fn what_people_are_told_to_type_is_understood() {
+    fn documented_commands_parse() {
         let mut refused = Vec::new();
         let mut places = Vec::new();
         for (place, line) in written() {

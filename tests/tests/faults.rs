@@ -126,7 +126,7 @@ async fn agent_too_slow_ends_the_episode() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn agent_gone_for_good_ends_the_episode_and_not_the_run() {
+async fn agent_gone_ends_episode_but_not_run() {
     let server = server(brief).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
@@ -137,7 +137,7 @@ async fn agent_gone_for_good_ends_the_episode_and_not_the_run() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before_a_step() {
+async fn agent_cancelling_before_first_step_is_free() {
     let server = server(|_| ()).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
@@ -149,7 +149,7 @@ async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complete_the_run() {
+async fn agent_cancelled_by_team_does_not_complete_run() {
     let server = server(|_| ()).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut first = play.next_episode().await.expect("an answer").expect("an episode");
@@ -174,7 +174,7 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
+async fn agent_sending_nonsense_counts_as_disconnected() {
     let server = server(brief).await;
     let proxy = recording_proxy::RecordingProxy::open(server.servers.grpc).await;
     let (run, mut play) = begin(&proxy.url(), &server.token).await;
@@ -193,7 +193,7 @@ async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn time_that_is_over_ends_a_run_with_what_it_has() {
+async fn expired_wall_time_ends_run_with_results() {
     let server = server(|phase| phase.time.run_s = 3).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
@@ -237,7 +237,7 @@ async fn network_that_is_cut_or_stalls_costs_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
+async fn network_dead_silently_counts_as_disconnect() {
     let (folder, token) = set_up_with(brief).await;
     let keen = |limits: Limits| Limits {
         keepalive_interval: Duration::from_millis(300),
@@ -282,7 +282,7 @@ fn at_first(times: u32, fail: impl Fn() + Send + Sync + 'static) -> SimulatorFau
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn server_a_panic_in_a_step_is_played_again_for_nothing() {
+async fn server_panic_in_step_costs_no_quota() {
     let server = disturbed(at_first(1, || panic!("the secret of this scene"))).await;
     let (run, play) = begin(&server.agents_url(), &server.token).await;
     play_on(play).await.expect("to the end");
@@ -291,7 +291,7 @@ async fn server_a_panic_in_a_step_is_played_again_for_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn server_that_fails_at_an_episode_again_and_again_gives_it_up_and_charges_nothing() {
+async fn server_failing_repeatedly_drops_episode_without_charge() {
     let server = disturbed(at_first(3, || panic!("the secret of this scene"))).await;
     let (run, play) = begin(&server.agents_url(), &server.token).await;
     play_on(play).await.expect("to the end");
@@ -300,7 +300,7 @@ async fn server_that_fails_at_an_episode_again_and_again_gives_it_up_and_charges
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn server_a_step_that_hangs_is_played_again_for_nothing() {
+async fn server_hanging_in_step_costs_no_quota() {
     let (go_on, wait) = mpsc::channel::<()>();
     let wait = Mutex::new(wait);
     let server = disturbed(at_first(1, move || {
@@ -318,7 +318,7 @@ async fn server_a_step_that_hangs_is_played_again_for_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn server_without_memory_for_an_episode_does_not_begin_it() {
+async fn server_without_memory_begins_no_episode() {
     let (folder, token) = set_up_with(|_| ()).await;
     let poor = Budget { session_memory_mib: 1, ..Budget::default() };
     let server = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
@@ -334,7 +334,7 @@ async fn server_without_memory_for_an_episode_does_not_begin_it() {
 /// A hanging file system: the scene is a pipe without a writer.
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
-async fn server_a_preparation_that_hangs_costs_its_episode() {
+async fn server_hanging_in_preparation_costs_one_episode() {
     let (folder, token) = set_up_with(|_| ()).await;
     let missions = find(folder.path(), "/missions/");
     std::fs::remove_file(&missions).expect("a file of missions");
@@ -390,7 +390,7 @@ async fn server_that_dies_costs_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
+async fn full_run_log_disk_costs_no_quota() {
     let (folder, token) = set_up_with(|_| ()).await;
     let logs = folder.path().join("runs");
     std::fs::create_dir_all(&logs).expect("a folder");
@@ -411,7 +411,7 @@ async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn disk_full_under_the_database_is_played_again_for_nothing() {
+async fn full_database_disk_costs_no_quota() {
     let small = tempfile::tempdir().expect("a folder");
     let Some(disk) = Disk::mount(small.path(), "64m") else { return };
     let (folder, token) = set_up_with(|_| ()).await;
@@ -471,7 +471,7 @@ async fn clock_that_jumps_ends_no_run() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn database_that_another_holds_is_waited_for() {
+async fn locked_database_is_retried() {
     let server = server(|_| ()).await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");

@@ -160,7 +160,7 @@ fn metadata() -> Value {
 }
 
 #[test]
-fn crates_import_only_what_the_table_allows() {
+fn crates_import_only_permitted_crates() {
     let metadata = metadata();
     let mut allowed = table(ALLOWED);
     let forbidden: Vec<_> =
@@ -172,7 +172,7 @@ fn crates_import_only_what_the_table_allows() {
 }
 
 #[test]
-fn every_crate_is_in_the_table_and_on_the_architecture_page() {
+fn every_crate_is_in_table_and_architecture_page() {
     let metadata = metadata();
     let names: BTreeSet<_> = metadata["packages"]
         .as_array()
@@ -192,7 +192,7 @@ fn every_crate_is_in_the_table_and_on_the_architecture_page() {
 }
 
 #[test]
-fn the_check_sees_a_forbidden_edge() {
+fn check_detects_forbidden_import() {
     let sample = serde_json::json!({ "packages": [
         { "name": "avln-grpc", "dependencies": [{ "name": "avln-truth" }, { "name": "tokio" }] }
     ]});
@@ -200,7 +200,7 @@ fn the_check_sees_a_forbidden_edge() {
 }
 
 #[test]
-fn the_clients_tree_holds_no_crate_of_the_server() {
+fn client_depends_on_no_server_crate() {
     let metadata = metadata();
     let packages = metadata["packages"].as_array().expect("cargo lists packages");
     let root = metadata["workspace_root"].as_str().expect("a path");

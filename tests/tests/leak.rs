@@ -376,7 +376,7 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn public_scores_do_not_show_what_hidden_replays_hide() {
+async fn public_scores_hide_replay_facts() {
     let setup = TestSetup {
         visible_to: Visibility::Public,
         replays_to: Some(Visibility::Organiser),
@@ -398,7 +398,7 @@ async fn public_scores_do_not_show_what_hidden_replays_hide() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_same_search_finds_what_a_public_phase_shows() {
+async fn search_finds_facts_of_public_phase() {
     let server = server(Visibility::Public).await;
     let received = receive(&server).await;
     let (_, shown) = categories(&server);

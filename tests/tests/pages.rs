@@ -41,7 +41,7 @@ mod browser {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn every_page_is_for_everybody() {
+    async fn every_page_is_accessible() {
         let needed = ["playwright", "axe_playwright_python"];
         let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
         let Some(chromium) = chromium() else { return };
@@ -122,7 +122,7 @@ mod frozen_copy {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn what_is_done_to_a_copy_is_found() {
+    async fn changes_to_a_copy_are_detected() {
         let (data, elsewhere) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         set_up(data.path(), &TestSetup { houses: 1, missions: 1, ..TestSetup::default() }).await;
@@ -175,7 +175,7 @@ mod live_run {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_run_is_seen_to_advance_and_to_wait() {
+    async fn live_events_show_progress_and_waiting() {
         let server = TestServer::open(&TestSetup::default()).await;
         let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
         let run = client.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
@@ -258,7 +258,7 @@ mod replay_sound {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_replay_sounds_as_its_agent_heard_it() {
+    async fn replay_sound_equals_agent_sound() {
         let server = TestServer::open(&TestSetup::default()).await;
         let (run, heard) = play(&server, AUDIO_ONLY).await;
         assert_eq!(heard.len(), 2);
@@ -287,7 +287,7 @@ mod replay_sound {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
+    async fn hidden_replays_have_no_sound() {
         let server = TestServer::open(&TestSetup::default()).await;
         let deaf = play_script(&server.agents_url(), &server.token, "deaf").await;
         let hidden =

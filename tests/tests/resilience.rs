@@ -122,7 +122,7 @@ fn check_log(folder: &Path, run: &str, episodes: usize) {
     let forged = folder.join("forged.log");
     std::fs::write(&forged, written.replacen("\"sr\":0", "\"sr\":1", 1)).expect("a copy");
     let (content, text) = verify(folder, &forged);
-    assert!(!content && text.contains("its hash does not fit"), "{text}");
+    assert!(!content && text.contains("its hash does not match"), "{text}");
 }
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");

@@ -84,7 +84,7 @@ mod verification {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_log_is_checked_with_the_organisers_data_and_without() {
+    async fn log_is_verified_with_and_without_organiser_data() {
         let played = Played::new().await;
         let (content, text) = played.verify(&played.log, &["--key", &played.key]);
         assert!(content, "{text}");
@@ -109,7 +109,7 @@ mod verification {
         let text = fs::read_to_string(&played.log).expect("the log");
         let spoiled = played.files.path().join("spoiled.log");
         fs::write(&spoiled, text.replacen("\"thought_us\":", "\"thought_us\":1", 1)).expect("a copy");
-        played.refused(&spoiled, &[], "its hash does not fit");
+        played.refused(&spoiled, &[], "its hash does not match");
 
         let action = played.forged(|entries| {
             unsign(entries);
@@ -194,7 +194,7 @@ mod rescoring {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
+    async fn rescoring_repeats_bits_and_stores_other_scorers() {
         let server = TestServer::open(&TestSetup::default()).await;
         let run = play_script(&server.agents_url(), &server.token, "walker").await;
         let folder = server.folder.path();
@@ -232,7 +232,7 @@ mod rescoring {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_version_that_says_two_things_and_a_run_without_records_are_told() {
+    async fn calibration_reports_conflicts_and_missing_records() {
         let server = TestServer::open(&TestSetup::default()).await;
         let run = play_script(&server.agents_url(), &server.token, "walker").await;
         let store = store(&server).await;

@@ -58,7 +58,7 @@ fn values(status: &RunStatus) -> Vec<(String, u64)> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_sealed_run_scores_as_the_same_agent_that_dials_in() {
+async fn sealed_run_scores_equal_remote_run() {
     let server = TestServer::open(&TestSetup::default()).await;
     let agent = [PROGRAM, "agent", "random", "--seed", "3", "--size", "64"];
     let dial_in = tokio::process::Command::new(PROGRAM)
@@ -171,7 +171,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn agents_that_do_not_play_are_told_and_their_runs_end() {
+async fn idle_runs_end_with_a_reason() {
     let folder = TempDir::new().unwrap();
     set_up(folder.path(), &TestSetup::default()).await;
     let data = folder.path().to_owned();

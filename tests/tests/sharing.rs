@@ -46,7 +46,7 @@ async fn turn(
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
+async fn teams_share_steps_independent_of_slots() {
     let _alone = ALONE.lock().await;
     let folder = tempfile::tempdir().expect("a folder");
     let token = set_up(folder.path(), &TestSetup { houses: 1, missions: 17, ..TestSetup::default() }).await;

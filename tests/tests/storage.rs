@@ -125,7 +125,7 @@ mod backups {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_server_that_is_played_on_goes_on_elsewhere() {
+    async fn backup_of_busy_server_continues_elsewhere() {
         static CALM: Pace = Pace::new(u32::MAX, Duration::ZERO);
         static HELD: Pace = Pace::new(200, Duration::ZERO);
         // Long enough for the backup to be made meanwhile.

@@ -58,7 +58,7 @@ async fn look(server: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed() {
+async fn tls_episodes_are_equal_in_every_packing() {
     let (authority, stranger) = (Authority::new(), Authority::new());
     let server = TestServer::open_with_tls(&TestSetup::default(), &authority.security()).await;
     let raw = look(&server, &authority.link(Packing::Raw)).await;
@@ -83,17 +83,17 @@ async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed(
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn tls_where_plain_text_is_spoken_is_told_apart() {
+async fn tls_and_plain_text_are_distinguished() {
     let authority = Authority::new();
     let server = TestServer::open(&TestSetup::default()).await;
     let secure = format!("https://{}", server.servers.grpc);
     let refused = Client::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
-    assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
+    assert!(matches!(refused, Error::Tls { .. }) && text.contains("use http://"), "{text}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_server_that_speaks_tls_is_checked_like_any_other() {
+async fn doctor_checks_tls_server() {
     let authority = Authority::new();
     let server =
         TestServer::open_with_tls(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security())

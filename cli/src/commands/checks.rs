@@ -115,7 +115,7 @@ pub(crate) async fn check_conformance(args: ConformanceArgs) -> Result<(), Failu
             let ca = args.ca.map(read_authorities).transpose()?;
             let site = Site { server: &args.server, ca: ca.as_deref() };
             let checks = check(&site, &token, &phase).await;
-            checks.map_err(|trouble| Failure::run(trouble))?
+            checks.map_err(Failure::run)?
         }
     };
     print_rules(&checks)

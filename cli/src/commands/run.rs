@@ -205,7 +205,7 @@ pub(crate) async fn rescore_runs(data: &Path, args: RescoreArgs) -> Result<(), F
         say!("{} scored by benchmark {}", counted(comparisons.len(), "run"), Scorer::OURS.version);
     }
     match comparisons.iter().find(|comparison| comparison.contradicts()) {
-        Some(Comparison { run, scorer_before, .. }) => Err(Failure::run(format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} gives other scores"),
+        Some(Comparison { run, scorer_before, .. }) => Err(Failure::run(format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} computes other scores"),
         )
         .hinted("the scorer was changed without a new version, or the database was edited")),
         None => Ok(()),

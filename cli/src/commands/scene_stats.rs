@@ -201,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_of_seeds_are_read_and_empty_ones_refused() {
+    fn seed_ranges_are_parsed_and_empty_rejected() {
         assert_eq!(seeds("3..7"), Ok(3..7));
         for text in ["7..3", "4", "a..b", "5..5", ""] {
             assert!(seeds(text).unwrap_err().contains("0..100"), "{text}");

@@ -302,7 +302,7 @@ mod tests {
     use avln_arena::FailureKind;
 
     #[test]
-    fn files_that_hold_something_else_are_refused_with_a_hint() {
+    fn foreign_file_error_has_hint() {
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let file = folder.path().join("pairs.json");
         for text in ["", "{}", "[[1,2,3]]", "[[[0,0,0],[0,0]]]", "[[[0,0,0],[0,0,1e999]]]"] {
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_walk_slides_along_walls_and_says_so() {
+    fn walk_slides_along_walls_and_reports_it() {
         let scene = avln_houses::house("house-1", 1, &Default::default());
         let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
         let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());

@@ -1,36 +1,34 @@
 //! Frames of a test server without scenes.
 
-use crate::book::{Book, Open, STEPS};
-use crate::trials::TRIALS;
+use crate::trials::{OpenEpisode, STEPS, TRIALS, TrialRun};
 use avln_proto::{API_MINOR, v1};
 
-/// Sides of pictures that are shown, pixels.
-const SIDES: std::ops::RangeInclusive<u32> = 64..=512;
+const IMAGE_SIDES: std::ops::RangeInclusive<u32> = 64..=512;
 /// Samples per ear and step.
 const SAMPLES: u32 = 4000;
 
 pub(crate) const RUN: &str = "run_conformance";
 
-pub(crate) fn progress(book: &Book) -> v1::RunProgress {
-    let in_flight = u32::from(book.open.is_some());
-    v1::RunProgress { total: TRIALS.len() as u32, done: book.done(), in_flight, eta_s: None }
+pub(crate) fn progress(run: &TrialRun) -> v1::RunProgress {
+    let in_flight = u32::from(run.open.is_some());
+    v1::RunProgress { total: TRIALS.len() as u32, done: run.ended_episodes(), in_flight, eta_s: None }
 }
 
-pub(crate) fn welcome(book: &Book) -> v1::Welcome {
-    let (width, height) = size(&book.sensors);
+pub(crate) fn welcome(run: &TrialRun) -> v1::Welcome {
+    let (width, height) = size(&run.sensors);
     let position =
-        |open: &Open| v1::SlotPosition { slot: 0, episode: open.handle.clone(), step: open.step() };
-    let specs = kinds(&book.sensors).into_iter().map(|kind| spec(kind, width, height)).collect();
+        |open: &OpenEpisode| v1::SlotPosition { slot: 0, episode: open.handle.clone(), step: open.step() };
+    let specs = kinds(&run.sensors).into_iter().map(|kind| spec(kind, width, height)).collect();
     v1::Welcome {
         run: RUN.to_owned(),
         api_minor: API_MINOR,
         slots: 1,
-        task: Some(task(width, height, book.sensors.hfov_rad)),
+        task: Some(task(width, height, run.sensors.hfov_rad)),
         tensors: specs,
         max_message_bytes: 4 << 20,
         time: Some(v1::TimeLimits { disconnect_s: 60, disconnect_total_s: 600, ..v1::TimeLimits::default() }),
-        progress: Some(progress(book)),
-        resumed: book.open.iter().filter(|open| open.over.is_none()).map(position).collect(),
+        progress: Some(progress(run)),
+        resumed: run.open.iter().filter(|open| open.over.is_none()).map(position).collect(),
         benchmark: "0.0.0".to_owned(),
         server_version: env!("CARGO_PKG_VERSION").to_owned(),
         ..v1::Welcome::default()
@@ -38,7 +36,7 @@ pub(crate) fn welcome(book: &Book) -> v1::Welcome {
 }
 
 fn size(sensors: &v1::SensorSubscription) -> (u32, u32) {
-    let side = |side: u32| side.clamp(*SIDES.start(), *SIDES.end());
+    let side = |side: u32| side.clamp(*IMAGE_SIDES.start(), *IMAGE_SIDES.end());
     (side(sensors.width), side(sensors.height))
 }
 
@@ -90,7 +88,7 @@ fn spec(kind: v1::SensorKind, width: u32, height: u32) -> v1::TensorSpec {
     }
 }
 
-/// A grey room without a sound.
+// A grey image, no depth hit and silence suffice, because the trials depend on no observation content.
 fn tensor(kind: v1::SensorKind, (width, height): (u32, u32)) -> v1::Tensor {
     let (dtype, shape) = shape(kind, width, height);
     let bytes = shape.iter().product::<u32>() as usize * if dtype == v1::Dtype::U8 { 1 } else { 4 };
@@ -103,7 +101,7 @@ fn tensor(kind: v1::SensorKind, (width, height): (u32, u32)) -> v1::Tensor {
     }
 }
 
-pub(crate) fn start(book: &Book, open: &Open) -> v1::EpisodeStart {
+pub(crate) fn start(run: &TrialRun, open: &OpenEpisode) -> v1::EpisodeStart {
     let goal = |category: &str| v1::Goal { cue: Some(v1::goal::Cue::Category(category.to_owned())) };
     v1::EpisodeStart {
         slot: 0,
@@ -112,19 +110,19 @@ pub(crate) fn start(book: &Book, open: &Open) -> v1::EpisodeStart {
             order: v1::Order::Unordered.into(),
             goals: ["chair", "lamp"].map(goal).to_vec(),
         }),
-        observation: Some(observation(book, open)),
+        observation: Some(observation(run, open)),
         ordinal: open.ordinal,
-        progress: Some(progress(book)),
+        progress: Some(progress(run)),
     }
 }
 
-pub(crate) fn observation(book: &Book, open: &Open) -> v1::Observation {
-    let (step, size) = (open.step(), size(&book.sensors));
+pub(crate) fn observation(run: &TrialRun, open: &OpenEpisode) -> v1::Observation {
+    let (step, size) = (open.step(), size(&run.sensors));
     v1::Observation {
         slot: 0,
         episode: open.handle.clone(),
         step,
-        tensors: kinds(&book.sensors).into_iter().map(|kind| tensor(kind, size)).collect(),
+        tensors: kinds(&run.sensors).into_iter().map(|kind| tensor(kind, size)).collect(),
         pose: Some(v1::Pose::default()),
         remaining_steps: STEPS.saturating_sub(step),
         remaining_submits: 2,
@@ -136,7 +134,7 @@ pub(crate) fn observation(book: &Book, open: &Open) -> v1::Observation {
     }
 }
 
-pub(crate) fn end(book: &Book, open: &Open, reason: v1::EndReason) -> v1::EpisodeEnd {
+pub(crate) fn end(run: &TrialRun, open: &OpenEpisode, reason: v1::EndReason) -> v1::EpisodeEnd {
     v1::EpisodeEnd {
         slot: 0,
         episode: open.handle.clone(),
@@ -144,27 +142,27 @@ pub(crate) fn end(book: &Book, open: &Open, reason: v1::EndReason) -> v1::Episod
         reason: reason.into(),
         terminated: reason == v1::EndReason::Stopped,
         metrics: None,
-        progress: Some(progress(book)),
+        progress: Some(progress(run)),
     }
 }
 
-pub(crate) fn run_end(book: &Book) -> v1::RunEnd {
+pub(crate) fn run_end(run: &TrialRun) -> v1::RunEnd {
     v1::RunEnd {
         run: RUN.to_owned(),
-        progress: Some(progress(book)),
-        complete: !book.has_next(),
+        progress: Some(progress(run)),
+        complete: !run.has_next(),
         ..v1::RunEnd::default()
     }
 }
 
-pub(crate) fn fault(open: Option<&Open>, reason: v1::Reason, recoverable: bool) -> v1::Fault {
+pub(crate) fn fault(open: Option<&OpenEpisode>, reason: v1::Reason, recoverable: bool) -> v1::Fault {
     v1::Fault {
         slot: Some(0),
         episode: open.map(|open| open.handle.clone()).unwrap_or_default(),
-        step: open.map_or(0, Open::step),
+        step: open.map_or(0, OpenEpisode::step),
         code: reason.code() as u32,
         reason: reason.into(),
-        message: format!("the server of the conformance kit says {}", reason.word()),
+        message: format!("the conformance kit sends {}", reason.word()),
         recoverable,
         ..v1::Fault::default()
     }

@@ -1,10 +1,9 @@
 //! A test server for clients: it follows the protocol and injects permitted faults.
 
 use crate::{
-    Check,
-    book::{Book, NONCE, TRICKED_STEP},
+    checks::Check,
     frames,
-    trials::Trick,
+    trials::{FAULT_STEP, InjectedFault, NONCE, TrialRun},
 };
 use avln_proto::v1::{
     self, info_service_server as info, play_request::Frame as Up, play_response::Frame as Down,
@@ -19,16 +18,11 @@ use tokio::{
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{Request, Response, Status, Streaming, transport::Server};
 
-/// Longest client silence.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Late observation delay.
-const LATE: Duration = Duration::from_secs(3);
-/// Refused streams while the server is unreachable.
-const REFUSED: u32 = 3;
-/// Frames that wait to be sent.
-const WAITING_FRAMES: usize = 16;
-/// Time for the last frames to leave.
-const FAREWELL: Duration = Duration::from_millis(500);
+const CLIENT_TIMEOUT: Duration = Duration::from_secs(60);
+const OBSERVATION_DELAY: Duration = Duration::from_secs(3);
+const REFUSED_STREAMS: u32 = 3;
+const QUEUED_FRAMES: usize = 16;
+const FLUSH_TIME: Duration = Duration::from_millis(500);
 
 /// A listening test server.
 #[derive(Debug)]
@@ -49,182 +43,183 @@ impl Host {
         Ok(Self { listener, address })
     }
 
-    /// Hosts a run for the first client, with any token and phase, and returns the results of all trials.
-    /// Waits for the client without limit, then a minute per answer.
+    /// Hosts a run for the first client, with any token and phase, and returns the trial results. Waits for the
+    /// client without limit, then a minute per frame.
     pub async fn check(self) -> Vec<Check> {
-        let (beat, mut beats) = watch::channel(0_u64);
-        let book = Arc::new(Mutex::new(Book::default()));
-        let fake = Fake { book: book.clone(), beat: Arc::new(beat) };
+        let (frame_counter, mut frames_seen) = watch::channel(0_u64);
+        let run = Arc::new(Mutex::new(TrialRun::default()));
+        let fake = Fake { run: run.clone(), frame_counter: Arc::new(frame_counter) };
         let server = Server::builder()
             .add_service(info::InfoServiceServer::new(fake.clone()))
             .add_service(runs::RunServiceServer::new(fake.clone()))
             .add_service(play::PlayServiceServer::new(fake))
             .serve_with_incoming(TcpListenerStream::new(self.listener));
         let serving = tokio::spawn(server);
-        let _ = beats.changed().await;
+        let _ = frames_seen.changed().await;
         let mut late = None;
-        while !book.lock().await.is_over && late.is_none() {
-            if timeout(PATIENCE, beats.changed()).await.is_err() {
-                late = Some(format!("nothing came from the client for {} s", PATIENCE.as_secs()));
+        // The limit applies to every frame: a client may think longer than that about a whole run.
+        while !run.lock().await.is_over && late.is_none() {
+            if timeout(CLIENT_TIMEOUT, frames_seen.changed()).await.is_err() {
+                late = Some(format!("no frame from the client within {} s", CLIENT_TIMEOUT.as_secs()));
             }
         }
-        sleep(FAREWELL).await;
+        // RunEnd may still be in the send queue, and abort would discard it.
+        sleep(FLUSH_TIME).await;
         serving.abort();
-        book.lock().await.checks(late)
+        run.lock().await.checks(late)
     }
 }
 
 #[derive(Clone)]
 struct Fake {
-    book: Arc<Mutex<Book>>,
-    /// Changes with every client frame.
-    beat: Arc<watch::Sender<u64>>,
+    run: Arc<Mutex<TrialRun>>,
+    frame_counter: Arc<watch::Sender<u64>>,
 }
 
 impl Fake {
-    fn heard(&self) {
-        self.beat.send_modify(|beats| *beats += 1);
+    fn count_frame(&self) {
+        self.frame_counter.send_modify(|frames_seen| *frames_seen += 1);
     }
 
-    fn run(&self) -> v1::Run {
+    fn run_status(&self) -> v1::Run {
         v1::Run { id: frames::RUN.to_owned(), state: v1::RunState::Running.into(), ..v1::Run::default() }
     }
 }
 
-/// Continue with the stream, or stop.
-type Goes = Result<(), Gone>;
+/// The end of a stream, with a status or without.
+struct StreamEnd(Option<Status>);
 
-/// The stream is over: with a status, or without.
-struct Gone(Option<Status>);
-
-/// A stream.
-struct Stage {
+struct Conversation {
     fake: Fake,
-    asked: Streaming<v1::PlayRequest>,
-    told: mpsc::Sender<Result<v1::PlayResponse, Status>>,
+    requests: Streaming<v1::PlayRequest>,
+    responses: mpsc::Sender<Result<v1::PlayResponse, Status>>,
 }
 
-impl Stage {
-    async fn run(mut self) {
-        if let Err(Gone(Some(status))) = self.converse().await {
-            let _ = self.told.send(Err(status)).await;
+impl Conversation {
+    async fn hold(mut self) {
+        if let Err(StreamEnd(Some(status))) = self.converse().await {
+            let _ = self.responses.send(Err(status)).await;
         }
     }
 
-    async fn tell(&self, frame: Down) {
-        let _ = self.told.send(Ok(v1::PlayResponse { frame: Some(frame) })).await;
+    async fn send(&self, frame: Down) {
+        let _ = self.responses.send(Ok(v1::PlayResponse { frame: Some(frame) })).await;
     }
 
-    async fn hear(&mut self) -> Result<Up, Gone> {
-        let heard = self.asked.message().await;
-        self.fake.heard();
-        let request = heard.ok().flatten().ok_or(Gone(None))?;
-        request.frame.ok_or_else(|| Gone(Some(Status::invalid_argument("a frame without a message"))))
+    async fn receive(&mut self) -> Result<Up, StreamEnd> {
+        let received = self.requests.message().await;
+        self.fake.count_frame();
+        let request = received.ok().flatten().ok_or(StreamEnd(None))?;
+        request.frame.ok_or_else(|| StreamEnd(Some(Status::invalid_argument("the frame has no message"))))
     }
 
-    async fn converse(&mut self) -> Goes {
-        let Up::Hello(hello) = self.hear().await? else {
-            self.fake.book.lock().await.wrong("the first frame of a stream is not Hello");
-            return Err(Gone(Some(Status::invalid_argument("the first frame must be Hello"))));
+    async fn converse(&mut self) -> Result<(), StreamEnd> {
+        let Up::Hello(hello) = self.receive().await? else {
+            self.fake.run.lock().await.violation("first frame: expected Hello");
+            return Err(StreamEnd(Some(Status::invalid_argument("the first frame must be Hello"))));
         };
         self.greet(&hello).await;
         loop {
-            match self.hear().await? {
+            match self.receive().await? {
                 Up::Ready(ready) => self.ready(ready).await?,
                 Up::Act(act) => self.act(&act).await?,
-                Up::Pong(pong) => self.fake.book.lock().await.pong(pong.nonce),
+                Up::Pong(pong) => self.fake.run.lock().await.pong(pong.nonce),
                 Up::Abandon(_) => self.abandon().await,
                 Up::Goodbye(_) => return self.end_run().await,
-                Up::Hello(_) => self.fake.book.lock().await.wrong("a second Hello came on one stream"),
+                Up::Hello(_) => {
+                    self.fake.run.lock().await.violation("the client sent a second Hello in a stream")
+                }
             }
         }
     }
 
     /// Sends Welcome and the missed frames.
     async fn greet(&self, hello: &v1::Hello) {
-        let mut book = self.fake.book.lock().await;
-        book.hello(hello);
-        self.tell(Down::Welcome(frames::welcome(&book))).await;
-        let Some(open) = book.open.clone() else { return };
-        match (open.over, open.told) {
+        let mut run = self.fake.run.lock().await;
+        run.hello(hello);
+        self.send(Down::Welcome(frames::welcome(&run))).await;
+        let Some(open) = run.open.clone() else { return };
+        match (open.over, open.sent_step) {
             (Some(reason), _) => {
-                self.tell(Down::EpisodeEnd(frames::end(&book, &open, reason))).await;
-                book.close();
+                self.send(Down::EpisodeEnd(frames::end(&run, &open, reason))).await;
+                run.close();
             }
-            (None, Some(_)) => self.tell(Down::Observation(frames::observation(&book, &open))).await,
-            (None, None) => self.tell(Down::EpisodeStart(frames::start(&book, &open))).await,
+            (None, Some(_)) => self.send(Down::Observation(frames::observation(&run, &open))).await,
+            (None, None) => self.send(Down::EpisodeStart(frames::start(&run, &open))).await,
         }
-        told(&mut book);
+        run.observation_sent();
     }
 
-    async fn ready(&self, ready: v1::Ready) -> Goes {
-        let mut book = self.fake.book.lock().await;
-        if ready.slot != 0 || book.open.is_some() {
-            book.wrong(format!("Ready for slot {}, which is no idle slot", ready.slot));
-            let fault = frames::fault(book.open.as_ref(), v1::Reason::SlotBusy, true);
-            self.tell(Down::Fault(fault)).await;
+    async fn ready(&self, ready: v1::Ready) -> Result<(), StreamEnd> {
+        let mut run = self.fake.run.lock().await;
+        if ready.slot != 0 || run.open.is_some() {
+            run.violation(format!("Ready for slot {}: the slot is busy or does not exist", ready.slot));
+            let fault = frames::fault(run.open.as_ref(), v1::Reason::SlotBusy, true);
+            self.send(Down::Fault(fault)).await;
             return Ok(());
         }
-        if !book.has_next() {
-            drop(book);
+        if !run.has_next() {
+            drop(run);
             return self.end_run().await;
         }
-        book.begin();
-        if book.trick() == Trick::LoseStart && book.tricks(0) {
-            return Err(lost(&mut book));
+        run.begin();
+        if run.fault() == InjectedFault::LostStart && run.inject_at(0) {
+            return Err(lost(&mut run));
         }
-        let Some(open) = book.open.clone() else { return Ok(()) };
-        self.tell(Down::EpisodeStart(frames::start(&book, &open))).await;
-        told(&mut book);
+        let Some(open) = run.open.clone() else { return Ok(()) };
+        self.send(Down::EpisodeStart(frames::start(&run, &open))).await;
+        run.observation_sent();
         Ok(())
     }
 
-    async fn act(&self, act: &v1::Act) -> Goes {
-        let mut book = self.fake.book.lock().await;
-        if let Err(reason) = book.act(act) {
-            let fault = v1::Fault { step: act.step, ..frames::fault(book.open.as_ref(), reason, true) };
-            self.tell(Down::Fault(fault)).await;
+    async fn act(&self, act: &v1::Act) -> Result<(), StreamEnd> {
+        let mut run = self.fake.run.lock().await;
+        if let Err(reason) = run.act(act) {
+            let fault = v1::Fault { step: act.step, ..frames::fault(run.open.as_ref(), reason, true) };
+            self.send(Down::Fault(fault)).await;
             return Ok(());
         }
-        let trick = book.trick();
-        let is_due = book.tricks(TRICKED_STEP);
+        let fault = run.fault();
+        let is_due = run.inject_at(FAULT_STEP);
         if is_due {
-            self.before_observation(&mut book, trick).await?;
+            self.before_observation(&mut run, fault).await?;
         }
-        let Some(open) = book.open.clone() else { return Ok(()) };
-        self.tell(Down::Observation(frames::observation(&book, &open))).await;
-        told(&mut book);
+        let Some(open) = run.open.clone() else { return Ok(()) };
+        self.send(Down::Observation(frames::observation(&run, &open))).await;
+        run.observation_sent();
         if is_due {
-            after_observation(&mut book, trick)?;
+            after_observation(&mut run, fault)?;
         }
         if let Some(reason) = open.over {
-            if trick == Trick::LoseEnd {
-                return Err(lost(&mut book));
+            if fault == InjectedFault::LostEnd {
+                return Err(lost(&mut run));
             }
-            self.tell(Down::EpisodeEnd(frames::end(&book, &open, reason))).await;
-            book.close();
+            self.send(Down::EpisodeEnd(frames::end(&run, &open, reason))).await;
+            run.close();
         }
         Ok(())
     }
 
-    async fn before_observation(&self, book: &mut Book, trick: Trick) -> Goes {
-        match trick {
-            Trick::Interrupt => {
-                let message = "the conformance kit has nothing to announce".to_owned();
-                self.tell(Down::Notice(v1::Notice { message, ..v1::Notice::default() })).await;
-                self.tell(Down::Ping(v1::Ping { nonce: NONCE, ..v1::Ping::default() })).await;
-                book.ask();
+    async fn before_observation(&self, run: &mut TrialRun, fault: InjectedFault) -> Result<(), StreamEnd> {
+        match fault {
+            InjectedFault::NoticeAndPing => {
+                let message = "notice of the conformance kit".to_owned();
+                self.send(Down::Notice(v1::Notice { message, ..v1::Notice::default() })).await;
+                self.send(Down::Ping(v1::Ping { nonce: NONCE, ..v1::Ping::default() })).await;
+                run.ping_sent();
             }
-            Trick::Mumble => drop(self.told.send(Ok(v1::PlayResponse { frame: None })).await),
-            Trick::Dawdle => sleep(LATE).await,
-            Trick::LoseAnswer => return Err(lost(book)),
-            Trick::Break => {
-                let Some(open) = book.open.clone() else { return Ok(()) };
-                let fault = frames::fault(Some(&open), v1::Reason::SimFault, false);
-                self.tell(Down::Fault(fault)).await;
-                let end = frames::end(book, &open, v1::EndReason::ServerFault);
-                self.tell(Down::EpisodeEnd(end)).await;
-                book.close();
+            // A newer frame reaches an older client as a message without a frame.
+            InjectedFault::UnknownFrame => {
+                drop(self.responses.send(Ok(v1::PlayResponse { frame: None })).await)
+            }
+            InjectedFault::LateObservation => sleep(OBSERVATION_DELAY).await,
+            InjectedFault::LostObservation => return Err(lost(run)),
+            InjectedFault::SimulatorFault => {
+                let Some(open) = run.open.clone() else { return Ok(()) };
+                self.send(Down::Fault(frames::fault(Some(&open), v1::Reason::SimFault, false))).await;
+                let end = frames::end(run, &open, v1::EndReason::ServerFault);
+                self.send(Down::EpisodeEnd(end)).await;
+                run.close();
             }
             _ => {}
         }
@@ -232,54 +227,46 @@ impl Stage {
     }
 
     async fn abandon(&self) {
-        let mut book = self.fake.book.lock().await;
-        book.wrong("the client gave the episode up");
-        let Some(open) = book.open.clone() else { return };
-        self.tell(Down::EpisodeEnd(frames::end(&book, &open, v1::EndReason::Abandoned))).await;
-        book.close();
+        let mut run = self.fake.run.lock().await;
+        run.violation("the client abandoned the episode");
+        let Some(open) = run.open.clone() else { return };
+        self.send(Down::EpisodeEnd(frames::end(&run, &open, v1::EndReason::Abandoned))).await;
+        run.close();
     }
 
-    async fn end_run(&self) -> Goes {
-        let mut book = self.fake.book.lock().await;
-        self.tell(Down::RunEnd(frames::run_end(&book))).await;
-        book.is_over = true;
-        self.fake.heard();
-        Err(Gone(None))
+    async fn end_run(&self) -> Result<(), StreamEnd> {
+        let mut run = self.fake.run.lock().await;
+        self.send(Down::RunEnd(frames::run_end(&run))).await;
+        run.is_over = true;
+        self.fake.count_frame();
+        Err(StreamEnd(None))
     }
 }
 
-fn after_observation(book: &mut Book, trick: Trick) -> Goes {
-    match trick {
-        Trick::Cut => Err(lost(book)),
-        Trick::Leave => {
-            book.refuse = REFUSED;
-            Err(lost(book))
+fn after_observation(run: &mut TrialRun, fault: InjectedFault) -> Result<(), StreamEnd> {
+    match fault {
+        InjectedFault::BrokenStream => Err(lost(run)),
+        InjectedFault::Unreachable => {
+            run.refuse = REFUSED_STREAMS;
+            Err(lost(run))
         }
-        Trick::Hush => {
-            book.lose();
-            Err(Gone(None))
+        InjectedFault::SilentEnd => {
+            run.lose_stream();
+            Err(StreamEnd(None))
         }
         _ => Ok(()),
     }
 }
 
-/// The stream breaks.
-fn lost(book: &mut Book) -> Gone {
-    book.lose();
-    Gone(Some(Status::unavailable("the conformance kit broke the stream")))
-}
-
-/// The last observation was sent.
-fn told(book: &mut Book) {
-    if let Some(open) = &mut book.open {
-        open.told = Some(open.step());
-    }
+fn lost(run: &mut TrialRun) -> StreamEnd {
+    run.lose_stream();
+    StreamEnd(Some(Status::unavailable("the conformance kit closed the stream")))
 }
 
 type Answer<T> = Result<Response<T>, Status>;
 
-fn none<T>(what: &str) -> Answer<T> {
-    Err(Status::unimplemented(format!("the server of the conformance kit has no {what}")))
+fn unimplemented<T>(call: &str) -> Answer<T> {
+    Err(Status::unimplemented(format!("the conformance kit does not implement {call}")))
 }
 
 #[tonic::async_trait]
@@ -306,9 +293,9 @@ impl runs::RunService for Fake {
     type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
 
     async fn start_run(&self, _: Request<v1::StartRunRequest>) -> Answer<v1::StartRunResponse> {
-        self.heard();
+        self.count_frame();
         Ok(Response::new(v1::StartRunResponse {
-            run: Some(self.run()),
+            run: Some(self.run_status()),
             run_token: "avln_run_conformance".to_owned(),
             max_slots: 1,
             ..v1::StartRunResponse::default()
@@ -316,19 +303,19 @@ impl runs::RunService for Fake {
     }
 
     async fn get_run(&self, _: Request<v1::GetRunRequest>) -> Answer<v1::GetRunResponse> {
-        Ok(Response::new(v1::GetRunResponse { run: Some(self.run()) }))
+        Ok(Response::new(v1::GetRunResponse { run: Some(self.run_status()) }))
     }
 
     async fn watch_run(&self, _: Request<v1::WatchRunRequest>) -> Answer<Self::WatchRunStream> {
-        none("WatchRun")
+        unimplemented("WatchRun")
     }
 
     async fn cancel_run(&self, _: Request<v1::CancelRunRequest>) -> Answer<v1::CancelRunResponse> {
-        let mut book = self.book.lock().await;
-        book.wrong("the client cancelled the run");
-        book.is_over = true;
-        self.heard();
-        Ok(Response::new(v1::CancelRunResponse { run: Some(self.run()) }))
+        let mut run = self.run.lock().await;
+        run.violation("the client cancelled the run");
+        run.is_over = true;
+        self.count_frame();
+        Ok(Response::new(v1::CancelRunResponse { run: Some(self.run_status()) }))
     }
 
     async fn list_runs(&self, _: Request<v1::ListRunsRequest>) -> Answer<v1::ListRunsResponse> {
@@ -349,28 +336,28 @@ impl play::PlayService for Fake {
     type PlayStream = ReceiverStream<Result<v1::PlayResponse, Status>>;
 
     async fn play(&self, request: Request<Streaming<v1::PlayRequest>>) -> Answer<Self::PlayStream> {
-        self.heard();
-        let mut book = self.book.lock().await;
-        if book.refuse > 0 {
-            book.refuse -= 1;
-            return Err(Status::unavailable("the server of the conformance kit is not there yet"));
+        self.count_frame();
+        let mut run = self.run.lock().await;
+        if run.refuse > 0 {
+            run.refuse -= 1;
+            return Err(Status::unavailable("the conformance kit refuses this stream"));
         }
-        drop(book);
-        let (told, receiver) = mpsc::channel(WAITING_FRAMES);
-        tokio::spawn(Stage { fake: self.clone(), asked: request.into_inner(), told }.run());
+        drop(run);
+        let (responses, receiver) = mpsc::channel(QUEUED_FRAMES);
+        tokio::spawn(Conversation { fake: self.clone(), requests: request.into_inner(), responses }.hold());
         Ok(Response::new(ReceiverStream::new(receiver)))
     }
 
     async fn reset(&self, _: Request<v1::ResetRequest>) -> Answer<v1::ResetResponse> {
-        none("unary mirror")
+        unimplemented("unary mirror")
     }
 
     async fn step(&self, _: Request<v1::StepRequest>) -> Answer<v1::StepResponse> {
-        none("unary mirror")
+        unimplemented("unary mirror")
     }
 
     async fn end(&self, _: Request<v1::EndRequest>) -> Answer<v1::EndResponse> {
-        none("unary mirror")
+        unimplemented("unary mirror")
     }
 }
 
@@ -379,7 +366,7 @@ mod tests {
     use super::*;
     use crate::{
         Outcome,
-        talk::{Site, Talk, hello},
+        talk::{Connection, Site, hello},
     };
 
     #[tokio::test]
@@ -387,8 +374,8 @@ mod tests {
         let host = Host::bind("127.0.0.1:0".parse().unwrap()).await.unwrap();
         let url = format!("http://{}", host.address);
         let checking = tokio::spawn(host.check());
-        let talk = Talk::open(&Site { server: &url, ca: None }, "any", "any").await.unwrap();
-        let (mut stream, _) = talk.enter(hello()).await.unwrap();
+        let server = Connection::open(&Site { server: &url, ca: None }, "any", "any").await.unwrap();
+        let (mut stream, _) = server.enter(hello()).await.unwrap();
         let episode = stream.start().await.unwrap().episode;
         stream.act(&episode, 5, 1).await;
         stream.refusal(v1::Reason::StepAhead).await.unwrap();
@@ -397,18 +384,18 @@ mod tests {
         stream.act(&episode, 1, 2).await;
         stream.refusal(v1::Reason::StepConflict).await.unwrap();
         drop(stream);
-        let (stream, _) = talk.enter(hello()).await.unwrap();
+        let (stream, _) = server.enter(hello()).await.unwrap();
         stream.send(Up::Goodbye(v1::Goodbye { pause: false })).await;
         let checks = checking.await.unwrap();
         let Outcome::Broken(first) = &checks[0].outcome else { panic!("{checks:?}") };
         for what in
-            ["step 5 comes after step 0", "step 1 was action 1 and is 2", "left a stream that was not"]
+            ["step: expected 1, got 5", "resent action of step 1: expected 1, got 2", "left an intact stream"]
         {
             assert!(first.contains(what), "{first}");
         }
-        let far = checks[1..].iter().all(
-            |check| matches!(&check.outcome, Outcome::Broken(why) if why == "the client did not come so far"),
+        let unreached = checks[1..].iter().all(
+            |check| matches!(&check.outcome, Outcome::Broken(why) if why == "the client did not reach this episode"),
         );
-        assert!(far, "{checks:?}");
+        assert!(unreached, "{checks:?}");
     }
 }

@@ -1,12 +1,10 @@
 //! Conformance tests for servers and clients of `avln.v1`.
 //!
 //! [`check`] tests a server as a client: required answers, refusals and state. [`Host`] tests a client with a
-//! run full of faults. A [`Check`] names a rule of `PROTOCOL.md`. The server test plays some episodes of a
-//! run, which counts like any other.
+//! run full of faults. A [`Check`] names a rule of `PROTOCOL.md`. The server test plays episodes in a counted run.
 //!
 //! *Never*: depends on server knowledge beyond address, account token and phase.
 
-mod book;
 mod checks;
 mod frames;
 mod host;

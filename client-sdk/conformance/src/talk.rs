@@ -1,3 +1,5 @@
+//! A protocol client for checks: a connection with a run, and streams.
+
 use avln_proto::{
     MAX_MESSAGE_BYTES, REASON_KEY,
     v1::{
@@ -13,28 +15,27 @@ use tonic::{
     transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
 };
 
-/// Longest time for an answer: the server may have to load scenes.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Frames that wait to be sent.
-const WAITING_FRAMES: usize = 64;
+// The server may have to load scenes before it answers.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
+const QUEUED_FRAMES: usize = 64;
 
-/// Why the checks could not be made at all.
+/// Errors before the first check.
 #[derive(Debug, thiserror::Error)]
 pub enum Trouble {
-    /// The server does not answer.
-    #[error(
-        "cannot reach {address}: {detail}; give the address of the server's gRPC port like http://127.0.0.1:50051"
-    )]
+    /// No answer from the server.
+    #[error("cannot reach {address}: {detail}; use the gRPC port's address like http://127.0.0.1:50051")]
     Unreachable {
         /// Given address.
         address: String,
         /// Network error.
         detail: String,
     },
-    /// The run for the checks was refused.
-    #[error("the server begins no run in phase '{phase}': {detail}")]
+    /// The server refused the run for the checks.
+    #[error(
+        "cannot start a run in phase '{phase}': {detail}; use an open phase with --phase and an account token"
+    )]
     NoRun {
-        /// The phase.
+        /// Phase.
         phase: String,
         /// Server message.
         detail: String,
@@ -44,7 +45,7 @@ pub enum Trouble {
 /// Server location.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
-    /// Address: `http://`, or `https://`.
+    /// Address: `http://` or `https://`.
     pub server: &'a str,
     /// PEM certificates of authorities for an `https://` server, instead of the system store.
     pub ca: Option<&'a str>,
@@ -54,32 +55,31 @@ impl Site<'_> {
     fn endpoint(&self) -> Result<Endpoint, tonic::transport::Error> {
         let endpoint = Endpoint::new(self.server.to_owned())?;
         let endpoint = endpoint.max_frame_size(256 << 10).initial_stream_window_size(2 << 20);
-        match (self.server.starts_with("https://"), self.ca) {
-            (false, _) => Ok(endpoint),
-            (true, None) => endpoint.tls_config(ClientTlsConfig::new().with_native_roots()),
-            (true, Some(pem)) => {
-                endpoint.tls_config(ClientTlsConfig::new().ca_certificate(Certificate::from_pem(pem)))
-            }
+        if !self.server.starts_with("https://") {
+            return Ok(endpoint);
         }
+        let tls = ClientTlsConfig::new();
+        endpoint.tls_config(match self.ca {
+            None => tls.with_native_roots(),
+            Some(pem) => tls.ca_certificate(Certificate::from_pem(pem)),
+        })
     }
 }
 
-/// Error message with all sources.
 fn chain(error: &dyn std::error::Error) -> String {
     let behind = std::iter::successors(error.source(), |error| error.source());
-    behind.fold(error.to_string(), |said, error| format!("{said}: {error}"))
+    behind.fold(error.to_string(), |text, error| format!("{text}: {error}"))
 }
 
-/// A connection to the server, and the run that the checks play.
-pub(crate) struct Talk {
+/// A connection to the server with a run.
+pub(crate) struct Connection {
     pub(crate) channel: Channel,
     pub(crate) run: v1::Run,
     pub(crate) run_token: String,
     pub(crate) account_token: String,
 }
 
-impl Talk {
-    /// Connects and begins a run.
+impl Connection {
     pub(crate) async fn open(site: &Site<'_>, token: &str, phase: &str) -> Result<Self, Trouble> {
         let unreachable = |error: tonic::transport::Error| Trouble::Unreachable {
             address: site.server.to_owned(),
@@ -95,7 +95,7 @@ impl Talk {
         };
         let started = RunServiceClient::new(channel.clone()).start_run(bearer(request, token)).await;
         let started = started.map_err(|status| no_run(status.message().to_owned()))?.into_inner();
-        let run = started.run.ok_or_else(|| no_run("StartRun answers without a run".to_owned()))?;
+        let run = started.run.ok_or_else(|| no_run("the answer to StartRun contains no run".to_owned()))?;
         Ok(Self { channel, run, run_token: started.run_token, account_token: token.to_owned() })
     }
 
@@ -103,28 +103,27 @@ impl Talk {
         PlayServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
     }
 
-    /// Opens a stream with this token and these first frames.
     pub(crate) async fn dial(&self, token: &str, frames: Vec<Up>) -> Result<Stream, Status> {
-        let (up, queue) = mpsc::channel(WAITING_FRAMES);
+        let (up, queue) = mpsc::channel(QUEUED_FRAMES);
         for frame in frames {
+            // The queue is new and larger than any list of first frames.
             let _ = up.try_send(v1::PlayRequest { frame: Some(frame) });
         }
         let down = self.play().play(bearer(ReceiverStream::new(queue), token)).await?.into_inner();
         Ok(Stream { up, down })
     }
 
-    /// Opens a stream properly.
+    /// Opens a stream up to Welcome.
     pub(crate) async fn enter(&self, hello: v1::Hello) -> Result<(Stream, v1::Welcome), String> {
         let mut stream =
-            self.dial(&self.run_token, vec![Up::Hello(hello)]).await.map_err(|status| told(&status))?;
+            self.dial(&self.run_token, vec![Up::Hello(hello)]).await.map_err(|status| describe(&status))?;
         match stream.next().await? {
             Down::Welcome(welcome) => Ok((stream, welcome)),
-            other => Err(format!("Hello was answered by {}", name(&other))),
+            other => Err(format!("Hello: expected Welcome, got {}", frame_name(&other))),
         }
     }
 }
 
-/// A Play stream.
 pub(crate) struct Stream {
     up: mpsc::Sender<v1::PlayRequest>,
     down: Streaming<v1::PlayResponse>,
@@ -139,22 +138,22 @@ impl Stream {
         self.send(Up::Act(v1::Act { slot: 0, episode: episode.to_owned(), step, action })).await;
     }
 
-    /// The next frame that is neither Ping nor Notice.
     pub(crate) async fn next(&mut self) -> Result<Down, String> {
         loop {
+            // The server may send Ping and Notice at any time.
             match self.next_or_end().await? {
                 Ok(Some(Down::Ping(_) | Down::Notice(_))) => {}
                 Ok(Some(frame)) => return Ok(frame),
-                Ok(None) => return Err("the stream ended without a word".to_owned()),
-                Err(status) => return Err(told(&status)),
+                Ok(None) => return Err("the stream ended without a frame".to_owned()),
+                Err(status) => return Err(describe(&status)),
             }
         }
     }
 
-    /// Next frame, or stream end.
+    /// Returns the next frame, or `None` at the end of the stream.
     pub(crate) async fn next_or_end(&mut self) -> Result<Result<Option<Down>, Status>, String> {
-        let next = timeout(PATIENCE, self.down.message()).await;
-        let next = next.map_err(|_| format!("nothing came for {PATIENCE:?}"))?;
+        let next = timeout(ANSWER_TIMEOUT, self.down.message()).await;
+        let next = next.map_err(|_| format!("no answer within {ANSWER_TIMEOUT:?}"))?;
         Ok(next.map(|response| response.and_then(|response| response.frame)))
     }
 
@@ -162,40 +161,44 @@ impl Stream {
         self.send(Up::Ready(v1::Ready { slot: 0 })).await;
         match self.next().await? {
             Down::EpisodeStart(start) => Ok(start),
-            other => Err(format!("Ready was answered by {}", name(&other))),
+            other => Err(format!("Ready: expected EpisodeStart, got {}", frame_name(&other))),
         }
     }
 
     pub(crate) async fn observation(&mut self) -> Result<v1::Observation, String> {
         match self.next().await? {
             Down::Observation(seen) => Ok(seen),
-            other => Err(format!("an Observation was due, and {} came", name(&other))),
+            other => Err(format!("expected Observation, got {}", frame_name(&other))),
         }
+    }
+
+    pub(crate) async fn abandon(&mut self, episode: String, step: u32) -> Result<v1::EpisodeEnd, String> {
+        self.send(Up::Abandon(v1::Abandon { slot: 0, episode, step })).await;
+        self.end().await
     }
 
     pub(crate) async fn end(&mut self) -> Result<v1::EpisodeEnd, String> {
         match self.next().await? {
             Down::EpisodeEnd(end) => Ok(end),
-            other => Err(format!("EpisodeEnd was due, and {} came", name(&other))),
+            other => Err(format!("expected EpisodeEnd, got {}", frame_name(&other))),
         }
     }
 
-    /// A recoverable fault for this reason.
-    pub(crate) async fn refusal(&mut self, due: v1::Reason) -> Result<(), String> {
+    /// Expects a recoverable fault.
+    pub(crate) async fn refusal(&mut self, expected: v1::Reason) -> Result<(), String> {
         match self.next().await? {
-            Down::Fault(fault) if fault.reason() == due && fault.recoverable => Ok(()),
+            Down::Fault(fault) if fault.reason() == expected && fault.recoverable => Ok(()),
             Down::Fault(fault) => Err(format!(
-                "a recoverable {} was due, and {} came, recoverable {}",
-                due.as_str_name(),
+                "expected a recoverable {}, got {} with recoverable = {}",
+                expected.as_str_name(),
                 fault.reason().as_str_name(),
                 fault.recoverable
             )),
-            other => Err(format!("a Fault was due, and {} came", name(&other))),
+            other => Err(format!("expected Fault, got {}", frame_name(&other))),
         }
     }
 }
 
-/// A Hello for all sensors with small images.
 pub(crate) fn hello() -> v1::Hello {
     let kinds = [v1::SensorKind::Rgb, v1::SensorKind::Depth, v1::SensorKind::Audio];
     let wish = |kind: v1::SensorKind| v1::SensorWish { kind: kind.into(), encodings: vec![] };
@@ -224,17 +227,16 @@ pub(crate) fn bearer<T>(message: T, token: &str) -> Request<T> {
     request
 }
 
-/// The reason in a status' trailer.
 pub(crate) fn reason(status: &Status) -> String {
     let word = status.metadata().get(REASON_KEY).and_then(|word| word.to_str().ok());
     word.unwrap_or("no reason").to_owned()
 }
 
-pub(crate) fn told(status: &Status) -> String {
+pub(crate) fn describe(status: &Status) -> String {
     format!("{:?} {}: {}", status.code(), reason(status), status.message())
 }
 
-pub(crate) fn name(frame: &Down) -> &'static str {
+pub(crate) fn frame_name(frame: &Down) -> &'static str {
     match frame {
         Down::Welcome(_) => "Welcome",
         Down::EpisodeStart(_) => "EpisodeStart",

@@ -1,17 +1,15 @@
-//! Plays a run as a stream of episodes: `cargo run -p avln-client --example episodes -- TOKEN
-//! [http://127.0.0.1:50051] [PHASE]`.
+//! An episode stream: `cargo run -p avln-client --example episodes -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
 
 use avln_client::{Action, Client, Episode, Error, RunOptions, Sensors};
 use tokio_stream::StreamExt;
 
-/// Steps after which an episode is given up.
-const ENOUGH: u32 = 40;
+const LAST_STEP: u32 = 40;
 
 /// Walks in a square and stops.
 async fn play(mut episode: Episode<'static>) -> Result<(), Error> {
     while !episode.is_over() {
         let action = match episode.observation().step {
-            ENOUGH.. => Action::Stop,
+            LAST_STEP.. => Action::Stop,
             step if step % 10 < 7 => Action::MoveForward,
             _ => Action::TurnRight,
         };

@@ -1,5 +1,4 @@
-//! Plays a run at random: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051]
-//! [PHASE]`.
+//! A random agent: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
 
 use avln_client::{
     Action, Agent, Client, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
@@ -22,13 +21,7 @@ impl Random {
 
 impl Agent for Random {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
-        println!(
-            "{} goals, {} steps, {}: {:?}",
-            mission.goals.len(),
-            task.max_steps,
-            mission.order,
-            mission.goals
-        );
+        println!("{} steps, {} goals: {:?}", task.max_steps, mission.order, mission.goals);
     }
 
     fn act(&mut self, observation: &Observation) -> Action {

@@ -1,5 +1,4 @@
-//! Plays a run with four parallel episodes, a task per slot: `cargo run -p avln-client --example slots --
-//! TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Four parallel slots: `cargo run -p avln-client --example slots -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
 
 use avln_client::{Action, Client, Error, Play, RunOptions, Sensors};
 use tokio::task::JoinSet;

@@ -1,3 +1,5 @@
+//! Actions, goal orders and end reasons.
+
 use avln_proto::v1;
 use std::{fmt, str::FromStr};
 
@@ -47,7 +49,7 @@ pub enum Order {
     Unordered,
 }
 
-/// A word that names no order.
+/// Error for an unknown goal order.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("order '{0}' does not exist; use ordered or unordered")]
 pub struct UnknownOrder(pub String);
@@ -90,39 +92,47 @@ impl fmt::Display for Order {
     }
 }
 
-/// Why an episode ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum EndReason {
-    /// The agent chose Stop.
-    Stopped,
-    /// The agent used the final Submit.
-    FinalSubmit,
-    /// The step limit was reached.
-    StepLimit,
-    /// The time budget was used up.
-    TimeBudget,
-    /// The agent gave the episode up.
-    Abandoned,
-    /// The agent disconnected and did not resume in time.
-    Disconnected,
-    /// The server failed; the episode does not count.
-    ServerFault,
-    /// A reason that this client does not know.
-    Other,
-}
-
-impl EndReason {
-    pub(crate) fn from_wire(number: i32) -> Self {
-        match v1::EndReason::try_from(number) {
-            Ok(v1::EndReason::Stopped) => Self::Stopped,
-            Ok(v1::EndReason::FinalSubmit) => Self::FinalSubmit,
-            Ok(v1::EndReason::StepLimit) => Self::StepLimit,
-            Ok(v1::EndReason::TimeBudget) => Self::TimeBudget,
-            Ok(v1::EndReason::Abandoned) => Self::Abandoned,
-            Ok(v1::EndReason::Disconnected) => Self::Disconnected,
-            Ok(v1::EndReason::ServerFault) => Self::ServerFault,
-            _ => Self::Other,
+// A newer server may send numbers that this client does not know, and these must not break a run.
+macro_rules! wire_enum {
+    ($(#[$meta:meta])* $name:ident { $($(#[$variant_meta:meta])* $variant:ident,)+ }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name {
+            $($(#[$variant_meta])* $variant,)+
+            /// Unknown to this client version.
+            Other,
         }
+
+        impl $name {
+            pub(crate) fn from_wire(number: i32) -> Self {
+                match avln_proto::v1::$name::try_from(number) {
+                    $(Ok(avln_proto::v1::$name::$variant) => Self::$variant,)+
+                    _ => Self::Other,
+                }
+            }
+        }
+    };
+}
+pub(crate) use wire_enum;
+
+wire_enum! {
+    /// Reason for an episode's end.
+    #[derive(Hash, PartialOrd, Ord)]
+    EndReason {
+        /// The agent chose Stop.
+        Stopped,
+        /// The agent used the final Submit.
+        FinalSubmit,
+        /// The step limit was reached.
+        StepLimit,
+        /// The time budget was used up.
+        TimeBudget,
+        /// The agent abandoned the episode.
+        Abandoned,
+        /// The agent disconnected and did not resume in time.
+        Disconnected,
+        /// The server failed; the episode does not count.
+        ServerFault,
     }
 }
 

@@ -1,5 +1,14 @@
+//! Agents, and the evaluation of a run.
+
 use crate::{
-    Action, Client, EpisodeEnd, Error, Mission, Observation, Play, Run, RunSummary, Sensors, TaskSpec,
+    action::Action,
+    client::Client,
+    error::Error,
+    observation::{Mission, Observation},
+    play::Play,
+    service::Run,
+    summary::{EpisodeEnd, RunSummary},
+    task::{Sensors, TaskSpec},
 };
 use tokio::{
     runtime::{Handle, RuntimeFlavor},
@@ -9,8 +18,7 @@ use tokio::{
 
 /// A policy. An agent plays a single episode at a time.
 pub trait Agent {
-    /// Called before [`begin`](Self::begin) with the episode handle, valid for this run only, for agents that
-    /// keep records.
+    /// Receives the episode handle, valid for this run only, before [`begin`](Self::begin); for agents with records.
     fn enter(&mut self, _episode: &str) {}
 
     /// Starts an episode; forget the previous one.
@@ -34,9 +42,7 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
     }
 }
 
-/// Plays a whole run with a single agent and finishes it.
-///
-/// The agent runs on the calling task; on a multi-thread runtime other tasks continue.
+/// Plays a whole run with a single agent on the calling task and finishes it.
 ///
 /// # Errors
 /// If the server refuses a request or violates the protocol, or if the connection is lost.
@@ -49,7 +55,7 @@ pub async fn evaluate(
     evaluate_with(client, run, sensors, agent, &mut |_| {}).await
 }
 
-/// As [`evaluate`], telling `on_end` about every episode that ended.
+/// Plays a run like [`evaluate`] and calls `on_end` for every ended episode.
 ///
 /// # Errors
 /// As for [`evaluate`].
@@ -65,9 +71,8 @@ pub async fn evaluate_with(
     play.finish().await
 }
 
-/// Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots. Calls
-/// `on_end` for every ended episode. `agents` must not be empty; afterwards it contains all agents except a
-/// panicked one, in any order.
+/// Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots, and calls `on_end` for
+/// every ended episode. `agents` must not be empty; afterwards it contains all agents except a panicked one, in any order.
 ///
 /// A slot is a task: agents run in parallel on a multi-thread runtime, and in turn on a single thread.
 ///
@@ -82,41 +87,41 @@ pub async fn evaluate_slots<A: Agent + Send + 'static>(
 ) -> Result<RunSummary, Error> {
     let wish = u32::try_from(agents.len()).unwrap_or(u32::MAX);
     let plays = client.play_slots(run, sensors, wish).await?;
-    let (tell, mut ended) = mpsc::unbounded_channel();
+    let (sender, mut ended) = mpsc::unbounded_channel();
     let mut players = JoinSet::new();
     for mut play in plays {
         let Some(mut agent) = agents.pop() else { break };
-        let tell = tell.clone();
+        let sender = sender.clone();
         players.spawn(async move {
-            let mut on_end = |end: &EpisodeEnd| _ = tell.send(end.clone());
+            let mut on_end = |end: &EpisodeEnd| _ = sender.send(end.clone());
             let played = play_all(&mut play, &mut agent, &mut on_end).await;
             (agent, played.map(|()| play))
         });
     }
-    drop(tell);
+    // `recv` ends after the drop of the last sender.
+    drop(sender);
     while let Some(end) = ended.recv().await {
         on_end(&end);
     }
     gather(players, agents).await?.finish().await
 }
 
-/// Waits for all slots; returns a remaining play handle.
+/// Waits for all slots; returns one for the Goodbye.
 async fn gather<A: 'static>(
     mut players: JoinSet<(A, Result<Play, Error>)>,
     agents: &mut Vec<A>,
 ) -> Result<Play, Error> {
     let lost = |error: task::JoinError| Error::Lost { attempted: "play a slot", detail: error.to_string() };
-    let mut all = Err(Error::protocol("no agent was given a slot"));
+    let mut all = Err(Error::protocol("no agent received a slot"));
+    // After a failure the other slots still play to the end: their episodes count.
     let mut failed = None;
     while let Some(joined) = players.join_next().await {
-        match joined.map_err(lost) {
-            Ok((agent, played)) => {
-                agents.push(agent);
-                match played {
-                    Ok(play) => all = Ok(play),
-                    Err(error) => _ = failed.get_or_insert(error),
-                }
-            }
+        let played = joined.map_err(lost).and_then(|(agent, played)| {
+            agents.push(agent);
+            played
+        });
+        match played {
+            Ok(play) => all = Ok(play),
             Err(error) => _ = failed.get_or_insert(error),
         }
     }
@@ -145,8 +150,9 @@ async fn play_all(
     Ok(())
 }
 
-/// Runs agent code without blocking other tasks, if the runtime supports it.
 fn undisturbed<T>(think: impl FnOnce() -> T) -> T {
+    // A slow agent must not block the worker thread for the reader, which answers Pings. `block_in_place` panics on
+    // a single-thread runtime.
     match Handle::current().runtime_flavor() {
         RuntimeFlavor::MultiThread => task::block_in_place(think),
         _ => think(),

@@ -1,18 +1,27 @@
-//! Unary calls with retries after a lost answer.
+//! Unary calls with retries after a lost answer, and the handshake of a run stream.
 
-use crate::{Error, RunOptions};
-use avln_proto::v1;
+use crate::{
+    error::{Error, closed},
+    service::RunOptions,
+};
+use avln_proto::{
+    MAX_MESSAGE_BYTES,
+    v1::{self, play_request, play_response::Frame, play_service_client::PlayServiceClient},
+};
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use tokio::{
+    sync::mpsc,
+    time::{Instant, sleep, timeout},
+};
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::{
-    Request, Response, Status,
+    Request, Response, Status, Streaming,
     metadata::{Ascii, MetadataValue},
+    transport::Channel,
 };
 
-/// Longest time for an answer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
-/// Default retry time after a lost answer.
-const PATIENCE: Duration = Duration::from_secs(10);
+const RETRY_TIME: Duration = Duration::from_secs(10);
 
 /// Makes an idempotent call, repeated while the connection is lost.
 pub(crate) async fn persist<A, F>(
@@ -23,10 +32,11 @@ pub(crate) async fn persist<A, F>(
 where
     F: Future<Output = Result<Response<A>, Status>>,
 {
-    let until = Instant::now() + patience.unwrap_or(PATIENCE).min(PATIENCE);
+    let until = Instant::now() + patience.unwrap_or(RETRY_TIME).min(RETRY_TIME);
     let mut backoff = Backoff::new();
     loop {
         let answer = unwrap(attempted, call().await);
+        // A refusal is an answer: repeating the request would not change it.
         let Err(error @ Error::Lost { .. }) = &answer else { return answer };
         let pause = backoff.after(error);
         if Instant::now() + pause >= until {
@@ -46,7 +56,6 @@ pub(crate) fn plain<T>(message: T) -> Request<T> {
     request
 }
 
-/// Authorisation metadata of a call.
 pub(crate) type Bearer = MetadataValue<Ascii>;
 
 pub(crate) fn bearer(token: &str) -> Result<Bearer, Error> {
@@ -65,23 +74,22 @@ pub(crate) fn signed<T>(mut request: Request<T>, bearer: &Bearer) -> Request<T> 
 impl RunOptions {
     /// Adds a request id if missing, so that a repeated request starts a single run.
     pub(crate) fn named(self) -> Self {
-        if self.has_request_id() { self } else { self.request_id(random_name()) }
+        if self.request_id.is_empty() { self.request_id(random_name()) } else { self }
     }
 }
 
-/// A random request id of 32 hexadecimal digits.
-///
-/// Without a random source the id is empty, and the server starts a new run for every request.
+/// Returns 32 random hexadecimal digits.
 fn random_name() -> String {
+    // Without a random source the id is empty, and the server starts a run per request. A constant id would return
+    // an older run instead.
     let words = getrandom::u64().and_then(|first| Ok((first, getrandom::u64()?)));
     words.map_or_else(|_| String::new(), |(first, second)| format!("{first:016x}{second:016x}"))
 }
 
-/// Pause before the second attempt.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 /// Longest pause without a delay requested by the server.
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// Longest accepted delay, so that a wrong value cannot stop a client for hours.
+// A wrong delay from a server must not stop a client for hours.
 const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
 /// Pauses between attempts to reach a server.
@@ -94,23 +102,69 @@ impl Backoff {
         Self { pause: FIRST_PAUSE }
     }
 
-    /// Returns the pause after the failure `error`, and doubles the next pause.
-    ///
-    /// A delay requested by the server is a lower bound.
+    /// Returns the pause after `error`, at least the server's requested delay, and doubles the next pause.
     pub(crate) fn after(&mut self, error: &Error) -> Duration {
         let delay = Duration::from_secs(error.retry_after_s().unwrap_or(0).into()).min(LONGEST_DELAY);
-        // After a restart all clients lose their stream at the same moment. Without jitter they would return in
-        // lockstep and overload the server again, also after an equal delay.
+        // A restart ends all streams at once. Without jitter the clients would return in lockstep and overload the
+        // server, also after an equal delay.
         let pause = delay + self.pause.mul_f64(0.5 + 0.5 * random_share());
         self.pause = (2 * self.pause).min(LONGEST_PAUSE);
         pause
     }
 }
 
-/// A random number in [0, 1); 0.5 without a random source.
+/// Returns a random number in [0, 1).
 fn random_share() -> f64 {
     let bits = getrandom::u64().unwrap_or(1 << 63);
     (bits >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+const PLAY: &str = "open the run's stream";
+
+/// Answer to a Hello.
+pub(crate) enum Greeting {
+    Welcome {
+        requests: mpsc::Sender<v1::PlayRequest>,
+        responses: Streaming<v1::PlayResponse>,
+        welcome: Box<v1::Welcome>,
+    },
+    /// The resumed run has ended, including episodes still open at the client.
+    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
+}
+
+pub(crate) async fn greet(channel: &Channel, token: &str, hello: v1::Hello) -> Result<Greeting, Error> {
+    // Per slot one unanswered frame and one to resend, plus Hello, Goodbye and Pongs.
+    let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
+    let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
+    let request = signed(Request::new(ReceiverStream::new(outbound)), &bearer(token)?);
+    let mut client = PlayServiceClient::new(channel.clone())
+        .max_decoding_message_size(MAX_MESSAGE_BYTES)
+        .max_encoding_message_size(MAX_MESSAGE_BYTES);
+    let responses = unwrap(PLAY, client.play(request).await)?;
+    let silent = |_| Error::Lost { attempted: PLAY, detail: format!("no Welcome within {TIMEOUT:?}") };
+    timeout(TIMEOUT, await_welcome(requests, responses)).await.map_err(silent)?
+}
+
+async fn await_welcome(
+    requests: mpsc::Sender<v1::PlayRequest>,
+    mut responses: Streaming<v1::PlayResponse>,
+) -> Result<Greeting, Error> {
+    let mut ends = Vec::new();
+    loop {
+        let next = responses.message().await.map_err(|status| Error::from_status(PLAY, &status))?;
+        let Some(response) = next else { return Err(closed(PLAY, None)) };
+        match response.frame {
+            Some(Frame::Welcome(welcome)) => {
+                return Ok(Greeting::Welcome { requests, responses, welcome: Box::new(welcome) });
+            }
+            // Episodes that ended during the disconnection precede RunEnd.
+            Some(Frame::EpisodeEnd(end)) => ends.push(end),
+            Some(Frame::RunEnd(end)) => return Ok(Greeting::RunEnd(ends, end)),
+            Some(Frame::Fault(fault)) => return Err(Error::from_fault(PLAY, &fault)),
+            Some(Frame::Ping(_) | Frame::Notice(_)) | None => {}
+            Some(_) => return Err(Error::protocol("the first frame was not Welcome")),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -152,7 +206,7 @@ mod tests {
         };
         let (began, patience) = (Instant::now(), Duration::from_millis(400));
         assert!(matches!(persist("ask", Some(patience), gone).await, Err(Error::Lost { .. })));
-        assert!(began.elapsed() < PATIENCE && asked.get() > 1, "{} attempts", asked.get());
+        assert!(began.elapsed() < RETRY_TIME && asked.get() > 1, "{} attempts", asked.get());
         asked.set(0);
         assert!(persist("ask", Some(Duration::ZERO), gone).await.is_err());
         assert_eq!(asked.get(), 1);

@@ -1,10 +1,11 @@
 use crate::{
-    Account, ConnectOptions, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch,
-    Sensors, ServerInfo,
-    calls::{bearer, persist, plain, signed, unwrap},
+    calls::{Greeting, bearer, greet, persist, plain, signed, unwrap},
+    connect_options::{ConnectOptions, Packing},
     connection::{Connection, Reconnector},
-    handshake::{Greeting, greet},
-    service::phase_to_practise,
+    error::Error,
+    play::Play,
+    service::{Account, Phase, Quota, Run, RunOptions, RunStatus, RunWatch, ServerInfo, phase_to_practise},
+    task::Sensors,
     welcome::Agreement,
 };
 use avln_proto::{
@@ -14,16 +15,14 @@ use avln_proto::{
 use std::time::Duration;
 use tonic::{Request, Status, transport::Channel};
 
-/// Run token prefix.
-const RUN_TOKEN: &str = "avln_run_";
+const RUN_TOKEN_PREFIX: &str = "avln_run_";
 
-/// Calls about runs.
 type Runs = RunServiceClient<Channel>;
 
 /// A connection to a server. Clones share it.
 ///
-/// A call without an answer due to a lost connection is retried for ten seconds, or for [`ConnectOptions::patience`] if
-/// shorter; a repeated request starts a run only once.
+/// Every call fails if the connection is lost for ten seconds, or for [`ConnectOptions::patience`] if shorter. Until then
+/// it is retried; a repeated request starts a run only once.
 #[derive(Clone, Debug)]
 pub struct Client {
     channel: Channel,
@@ -33,13 +32,11 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or
-    /// `unix:/run/arena.sock`, and verifies it with the account `token`. An empty token is sufficient for
-    /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
+    /// Connects to `server`, like `http://127.0.0.1:50051` or `unix:/run/arena.sock`, with an account `token`. An empty
+    /// token suffices for [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
     ///
     /// # Errors
-    /// If the address is invalid, no server answers within ten seconds, it is a different server, or
-    /// it rejects the token.
+    /// If the address is invalid, no Arena server answers within ten seconds, or it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &ConnectOptions::default()).await
     }
@@ -63,8 +60,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Connects and starts a run. With a run token it joins that run and ignores `options`, as in a sealed
-    /// run without account access.
+    /// Connects and starts a run. With a run token, as in a sealed run, it joins that run and ignores `options`.
     ///
     /// # Errors
     /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
@@ -75,7 +71,7 @@ impl Client {
         options: RunOptions,
     ) -> Result<(Self, Run), Error> {
         let token = token.into();
-        if token.starts_with(RUN_TOKEN) {
+        if token.starts_with(RUN_TOKEN_PREFIX) {
             return Ok((Self::connect_with(server, "", connect_options).await?, Run::from_token(token)));
         }
         let client = Self::connect_with(server, token, connect_options).await?;
@@ -84,19 +80,13 @@ impl Client {
     }
 
     /// Returns server information.
-    ///
-    /// # Errors
-    /// If the connection is lost.
     pub async fn server_info(&self) -> Result<ServerInfo, Error> {
         let request = plain(v1::GetServerInfoRequest {});
         let answer = InfoServiceClient::new(self.channel.clone()).get_server_info(request).await;
-        Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
+        Ok(ServerInfo::from_wire(unwrap("request server information", answer)?))
     }
 
     /// Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
-    ///
-    /// # Errors
-    /// If the connection is lost.
     pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
         let team = if self.token.is_empty() { None } else { Some(bearer(&self.token)?) };
         let call = || async {
@@ -111,35 +101,31 @@ impl Client {
         Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
-    /// Returns the default phase: the only open phase with uncounted runs, or among several the phase
-    /// `practice`.
+    /// Returns the default phase: the only open phase with uncounted runs, or `practice` among several.
     ///
     /// # Errors
-    /// If no such phase exists, or the connection is lost.
+    /// If no such phase exists.
     pub async fn practice_phase(&self) -> Result<String, Error> {
-        let (phases, quotas) = (self.phases().await?, self.quota().await?);
-        phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
+        phase_to_practise(&self.phases().await?, &self.quota().await?).map(|phase| phase.id.clone())
     }
 
     /// Returns the token's account.
     ///
     /// # Errors
-    /// If the server rejects the token, or the connection is lost.
+    /// If the server rejects the token.
     pub async fn whoami(&self) -> Result<Account, Error> {
         let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
-        Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
+        Ok(Account::from_wire(self.ask("request the token's account", v1::WhoAmIRequest {}, ask).await?))
     }
 
     /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase).
     ///
     /// # Errors
-    /// If the phase is unknown, closed or forbidden, the quota is used up, the server is full, or the
-    /// connection is lost.
-    pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
-        let options = match options.has_phase() {
-            true => options,
-            false => options.in_phase(self.practice_phase().await?),
-        };
+    /// If the phase is unknown, closed or forbidden, the quota is used up, or the server is full.
+    pub async fn start_run(&self, mut options: RunOptions) -> Result<Run, Error> {
+        if options.phase.is_empty() {
+            options.phase = self.practice_phase().await?;
+        }
         let message = options.named().into_wire(client_info());
         let ask = |mut runs: Runs, request| async move { runs.start_run(request).await };
         Run::from_wire(self.ask("start a run", message, ask).await?)
@@ -148,30 +134,29 @@ impl Client {
     /// Returns a run's state.
     ///
     /// # Errors
-    /// If the run is unknown, or the connection is lost.
+    /// If the run is unknown.
     pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
         let message = v1::GetRunRequest { run: id.to_owned() };
-        RunStatus::from_wire(self.ask("look at a run", message, ask).await?.run)
+        RunStatus::from_wire(self.ask("request a run's state", message, ask).await?.run)
     }
 
-    /// Watches a run: returns its state after every change until it ends.
+    /// Watches a run: returns the state after every change until the end.
     ///
     /// # Errors
     /// If the run is unknown, or the connection is lost.
     pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
-        let mut request = self.request(v1::WatchRunRequest { run: id.to_owned() })?;
-        request.metadata_mut().remove("grpc-timeout");
+        // No timeout: the answer stream lasts as long as the run.
+        let request = Request::new(v1::WatchRunRequest { run: id.to_owned() });
+        let request = signed(request, &bearer(&self.token)?);
         Ok(RunWatch(unwrap("watch a run", self.runs_client().watch_run(request).await)?))
     }
 
-    /// The team's runs, newest first.
-    ///
-    /// # Errors
-    /// When the connection is lost.
+    /// Returns the team's runs, newest first.
     pub async fn runs(&self) -> Result<Vec<RunStatus>, Error> {
         let ask = |mut runs: Runs, request| async move { runs.list_runs(request).await };
-        let (mut runs, mut page_token) = (Vec::new(), String::new());
+        let mut runs = Vec::new();
+        let mut page_token = String::new();
         loop {
             let message = v1::ListRunsRequest { phase: String::new(), page_size: 200, page_token };
             let page = self.ask("list runs", message, ask).await?;
@@ -188,7 +173,7 @@ impl Client {
     /// Cancels a run; open episodes end as abandoned.
     ///
     /// # Errors
-    /// If the run is unknown, or the connection is lost.
+    /// If the run is unknown.
     pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
         let message = v1::CancelRunRequest { run: id.to_owned() };
@@ -196,12 +181,9 @@ impl Client {
     }
 
     /// Returns the remaining quota in all visible phases.
-    ///
-    /// # Errors
-    /// If the connection is lost.
     pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_quota(request).await };
-        let answer = self.ask("ask for the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
+        let answer = self.ask("request the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
         Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
     }
 
@@ -232,9 +214,10 @@ impl Client {
         let Greeting::Welcome { requests, responses, welcome } =
             greet(&self.channel, &run.token, hello.clone()).await?
         else {
-            return Err(Error::protocol("the run ended before it was welcomed"));
+            return Err(Error::protocol("the run ended before Welcome"));
         };
         let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
+        // Surplus slots would remain without a player.
         agreement.slots = agreement.slots.min(wish);
         let reconnector = Reconnector {
             channel: self.channel.clone(),
@@ -264,10 +247,6 @@ impl Client {
     fn runs_client(&self) -> Runs {
         RunServiceClient::new(self.channel.clone())
     }
-
-    fn request<T>(&self, message: T) -> Result<Request<T>, Error> {
-        Ok(signed(plain(message), &bearer(&self.token)?))
-    }
 }
 
 fn client_info() -> v1::ClientInfo {
@@ -278,9 +257,9 @@ fn client_info() -> v1::ClientInfo {
     }
 }
 
-/// Distinguishes a foreign server from a refusal.
 fn not_arena(address: &str, error: Error) -> Error {
     let foreign = |detail: String| Error::NotArena { address: address.to_owned(), detail };
+    // Every refusal by an Arena server has a reason.
     match error {
         Error::Refused { reason: v1::Reason::Unspecified, message, .. } => foreign(message),
         Error::Lost { detail, .. } => foreign(detail),

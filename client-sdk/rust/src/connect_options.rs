@@ -1,6 +1,6 @@
 //! Connection settings: address, TLS and packing.
 
-use crate::{Error, error::chain};
+use crate::error::{Error, chain};
 use avln_proto::v1::{Encoding, SensorKind};
 use std::{
     fs,
@@ -10,15 +10,16 @@ use std::{
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+// Keep-alive pings detect a dead peer within 50 s, also between an agent's slow actions.
 const KEEP_ALIVE: Duration = Duration::from_secs(30);
 const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
+// A window fits a whole observation of default size, so that the server does not wait for updates in a step.
 const STREAM_WINDOW: u32 = 2 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
-/// Kept small: bytes received before the message length is known are copied once more.
+// Small: bytes received before the message length is known are copied once more.
 const FRAME_BYTES: u32 = 64 << 10;
 const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
 
-/// Prefix of Unix socket addresses; an absolute path follows.
 const UNIX: &str = "unix:";
 
 /// Connection options.
@@ -33,14 +34,14 @@ pub struct ConnectOptions {
 }
 
 impl ConnectOptions {
-    /// Connects; returns the channel and the encoding.
     pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
         let endpoint = self.endpoint(address)?;
-        let is_local = address.starts_with(UNIX);
-        let here =
-            if is_local { Packing::Raw } else { Packing::of_host(endpoint.uri().host().unwrap_or_default()) };
+        let default = match address.starts_with(UNIX) {
+            true => Packing::Raw,
+            false => Packing::of_host(endpoint.uri().host().unwrap_or_default()),
+        };
         let channel = endpoint.connect().await.map_err(|error| unreachable(address, chain(&error)))?;
-        Ok((channel, self.packing.unwrap_or(here)))
+        Ok((channel, self.packing.unwrap_or(default)))
     }
 
     fn endpoint(&self, address: &str) -> Result<Endpoint, Error> {
@@ -51,7 +52,7 @@ impl ConnectOptions {
             Some(("https", _)) => true,
             _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
             Some((scheme, _)) => {
-                return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows")));
+                return Err(wrong(&format!("unknown scheme '{scheme}'")));
             }
             None => return Err(wrong("the scheme is missing")),
         };
@@ -76,10 +77,9 @@ impl ConnectOptions {
             None => ClientTlsConfig::new().with_native_roots(),
         };
         endpoint.tls_config(config).map_err(|error| {
-            let from =
-                self.ca.as_ref().map_or("of the system".to_owned(), |file| format!("in {}", file.display()));
+            let source = self.ca.as_ref().map_or("the system store".into(), |file| file.to_string_lossy());
             refused(format!(
-                "the authorities {from} are no use: {}; give a PEM file with --ca or AVLN_CA",
+                "cannot use the certificate authorities in {source}: {}; use a PEM file with --ca or AVLN_CA",
                 chain(&error)
             ))
         })
@@ -88,35 +88,30 @@ impl ConnectOptions {
 
 fn authorities(file: &Path) -> Result<Certificate, String> {
     let pem = fs::read(file)
-        .map_err(|error| format!("cannot read the authorities in {}: {error}", file.display()))?;
-    let holds_one = pem.windows(BEGIN.len()).any(|words| words == BEGIN);
-    if holds_one {
-        Ok(Certificate::from_pem(pem))
-    } else {
-        Err(format!("{} holds no certificate; give a PEM file", file.display()))
+        .map_err(|error| format!("cannot read the certificate authorities in {}: {error}", file.display()))?;
+    // A file without a certificate would only fail in the TLS handshake, where the message cannot name it.
+    const BEGIN: &[u8] = b"-----BEGIN CERTIFICATE-----";
+    if pem.windows(BEGIN.len()).any(|words| words == BEGIN) {
+        return Ok(Certificate::from_pem(pem));
     }
+    Err(format!("{} contains no certificate; use a PEM file", file.display()))
 }
 
-const BEGIN: &[u8] = b"-----BEGIN CERTIFICATE-----";
-
-/// Network error with a next step for known causes.
 fn unreachable(address: &str, detail: String) -> Error {
+    // tonic reports TLS causes only as text.
     let advice = [
-        ("InvalidContentType", "nothing there speaks TLS; write http:// in the address"),
+        ("InvalidContentType", "the server does not use TLS; use http:// in the address"),
+        ("UnknownIssuer", "unknown certificate authority; use its PEM file with --ca or AVLN_CA"),
         (
-            "UnknownIssuer",
-            "its certificate comes from an authority that is not known here; give that authority's PEM file with --ca or AVLN_CA",
+            "CaUsedAsEndEntity",
+            "the server uses an authority's certificate; ask its organiser for a server certificate",
         ),
-        ("CaUsedAsEndEntity", "its certificate is that of an authority; have one issued for the server"),
-        (
-            "not valid for name",
-            "its certificate is for another name; write the name that it was issued for in the address",
-        ),
-        ("Expired", "its certificate has expired; tell its organiser"),
-        ("NotValidYet", "its certificate is not valid yet; check this machine's clock"),
+        ("not valid for name", "the certificate is for another name; use that name in the address"),
+        ("Expired", "the certificate has expired; ask the organiser for a new one"),
+        ("NotValidYet", "the certificate is not valid yet; check this machine's clock"),
         (
             "BadSignature",
-            "its certificate is not signed by an authority that is known here; give that authority's PEM file with --ca or AVLN_CA",
+            "no known authority signed the certificate; use its authority's PEM file with --ca or AVLN_CA",
         ),
     ];
     let address = address.to_owned();
@@ -129,24 +124,23 @@ fn unreachable(address: &str, detail: String) -> Error {
 /// Image and sound encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
-    /// Raw: fastest on the same machine.
+    /// Raw; fastest on the same machine.
     Raw,
-    /// In fewer bytes, and the same numbers: the quickest across a network.
+    /// Smaller, with equal numbers; fastest across a network.
     Lossless,
-    /// Depth rounded to millimetres and sound to 16 bits if the phase permits it, otherwise
-    /// [`Lossless`](Packing::Lossless).
+    /// Depth rounded to millimetres and sound to 16 bits if the phase permits it, otherwise lossless.
     Rounded,
 }
 
 impl Packing {
-    /// Default for a server address: raw on this machine, otherwise lossless.
+    /// Returns the default for a server address.
     pub(crate) fn of_host(host: &str) -> Self {
         let address = host.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>();
         let is_here = address.map_or(host == "localhost", |address| address.is_loopback());
         if is_here { Self::Raw } else { Self::Lossless }
     }
 
-    /// The encodings to wish for, best first.
+    /// Returns the requested encodings, best first.
     pub(crate) fn wishes(self, kind: SensorKind) -> Vec<Encoding> {
         let offered = avln_proto::wire::offered(kind).iter().copied();
         let lossless = offered.clone().filter(|encoding| avln_proto::wire::is_lossless(*encoding));

@@ -1,11 +1,10 @@
-//! A run's connection: a task reads the stream, answers pings, passes frames to slots, and reconnects
-//! after a loss.
+//! A run's connection: a task reads the stream, answers Pings, passes frames to slots, and reconnects.
 
 use crate::{
-    Error, Notice,
-    calls::Backoff,
-    handshake::{Greeting, greet},
+    calls::{Backoff, Greeting, greet},
+    error::Error,
     resend_buffer::ResendBuffer,
+    summary::Notice,
     welcome::Agreement,
 };
 use avln_proto::v1::{self, play_request, play_response::Frame};
@@ -21,14 +20,12 @@ use tokio::{
 };
 use tonic::{Status, Streaming, transport::Channel};
 
-/// Most stored notices.
 const MAX_NOTICES: usize = 64;
-/// Queued frames per slot. A slot has a single observation in flight, so more indicates a server fault.
+// A slot has a single observation in flight, so a full queue indicates a server fault.
 const SLOT_QUEUE: usize = 8;
-/// Minimum reconnection time by default: a restarting server has to load scenes.
-const PATIENCE: Duration = Duration::from_secs(180);
+// A restarting server has to load scenes before it answers.
+const MIN_RECONNECTION_TIME: Duration = Duration::from_secs(180);
 
-/// Slot event.
 #[derive(Debug)]
 pub(crate) enum Event {
     Start(Box<v1::EpisodeStart>),
@@ -36,11 +33,11 @@ pub(crate) enum Event {
     End(v1::EpisodeEnd),
     Fault(v1::Fault),
     RunEnd(v1::RunEnd),
-    /// No further events: end of the stream.
+    /// The end of the stream, and the last event.
     Closed(Option<Error>),
 }
 
-/// The connection shared by a run's slots. Dropping the last of them closes it without a Goodbye.
+/// The connection shared by a run's slots. It closes without a Goodbye after the last drop.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) agreement: Agreement,
@@ -59,10 +56,9 @@ struct State {
 #[derive(Debug)]
 pub(crate) struct Reconnector {
     pub(crate) channel: Channel,
-    /// Reconnection time wanted by the agent.
     pub(crate) patience: Option<Duration>,
     pub(crate) token: String,
-    /// The Hello that opened the run's first stream.
+    /// The first Hello.
     pub(crate) hello: v1::Hello,
 }
 
@@ -73,8 +69,7 @@ impl Drop for Connection {
 }
 
 impl Connection {
-    /// Starts to read `responses`; returns a receiver per slot. A lost stream is reopened if the server
-    /// permits resuming.
+    /// Starts to read `responses`; returns a receiver per slot.
     pub(crate) fn open(
         agreement: Agreement,
         requests: mpsc::Sender<v1::PlayRequest>,
@@ -84,17 +79,19 @@ impl Connection {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
         let buffer = ResendBuffer::new(agreement.slots);
         let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
+        // A disconnection limit of zero means that the server ends episodes at once.
         let wanted = reconnector.patience;
         let patience = (!agreement.may_be_away.is_zero())
-            .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
+            .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(MIN_RECONNECTION_TIME)));
         let reader = Reader { state: state.clone(), slots, reconnector, patience };
         let reader = tokio::spawn(reader.run(responses));
         (Arc::new(Self { agreement, state, reader }), receivers)
     }
 
-    /// Sends a frame, after a loss on the next stream. A final loss is reported as [`Event::Closed`] to the
-    /// receiver.
+    /// Sends a frame, after a loss on the next stream.
     pub(crate) async fn send(&self, frame: play_request::Frame) {
+        // Buffered before it is sent, and under the lock that a reconnection takes: a frame is then either in the
+        // buffer and resent, or sent on the new stream. A final loss reaches the caller as `Event::Closed`.
         let requests = {
             let mut state = lock(&self.state);
             state.buffer.sending(&frame);
@@ -103,7 +100,6 @@ impl Connection {
         let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
     }
 
-    /// Takes the notices that arrived since the last call.
     pub(crate) fn take_notices(&self) -> Vec<Notice> {
         mem::take(&mut lock(&self.state).notices)
     }
@@ -117,7 +113,7 @@ struct Reader {
     state: Arc<Mutex<State>>,
     slots: Vec<mpsc::Sender<Event>>,
     reconnector: Reconnector,
-    /// Reconnection time; `None` disables reconnection.
+    /// Longest reconnection; `None` disables it.
     patience: Option<Duration>,
 }
 
@@ -125,14 +121,14 @@ impl Reader {
     async fn run(self, mut responses: Streaming<v1::PlayResponse>) {
         loop {
             let end = self.read(&mut responses).await;
-            match self.come_back(end).await {
+            match self.reconnect(end).await {
                 Ok(again) => responses = again,
                 Err(end) => return self.to_all(|| Event::Closed(end.clone())).await,
             }
         }
     }
 
-    /// Reads until the end of the stream and returns its status: `None` for success.
+    /// Reads to the end of the stream; returns the status, `None` for success.
     async fn read(&self, responses: &mut Streaming<v1::PlayResponse>) -> Option<Status> {
         loop {
             match responses.message().await {
@@ -143,15 +139,16 @@ impl Reader {
         }
     }
 
-    /// Reconnects until the server answers; returns the original end on failure.
-    async fn come_back(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
+    /// Reconnects until the server answers or patience ends.
+    async fn reconnect(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
         let end = end.map(|status| Error::from_status("play", &status));
-        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).buffer.is_over();
+        // A stream without RunEnd is lost even if it ends with success, for example by a proxy.
+        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).buffer.is_over;
         let Some(patience) = self.patience.filter(|_| lost) else { return Err(end) };
         let until = Instant::now() + patience;
         let mut backoff = Backoff::new();
         loop {
-            match self.dial().await {
+            match self.open_next().await {
                 Ok(Some(responses)) => return Ok(responses),
                 Ok(None) => return Err(end),
                 Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
@@ -160,8 +157,8 @@ impl Reader {
         }
     }
 
-    /// Opens the next stream and resends unanswered frames; `None` if the run has ended in the meantime.
-    async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
+    /// Opens the next stream and resends unanswered frames; `None` if the run has ended.
+    async fn open_next(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
         let known = lock(&self.state).buffer.known();
         let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
         match greet(&self.reconnector.channel, &self.reconnector.token, hello).await? {
@@ -173,6 +170,8 @@ impl Reader {
                 Ok(None)
             }
             Greeting::Welcome { requests, responses, welcome } => {
+                // A concurrent `send` must not use the new stream before the buffer is read: the frame would be
+                // sent twice, or behind a frame that the server expects first.
                 let again = {
                     let mut state = lock(&self.state);
                     state.requests = requests.clone();
@@ -203,7 +202,7 @@ impl Reader {
             Frame::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
             Frame::Ping(ping) => self.answer(&ping),
             Frame::Notice(notice) => self.note(notice),
-            // A second Welcome and duplicates are ignored.
+            // The server repeats the latest observation after a reconnection.
             Frame::Welcome(_) | Frame::Observation(_) => {}
         }
     }
@@ -211,9 +210,9 @@ impl Reader {
     async fn deliver_fault(&self, fault: v1::Fault, gone: bool) {
         let passing = fault.reason() == v1::Reason::Draining && self.patience.is_some();
         match fault.slot {
-            Some(slot) if gone => self.to(slot, Event::End(lost_by_the_server(fault))).await,
+            Some(slot) if gone => self.to(slot, Event::End(lost_episode_end(fault))).await,
             Some(slot) => self.to(slot, Event::Fault(fault)).await,
-            // The end of the stream reports it, and the next stream continues.
+            // A draining server closes the stream afterwards, and the next stream continues the run.
             None if passing => {}
             None => self.to_all(|| Event::Fault(fault.clone())).await,
         }
@@ -221,7 +220,8 @@ impl Reader {
 
     async fn to(&self, slot: u32, event: Event) {
         if let Some(sender) = self.slots.get(slot as usize) {
-            let _ = sender.send(event).await; // a slot that nobody reads any more misses nothing
+            // Fails only for a dropped slot.
+            let _ = sender.send(event).await;
         }
     }
 
@@ -231,8 +231,8 @@ impl Reader {
         }
     }
 
-    /// A Pong is not required to stay connected, so it is dropped if the queue is full.
     fn answer(&self, ping: &v1::Ping) {
+        // Waiting for a full queue would block the reader, and a connection survives without a Pong.
         let frame = play_request::Frame::Pong(v1::Pong { nonce: ping.nonce });
         let _ = lock(&self.state).requests.try_send(v1::PlayRequest { frame: Some(frame) });
     }
@@ -245,8 +245,8 @@ impl Reader {
     }
 }
 
-/// Episode end that the server could not restore; it is reissued.
-fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
+fn lost_episode_end(fault: v1::Fault) -> v1::EpisodeEnd {
+    // A restarted server could not restore the episode: it does not count, and the server reissues it.
     v1::EpisodeEnd {
         slot: fault.slot.unwrap_or_default(),
         episode: fault.episode,

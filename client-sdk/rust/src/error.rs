@@ -1,3 +1,5 @@
+//! Errors.
+
 use avln_proto::{REASON_KEY, RETRY_AFTER_KEY, v1};
 use std::{error::Error as StdError, fmt::Write};
 use tonic::{Code, Status};
@@ -6,7 +8,7 @@ use v1::Reason;
 /// Errors between agent and server. Every message contains the attempted operation and the next step.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
-    /// The server's address makes no sense.
+    /// Invalid server address.
     #[error("server address '{address}': {problem}; write it like http://127.0.0.1:50051")]
     Address {
         /// Given address.
@@ -25,7 +27,7 @@ pub enum Error {
         /// Network error.
         detail: String,
     },
-    /// The server cannot be spoken to in private.
+    /// No secure connection to the server.
     #[error("{address}: {problem}")]
     Tls {
         /// Given address.
@@ -33,10 +35,10 @@ pub enum Error {
         /// Problem and next step.
         problem: String,
     },
-    /// Something answers, but not in `avln.v1`.
+    /// No Arena server at the address.
     #[error(
-        "{address} answers, but not as an LH-AVLN Arena gRPC server ({detail}); \
-         use its gRPC port, not that of its web pages, and https:// where it speaks TLS"
+        "{address} is not an LH-AVLN Arena gRPC server ({detail}); \
+         use the gRPC port instead of the web port, and https:// for a server with TLS"
     )]
     NotArena {
         /// Given address.
@@ -44,31 +46,31 @@ pub enum Error {
         /// Answer.
         detail: String,
     },
-    /// The server does not take the token.
+    /// The server refused the token.
     #[error("{attempted}: the server refused the token ({word}): {message}{}", token_hint(*reason), word = reason.word())]
     Token {
         /// Attempted operation.
         attempted: &'static str,
-        /// Why, from a closed list.
+        /// Reason code.
         reason: Reason,
-        /// Why, in the server's words.
+        /// Server message.
         message: String,
     },
-    /// The server refused something.
+    /// The server refused a request.
     #[error("{attempted}: refused ({word}): {message}{}", retry_hint(*retry_after_s), word = reason.word())]
     Refused {
         /// Attempted operation.
         attempted: &'static str,
-        /// Why, from a closed list.
+        /// Reason code.
         reason: Reason,
-        /// Why, in the server's words.
+        /// Server message.
         message: String,
         /// Delay before a retry, seconds.
         retry_after_s: Option<u32>,
     },
     /// The connection is lost: stored results remain, open episodes end as disconnected.
     #[error(
-        "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, play the run again for the others"
+        "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe; play the run again for the others"
     )]
     Lost {
         /// Attempted operation.
@@ -76,39 +78,39 @@ pub enum Error {
         /// Known details.
         detail: String,
     },
-    /// The server said something that `avln.v1` does not allow.
-    #[error("the server broke the protocol: {detail}; client {version} and the server may not fit together", version = env!("CARGO_PKG_VERSION"))]
+    /// The server violated `avln.v1`.
+    #[error("the server violated the protocol: {detail}; client {version} may be incompatible with the server", version = env!("CARGO_PKG_VERSION"))]
     Protocol {
         /// Message.
         detail: String,
     },
     /// The requested sensors are out of range for any server.
     #[error(
-        "camera of {width} x {height} pixels with hfov {hfov_rad} rad: sides go from 64 to 1024 pixels, hfov from 0.35 to 2.4 rad"
+        "invalid camera of {width} x {height} pixels with hfov {hfov_rad} rad; use 64 to 1024 pixels and 0.35 to 2.4 rad"
     )]
     Sensors {
-        /// Pixels in a row, as asked.
+        /// Requested pixels in a row.
         width: u32,
-        /// Rows, as asked.
+        /// Requested rows.
         height: u32,
-        /// Radians, as asked.
+        /// Requested view angle, radians.
         hfov_rad: f32,
     },
     /// No phase was given, and there is no or no unique default phase.
     #[error("start a run without naming a phase: {}; name one with --phase", what_phases(.free, .known))]
     Phase {
-        /// Open ones in which runs are not counted.
+        /// Open phases with uncounted runs.
         free: Vec<String>,
         /// All phases visible to the team.
         known: Vec<String>,
     },
-    /// A step was asked for in an episode that is over.
-    #[error("the episode is over; ask Play::next_episode for another")]
+    /// A step after the end of the episode.
+    #[error("the episode is over; call Play::next_episode for the next")]
     EpisodeOver,
 }
 
 impl Error {
-    /// The server's reason, if any.
+    /// Returns the server's reason, if any.
     pub fn reason(&self) -> Option<Reason> {
         match self {
             Self::Token { reason, .. } | Self::Refused { reason, .. } => Some(*reason),
@@ -116,7 +118,7 @@ impl Error {
         }
     }
 
-    /// The delay requested by the server before a retry, seconds.
+    /// Returns the server's requested delay before a retry, seconds.
     pub(crate) fn retry_after_s(&self) -> Option<u32> {
         match self {
             Self::Refused { retry_after_s, .. } => *retry_after_s,
@@ -128,7 +130,6 @@ impl Error {
         Self::Protocol { detail: detail.into() }
     }
 
-    /// A gRPC status that ended a call.
     pub(crate) fn from_status(attempted: &'static str, status: &Status) -> Self {
         let word = metadata(status, REASON_KEY);
         let reason = word.and_then(Reason::from_word).unwrap_or(Reason::Unspecified);
@@ -139,13 +140,14 @@ impl Error {
         );
         // An error with a source was detected locally, for example a stream reset by a proxy.
         let lost = lost || status.source().is_some();
+        // With a reason the server itself answered, even with one of these codes.
         if reason == Reason::Unspecified && lost {
             return Self::Lost { attempted, detail: chain(status) };
         }
         Self::refused(attempted, status.code(), reason, status.message(), retry_after_s)
     }
 
-    /// Returns true for temporary errors: a lost connection, or a restarting server.
+    /// Returns true for temporary errors.
     pub(crate) fn is_passing(&self) -> bool {
         match self {
             Self::Lost { .. } | Self::Unreachable { .. } => true,
@@ -156,19 +158,17 @@ impl Error {
         }
     }
 
-    /// The error with a different attempted operation.
-    pub(crate) fn while_attempting(self, now: &'static str) -> Self {
-        match self {
-            Self::Lost { detail, .. } => Self::Lost { attempted: now, detail },
-            Self::Refused { reason, message, retry_after_s, .. } => {
-                Self::Refused { attempted: now, reason, message, retry_after_s }
-            }
-            Self::Token { reason, message, .. } => Self::Token { attempted: now, reason, message },
-            other => other,
+    /// Replaces the attempted operation.
+    pub(crate) fn while_attempting(mut self, now: &'static str) -> Self {
+        if let Self::Lost { attempted, .. }
+        | Self::Refused { attempted, .. }
+        | Self::Token { attempted, .. } = &mut self
+        {
+            *attempted = now;
         }
+        self
     }
 
-    /// A fault that arrived on a stream.
     pub(crate) fn from_fault(attempted: &'static str, fault: &v1::Fault) -> Self {
         let code = Code::from(i32::try_from(fault.code).unwrap_or(i32::MAX));
         let message = match fault.id.as_str() {
@@ -195,12 +195,13 @@ impl Error {
     }
 }
 
-/// All sources of an error in a line, outermost first, without repetition.
+/// Returns all distinct sources of an error, outermost first.
 pub(crate) fn chain(error: &dyn StdError) -> String {
     let mut text = String::new();
     let mut next = Some(error);
     while let Some(error) = next {
         let part = error.to_string();
+        // tonic repeats the text of inner errors.
         if !text.contains(&part) {
             let colon = if text.is_empty() { "" } else { ": " };
             let _ = write!(text, "{colon}{part}");
@@ -217,10 +218,10 @@ fn metadata<'a>(status: &'a Status, key: &str) -> Option<&'a str> {
 fn token_hint(reason: Reason) -> &'static str {
     match reason {
         Reason::TokenExpired | Reason::TokenRevoked => {
-            "; ask the organiser for a new one and give it with --token or AVLN_TOKEN"
+            "; ask the organiser for a new one and use it with --token or AVLN_TOKEN"
         }
         Reason::TokenScope => "; account tokens start runs, run tokens play them",
-        _ => "; give the account's token with --token or AVLN_TOKEN",
+        _ => "; use the account's token with --token or AVLN_TOKEN",
     }
 }
 
@@ -238,7 +239,7 @@ fn retry_hint(retry_after_s: Option<u32>) -> String {
     retry_after_s.map(|s| format!("; try again in {s} s")).unwrap_or_default()
 }
 
-/// Error of the call that was pending when the stream ended.
+/// Returns the error for a pending call at the end of the stream.
 pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
     match end {
         Some(error) => error.while_attempting(attempted),

@@ -10,7 +10,7 @@
 //!
 //! # Agents
 //!
-//! An [`Agent`] needs no loop: [`evaluate`] plays a run with it, [`evaluate_slots`] with several agents in parallel.
+//! [`evaluate`] plays a run with an [`Agent`], [`evaluate_slots`] with several agents in parallel.
 //!
 //! ```no_run
 //! use avln_client::{
@@ -47,8 +47,8 @@
 //!
 //! # Episodes
 //!
-//! A program with its own loop requests episodes and takes steps. [`Play::episodes`] returns a stream of owned episodes,
-//! which can be sent to other tasks.
+//! Programs with a custom loop request episodes and take steps. [`Play::episodes`] returns a stream of owned episodes, which
+//! can be sent to other tasks.
 //!
 //! ```no_run
 //! use avln_client::{Action, Client, Error, Order, RunOptions, Sensors};
@@ -73,7 +73,7 @@
 //! # }
 //! ```
 //!
-//! [`Client::play_slots`] opens several slots, each driven by its own task (`examples/slots.rs`).
+//! [`Client::play_slots`] opens several slots, each for a separate task (`examples/slots.rs`).
 //!
 //! # Connection
 //!
@@ -87,9 +87,6 @@
 //! let client = Client::connect_with("https://arena.example:50051", "my-account-token", &options).await?;
 //! for phase in client.phases().await? {
 //!     println!("{}: {}", phase.id, phase.title);
-//! }
-//! for quota in client.quota().await? {
-//!     println!("{}: {} runs used", quota.phase, quota.used);
 //! }
 //! # Ok(())
 //! # }
@@ -107,7 +104,7 @@
 //! # Threads
 //!
 //! A single-thread runtime (`#[tokio::main(flavor = "current_thread")]`) saves the change between threads in every step. It
-//! suits agents that choose within a few seconds: meanwhile the server's pings remain unanswered.
+//! suits agents that choose within a few seconds: meanwhile the server's Pings remain unanswered.
 //!
 //! *Never*: exposes a generated message; contains a target, a place or a score hidden by the server; links the simulator.
 
@@ -117,14 +114,12 @@ mod calls;
 mod client;
 mod connect_options;
 mod connection;
-mod episode;
 mod error;
-mod handshake;
-mod mission;
 mod observation;
 mod play;
 mod resend_buffer;
 mod service;
+mod slot;
 mod summary;
 mod task;
 mod welcome;
@@ -134,15 +129,14 @@ pub use agent::{Agent, evaluate, evaluate_slots, evaluate_with};
 pub use avln_proto::v1::Reason;
 pub use client::Client;
 pub use connect_options::{ConnectOptions, Packing};
-pub use episode::{Episode, TimeLeft};
 pub use error::Error;
-pub use mission::{GoalCue, Image, Mission, RgbImage};
-pub use observation::{Audio, DepthImage, Feedback, Observation, Pose};
-pub use play::{Episodes, Play};
+pub use observation::{Audio, DepthImage, Feedback, GoalCue, Image, Mission, Observation, Pose, RgbImage};
+pub use play::{Episode, Episodes, Play};
 pub use service::{
     Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
     ServerInfo,
 };
+pub use slot::TimeLeft;
 pub use summary::{EpisodeEnd, Metric, Notice, Progress, RunSummary};
 pub use task::{
     DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Sensors, SoundClip, SoundingRule, TaskSpec,

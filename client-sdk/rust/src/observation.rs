@@ -1,20 +1,104 @@
-use crate::Image;
+//! Missions and observations.
+
+use crate::{action::Order, error::Error};
+use avln_proto::v1;
 use std::fmt;
+
+/// An episode's mission.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Mission {
+    /// Goal order.
+    pub order: Order,
+    /// 2 to 4 goals.
+    pub goals: Vec<GoalCue>,
+}
+
+/// A goal cue.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GoalCue {
+    /// The target's category label.
+    Category(String),
+    /// A sentence that matches only the target.
+    Description(String),
+    /// A target image.
+    Image(RgbImage),
+}
+
+/// An image: `height × width × 3` bytes, row-major from the top-left pixel, RGB.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct RgbImage {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes.
+    pub pixels: Vec<u8>,
+}
+
+/// An image from the agent's camera.
+pub type Image = RgbImage;
+
+impl fmt::Debug for RgbImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RgbImage({} x {})", self.width, self.height)
+    }
+}
+
+impl Mission {
+    pub(crate) fn from_wire(mission: Option<v1::Mission>) -> Result<Self, Error> {
+        let mission = mission.ok_or_else(|| Error::protocol("EpisodeStart has no mission"))?;
+        let order = Order::from_wire(mission.order)
+            .ok_or_else(|| Error::protocol(format!("order {} does not exist", mission.order)))?;
+        let goals = mission.goals.into_iter().map(GoalCue::from_wire).collect::<Result<_, _>>()?;
+        Ok(Self { order, goals })
+    }
+}
+
+impl GoalCue {
+    fn from_wire(goal: v1::Goal) -> Result<Self, Error> {
+        use v1::goal::Cue;
+        match goal.cue {
+            Some(Cue::Category(label)) => Ok(Self::Category(label)),
+            Some(Cue::Description(text)) => Ok(Self::Description(text)),
+            Some(Cue::Image(tensor)) => image(tensor).map(Self::Image),
+            None => Err(Error::protocol("a goal has no cue known to this client")),
+        }
+    }
+}
+
+fn image(tensor: v1::Tensor) -> Result<RgbImage, Error> {
+    let raw = tensor.encoding() == v1::Encoding::Raw && tensor.dtype() == v1::Dtype::U8;
+    let &[height, width, 3] = tensor.shape.as_slice() else {
+        return Err(Error::protocol(format!(
+            "goal image: expected shape [height, width, 3], got {:?}",
+            tensor.shape
+        )));
+    };
+    // In 64 bits and saturating, because the shape may contain any numbers.
+    let bytes = (u64::from(height) * u64::from(width)).saturating_mul(3);
+    if !raw || tensor.data.len() as u64 != bytes {
+        return Err(Error::protocol(format!(
+            "goal image of {width} x {height} pixels: expected {bytes} raw bytes, got {}",
+            tensor.data.len()
+        )));
+    }
+    Ok(RgbImage { width, height, pixels: tensor.data.into() })
+}
 
 /// Sensor readings after a step. Sensors not requested are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observation {
     /// Steps taken; 0 before the first action.
     pub step: u32,
-    /// The colour picture.
+    /// Colour image.
     pub rgb: Option<Image>,
-    /// The depth picture.
+    /// Depth image.
     pub depth: Option<DepthImage>,
     /// Sound during the step.
     pub audio: Option<Audio>,
-    /// Body base, in the frame that [`TaskSpec::pose_frame`](crate::TaskSpec::pose_frame) names.
+    /// Body base, in [`TaskSpec::pose_frame`](crate::TaskSpec::pose_frame).
     pub pose: Pose,
-    /// Steps that are left.
+    /// Remaining steps.
     pub remaining_steps: u32,
     /// Remaining Submits before the final Submit.
     pub remaining_submits: u32,
@@ -29,22 +113,22 @@ pub struct DepthImage {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// The distances.
+    /// Distances.
     pub metres: Vec<f32>,
 }
 
 /// Sound pressure at both ears during a step.
 #[derive(Clone, Default, PartialEq)]
 pub struct Audio {
-    /// Samples a second.
+    /// Samples per second.
     pub sample_rate_hz: u32,
-    /// The left ear's samples.
+    /// Left ear.
     pub left: Vec<f32>,
     /// Right ear, equal length.
     pub right: Vec<f32>,
 }
 
-/// Position and heading. Right-handed, Y up; heading 0 looks along -Z, positive is a left turn.
+/// Position and heading. Right-handed, Y up; heading 0 looks to -Z, positive is a left turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Metres: x right, y up, z back.
@@ -74,5 +158,48 @@ impl fmt::Debug for DepthImage {
 impl fmt::Debug for Audio {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Audio(2 x {} at {} Hz)", self.left.len(), self.sample_rate_hz)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use v1::goal::Cue;
+
+    fn goal_with_picture(shape: Vec<u32>, bytes: usize) -> v1::Goal {
+        let tensor = v1::Tensor {
+            id: 0,
+            dtype: v1::Dtype::U8 as i32,
+            shape,
+            encoding: v1::Encoding::Raw as i32,
+            data: vec![7; bytes].into(),
+        };
+        v1::Goal { cue: Some(Cue::Image(tensor)) }
+    }
+
+    #[test]
+    fn the_three_kinds_of_cue_arrive() {
+        let wire = v1::Mission {
+            order: v1::Order::Ordered as i32,
+            goals: vec![
+                v1::Goal { cue: Some(Cue::Category("chair".into())) },
+                v1::Goal { cue: Some(Cue::Description("the red lamp".into())) },
+                goal_with_picture(vec![2, 4, 3], 24),
+            ],
+        };
+        let mission = Mission::from_wire(Some(wire)).unwrap();
+        assert_eq!(mission.order, Order::Ordered);
+        assert_eq!(mission.goals[0], GoalCue::Category("chair".into()));
+        assert_eq!(mission.goals[1], GoalCue::Description("the red lamp".into()));
+        assert_eq!(mission.goals[2], GoalCue::Image(RgbImage { width: 4, height: 2, pixels: vec![7; 24] }));
+    }
+
+    #[test]
+    fn broken_cues_are_refused() {
+        assert!(GoalCue::from_wire(v1::Goal { cue: None }).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![2, 4], 24)).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![2, 4, 3], 23)).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![u32::MAX, u32::MAX, 3], 23)).is_err());
+        assert!(Mission::from_wire(None).is_err());
     }
 }

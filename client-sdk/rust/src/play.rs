@@ -1,8 +1,13 @@
+//! Playing a run: slots, episodes and steps.
+
 use crate::{
-    Episode, Error, Notice, Progress, RunSummary, TaskSpec,
+    action::Action,
     connection::{Connection, Event},
-    episode::{Begun, SlotState},
-    error::closed,
+    error::{Error, closed},
+    observation::{Mission, Observation},
+    slot::{Begun, SlotState, TimeLeft},
+    summary::{EpisodeEnd, Notice, Progress, RunSummary},
+    task::TaskSpec,
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{
@@ -13,22 +18,21 @@ use std::{
     time::Duration,
 };
 use tokio::{
-    sync::{Mutex, mpsc},
+    sync::{Mutex, OwnedMutexGuard, mpsc},
     time,
 };
 use tokio_stream::Stream;
 
-/// Longest wait for the summary in [`Play::finish`].
-const FAREWELL: Duration = Duration::from_secs(60);
+const SUMMARY_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A run slot, which plays episodes in sequence.
 ///
-/// A lost connection is reopened and episodes continue, as long as the server permits. If dropped before
+/// A lost connection is reopened and episodes continue, as long as the server permits. After a drop before
 /// [`finish`](Self::finish), an open episode ends as disconnected after that time.
 #[derive(Debug)]
 pub struct Play {
-    pub(crate) connection: Arc<Connection>,
-    pub(crate) state: SlotState,
+    connection: Arc<Connection>,
+    state: SlotState,
     slot: u32,
     progress: Progress,
     summary: Option<RunSummary>,
@@ -40,27 +44,27 @@ impl Play {
         Self { state: SlotState::new(slot, events), connection, slot, progress, summary: None }
     }
 
-    /// Task rules.
+    /// Returns the task rules.
     pub fn task(&self) -> &TaskSpec {
         &self.connection.agreement.task
     }
 
-    /// Run id.
+    /// Returns the run id.
     pub fn run(&self) -> &str {
         &self.connection.agreement.run
     }
 
-    /// Number of this slot, 0 or more.
+    /// Returns the slot number, from 0.
     pub fn slot(&self) -> u32 {
         self.slot
     }
 
-    /// Latest run progress on this slot.
+    /// Returns the latest run progress on this slot.
     pub fn progress(&self) -> Progress {
         self.progress
     }
 
-    /// Takes the server's notices that arrived since the last call; at most 64 are kept.
+    /// Takes the server's notices since the last call, at most 64.
     pub fn take_notices(&mut self) -> Vec<Notice> {
         self.connection.take_notices()
     }
@@ -72,15 +76,18 @@ impl Play {
     /// # Errors
     /// If the server refuses or violates the protocol, or the connection is lost.
     pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
-        Ok(self.begin_next().await?.then(|| Episode::lent(self)))
+        Ok(self.begin_next().await?.then(|| Episode { play: SlotAccess::Borrowed(self) }))
     }
 
-    /// Begins the next episode; false when the run has none left.
-    pub(crate) async fn begin_next(&mut self) -> Result<bool, Error> {
+    /// Starts the next episode; returns false at the end of the run.
+    async fn begin_next(&mut self) -> Result<bool, Error> {
         if self.summary.is_some() {
             return Ok(false);
         }
-        self.give_up_open_episode().await?;
+        if !self.state.is_over() {
+            self.state.abandon(&self.connection).await?;
+        }
+        self.note_progress();
         self.connection.send(Frame::Ready(v1::Ready { slot: self.slot })).await;
         match self.state.begin(&self.connection).await? {
             Begun::Episode(progress) => {
@@ -88,7 +95,9 @@ impl Play {
                 Ok(true)
             }
             Begun::RunEnd(end) => {
-                self.keep(end);
+                let summary = RunSummary::from_wire(end);
+                self.progress = summary.progress;
+                self.summary = Some(summary);
                 Ok(false)
             }
         }
@@ -108,18 +117,16 @@ impl Play {
         self.farewell().await
     }
 
-    pub(crate) async fn farewell(&mut self) -> Result<RunSummary, Error> {
+    async fn farewell(&mut self) -> Result<RunSummary, Error> {
         self.connection.send(Frame::Goodbye(v1::Goodbye { pause: false })).await;
         if let Some(summary) = &self.summary {
             return Ok(summary.clone());
         }
-        let waited = time::timeout(FAREWELL, self.await_run_end()).await;
-        waited.unwrap_or_else(|_| {
-            Err(Error::Lost {
-                attempted: "finish the run",
-                detail: "no summary came within a minute".to_owned(),
-            })
-        })
+        let late = |_| Error::Lost {
+            attempted: "finish the run",
+            detail: format!("no RunEnd within {SUMMARY_TIMEOUT:?}"),
+        };
+        time::timeout(SUMMARY_TIMEOUT, self.await_run_end()).await.map_err(late)?
     }
 
     async fn await_run_end(&mut self) -> Result<RunSummary, Error> {
@@ -130,39 +137,124 @@ impl Play {
                 Event::Fault(fault) if fault.slot.is_none() && !fault.recoverable => {
                     return Err(Error::from_fault("finish the run", &fault));
                 }
-                _ => {} // the last frames of an episode that Goodbye ended
+                // Goodbye abandons open episodes, whose last frames precede RunEnd.
+                _ => {}
             }
         }
     }
 
-    async fn give_up_open_episode(&mut self) -> Result<(), Error> {
-        if !self.state.is_over() {
-            self.state.abandon(&self.connection).await?;
-        }
-        self.note_progress();
-        Ok(())
-    }
-
-    pub(crate) fn note_progress(&mut self) {
+    fn note_progress(&mut self) {
         if let Some(end) = self.state.end() {
             self.progress = end.progress;
         }
     }
+}
 
-    fn keep(&mut self, end: v1::RunEnd) {
-        let summary = RunSummary::from_wire(end);
-        self.progress = summary.progress;
-        self.summary = Some(summary);
+/// An episode in progress, from [`Play::next_episode`] or the stream [`Play::episodes`].
+#[derive(Debug)]
+pub struct Episode<'play> {
+    play: SlotAccess<'play>,
+}
+
+#[derive(Debug)]
+enum SlotAccess<'play> {
+    Borrowed(&'play mut Play),
+    // The stream needs this lock to start the next episode, so only one is open.
+    Owned(OwnedMutexGuard<Play>),
+}
+
+impl Episode<'_> {
+    fn play(&self) -> &Play {
+        match &self.play {
+            SlotAccess::Borrowed(play) => play,
+            SlotAccess::Owned(play) => play,
+        }
+    }
+
+    fn play_mut(&mut self) -> &mut Play {
+        match &mut self.play {
+            SlotAccess::Borrowed(play) => play,
+            SlotAccess::Owned(play) => play,
+        }
+    }
+
+    /// Returns the random episode handle, valid in this run only.
+    pub fn id(&self) -> &str {
+        &self.play().state.id
+    }
+
+    /// Returns the episode number in start order, from 1.
+    pub fn ordinal(&self) -> u32 {
+        self.play().state.ordinal
+    }
+
+    /// Returns the mission.
+    pub fn mission(&self) -> &Mission {
+        &self.play().state.mission
+    }
+
+    /// Returns the latest observation.
+    pub fn observation(&self) -> &Observation {
+        &self.play().state.observation
+    }
+
+    /// Returns the time for the next action.
+    pub fn time_left(&self) -> TimeLeft {
+        self.play().state.time
+    }
+
+    /// Returns the run progress.
+    pub fn progress(&self) -> Progress {
+        self.play().progress()
+    }
+
+    /// Returns true if the episode has ended; see [`end`](Self::end).
+    pub fn is_over(&self) -> bool {
+        self.play().state.is_over()
+    }
+
+    /// Returns the episode result; `None` before the end.
+    pub fn end(&self) -> Option<&EpisodeEnd> {
+        self.play().state.end()
+    }
+
+    /// Returns the server failure behind [`EndReason::ServerFault`](crate::EndReason::ServerFault).
+    pub fn fault(&self) -> Option<&Error> {
+        self.play().state.fault.as_ref()
+    }
+
+    /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over).
+    ///
+    /// # Errors
+    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] if the server refuses the step and the
+    /// episode continues; otherwise if the protocol is violated or the connection is lost.
+    pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
+        let play = self.play_mut();
+        play.state.step(&play.connection, action).await?;
+        play.note_progress();
+        Ok(&play.state.observation)
+    }
+
+    /// Abandons the episode: it is scored up to the last step. No effect after the end.
+    ///
+    /// # Errors
+    /// If the protocol is violated, or the connection is lost.
+    pub async fn abandon(&mut self) -> Result<(), Error> {
+        let play = self.play_mut();
+        if !play.state.is_over() {
+            play.state.abandon(&play.connection).await?;
+        }
+        play.note_progress();
+        Ok(())
     }
 }
 
-/// Answer to the request for the next episode.
-type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
+type NextEpisode = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
 
 /// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`].
 ///
-/// It ends with the run or after an error. Polling requests the next episode after the previous one was dropped; an
-/// episode dropped before its end is abandoned.
+/// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before the
+/// episode's end abandons it.
 ///
 /// ```no_run
 /// use avln_client::{Action, Client, Error, RunOptions, Sensors};
@@ -183,12 +275,12 @@ type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>>
 pub struct Episodes {
     play: Arc<Mutex<Play>>,
     task: TaskSpec,
-    next: Option<Next>,
+    next: Option<NextEpisode>,
     is_over: bool,
 }
 
 impl Episodes {
-    /// Task rules.
+    /// Returns the task rules.
     pub fn task(&self) -> &TaskSpec {
         &self.task
     }
@@ -198,6 +290,7 @@ impl Episodes {
     /// # Errors
     /// As for [`Play::finish`].
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
+        // A pending request owns the lock or waits for it.
         drop(self.next.take());
         self.play.lock().await.farewell().await
     }
@@ -225,11 +318,10 @@ impl fmt::Debug for Episodes {
     }
 }
 
-/// Waits until the slot is idle, then starts the next episode.
 async fn begin(play: Arc<Mutex<Play>>) -> Option<Result<Episode<'static>, Error>> {
     let mut play = play.lock_owned().await;
     match play.begin_next().await {
-        Ok(true) => Some(Ok(Episode::kept(play))),
+        Ok(true) => Some(Ok(Episode { play: SlotAccess::Owned(play) })),
         Ok(false) => None,
         Err(error) => Some(Err(error)),
     }

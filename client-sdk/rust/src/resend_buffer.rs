@@ -6,130 +6,126 @@ use avln_proto::v1::{self, play_request::Frame as Sent, play_response::Frame as 
 #[derive(Debug, Default)]
 pub(crate) struct ResendBuffer {
     slots: Vec<SlotBuffer>,
-    /// Goodbye was said.
-    goodbye: bool,
-    /// RunEnd was received: the run is complete.
-    over: bool,
+    goodbye_sent: bool,
+    /// RunEnd was received.
+    pub(crate) is_over: bool,
 }
 
 #[derive(Debug, Default)]
 struct SlotBuffer {
-    /// Open episode, and the step of the last received observation.
-    holds: Option<(String, u32)>,
-    /// Unanswered frame.
-    open: Option<Sent>,
+    /// Open episode and last received step.
+    received: Option<(String, u32)>,
+    // The protocol permits one pending request per slot, so a single frame suffices.
+    unanswered: Option<Sent>,
 }
 
 impl ResendBuffer {
     pub(crate) fn new(slots: u32) -> Self {
-        Self { slots: (0..slots).map(|_| SlotBuffer::default()).collect(), goodbye: false, over: false }
+        Self {
+            slots: (0..slots).map(|_| SlotBuffer::default()).collect(),
+            goodbye_sent: false,
+            is_over: false,
+        }
     }
 
     fn slot(&mut self, slot: u32) -> Option<&mut SlotBuffer> {
         self.slots.get_mut(usize::try_from(slot).ok()?)
     }
 
-    /// Notes a frame that is about to be sent.
     pub(crate) fn sending(&mut self, frame: &Sent) {
         let slot = match frame {
             Sent::Ready(ready) => ready.slot,
             Sent::Act(act) => act.slot,
             Sent::Abandon(abandon) => abandon.slot,
             Sent::Goodbye(_) => {
-                self.goodbye = true;
+                self.goodbye_sent = true;
                 return;
             }
+            // Specific to a stream.
             Sent::Hello(_) | Sent::Pong(_) => return,
         };
         if let Some(slot) = self.slot(slot) {
-            slot.open = Some(frame.clone());
+            slot.unanswered = Some(frame.clone());
         }
     }
 
-    /// Notes a frame that arrived; false when it had arrived before.
+    /// Records a received frame; returns false for a repeated observation.
     pub(crate) fn arrived(&mut self, frame: &Arrived) -> bool {
         match frame {
             Arrived::EpisodeStart(start) => {
-                let Some(slot) = self.slot(start.slot) else { return true };
-                let step = start.observation.as_ref().map_or(0, |seen| seen.step);
-                *slot = SlotBuffer { holds: Some((start.episode.clone(), step)), open: None };
-                true
+                if let Some(slot) = self.slot(start.slot) {
+                    let step = start.observation.as_ref().map_or(0, |seen| seen.step);
+                    *slot = SlotBuffer { received: Some((start.episode.clone(), step)), unanswered: None };
+                }
             }
             Arrived::Observation(seen) => {
-                let Some(slot) = self.slot(seen.slot) else { return true };
-                slot.observed(&seen.episode, seen.step)
+                return self.slot(seen.slot).is_none_or(|slot| slot.observed(&seen.episode, seen.step));
             }
             Arrived::EpisodeEnd(end) => {
-                if let Some(slot) = self.slot(end.slot).filter(|slot| slot.holds_episode(&end.episode)) {
+                if let Some(slot) = self.slot(end.slot).filter(|slot| slot.has_episode(&end.episode)) {
                     *slot = SlotBuffer::default();
                 }
-                true
             }
+            // The refused frame changed nothing on the server and must not be resent.
             Arrived::Fault(v1::Fault { slot: Some(slot), recoverable: true, .. }) => {
                 if let Some(slot) = self.slot(*slot) {
-                    slot.open = None;
+                    slot.unanswered = None;
                 }
-                true
             }
-            Arrived::RunEnd(_) => {
-                self.over = true;
-                true
-            }
-            _ => true,
+            Arrived::RunEnd(_) => self.is_over = true,
+            _ => {}
         }
+        true
     }
 
-    /// Returns true if the run has ended.
-    pub(crate) fn is_over(&self) -> bool {
-        self.over
-    }
-
-    /// Last received steps for Hello.
+    /// Returns the last received steps for Hello.
     pub(crate) fn known(&self) -> Vec<v1::SlotPosition> {
         let position = |(slot, buffer): (u32, &SlotBuffer)| {
-            let (episode, step) = buffer.holds.clone()?;
+            let (episode, step) = buffer.received.clone()?;
             Some(v1::SlotPosition { slot, episode, step })
         };
         (0..).zip(&self.slots).filter_map(position).collect()
     }
 
-    /// Frames to resend, given the server's slot positions.
+    /// Returns the frames to resend, given the server's slot positions.
     pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
         let again = |(slot, buffer): (u32, &SlotBuffer)| {
             let there = resumed.iter().find(|position| position.slot == slot);
-            buffer.open.clone().filter(|open| match (open, there) {
+            buffer.unanswered.clone().filter(|frame| match (frame, there) {
+                // With a position the episode has begun, and the server resends EpisodeStart itself.
                 (Sent::Ready(_), there) => there.is_none(),
+                // At a later step the action was taken, and the observation is on the way.
                 (Sent::Act(act), Some(there)) => act.episode == there.episode && act.step == there.step + 1,
+                // Without a position the episode has ended, and EpisodeEnd is on the way.
                 (_, there) => there.is_some(),
             })
         };
-        let goodbye = self.goodbye.then_some(Sent::Goodbye(v1::Goodbye { pause: false }));
+        let goodbye = self.goodbye_sent.then_some(Sent::Goodbye(v1::Goodbye { pause: false }));
         (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
     }
 
-    /// Returns true if `fault` reports a slot's lost episode.
+    /// Returns true if `fault` reports a lost episode.
     pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
         let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
         fault.reason() == v1::Reason::EpisodeUnknown
-            && slot.is_some_and(|slot| slot.holds_episode(&fault.episode))
+            && slot.is_some_and(|slot| slot.has_episode(&fault.episode))
     }
 }
 
 impl SlotBuffer {
-    fn holds_episode(&self, episode: &str) -> bool {
-        self.holds.as_ref().is_some_and(|(held, _)| held == episode)
+    fn has_episode(&self, episode: &str) -> bool {
+        self.received.as_ref().is_some_and(|(known, _)| known == episode)
     }
 
     fn observed(&mut self, episode: &str, step: u32) -> bool {
-        let Some((held, last)) = &mut self.holds else { return true };
-        if held != episode {
+        let Some((_, last)) = self.received.as_mut().filter(|(known, _)| known == episode) else {
             return true;
-        }
+        };
         if step <= *last {
             return false;
         }
         *last = step;
-        self.open = None;
+        self.unanswered = None;
         true
     }
 }

@@ -1,19 +1,24 @@
 //! Phases, runs, quota and account.
 
-use crate::{EndReason, Error, FeedbackRule, Metric, Order, Progress, summary};
+use crate::{
+    action::{EndReason, Order, wire_enum},
+    error::Error,
+    summary::{self, Metric, Progress},
+    task::FeedbackRule,
+};
 use avln_proto::v1;
 use tonic::Streaming;
 
 /// Server information.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerInfo {
-    /// Name that the organiser gave it.
+    /// Name.
     pub name: String,
     /// Server program version.
     pub version: String,
-    /// Highest supported minor number in `avln.v1`.
+    /// Highest supported minor version in `avln.v1`.
     pub api_minor: u32,
-    /// Benchmark version: changes whenever a score could change.
+    /// Benchmark version; changes if scores may change.
     pub benchmark: String,
     /// True if the server is stopping and accepts no new runs.
     pub draining: bool,
@@ -23,7 +28,7 @@ pub struct ServerInfo {
     pub time_unix_ms: i64,
 }
 
-/// Episodes that are played under the same conditions.
+/// A phase: episodes under equal conditions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
     /// Id used in [`RunOptions::new`].
@@ -32,7 +37,7 @@ pub struct Phase {
     pub title: String,
     /// Text for people.
     pub description: String,
-    /// Orders that a run can choose from.
+    /// Orders available to a run.
     pub orders: Vec<Order>,
     /// Episodes in a run.
     pub episodes: u32,
@@ -54,28 +59,27 @@ pub struct Phase {
     pub rules: String,
 }
 
-/// A phase's acceptance for new runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PhaseState {
-    /// It has not begun.
-    Upcoming,
-    /// They can.
-    Open,
-    /// The organiser paused it; open runs go on.
-    Paused,
-    /// It is over.
-    Closed,
-    /// A state that this client does not know.
-    Other,
+wire_enum! {
+    /// A phase's acceptance for new runs.
+    PhaseState {
+        /// Not open yet.
+        Upcoming,
+        /// Accepts runs.
+        Open,
+        /// Paused by the organiser; open runs continue.
+        Paused,
+        /// Over.
+        Closed,
+    }
 }
 
-/// New run properties.
+/// Settings for a new run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunOptions {
-    phase: String,
+    pub(crate) phase: String,
     method: v1::MethodInfo,
     order: Order,
-    request_id: String,
+    pub(crate) request_id: String,
 }
 
 impl RunOptions {
@@ -86,47 +90,34 @@ impl RunOptions {
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
     }
 
-    /// Plays missions in this order.
+    /// Sets the goal order.
     pub fn order(mut self, order: Order) -> Self {
         self.order = order;
         self
     }
 
-    /// Method version.
+    /// Sets the method version.
     pub fn method_version(mut self, version: impl Into<String>) -> Self {
         self.method.version = version.into();
         self
     }
 
-    /// Text about the method, for people.
+    /// Sets a description for people.
     pub fn description(mut self, text: impl Into<String>) -> Self {
         self.method.description = text.into();
         self
     }
 
-    /// The method's code address, http(s).
+    /// Sets the code address, http(s).
     pub fn code_url(mut self, url: impl Into<String>) -> Self {
         self.method.code_url = url.into();
         self
     }
 
-    /// Idempotency key, at most 64 characters: a repeated key returns the same run. The default is a unique
-    /// key, so a lost answer does not start a second run.
+    /// Sets the idempotency key, at most 64 characters: a repeated key returns the same run. Default: a unique key.
     pub fn request_id(mut self, id: impl Into<String>) -> Self {
         self.request_id = id.into();
         self
-    }
-
-    pub(crate) fn has_phase(&self) -> bool {
-        !self.phase.is_empty()
-    }
-
-    pub(crate) fn in_phase(self, phase: String) -> Self {
-        Self { phase, ..self }
-    }
-
-    pub(crate) fn has_request_id(&self) -> bool {
-        !self.request_id.is_empty()
     }
 
     pub(crate) fn into_wire(self, client: v1::ClientInfo) -> v1::StartRunRequest {
@@ -140,7 +131,7 @@ impl RunOptions {
     }
 }
 
-/// A run that can be played.
+/// A run with its token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Id; empty when only the token is known.
@@ -154,7 +145,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// A run known only by its token, as in a sealed container.
+    /// Creates a run from its token, as in a sealed container.
     pub fn from_token(token: impl Into<String>) -> Self {
         Self { id: String::new(), token: token.into(), episodes: 0, max_slots: 0 }
     }
@@ -166,28 +157,27 @@ impl Run {
     }
 }
 
-/// Run state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RunState {
-    /// Begun, never connected.
-    Created,
-    /// Being played.
-    Running,
-    /// The server is about to stop: open episodes finish, no others begin.
-    Draining,
-    /// Over: every episode was played or the agent said Goodbye.
-    Completed,
-    /// Over: the server failed.
-    Failed,
-    /// Over: cancelled.
-    Cancelled,
-    /// Over: out of wall time.
-    Expired,
-    /// A state that this client does not know.
-    Other,
+wire_enum! {
+    /// Run state.
+    RunState {
+        /// Started, never connected.
+        Created,
+        /// In progress.
+        Running,
+        /// The server is stopping: open episodes finish, no others begin.
+        Draining,
+        /// Over: the agent played every episode or sent Goodbye.
+        Completed,
+        /// Over: the server failed.
+        Failed,
+        /// Over: cancelled.
+        Cancelled,
+        /// Over: out of wall time.
+        Expired,
+    }
 }
 
-/// Run state.
+/// Run status.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
     /// Id.
@@ -198,7 +188,7 @@ pub struct RunStatus {
     pub method: String,
     /// State.
     pub state: RunState,
-    /// Why it is in that state, for people.
+    /// Reason for the state, for people.
     pub state_reason: String,
     /// Progress.
     pub progress: Progress,
@@ -208,27 +198,26 @@ pub struct RunStatus {
     pub metrics: Option<Vec<Metric>>,
     /// True if the run counts against the quota.
     pub charged: bool,
-    /// Why it does or does not, for people.
+    /// Reason for (not) charging, for people.
     pub charge_reason: String,
     /// Web page; empty: none.
     pub url: String,
 }
 
-/// Quota window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum QuotaWindow {
-    /// Calendar day, UTC.
-    Day,
-    /// Calendar month, UTC.
-    Month,
-    /// Never: the whole phase.
-    Total,
-    /// Runs that are open at the same time.
-    Concurrent,
-    /// Never: runs of the whole phase that were not charged.
-    Uncharged,
-    /// A window that this client does not know.
-    Other,
+wire_enum! {
+    /// Quota window.
+    QuotaWindow {
+        /// Calendar day, UTC.
+        Day,
+        /// Calendar month, UTC.
+        Month,
+        /// Whole phase.
+        Total,
+        /// Open runs.
+        Concurrent,
+        /// Uncharged runs in the whole phase.
+        Uncharged,
+    }
 }
 
 /// A team's remaining quota.
@@ -246,7 +235,7 @@ pub struct Quota {
     pub remaining: Option<u32>,
     /// Time when `remaining` next increases, seconds since 1970 UTC; 0: never.
     pub next_increase_unix_s: i64,
-    /// The runs that were counted and why, the oldest first.
+    /// Counted runs and reasons, oldest first.
     pub charges: Vec<(String, String)>,
 }
 
@@ -257,11 +246,8 @@ impl Quota {
     }
 }
 
-/// Returns the default phase.
-///
-/// # Errors
-/// If there is no or no unique default phase.
 pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Result<&'a Phase, Error> {
+    // A client without a chosen phase must not use up quota.
     let is_counted = |phase: &Phase| quotas.iter().any(|quota| quota.phase == phase.id && quota.is_counted());
     let open = phases.iter().filter(|phase| phase.state == PhaseState::Open);
     let free: Vec<_> = open.filter(|phase| !is_counted(phase)).collect();
@@ -321,7 +307,7 @@ impl Phase {
         Self {
             orders: phase.orders.iter().filter_map(|&order| Order::from_wire(order)).collect(),
             feedback: FeedbackRule::from_wire(phase.feedback),
-            state: PhaseState::from_wire(phase.state()),
+            state: PhaseState::from_wire(phase.state),
             id: phase.id,
             title: phase.title,
             description: phase.description,
@@ -336,23 +322,11 @@ impl Phase {
     }
 }
 
-impl PhaseState {
-    fn from_wire(state: v1::PhaseState) -> Self {
-        match state {
-            v1::PhaseState::Upcoming => Self::Upcoming,
-            v1::PhaseState::Open => Self::Open,
-            v1::PhaseState::Paused => Self::Paused,
-            v1::PhaseState::Closed => Self::Closed,
-            v1::PhaseState::Unspecified => Self::Other,
-        }
-    }
-}
-
 impl RunStatus {
     pub(crate) fn from_wire(run: Option<v1::Run>) -> Result<Self, Error> {
         let run = run.ok_or_else(|| Error::protocol("a run's status came empty"))?;
         Ok(Self {
-            state: RunState::from_wire(run.state()),
+            state: RunState::from_wire(run.state),
             progress: Progress::from_wire(run.progress),
             ends: summary::ends(&run.ends),
             metrics: run.metrics.map(summary::metrics),
@@ -372,33 +346,12 @@ impl RunState {
     pub fn is_over(self) -> bool {
         matches!(self, Self::Completed | Self::Failed | Self::Cancelled | Self::Expired)
     }
-
-    fn from_wire(state: v1::RunState) -> Self {
-        match state {
-            v1::RunState::Created => Self::Created,
-            v1::RunState::Running => Self::Running,
-            v1::RunState::Draining => Self::Draining,
-            v1::RunState::Completed => Self::Completed,
-            v1::RunState::Failed => Self::Failed,
-            v1::RunState::Cancelled => Self::Cancelled,
-            v1::RunState::Expired => Self::Expired,
-            v1::RunState::Unspecified => Self::Other,
-        }
-    }
 }
 
 impl Quota {
     pub(crate) fn from_wire(quota: v1::Quota) -> Self {
-        let window = match quota.window() {
-            v1::QuotaWindow::Day => QuotaWindow::Day,
-            v1::QuotaWindow::Month => QuotaWindow::Month,
-            v1::QuotaWindow::Total => QuotaWindow::Total,
-            v1::QuotaWindow::Concurrent => QuotaWindow::Concurrent,
-            v1::QuotaWindow::Uncharged => QuotaWindow::Uncharged,
-            v1::QuotaWindow::Unspecified => QuotaWindow::Other,
-        };
         Self {
-            window,
+            window: QuotaWindow::from_wire(quota.window),
             phase: quota.phase,
             limit: quota.limit,
             used: quota.used,

@@ -1,4 +1,6 @@
-use crate::EndReason;
+//! Progress, results and notices.
+
+use crate::action::EndReason;
 use avln_proto::v1;
 use std::fmt;
 
@@ -7,15 +9,15 @@ use std::fmt;
 pub struct Progress {
     /// Episodes in the run.
     pub total: u32,
-    /// Episodes that ended and are stored.
+    /// Stored episodes.
     pub done: u32,
-    /// Episodes that are being played.
+    /// Open episodes.
     pub in_flight: u32,
     /// Estimated seconds to the end, once an episode has ended.
     pub eta_s: Option<u32>,
 }
 
-/// A number that a phase shows.
+/// A public metric.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
     /// Name, lower snake case: `sr`, `isr`, `osr`, `spl`, `soft_spl` …
@@ -26,12 +28,12 @@ pub struct Metric {
     pub interval: Option<(f64, f64)>,
 }
 
-/// Episode end.
+/// An episode's result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeEnd {
     /// Random episode handle, valid in this run only.
     pub episode: String,
-    /// Why it ended.
+    /// End reason.
     pub reason: EndReason,
     /// True if the task ended the episode; otherwise it was truncated.
     pub terminated: bool,
@@ -43,7 +45,7 @@ pub struct EpisodeEnd {
     pub progress: Progress,
 }
 
-/// Run end.
+/// A run's result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunSummary {
     /// Run id.
@@ -60,17 +62,17 @@ pub struct RunSummary {
     pub url: String,
 }
 
-/// News from the server that needs no answer, for people: it drains, time runs low, maintenance is announced.
+/// An announcement for people, for example of a server stop, low time or maintenance.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// The text.
+    /// Text.
     pub message: String,
     /// Effective time, milliseconds since 1970 UTC; 0: now.
     pub effective_unix_ms: i64,
 }
 
 impl RunSummary {
-    /// The metric `name`, if public.
+    /// Returns the metric `name`, if public.
     pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.metrics.iter().flatten().find(|metric| metric.name == name)
     }
@@ -102,13 +104,8 @@ impl EpisodeEnd {
 
 impl Progress {
     pub(crate) fn from_wire(progress: Option<v1::RunProgress>) -> Self {
-        let progress = progress.unwrap_or_default();
-        Self {
-            total: progress.total,
-            done: progress.done,
-            in_flight: progress.in_flight,
-            eta_s: progress.eta_s,
-        }
+        let v1::RunProgress { total, done, in_flight, eta_s } = progress.unwrap_or_default();
+        Self { total, done, in_flight, eta_s }
     }
 }
 

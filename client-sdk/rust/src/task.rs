@@ -1,4 +1,6 @@
-use crate::{Error, Packing};
+//! Sensors and task rules.
+
+use crate::{action::wire_enum, connect_options::Packing, error::Error};
 use avln_proto::v1;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -33,7 +35,7 @@ impl Sensors {
     }
 
     pub(crate) fn to_wire(&self, packing: Packing) -> Result<v1::SensorSubscription, Error> {
-        let (width, height, hfov_rad) = (self.width, self.height, self.hfov_rad);
+        let Self { width, height, hfov_rad, .. } = *self;
         let side = 64..=1024;
         if !(side.contains(&width) && side.contains(&height) && (0.35..=2.4).contains(&hfov_rad)) {
             return Err(Error::Sensors { width, height, hfov_rad });
@@ -52,37 +54,16 @@ impl Sensors {
     }
 }
 
-macro_rules! rule {
-    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident,)+ }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub enum $name {
-            $($(#[$variant_doc])* $variant,)+
-            /// A rule that this client does not know.
-            Other,
-        }
-
-        impl $name {
-            pub(crate) fn from_wire(number: i32) -> Self {
-                match v1::$name::try_from(number) {
-                    $(Ok(v1::$name::$variant) => Self::$variant,)+
-                    _ => Self::Other,
-                }
-            }
-        }
-    };
-}
-
-rule! {
+wire_enum! {
     /// Pose frame.
     PoseFrame {
-        /// Relative to the pose at the start: the first pose is all zeros.
+        /// Relative to the start pose; the first pose is zero.
         Start,
-        /// The scene's own frame.
+        /// Scene frame.
         World,
     }
 }
-rule! {
+wire_enum! {
     /// Success distance definition and visibility.
     DistanceRule {
         /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
@@ -91,27 +72,27 @@ rule! {
         BaseToViewpoint,
     }
 }
-rule! {
+wire_enum! {
     /// Wrong Submit's effect in an ordered mission.
     WrongSubmit {
-        /// The Submit is spent, the goal stays next.
+        /// The Submit is spent, the goal remains next.
         KeepsGoal,
         /// The Submit is spent and the goal can no longer be found.
         SkipsGoal,
     }
 }
-rule! {
+wire_enum! {
     /// Feedback to a Submit.
     FeedbackRule {
         /// No feedback.
         None,
-        /// That it was counted.
+        /// Acceptance without a verdict.
         Accepted,
-        /// Right or wrong.
+        /// Correct or wrong.
         Verdict,
     }
 }
-rule! {
+wire_enum! {
     /// Sounding schedule.
     SoundingRule {
         /// Unfinished targets in turn, in an order drawn per episode; a found target falls silent at once.
@@ -120,19 +101,19 @@ rule! {
         AllInGoalOrder,
     }
 }
-rule! {
+wire_enum! {
     /// Sound clip assignment.
     SoundClip {
         /// A single clip per episode, drawn independently of the targets.
         Anonymous,
-        /// Another clip for each target, drawn without regard to it.
+        /// A clip per target, drawn independently of it.
         Distinct,
         /// A clip per category. Leaks: the clip reveals the category.
         ByCategory,
     }
 }
 
-rule! {
+wire_enum! {
     /// Depth noise; [`Other`](DepthNoise::Other) for servers without noise support, which send exact depth.
     DepthNoise {
         /// None.
@@ -142,7 +123,7 @@ rule! {
         Redwood,
     }
 }
-rule! {
+wire_enum! {
     /// Colour noise; [`Other`](RgbNoise::Other) for servers without noise support, which send exact colours.
     RgbNoise {
         /// None.
@@ -152,7 +133,7 @@ rule! {
     }
 }
 
-/// Task rules, the same for every episode of a run.
+/// Task rules for all episodes in a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskSpec {
     /// Rule set name and version, for example `lh-avln-v1`.
@@ -165,7 +146,7 @@ pub struct TaskSpec {
     pub turn_deg: u32,
     /// Simulated time per step, seconds.
     pub step_s: f32,
-    /// Most actions in an episode; all five kinds count.
+    /// Step limit per episode; every action counts.
     pub max_steps: u32,
     /// Body radius, metres.
     pub body_radius_m: f32,
@@ -290,8 +271,8 @@ impl TaskSpec {
     }
 }
 
-/// Refuses numbers with which no agent could calculate.
 fn check_numbers(task: &v1::TaskSpec) -> Result<(), Error> {
+    // Agents divide by these numbers or loop over them.
     let positive = [
         ("forward_m", task.forward_m),
         ("step_s", task.step_s),
@@ -305,7 +286,7 @@ fn check_numbers(task: &v1::TaskSpec) -> Result<(), Error> {
     ];
     match positive.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
         Some((name, value)) => {
-            Err(Error::protocol(format!("Welcome.task.{name} is {value}, not a positive number")))
+            Err(Error::protocol(format!("Welcome.task.{name}: expected a positive number, got {value}")))
         }
         None => Ok(()),
     }

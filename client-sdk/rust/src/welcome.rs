@@ -1,12 +1,16 @@
 //! Connection agreement from Welcome: task and observation decoding.
 
-use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
+use crate::{
+    connect_options::Packing,
+    error::Error,
+    observation::{Audio, DepthImage, Feedback, Image, Observation, Pose},
+    task::{Sensors, TaskSpec},
+};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;
 use v1::{Dtype, SensorKind};
 
-/// A connection's agreement.
 #[derive(Debug)]
 pub(crate) struct Agreement {
     pub(crate) task: TaskSpec,
@@ -28,18 +32,24 @@ impl Agreement {
         check_limits(&welcome)?;
         if (task.width, task.height) != (wanted.width, wanted.height) {
             return Err(Error::protocol(format!(
-                "asked for {} x {} pixels and was granted {} x {}",
+                "Welcome: expected {} x {} pixels, got {} x {}",
                 wanted.width, wanted.height, task.width, task.height
             )));
         }
         let away_s = welcome.time.as_ref().map_or(0, |time| time.disconnect_s);
         let may_be_away = Duration::from_secs(u64::from(away_s));
-        let tensors = wanted_tensors(&welcome.tensors, (wanted, packing), &task)?;
-        let (run, slots, progress) = (welcome.run, welcome.slots, welcome.progress.unwrap_or_default());
-        Ok(Self { task, run, slots, progress, may_be_away, depth_divisor, tensors })
+        let tensors = wanted_tensors(&welcome.tensors, wanted, packing, &task)?;
+        Ok(Self {
+            task,
+            run: welcome.run,
+            slots: welcome.slots,
+            progress: welcome.progress.unwrap_or_default(),
+            may_be_away,
+            depth_divisor,
+            tensors,
+        })
     }
 
-    /// Unpacks an observation.
     pub(crate) fn unpack(&self, wire: v1::Observation) -> Result<Observation, Error> {
         let mut seen = Observation {
             step: wire.step,
@@ -53,17 +63,17 @@ impl Agreement {
             self.unpack_tensor(tensor, &mut seen)?;
         }
         match self.tensors.iter().find(|spec| is_missing(spec.kind(), &seen)) {
-            Some(spec) => Err(Error::protocol(format!(
-                "observation {} came without its tensor {}",
-                seen.step, spec.name
-            ))),
+            Some(spec) => {
+                Err(Error::protocol(format!("observation {} has no tensor {}", seen.step, spec.name)))
+            }
             None => Ok(seen),
         }
     }
 
     fn unpack_tensor(&self, tensor: v1::Tensor, seen: &mut Observation) -> Result<(), Error> {
         let Some(spec) = self.tensors.iter().find(|spec| spec.id == tensor.id) else {
-            return Ok(()); // a sensor that was not asked for
+            // A server may send more sensors than requested.
+            return Ok(());
         };
         check_tensor(&tensor, spec)?;
         self.decode(spec, tensor, seen).map_err(|error| {
@@ -101,6 +111,7 @@ impl Agreement {
     }
 
     fn metres(&self, mut depth: Vec<f32>) -> Vec<f32> {
+        // A multiplication by 1 would change nothing, but touch every pixel.
         if self.depth_divisor != 1.0 {
             depth.iter_mut().for_each(|value| *value *= self.depth_divisor);
         }
@@ -111,7 +122,7 @@ impl Agreement {
 fn check_limits(welcome: &v1::Welcome) -> Result<(), Error> {
     if welcome.api_minor > API_MINOR {
         return Err(Error::protocol(format!(
-            "the server speaks avln.v1 minor {}, agreed was at most {API_MINOR}",
+            "expected avln.v1 minor {API_MINOR} or lower, got minor {}",
             welcome.api_minor
         )));
     }
@@ -121,16 +132,16 @@ fn check_limits(welcome: &v1::Welcome) -> Result<(), Error> {
     let bytes = u64::from(welcome.max_message_bytes);
     if bytes > MAX_MESSAGE_BYTES as u64 {
         return Err(Error::protocol(format!(
-            "messages of {bytes} bytes are announced, this client reads {MAX_MESSAGE_BYTES}; ask for smaller pictures"
+            "message size: expected at most {MAX_MESSAGE_BYTES} bytes, got {bytes}; request smaller images"
         )));
     }
     Ok(())
 }
 
-/// Checked layouts for the wanted sensors.
 fn wanted_tensors(
     offered: &[v1::TensorSpec],
-    (wanted, packing): (&Sensors, Packing),
+    wanted: &Sensors,
+    packing: Packing,
     task: &TaskSpec,
 ) -> Result<Vec<v1::TensorSpec>, Error> {
     let pick = |kind: SensorKind| {
@@ -142,7 +153,6 @@ fn wanted_tensors(
     wanted.kinds().map(pick).collect()
 }
 
-/// The layouts that were asked for, and no others.
 fn check_spec(spec: &v1::TensorSpec, packing: Packing, task: &TaskSpec) -> Result<(), Error> {
     let (dtype, shape) = match spec.kind() {
         SensorKind::Rgb => (Dtype::U8, vec![task.height, task.width, 3]),
@@ -155,13 +165,13 @@ fn check_spec(spec: &v1::TensorSpec, packing: Packing, task: &TaskSpec) -> Resul
         return Ok(());
     }
     Err(Error::protocol(format!(
-        "tensor {} is announced as {} {:?} {}, asked for was {} {shape:?} {}",
+        "tensor {}: expected {} {shape:?} {}, got {} {:?} {}",
         spec.name,
+        dtype.as_str_name(),
+        wished.iter().map(|encoding| encoding.as_str_name()).collect::<Vec<_>>().join(" or "),
         spec.dtype().as_str_name(),
         spec.shape,
-        spec.encoding().as_str_name(),
-        dtype.as_str_name(),
-        wished.iter().map(|encoding| encoding.as_str_name()).collect::<Vec<_>>().join(" or ")
+        spec.encoding().as_str_name()
     )))
 }
 
@@ -170,12 +180,12 @@ fn check_tensor(tensor: &v1::Tensor, spec: &v1::TensorSpec) -> Result<(), Error>
         return Ok(());
     }
     Err(Error::protocol(format!(
-        "tensor {} came with shape {:?} as {}, announced were {:?} as {}",
+        "tensor {}: expected {:?} as {}, got {:?} as {}",
         spec.name,
-        tensor.shape,
-        tensor.encoding().as_str_name(),
         spec.shape,
-        spec.encoding().as_str_name()
+        spec.encoding().as_str_name(),
+        tensor.shape,
+        tensor.encoding().as_str_name()
     )))
 }
 
@@ -189,7 +199,7 @@ fn is_missing(kind: SensorKind, seen: &Observation) -> bool {
 }
 
 fn pose(wire: Option<v1::Pose>) -> Result<Pose, Error> {
-    let wire = wire.ok_or_else(|| Error::protocol("an observation came without a pose"))?;
+    let wire = wire.ok_or_else(|| Error::protocol("an observation has no pose"))?;
     Ok(Pose { position: [wire.x_m, wire.y_m, wire.z_m], heading_rad: wire.heading_rad })
 }
 

@@ -304,12 +304,12 @@ async fn a_welcome_that_does_not_fit_is_refused_before_the_first_step() {
     assert!(complaint(|w| w.task = None).await.contains("no task"));
     assert!(complaint(|w| w.slots = 0).await.contains("no slot"));
     assert!(complaint(|w| w.api_minor = 9).await.contains("minor 9"));
-    assert!(complaint(|w| w.max_message_bytes = 17 << 20).await.contains("smaller pictures"));
+    assert!(complaint(|w| w.max_message_bytes = 17 << 20).await.contains("smaller images"));
     assert!(complaint(|w| w.tensors.truncate(2)).await.contains("SENSOR_KIND_AUDIO"));
     assert!(complaint(|w| w.tensors[1].shape = vec![SIDE, 1]).await.contains("[64, 1]"));
     assert!(complaint(|w| w.tensors[0].encoding = 2).await.contains("ENCODING_PNG"));
     assert!(complaint(|w| w.task.as_mut().unwrap().forward_m = f32::NAN).await.contains("forward_m"));
-    assert!(complaint(|w| w.task.as_mut().unwrap().width = 512).await.contains("granted 512 x 64"));
+    assert!(complaint(|w| w.task.as_mut().unwrap().width = 512).await.contains("got 512 x 64"));
 }
 
 #[tokio::test]

@@ -37,7 +37,7 @@ async fn a_web_port_is_recognised() {
     });
     let error = Client::connect(&address, TOKEN).await.unwrap_err();
     assert!(matches!(error, Error::NotArena { .. }), "{error}");
-    assert!(error.to_string().contains("not that of its web pages"), "{error}");
+    assert!(error.to_string().contains("instead of the web port"), "{error}");
 }
 
 #[tokio::test]

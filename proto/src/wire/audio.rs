@@ -24,7 +24,7 @@ pub fn encode(encoding: Encoding, samples: &[f32]) -> Result<Bytes, CodecError> 
 /// # Errors
 /// If `bytes` are not `count` samples in this encoding.
 pub fn decode(encoding: Encoding, count: usize, bytes: &[u8]) -> Result<Vec<f32>, CodecError> {
-    let check = |each: usize| CodecError::check_length("a sound", "bytes", bytes.len(), each * count);
+    let check = |each: usize| CodecError::check_length("sound", "bytes", bytes.len(), each * count);
     match encoding {
         Encoding::Raw => check(4).map(|()| floats_from(bytes)),
         Encoding::AudioI16 => {

@@ -1,15 +1,10 @@
-//! Bit packing for small integers: blocks with 16 integers, all as wide as the widest.
+//! Bit packing for small integers: 16 integers per block, all as wide as the widest.
 //!
-//! The widths of all blocks come first, one byte per block, then the blocks. Integer `i` of a block of width `w` occupies the bits
-//! `i·w` to `(i+1)·w - 1`, counted from the lowest bit of the first byte. A block takes `2·w` bytes; the last one is padded
-//! with zeros.
+//! All block widths come first, one byte each, then the blocks. At width `w`, integer `i` occupies the bits `i·w` to
+//! `(i+1)·w - 1`, counted from the lowest bit in the first byte. A block takes `2·w` bytes; zeros pad the last block.
 
 const BLOCK: usize = 16;
 
-/// Invalid packed bytes.
-pub(super) type Fault = String;
-
-/// Packs integers.
 pub(super) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
     let count = numbers.len().div_ceil(BLOCK);
     let mut bytes = Vec::with_capacity(count + size_of_val(numbers) + 2 * BLOCK);
@@ -24,23 +19,24 @@ pub(super) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
     bytes
 }
 
-/// Unpacks `count` integers of at most `most_bits` bits, which is 32 or less. `bytes` must contain no more.
+/// Unpacks exactly `count` integers with at most `most_bits` bits, up to 32.
 pub(super) fn unpack<T: Copy + Default>(
     bytes: &[u8],
     count: usize,
     most_bits: u32,
     narrow: impl Fn(u32) -> T,
-) -> Result<Vec<T>, Fault> {
+) -> Result<Vec<T>, String> {
     let blocks = count.div_ceil(BLOCK);
     let Some((widths, mut body)) = bytes.split_at_checked(blocks) else {
-        return Err(format!("{} bytes are too few for the widths of {blocks} blocks", bytes.len()));
+        return Err(format!("{} bytes cannot contain the widths for {blocks} blocks", bytes.len()));
     };
     if let Some(width) = widths.iter().find(|&&width| u32::from(width) > most_bits) {
-        return Err(format!("a block has {width} bits per number, {most_bits} is the maximum"));
+        return Err(format!("a block has {width} bits per number, the maximum is {most_bits}"));
     }
+    // Checked here, because the splits below would panic on foreign bytes.
     let expected: usize = widths.iter().map(|&width| 2 * usize::from(width)).sum();
     if body.len() != expected {
-        return Err(format!("{} bytes of blocks, their widths announce {expected}", body.len()));
+        return Err(format!("the widths announce {expected} bytes of blocks, got {}", body.len()));
     }
     let mut numbers = vec![T::default(); blocks * BLOCK];
     let mut block = [0; BLOCK];
@@ -66,12 +62,10 @@ type Block = [u32; BLOCK];
 const PUSH: [fn(&Block, &mut Vec<u8>); 33] = by_width!(push);
 const PULL: [fn(&[u8], &mut Block); 33] = by_width!(pull);
 
-/// 32-bit words in the widest block.
-const WORDS: usize = BLOCK;
-
 #[inline(always)]
 fn push<const WIDTH: usize>(block: &Block, bytes: &mut Vec<u8>) {
-    let mut words = [0u32; WORDS + 1];
+    // At width 32 a block has 16 words; the last integer also touches the next word.
+    let mut words = [0u32; BLOCK + 1];
     for (i, number) in block.iter().enumerate() {
         let bits = u64::from(*number) << (i * WIDTH % 32);
         words[i * WIDTH / 32] |= bits as u32;
@@ -83,7 +77,7 @@ fn push<const WIDTH: usize>(block: &Block, bytes: &mut Vec<u8>) {
 
 #[inline(always)]
 fn pull<const WIDTH: usize>(bytes: &[u8], block: &mut Block) {
-    let mut packed = [[0; 4]; WORDS + 1];
+    let mut packed = [[0; 4]; BLOCK + 1];
     packed.as_flattened_mut()[..2 * WIDTH].copy_from_slice(&bytes[..2 * WIDTH]);
     let words = packed.map(u32::from_le_bytes);
     for (i, number) in block.iter_mut().enumerate() {
@@ -93,12 +87,11 @@ fn pull<const WIDTH: usize>(bytes: &[u8], block: &mut Block) {
     }
 }
 
-/// Maps differences to small integers: 0, -1, 1, -2, 2 … to 0, 1, 2, 3, 4 …
+/// Maps 0, -1, 1, -2, 2 … to 0, 1, 2, 3, 4 …
 pub(super) fn fold(difference: i32) -> u32 {
     ((difference << 1) ^ (difference >> 31)) as u32
 }
 
-/// Inverts [`fold`].
 pub(super) fn unfold(number: u32) -> i32 {
     (number >> 1) as i32 ^ -((number & 1) as i32)
 }

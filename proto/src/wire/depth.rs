@@ -1,6 +1,6 @@
 //! Depth: `height × width` values, top row first.
 //!
-//! The reciprocal of depth is linear along an image column of a plane. `PACKED` therefore predicts a value from the two above
+//! The reciprocal of depth is linear in an image column of a plane. `PACKED` therefore predicts a value from the two above
 //! it, `a` (directly above) and `b`: `p = a·b / (b + b - a)`, in binary32, with every operation rounded to nearest. If `p` is
 //! not positive and finite, and in the second row, the prediction is `a`; in the first row it is the value to the left, or 0.
 //! The stored residual is the difference of the bit patterns as signed 32-bit integers, modulo 2^32, folded (0, -1, 1, -2 …
@@ -25,13 +25,13 @@ pub struct Layout {
     pub unit_m: f32,
 }
 
-/// Encodes a depth picture.
+/// Encodes a depth image.
 ///
 /// # Errors
 /// If the value count does not match the size, or depth has no such encoding.
 pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes, CodecError> {
     let width = layout.size.width as usize;
-    CodecError::check_length("a depth picture", "numbers", depth.len(), layout.size.pixels())?;
+    CodecError::check_length("depth image", "numbers", depth.len(), layout.size.pixels())?;
     match encoding {
         Encoding::Raw => Ok(copy_floats(depth)),
         Encoding::Packed => Ok(pack(width, depth).into()),
@@ -43,13 +43,13 @@ pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes
     }
 }
 
-/// Decodes a depth picture.
+/// Decodes a depth image.
 ///
 /// # Errors
 /// If `bytes` are not an image in this size and encoding.
 pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f32>, CodecError> {
     let (width, count) = (layout.size.width as usize, layout.size.pixels());
-    let check = |each: usize| CodecError::check_length("a depth picture", "bytes", bytes.len(), each * count);
+    let check = |each: usize| CodecError::check_length("depth image", "bytes", bytes.len(), each * count);
     let unpacked = |most_bits| {
         let numbers = blocks::unpack(bytes, count, most_bits, |number| number);
         numbers.map_err(|fault| CodecError::broken(encoding, fault))
@@ -70,7 +70,6 @@ pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f3
     }
 }
 
-/// Predicts a value from the two above it.
 fn predict(above: f32, farther: f32) -> f32 {
     let straight = above * farther / (farther + farther - above);
     if straight > 0.0 && straight < f32::INFINITY { straight } else { above }
@@ -129,7 +128,6 @@ fn unpack(width: usize, residuals: &[u32]) -> Vec<f32> {
     depth
 }
 
-/// Rounds depths to millimetres.
 fn millimetres(depth: &[f32], unit_m: f32) -> Vec<u16> {
     let scale = 1000.0 * unit_m;
     let rounded = |depth: &f32| {

@@ -10,8 +10,8 @@
 //! | `DEPTH_U16_MM`, `DEPTH_U16_MM_PACKED` | depth | rounded to a millimetre |
 //! | `AUDIO_I16` | sound | rounded to one part in 32767 |
 //!
-//! *Never*: allocates more than the agreed size, whatever the bytes are; panics on bytes from outside; depends on the processor,
-//! since predictions use only additions, multiplications and divisions with IEEE 754 rounding.
+//! *Never*: allocates more than the agreed size; panics on foreign bytes; depends on the processor, since predictions use
+//! only additions, multiplications and divisions with IEEE 754 rounding.
 
 pub mod audio;
 mod blocks;
@@ -52,12 +52,7 @@ pub fn offered(kind: SensorKind) -> &'static [Encoding] {
 
 /// Returns whether decoded values are bit-identical.
 pub fn is_lossless(encoding: Encoding) -> bool {
-    match encoding {
-        Encoding::Raw | Encoding::Packed | Encoding::Png | Encoding::Qoi => true,
-        Encoding::Unspecified | Encoding::DepthU16Mm | Encoding::DepthU16MmPacked | Encoding::AudioI16 => {
-            false
-        }
-    }
+    matches!(encoding, Encoding::Raw | Encoding::Packed | Encoding::Png | Encoding::Qoi)
 }
 
 /// Returns an upper bound for `raw_bytes` in any encoding.
@@ -65,7 +60,6 @@ pub const fn most_bytes(raw_bytes: u64) -> u64 {
     raw_bytes / 3 * 4 + 1024
 }
 
-/// Refuses an encoding that the sensor does not have.
 fn not_offered<T>(kind: SensorKind, encoding: Encoding) -> Result<T, CodecError> {
     Err(CodecError::NotOffered { kind, encoding })
 }
@@ -74,7 +68,7 @@ fn not_offered<T>(kind: SensorKind, encoding: Encoding) -> Result<T, CodecError>
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
     /// The sensor has no such encoding.
-    #[error("{} is not an encoding of {}; use one that `offered` lists", encoding.as_str_name(), kind.as_str_name())]
+    #[error("{} is not an encoding of {}; use an encoding from `offered`", encoding.as_str_name(), kind.as_str_name())]
     NotOffered {
         /// Sensor.
         kind: SensorKind,
@@ -82,7 +76,7 @@ pub enum CodecError {
         encoding: Encoding,
     },
     /// Wrong length.
-    #[error("{what} of {found} {unit}, agreed were {expected}")]
+    #[error("{what}: expected {expected} {unit}, got {found}")]
     Length {
         /// Data name.
         what: &'static str,
@@ -94,7 +88,7 @@ pub enum CodecError {
         expected: usize,
     },
     /// The bytes do not follow their encoding.
-    #[error("the bytes are no {}: {detail}", encoding.as_str_name())]
+    #[error("invalid {}: {detail}", encoding.as_str_name())]
     Broken {
         /// Expected encoding.
         encoding: Encoding,
@@ -108,7 +102,6 @@ impl CodecError {
         Self::Broken { encoding, detail: detail.to_string() }
     }
 
-    /// Rejects a wrong `unit` count.
     pub(super) fn check_length(
         what: &'static str,
         unit: &'static str,
@@ -134,12 +127,11 @@ pub fn raw_floats(values: Vec<f32>) -> Bytes {
     copy_floats(&values)
 }
 
-/// Encodes values as little-endian bytes.
 fn copy_floats(values: &[f32]) -> Bytes {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// Decodes little-endian bytes; an incomplete value at the end is ignored.
+/// Decodes little-endian values; ignores an incomplete last value.
 fn floats_from(bytes: &[u8]) -> Vec<f32> {
     let words = bytes.as_chunks().0;
     words.iter().map(|word| f32::from_le_bytes(*word)).collect()

@@ -86,7 +86,7 @@ fn push_change(last: Pixel, pixel: Pixel, file: &mut Vec<u8>) {
 pub(super) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     let broken = |detail: &str| CodecError::broken(Encoding::Qoi, detail);
     let body = bytes.strip_prefix(&header(size)).ok_or_else(|| {
-        broken(&format!("its header is not that of {} x {} pixels, RGB, sRGB", size.width, size.height))
+        broken(&format!("expected a header with {} x {} pixels, RGB, sRGB", size.width, size.height))
     })?;
     let mut body = body.strip_suffix(&END).ok_or_else(|| broken("its end marker is missing"))?;
     let mut pixels = vec![0; 3 * size.pixels()];

@@ -1,7 +1,7 @@
 //! Colour: `height × width × 3` bytes, RGB, top row first.
 //!
-//! `PACKED` consists of three planes: green, red minus green, and blue minus green, modulo 256. It stores the difference to the
-//! pixel above, or to 0 in the first row, as a signed byte, folded (0, -1, 1, -2 … become 0, 1, 2, 3 …) and packed in blocks.
+//! `PACKED` consists of three planes: green, red minus green, and blue minus green, modulo 256. It stores the signed byte
+//! difference to the pixel above, or to 0 in the first row, folded (0, -1, 1, -2 … to 0, 1, 2, 3 …) and packed in blocks.
 
 use super::{CodecError, Encoding, SensorKind, Size, blocks, not_offered, qoi};
 use bytes::Bytes;
@@ -9,15 +9,15 @@ use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits};
 use std::io::Cursor;
 
 const CHANNELS: usize = 3;
-/// Decoder memory besides the image: rows and dictionaries.
+// The PNG decoder also needs rows and dictionaries; a foreign file must not cost more.
 const WORKING_BYTES: usize = 1 << 20;
 
-/// Encodes a colour picture.
+/// Encodes a colour image.
 ///
 /// # Errors
 /// If the byte count does not match `size`, or colour has no such encoding.
 pub fn encode(encoding: Encoding, size: Size, pixels: &[u8]) -> Result<Bytes, CodecError> {
-    CodecError::check_length("a colour picture", "bytes", pixels.len(), CHANNELS * size.pixels())?;
+    CodecError::check_length("colour image", "bytes", pixels.len(), CHANNELS * size.pixels())?;
     match encoding {
         Encoding::Raw => Ok(Bytes::copy_from_slice(pixels)),
         Encoding::Packed => Ok(pack(size, pixels).into()),
@@ -27,14 +27,14 @@ pub fn encode(encoding: Encoding, size: Size, pixels: &[u8]) -> Result<Bytes, Co
     }
 }
 
-/// Decodes a colour picture.
+/// Decodes a colour image.
 ///
 /// # Errors
 /// If `bytes` are not an image in this size and encoding.
 pub fn decode(encoding: Encoding, size: Size, bytes: Bytes) -> Result<Vec<u8>, CodecError> {
     match encoding {
         Encoding::Raw => {
-            CodecError::check_length("a colour picture", "bytes", bytes.len(), CHANNELS * size.pixels())?;
+            CodecError::check_length("colour image", "bytes", bytes.len(), CHANNELS * size.pixels())?;
             Ok(bytes.into())
         }
         Encoding::Packed => unpack(size, &bytes),
@@ -82,23 +82,21 @@ fn unpack(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     Ok(pixels)
 }
 
-/// Maps differences to small integers.
 fn fold(difference: u8) -> u8 {
     (difference << 1) ^ (difference as i8 >> 7) as u8
 }
 
-/// Inverts [`fold`].
 fn unfold(number: u8) -> u8 {
     (number >> 1) ^ (number & 1).wrapping_neg()
 }
 
-/// Encodes an 8-bit RGB PNG file, with the fastest compression.
 fn encode_png(size: Size, pixels: &[u8]) -> Result<Vec<u8>, CodecError> {
     let broken = |error: png::EncodingError| CodecError::broken(Encoding::Png, error);
     let mut file = Vec::with_capacity(pixels.len() / 2);
     let mut encoder = Encoder::new(&mut file, size.width, size.height);
     encoder.set_color(ColorType::Rgb);
     encoder.set_depth(BitDepth::Eight);
+    // The server encodes an image per step, so time matters more than size.
     encoder.set_compression(Compression::Fast);
     let mut writer = encoder.write_header().map_err(broken)?;
     writer.write_image_data(pixels).map_err(broken)?;
@@ -118,8 +116,8 @@ fn decode_png(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
         && (header.color_type, header.bit_depth) == (ColorType::Rgb, BitDepth::Eight);
     if !fits {
         let detail = format!(
-            "it is {} x {} {:?} of {:?} bits instead of {} x {} Rgb of Eight",
-            header.width, header.height, header.color_type, header.bit_depth, size.width, size.height
+            "expected {} x {} Rgb with Eight bits, got {} x {} {:?} with {:?} bits",
+            size.width, size.height, header.width, header.height, header.color_type, header.bit_depth
         );
         return Err(CodecError::broken(Encoding::Png, detail));
     }

@@ -125,7 +125,7 @@ fn noise_stays_below_the_announced_size() {
 fn wrong_sizes_and_foreign_encodings_are_refused() {
     let size = Size { width: 2, height: 2 };
     let short = rgb::encode(Encoding::Packed, size, &[0; 11]).unwrap_err();
-    assert_eq!(short.to_string(), "a colour picture of 11 bytes, agreed were 12");
+    assert_eq!(short.to_string(), "colour image: expected 12 bytes, got 11");
     assert!(depth::encode(Encoding::Packed, layout(2, 2, 1.0), &[0.0; 5]).is_err());
     let foreign = audio::decode(Encoding::Png, 4, &[]).unwrap_err().to_string();
     assert!(foreign.contains("ENCODING_PNG is not an encoding of SENSOR_KIND_AUDIO"), "{foreign}");

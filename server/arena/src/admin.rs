@@ -1,8 +1,12 @@
 //! Admin server and client: metrics, live status, announcements, drain.
 
-use crate::{Arena, Failure, fault_count, now_unix_ms};
-use avln_grpc::{Control, Histogram, SlotState, Snapshot};
-use avln_store::{Census, Reader, Viewer};
+use crate::{
+    Arena, Failure,
+    metrics::{CONTENT_TYPE, metrics_text},
+    now_unix_ms,
+};
+use avln_grpc::{Control, SlotState};
+use avln_store::{Reader, Viewer};
 use axum::{
     Json, Router,
     body::Bytes,
@@ -15,11 +19,7 @@ use axum::{
 use http_body_util::{BodyExt, Full, Limited};
 use hyper_util::{client::legacy::Client, rt::TokioExecutor};
 use serde::{Deserialize, Serialize};
-use std::{
-    fmt::{Display, Write},
-    sync::Arc,
-    time::Duration,
-};
+use std::{fmt::Display, sync::Arc, time::Duration};
 use tokio::time::timeout;
 
 /// Largest request, bytes.
@@ -99,7 +99,7 @@ pub fn router(state: AdminState) -> Router {
         .layer(from_fn_with_state(state.clone(), organisers_only));
     Router::new()
         // Without a token: metrics name no team, method, run or scene, and health checks need them.
-        .route("/metrics", get(metrics_text))
+        .route("/metrics", get(metrics))
         .merge(guarded)
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
         .with_state(state)
@@ -146,10 +146,11 @@ async fn organisers_only(
     }
 }
 
-async fn metrics_text(State(state): State<AdminState>) -> Result<Response, AdminError> {
+async fn metrics(State(state): State<AdminState>) -> Result<Response, AdminError> {
     let census = state.reader.census().await?;
-    let text = metrics_page(&state.arena, &census);
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+    let text = metrics_text(&state.arena, census)
+        .map_err(|error| AdminError(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    Ok(([(header::CONTENT_TYPE, CONTENT_TYPE)], text).into_response())
 }
 
 async fn status(State(state): State<AdminState>) -> Json<Status> {
@@ -251,129 +252,5 @@ pub async fn ask(
     match reply.await {
         Ok(reply) => reply.map_err(|error| failed(&error)),
         Err(_) => Err(failed(&"no reply within ten seconds")),
-    }
-}
-
-/// Writes all metrics in the Prometheus text format 0.0.4.
-fn metrics_page(arena: &Arena, census: &Census) -> String {
-    let snapshot = arena.control().snapshot();
-    let mut page = MetricsPage::default();
-    page.family("avln_info", "gauge", "Version of the server.");
-    page.line("avln_info", &format!("version=\"{}\"", env!("CARGO_PKG_VERSION")), 1);
-    page.single(
-        "avln_draining",
-        "gauge",
-        "1 if the server is draining.",
-        u8::from(arena.control().draining().is_some()),
-    );
-    add_stored(&mut page, census);
-    add_live(&mut page, &snapshot);
-    page.single("avln_scene_bytes", "gauge", "Memory of prepared scenes.", arena.scene_bytes());
-    let watchdog = arena.control().watchdog();
-    page.single("avln_hanging", "gauge", "Abandoned threads that still simulate.", watchdog.hanging());
-    page.single(
-        "avln_given_up_total",
-        "counter",
-        "Abandoned simulations since the server start.",
-        watchdog.given_up(),
-    );
-    page.single(
-        "avln_faults_total",
-        "counter",
-        "Server faults, such as database failures, since the server start.",
-        fault_count(),
-    );
-    page.0
-}
-
-fn add_stored(page: &mut MetricsPage, census: &Census) {
-    page.family("avln_runs", "gauge", "Runs in the database by state.");
-    for (state, count) in &census.runs {
-        page.line("avln_runs", &format!("state=\"{state}\""), count);
-    }
-    page.family("avln_episodes", "gauge", "Episodes in the database by state and end reason.");
-    for (state, end, count) in &census.episodes {
-        page.line(
-            "avln_episodes",
-            &format!("state=\"{state}\",end=\"{}\"", end.as_deref().unwrap_or("")),
-            count,
-        );
-    }
-}
-
-fn add_live(page: &mut MetricsPage, snapshot: &Snapshot) {
-    let mut runs: Vec<&str> = snapshot.slots.iter().map(|slot| slot.run.as_str()).collect();
-    runs.dedup();
-    page.single("avln_sessions", "gauge", "Runs with an open episode.", runs.len());
-    page.single("avln_open_episodes", "gauge", "Slots with an episode.", snapshot.slots.len());
-    page.single("avln_steps_total", "counter", "Steps since the server start.", snapshot.steps);
-    page.family(
-        "avln_episodes_ended_total",
-        "counter",
-        "Ended episodes since the server start, by end reason.",
-    );
-    for (end, count) in &snapshot.ends {
-        page.line("avln_episodes_ended_total", &format!("end=\"{end}\""), count);
-    }
-    page.family("avln_step_seconds", "histogram", "Step time by part.");
-    for (part, histogram) in &snapshot.parts {
-        page.histogram("avln_step_seconds", part, histogram);
-    }
-}
-
-#[derive(Default)]
-struct MetricsPage(String);
-
-impl MetricsPage {
-    fn family(&mut self, name: &str, kind: &str, help: &str) {
-        // Writing to a string cannot fail.
-        let _ = write!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}\n");
-    }
-
-    /// Adds a metric with a single value.
-    fn single(&mut self, name: &str, kind: &str, help: &str, value: impl Display) {
-        self.family(name, kind, help);
-        self.line(name, "", value);
-    }
-
-    fn line(&mut self, name: &str, labels: &str, value: impl Display) {
-        let _ = match labels {
-            "" => writeln!(self.0, "{name} {value}"),
-            labels => writeln!(self.0, "{name}{{{labels}}} {value}"),
-        };
-    }
-
-    fn histogram(&mut self, name: &str, part: &str, histogram: &Histogram) {
-        let limits = Histogram::LIMITS_S.map(|limit| limit.to_string());
-        let limits = limits.iter().map(String::as_str).chain(["+Inf"]);
-        let mut sum = 0;
-        for (limit, count) in limits.zip(histogram.counts) {
-            sum += count;
-            self.line(&format!("{name}_bucket"), &format!("part=\"{part}\",le=\"{limit}\""), sum);
-        }
-        self.line(&format!("{name}_sum"), &format!("part=\"{part}\""), histogram.sum_s);
-        self.line(&format!("{name}_count"), &format!("part=\"{part}\""), sum);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn buckets_are_cumulative() {
-        let mut histogram = Histogram::default();
-        (histogram.counts[0], histogram.counts[3], histogram.counts[15]) = (1, 2, 4);
-        histogram.sum_s = 250.5;
-        let mut page = MetricsPage::default();
-        page.histogram("t", "queue", &histogram);
-        assert!(page.0.starts_with("t_bucket{part=\"queue\",le=\"0.0001\"} 1\n"), "{}", page.0);
-        assert!(page.0.contains("t_bucket{part=\"queue\",le=\"0.001\"} 3\n"), "{}", page.0);
-        assert!(page.0.contains("t_bucket{part=\"queue\",le=\"60\"} 3\n"), "{}", page.0);
-        assert!(
-            page.0.ends_with("le=\"+Inf\"} 7\nt_sum{part=\"queue\"} 250.5\nt_count{part=\"queue\"} 7\n"),
-            "{}",
-            page.0
-        );
     }
 }

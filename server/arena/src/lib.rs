@@ -20,6 +20,7 @@ mod host;
 pub mod ids;
 mod lru;
 mod management;
+mod metrics;
 mod phases;
 mod replays;
 pub mod rescoring;

@@ -113,7 +113,7 @@ fn request(phase: &str) -> RunRequest {
 }
 
 #[tokio::test]
-async fn what_is_applied_or_shown_changes_nothing_when_applied_again() {
+async fn repeated_apply_changes_nothing() {
     let hall = Hall::new().await;
     assert!(!hall.apply(FILE).await.is_empty());
     let lines = hall.audit_lines().await;
@@ -133,7 +133,7 @@ async fn what_is_applied_or_shown_changes_nothing_when_applied_again() {
 }
 
 #[tokio::test]
-async fn what_was_decided_by_hand_stays_when_a_file_is_applied() {
+async fn manual_decisions_survive_apply() {
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
@@ -147,7 +147,7 @@ async fn what_was_decided_by_hand_stays_when_a_file_is_applied() {
 }
 
 #[tokio::test]
-async fn values_that_make_no_sense_are_refused_by_line() {
+async fn nonsense_value_error_has_line() {
     let hall = Hall::new().await;
     let cases = [
         ("split = \"val\"", "split = \"train\"", 4, "split 'train'"),
@@ -181,7 +181,7 @@ async fn values_that_make_no_sense_are_refused_by_line() {
 }
 
 #[tokio::test]
-async fn a_server_that_runs_sees_what_the_organiser_changes() {
+async fn running_server_sees_organiser_changes() {
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
@@ -223,7 +223,7 @@ async fn a_server_that_runs_sees_what_the_organiser_changes() {
 }
 
 #[tokio::test]
-async fn runs_fix_the_sample_and_the_promise_is_kept() {
+async fn run_samples_are_fixed_and_fulfilled() {
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn three_sizes_are_measured_unless_one_is_asked_for() {
+    fn bench_measures_three_sizes_by_default() {
         let report = measure(&args(None)).expect("a report");
         let sides: Vec<_> = report.sizes.iter().map(|rate| (rate.width, rate.height)).collect();
         assert_eq!(sides, [(128, 128), (256, 256), (512, 512)]);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_a_floor_is_seen_from_its_middle() {
+    fn scene_without_floor_is_viewed_from_centre() {
         let mut scene = FurnishedSceneArgs::grown(3).load().expect("a house");
         let (walked, words) = poses(&scene, 20).expect("poses");
         assert!(

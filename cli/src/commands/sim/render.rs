@@ -84,7 +84,7 @@ impl Hfov {
         let (least, most) = (HFOV_DEG.start(), HFOV_DEG.end());
         match HFOV_DEG.contains(&degrees) {
             true => Ok(Self { degrees }),
-            false => Err(format!("hfov {degrees}: angles of view lie between {least} and {most} degrees")),
+            false => Err(format!("hfov {degrees}: view angles are from {least} to {most} degrees")),
         }
     }
 }
@@ -115,13 +115,11 @@ impl FromStr for CameraPose {
             [x, y, z, heading_deg] => ([x, y, z], heading_deg, 0.0),
             [x, y, z, heading_deg, pitch_deg] => ([x, y, z], heading_deg, pitch_deg),
             _ => {
-                return Err(
-                    "write x,y,z in metres, the heading and, if you like, the pitch in degrees".into()
-                );
+                return Err("write x,y,z in metres, the heading and optionally the pitch in degrees".into());
             }
         };
         if let Some(value) = [heading_deg, pitch_deg].into_iter().find(|value| !value.is_finite()) {
-            return Err(format!("'{value}' is no angle; write degrees"));
+            return Err(format!("'{value}' is not an angle; write degrees"));
         }
         let turned = angle::about_up(heading_deg.to_radians() as f32);
         let tipped = angle::about_right(pitch_deg.to_radians() as f32);
@@ -132,7 +130,7 @@ impl FromStr for CameraPose {
 /// Returns the pinhole at `position`, metres.
 pub(super) fn eye(position: [f64; 3]) -> Result<Point3<f32>, String> {
     match position.iter().find(|value| value.is_nan() || value.abs() > REACH_M) {
-        Some(value) => Err(format!("position {value}: cameras stand within {REACH_M} m of the origin")),
+        Some(value) => Err(format!("position {value}: cameras must be within {REACH_M} m of the origin")),
         None => Ok(Point3::from(position.map(|value| value as f32))),
     }
 }
@@ -264,12 +262,12 @@ impl RenderArgs {
 
 fn depth_noise(name: &str) -> Result<DepthNoise, String> {
     DepthNoise::from_name(name)
-        .ok_or_else(|| format!("no noise of depth is called `{name}`; use none or redwood"))
+        .ok_or_else(|| format!("depth noise `{name}` does not exist; use none or redwood"))
 }
 
 fn rgb_noise(name: &str) -> Result<RgbNoise, String> {
     RgbNoise::from_name(name)
-        .ok_or_else(|| format!("no noise of colours is called `{name}`; use none or gaussian"))
+        .ok_or_else(|| format!("colour noise `{name}` does not exist; use none or gaussian"))
 }
 
 /// Renders and writes all pictures; stops at the first failure.

@@ -155,7 +155,7 @@ impl FromStr for Shares {
     fn from_str(words: &str) -> Result<Self, String> {
         let values: Vec<f32> = numbers(words, &[','])?;
         if let Some(value) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
-            return Err(format!("{value} is no share of energy; write 0 to 1"));
+            return Err(format!("{value} is not an energy share; write 0 to 1"));
         }
         match *values.as_slice() {
             [all] => Ok(Self([all; SURFACE_BANDS])),
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_one_or_six_from_0_to_1() {
+    fn share_list_has_one_or_six_values() {
         assert_eq!("0.25".parse(), Ok(Shares([0.25; 6])));
         assert_eq!("0,0.1,0.2, 0.3,0.4,1".parse(), Ok(Shares([0.0, 0.1, 0.2, 0.3, 0.4, 1.0])));
         for bad in ["", "1.1", "-0.1", "NaN", "0.1,0.2", "a", "0.1,,0.1"] {

@@ -101,7 +101,7 @@ impl History {
         let text = std::str::from_utf8(line).map_err(|_| "it is not valid UTF-8".to_owned())?;
         let (digits, json) = text.split_once(' ').ok_or("it has no hash")?;
         if digits.len() != DIGITS || digits != link(&self.head, json) {
-            return Err("its hash does not fit the lines before".to_owned());
+            return Err("its hash does not match the lines before".to_owned());
         }
         let entry = serde_json::from_str(json).map_err(|error| error.to_string())?;
         if matches!(&entry, Entry::Signed { head, .. } if *head != self.head) {

@@ -161,7 +161,7 @@ impl RunLog {
 
     /// Syncs the lines to disk.
     pub fn sync(&self) -> io::Result<()> {
-        // Cleared before the sync: a line that is written meanwhile sets it again.
+        // Cleared before the sync: a line that is written meanwhile sets it.
         if !self.dirty.swap(false, Ordering::AcqRel) {
             return Ok(());
         }

@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn words_parse_back() {
+    fn words_round_trip() {
         check_words(EpisodeState::ALL, EpisodeState::as_str);
         check_words(PhaseState::ALL, PhaseState::as_str);
         check_words(QuotaWindow::ALL, QuotaWindow::as_str);
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn words_equal_json() {
+    fn wire_words_equal_json() {
         for state in RunState::ALL {
             assert_eq!(serde_json::to_value(state).expect("JSON"), state.as_str());
         }

@@ -31,6 +31,7 @@ pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Op
         let before = stages.last()?;
         stages.push(atlas.onward(from, before, to));
     }
+    // Predecessors are searched backwards for the best tour only: storing them for all points would cost more.
     let (mut stand, length_m) = cheapest(stages.last()?)?;
     let mut tail = Vec::new();
     for stage in (1..regions.len()).rev() {

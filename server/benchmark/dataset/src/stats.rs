@@ -277,7 +277,7 @@ pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
         (
             "targets",
             format!(
-                "{targets}, each asked for {:.1} times, at most {most}",
+                "{targets}, each requested {:.1} times, at most {most}",
                 per(numbers.goal_count(), targets)
             ),
         ),

@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_announcement_removes_it() {
+    fn empty_announcement_removes_announcement() {
         let control = Control::default();
         control.announce("maintenance on Sunday");
         assert_eq!(control.announcement(), "maintenance on Sunday");

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_reading_client_stays_until_it_hangs_up() {
+    async fn reading_client_stays_until_it_disconnects() {
         let (out, mut frames) = outbound(4, STALL);
         out.send(ping()).await.unwrap();
         assert!(frames.next().await.is_some());
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_frame_leaves_when_the_transport_takes_it() {
+    async fn frame_leaves_when_transport_is_ready() {
         let (out, mut frames) = outbound(4, STALL);
         let departure = out.send(ping()).await.unwrap();
         advance(Duration::from_secs(5)).await;

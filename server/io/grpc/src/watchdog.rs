@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn hanging_work_is_counted_until_it_ends() {
+    async fn hanging_work_is_counted() {
         let watchdog = Watchdog::default();
         let (release, wait) = mpsc::channel::<()>();
         let lost = watchdog.run(SOON, move || wait.recv().is_ok()).await;

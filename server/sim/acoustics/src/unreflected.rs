@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn two_doors_send_two_waves() {
+    fn two_doorways_emit_two_waves() {
         let heard = Heard::new(&two_doors(), HARD, [1.0, 1.0, 2.45]);
         // Both doors are equally distant: (1, 2.45) to the jambs at z = 1.9 and z = 3.0 and on.
         let waves = heard.at(7.2, 2.45);

@@ -26,21 +26,6 @@ pub(crate) struct Model {
     pub(crate) scene_extras: Value,
 }
 
-impl Model {
-    /// Creates a model from named parts; `part_of` is the index into `names` per triangle.
-    pub(crate) fn from_named_parts(
-        mesh: Mesh,
-        materials: Vec<Material>,
-        textures: Vec<Texture>,
-        part_of: Vec<u32>,
-        names: Vec<String>,
-    ) -> Self {
-        let node = |name| ModelNode { name, parent: None, extras: None };
-        let nodes = names.into_iter().map(node).collect();
-        Self { mesh, materials, textures, node_of: part_of, nodes, scene_extras: Value::Null }
-    }
-}
-
 pub(crate) struct ModelNode {
     pub(crate) name: String,
     /// Index into [`Model::nodes`].

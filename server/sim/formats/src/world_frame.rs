@@ -43,15 +43,6 @@ impl LengthUnit {
             Self::Millimetre => 0.001,
         }
     }
-
-    /// Returns the command-line option that selects the unit.
-    pub(crate) fn option(self) -> &'static str {
-        match self {
-            Self::Metre => "--units m",
-            Self::Centimetre => "--units cm",
-            Self::Millimetre => "--units mm",
-        }
-    }
 }
 
 impl UpAxis {
@@ -198,10 +189,11 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
 
 /// Advice for a building with this longest side.
 fn advice(longest_m: f32) -> String {
-    let fitting = [LengthUnit::Centimetre, LengthUnit::Millimetre]
-        .into_iter()
-        .filter(|unit| (MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&(longest_m * unit.metres())));
-    let options: Vec<&str> = fitting.map(LengthUnit::option).collect();
+    let units = [(LengthUnit::Centimetre, "--units cm"), (LengthUnit::Millimetre, "--units mm")];
+    let fits =
+        |unit: LengthUnit| (MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&(longest_m * unit.metres()));
+    let options: Vec<&str> =
+        units.into_iter().filter(|(unit, _)| fits(*unit)).map(|(_, option)| option).collect();
     match options.is_empty() {
         true => "scale it in a 3D editor and export it in metres".to_owned(),
         false => format!(

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn words_form_the_key_stream_in_any_order() {
+    fn key_stream_is_independent_of_order() {
         let mut words = SplitMix64::new(77);
         let stream: Vec<u64> = (0..50).map(|_| words.next_u64()).collect();
         assert!((0..50).rev().all(|index| Rng::word(77, index) == stream[index as usize]));

@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_have_20_to_400_triangles_and_stand_on_their_base() {
+    fn furniture_has_20_to_400_triangles() {
         let mut strange = Vec::new();
         for kind in KINDS {
             for style in 0..kind.styles {
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn mean_colours_nearly_always_match_their_word() {
+    fn mean_colours_usually_match_their_name() {
         let mut missed: BTreeMap<&str, u32> = BTreeMap::new();
         let (mut all, mut wrong) = (0, 0);
         for kind in KINDS.iter().filter(|kind| kind.category != "mirror") {
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn size_words_fit_the_sizes() {
+    fn size_terms_fit_sizes() {
         for (kind, small, large, axis) in [
             (&seats::SOFA, "small", "large", 0),
             (&tables::DESK, "small", "large", 0),

@@ -232,7 +232,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wide_body_passes_every_door_and_room() {
+    fn wide_body_passes_every_doorway() {
         for seed in 0..120 {
             let options = HouseOptions { pool: Pool::ALL[seed as usize % 3], ..HouseOptions::default() };
             let rng = Rng::new(seed).fork("house");

@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn crate_in_the_only_door_seals_a_room() {
+    fn crate_in_only_door_blocks_room() {
         let plan = Plan::draw(&Rng::new(5), 9, 1);
         let doors = |room: usize| plan.openings.iter().filter(move |door| door.rooms.contains(&room));
         let room = (0..9).find(|&room| doors(room).count() == 1).expect("a room with one door");

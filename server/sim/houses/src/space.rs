@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_walls_and_aisles_stay_free() {
+    fn doorways_and_aisles_stay_free() {
         let space = room();
         assert!(!space.fits(&claim([1.0, 1.5], [0.5, 1.0])), "in front of the door");
         assert!(!space.fits(&claim([3.8, 4.3], [1.0, 1.5])), "through the wall");

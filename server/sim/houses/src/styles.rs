@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn shades_match_their_word_in_any_light() {
+    fn shades_match_their_name_in_any_light() {
         for pool in Pool::ALL {
             for (word, _) in PALETTE {
                 assert!(shades(pool, word).len() >= 3, "{word}");

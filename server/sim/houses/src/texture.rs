@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn patterns_preserve_colour_words() {
+    fn patterns_preserve_colour_names() {
         use Pattern::*;
         for pattern in [
             Grain,

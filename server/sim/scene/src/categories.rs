@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn noun_is_the_more_specific_word() {
+    fn noun_is_most_specific_term() {
         for (raw, expected) in [
             ("black leather Armchair", Some("armchair")),
             ("office#desk", Some("desk")),

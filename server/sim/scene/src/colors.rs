@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn everyday_colours_have_their_everyday_word() {
+    fn common_colours_have_common_names() {
         for (rgb, word) in [
             ([255, 0, 0], "red"),
             ([92, 60, 30], "brown"),

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn words_mean_objects_structure_or_neither() {
+    fn labels_mean_objects_structure_or_neither() {
         let object =
             |category: &str, noun: &str| Meaning::Object { category: category.into(), noun: noun.into() };
         assert_eq!(meaning("Air-conditioner"), object("appliances", "air conditioner"));
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn size_words_need_an_obvious_size() {
+    fn size_terms_need_clear_difference() {
         assert_eq!(size_word_of(0.2, 0.3, 0.2), "small");
         assert_eq!(size_word_of(0.6, 1.9, 0.6), "tall");
         assert_eq!(size_word_of(2.0, 1.9, 0.6), "large");

@@ -55,7 +55,7 @@ fn ids(path: &str) -> Vec<u32> {
 }
 
 #[test]
-fn a_data_folder_keeps_the_model_and_changes_no_file() {
+fn data_folder_caches_model_without_changing_files() {
     let (folder, at) = folder();
     let take = |data: &Path, name: &str| {
         let pose = ["--seed", "4", "--pose", "1.5,1.25,-2,130,-20", "--size", "40x30", "--out"];
@@ -69,7 +69,7 @@ fn a_data_folder_keeps_the_model_and_changes_no_file() {
 }
 
 #[test]
-fn one_pose_and_many_poses_take_the_same_picture() {
+fn single_and_batch_renders_are_equal() {
     let (_folder, at) = folder();
     let (rgb, depth, numbers) = (at("rgb.png"), at("depth.npy"), at("ids.npy"));
     let pose = ["--seed", "4", "--pose", "1.5,1.25,-2,130,-20"];
@@ -116,7 +116,7 @@ fn one_pose_and_many_poses_take_the_same_picture() {
 }
 
 #[test]
-fn pictures_show_what_rays_meet_whatever_way_the_camera_is_held() {
+fn images_agree_with_rays_in_any_direction() {
     let (_folder, at) = folder();
     let scene = house("house-4", 4, &Default::default());
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
@@ -173,7 +173,7 @@ fn depth_has_no_limit_unless_one_is_given() {
 }
 
 #[test]
-fn noise_is_drawn_by_seed_and_number_and_leaves_instances_alone() {
+fn noise_depends_on_seed_and_keeps_instances() {
     let (_folder, at) = folder();
     let room = house("house-4", 4, &Default::default()).regions[0].bounds.center();
     let pose = format!("{},1.2,{},40,-10", room.x, room.z);
@@ -199,7 +199,7 @@ fn noise_is_drawn_by_seed_and_number_and_leaves_instances_alone() {
 }
 
 #[test]
-fn bad_poses_are_refused_by_index_and_field_before_anything_is_written() {
+fn bad_pose_error_has_index_and_field() {
     let (_folder, at) = folder();
     let good = json!({"position": [0, 1, 0], "rotation": [0, 0, 0, 1]});
     for (field, value) in [
@@ -226,7 +226,7 @@ fn bad_poses_are_refused_by_index_and_field_before_anything_is_written() {
 }
 
 #[test]
-fn files_that_cannot_be_written_and_scenes_that_are_not_there_are_named() {
+fn unwritable_files_and_missing_scenes_are_named() {
     let (_folder, at) = folder();
     fs::write(at("file"), "a file").expect("a file");
     let nowhere = at("none/rgb.png");
@@ -242,7 +242,7 @@ fn files_that_cannot_be_written_and_scenes_that_are_not_there_are_named() {
 }
 
 #[test]
-fn calls_that_say_too_little_or_too_much_are_refused() {
+fn incomplete_and_excessive_calls_are_rejected() {
     let pose = ["--seed", "1", "--pose", "-1,2,3,4,5"];
     let with = |more: &[&str]| called(&[&pose[..], more].concat());
     assert!(with(&["--out", "a.png"]).is_ok() && with(&["--ids", "i.npy", "--depth", "d.npy"]).is_ok());
@@ -265,7 +265,7 @@ fn calls_that_say_too_little_or_too_much_are_refused() {
 }
 
 #[test]
-fn numbers_of_pictures_have_three_digits_and_more_where_there_are_more_than_a_thousand() {
+fn image_numbers_have_at_least_three_digits() {
     let (_folder, at) = folder();
     let pose = json!({"position": [0, 1, 0], "rotation": [0, 0, 0, 1], "width": 1, "height": 1});
     for (count, last, digits) in [(1000, 999, 3), (1001, 1000, 4)] {
@@ -283,7 +283,7 @@ fn numbers_of_pictures_have_three_digits_and_more_where_there_are_more_than_a_th
 }
 
 #[test]
-fn a_pose_needs_a_place_and_a_rotation_and_the_rest_has_defaults() {
+fn pose_requires_position_and_rotation() {
     let entry = json!({"position": [1, 2.5, -3], "rotation": [0, 2, 0, 2]});
     let wanted = PoseEntry::from_json(&entry).expect("a pose");
     assert_eq!((wanted.size.width, wanted.size.height, wanted.hfov.degrees), (256, 256, 90.0));
@@ -298,7 +298,7 @@ fn a_pose_needs_a_place_and_a_rotation_and_the_rest_has_defaults() {
 }
 
 #[test]
-fn what_is_wrong_with_a_pose_is_named() {
+fn invalid_pose_error_names_field() {
     let good = json!({"position": [0, 0, 0], "rotation": [0, 0, 0, 1]});
     assert!(PoseEntry::from_json(&good).is_ok());
     for (field, value) in [

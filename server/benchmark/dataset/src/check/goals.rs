@@ -110,7 +110,7 @@ impl<'a> GoalCheck<'a> {
             CueSpec::Image(view) if thorough => {
                 let id = InstanceId(goal.target.instance);
                 if !view.render(self.assets, self.rules).instances.contains(&id) {
-                    faults.push((Constraint::Cue, format!("the picture does not show instance {}", id.0)));
+                    faults.push((Constraint::Cue, format!("the image does not show instance {}", id.0)));
                 }
             }
             CueSpec::Image(_) => {}
@@ -201,7 +201,7 @@ impl<'a> Seen<'a> {
         let facts = Facts::new(self.assets, &self.palettes);
         let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
         let fits = fits_only(&facts, claims, index);
-        (!fits).then(|| format!("'{}' does not fit instance {instance} alone", said.text))
+        (!fits).then(|| format!("'{}' does not describe instance {instance} uniquely", said.text))
     }
 
     /// Returns the problem with a picture of `instance`.

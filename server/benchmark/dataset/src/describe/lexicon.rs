@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn categories_are_written_as_words() {
+    fn categories_are_lower_case_words() {
         for category in avln_scene::categories::TARGET_CATEGORIES {
             let nouns = general_nouns(category);
             assert!(!nouns.is_empty(), "{category}");

@@ -290,7 +290,7 @@ fn sentences_have_valid_form_and_length() {
 }
 
 #[test]
-fn sentences_contain_the_words_of_their_claims() {
+fn sentences_contain_their_claims() {
     each_sentence(|_, _, sentence| {
         assert_eq!(unsaid(&sentence.text, &sentence.claims), None, "{}", sentence.text);
         let places = sentence.claims.list.iter().filter(|claim| matches!(claim, Claim::Place(..))).count();

@@ -39,6 +39,7 @@ impl<'a> File<'a> {
     fn lines(&self) -> impl Iterator<Item = (usize, &'a [u8])> + use<'a> {
         let body = self.bytes.strip_suffix(b"\n").unwrap_or(self.bytes);
         let lines = body.split(|&byte| byte == b'\n').zip(1..).map(|(line, number)| (number, line));
+        // `split` returns a single empty line for an empty file, which has none.
         lines.take(if body.is_empty() { 0 } else { usize::MAX })
     }
 
@@ -256,9 +257,9 @@ fn goal_of(
             CueSpec::Description(Description { text: sentence.clone(), claims: sealed.claims.clone() })
         }
         (PublicGoal::Image, Some(view)) if finite::view(view).is_none() => CueSpec::Image(*view),
-        (PublicGoal::Image, Some(_)) => return Err("the view of a picture is not finite"),
+        (PublicGoal::Image, Some(_)) => return Err("an image view is not finite"),
         (PublicGoal::Image, None) => return Err("an image goal has no view"),
-        (_, Some(_)) => return Err("a goal without a picture has a view"),
+        (_, Some(_)) => return Err("a goal without an image has a view"),
     };
     if sealed.claims.is_some() && cue.modality() != Modality::Description {
         return Err("a goal without a sentence has claims");

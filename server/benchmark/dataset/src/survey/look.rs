@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn palette_counts_words_and_names_the_mean() {
+    fn palette_counts_names_and_mean() {
         let mut palette = Palette::default();
         assert_eq!((palette.mean_word(), palette.share_of("red")), (None, 0.0));
         (0..3).for_each(|_| palette.add([200, 30, 30]));

@@ -187,7 +187,7 @@ async fn pages(store: &Store) -> String {
 }
 
 #[tokio::test]
-async fn version_0_1_database_gives_same_pages() {
+async fn version_0_1_database_renders_identical_pages() {
     let arena = Arena::new(&phase("practice", 3)).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
     arena.play("run_2", "walker", Order::Unordered, 0).await;

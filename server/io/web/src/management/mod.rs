@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ipv6_network_is_one_client_and_memory_is_bounded() {
+    fn ipv6_network_counts_as_one_client() {
         assert_eq!(client("2001:db8::1"), client("2001:db8::ffff"));
         assert_ne!(client("2001:db8::1"), client("2001:db8:0:1::1"));
         let (limiter, start) = (SignInLimiter::default(), Instant::now());

@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn bearings_break_where_they_wrap_around() {
+    fn bearings_wrap_at_pi() {
         let moments = [moment(1, Some(0), 170.0), moment(2, Some(0), -170.0), moment(3, Some(1), 0.0)];
         let points = bearings_of(&moments, 0);
         let drawn: Vec<Option<i32>> =

@@ -362,7 +362,7 @@ async fn forwarded_sign_in(server: SocketAddr, client: &str) -> String {
 }
 
 #[tokio::test]
-async fn the_sign_in_limit_counts_clients_behind_a_trusted_proxy() {
+async fn sign_in_limit_counts_clients_behind_proxy() {
     let behind = Site::new().await;
     let management = behind.management();
     let proxy = "127.0.0.1".parse().expect("an address");

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn low_frequency_delay_is_one_and_a_half_radii() {
+    fn low_frequency_delay_is_1_5_radii() {
         // Kuhn 1977: below 500 Hz the phase delay at incidence t is -(3 a / 2 c) cos t.
         let frequency_hz = 100.0;
         let pressure = SphereResponse::new(frequency_hz, f64::INFINITY).pressure(0.5);

@@ -3,7 +3,7 @@
 use crate::images::encode_png;
 use crate::named_model::{object_extras, scene_extras, structure_extras};
 use avln_scene::colors::light_of;
-use avln_scene::{InstanceId, Material, Mesh, Scene};
+use avln_scene::{InstanceId, Material, Mesh, Scene, Texture};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -28,8 +28,13 @@ pub fn export(scene: &Scene) -> Vec<u8> {
     let mut add = |name: String, extras: Value, surfaces: Option<BTreeMap<u16, Vec<u32>>>| {
         let mut node = json!({ "name": name, "extras": extras });
         if let Some(surfaces) = surfaces {
+            // A primitive per material, with separate vertices.
+            let primitives: Vec<Value> = surfaces
+                .iter()
+                .map(|(&material, triangles)| writer.primitive(&scene.mesh, material, triangles))
+                .collect();
             node["mesh"] = json!(meshes.len());
-            meshes.push(json!({ "name": name, "primitives": writer.primitives(&scene.mesh, &surfaces) }));
+            meshes.push(json!({ "name": name, "primitives": primitives }));
         }
         nodes.push(node);
     };
@@ -45,8 +50,8 @@ pub fn export(scene: &Scene) -> Vec<u8> {
     if !rest.is_empty() {
         add("structure".to_owned(), structure_extras(), Some(rest));
     }
-    let images: Vec<Value> =
-        scene.textures.iter().map(|texture| writer.image(&encode_png(texture))).collect();
+    let mut image = |texture: &Texture| json!({ "bufferView": writer.view(&encode_png(texture), None), "mimeType": "image/png" });
+    let images: Vec<Value> = scene.textures.iter().map(&mut image).collect();
     let document = document(scene, nodes, meshes, images, &writer);
     container(&document, &writer.bin)
 }
@@ -131,10 +136,6 @@ struct GlbWriter {
 }
 
 impl GlbWriter {
-    fn primitives(&mut self, mesh: &Mesh, surfaces: &BTreeMap<u16, Vec<u32>>) -> Vec<Value> {
-        surfaces.iter().map(|(&material, triangles)| self.primitive(mesh, material, triangles)).collect()
-    }
-
     fn primitive(&mut self, mesh: &Mesh, material: u16, triangles: &[u32]) -> Value {
         let corners = || triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
         let mut used: Vec<u32> = corners().collect();
@@ -188,10 +189,6 @@ impl GlbWriter {
         let bytes: Vec<u8> = indices.iter().flat_map(|index| index.to_le_bytes()).collect();
         let entry = json!({ "componentType": U32, "count": indices.len(), "type": "SCALAR" });
         self.accessor(&bytes, ELEMENT_ARRAY_BUFFER, entry)
-    }
-
-    fn image(&mut self, png: &[u8]) -> Value {
-        json!({ "bufferView": self.view(png, None), "mimeType": "image/png" })
     }
 
     fn accessor(&mut self, bytes: &[u8], target: u32, mut entry: Value) -> Value {

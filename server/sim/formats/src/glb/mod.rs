@@ -375,7 +375,7 @@ mod tests {
     );
 
     #[test]
-    fn a_jpeg_texture_gives_the_surface_its_colour() {
+    fn jpeg_texture_colours_the_surface() {
         let scene = patched(&TRIANGLE, |document| {
             document["meshes"][0]["primitives"][0]["material"] = 0.into();
             document["materials"] =

@@ -56,10 +56,8 @@ impl<'a> Source<'a> {
     }
 }
 
-type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
-
 /// A GLB file's JSON chunk and binary chunk.
-fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
+fn chunks(bytes: &[u8]) -> Checked<(&[u8], Option<&[u8]>)> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
     refuse_if(version != 2, || {
         format!("it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0")
@@ -176,7 +174,7 @@ const MAX_UNBACKED: usize = 1 << 22;
 pub(super) struct Elements<'a> {
     bytes: Cow<'a, [u8]>,
     stride: usize,
-    count: usize,
+    pub(super) count: usize,
     component: u32,
     component_bytes: usize,
     components: usize,
@@ -253,10 +251,6 @@ impl<'a> Elements<'a> {
         }
         self.bytes = Cow::Owned(bytes);
         Ok(())
-    }
-
-    pub(super) fn count(&self) -> usize {
-        self.count
     }
 
     /// Returns the first `N` components for every element; normalised integers are scaled to 0 to 1 or -1 to 1.

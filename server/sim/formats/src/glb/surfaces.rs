@@ -175,15 +175,15 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             primitive.attributes.get(name).map(|&index| Elements::find(self.source, index)).transpose()
         };
         let positions = find("POSITION")?.ok_or("a primitive has no POSITION; export the file again")?;
-        let count = positions.count();
+        let count = positions.count;
         self.vertices_left =
             self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
         let attribute = |name: &str| {
             let found = find(name)?;
             match found {
-                Some(elements) if elements.count() != count => Err(format!(
+                Some(elements) if elements.count != count => Err(format!(
                     "{name} has {} elements for {count} vertices; export the file again",
-                    elements.count()
+                    elements.count
                 )),
                 found => Ok(found),
             }

@@ -85,7 +85,10 @@ pub struct Exported {
 /// If the scene is inconsistent, like [`glb::export`].
 pub fn export(scene: &Scene) -> Exported {
     let mut mesh = scene.mesh.clone();
-    turn_z_up(&mut mesh);
+    // HM3D has gravity in direction -Z: (x, y, z) becomes (x, -z, y).
+    for position in &mut mesh.positions {
+        *position = Point3::new(position.x, -position.z, position.y);
+    }
     sort_by_material(&mut mesh);
     let semantic = glb::export(&painted(scene, &mesh));
     mesh.instance_of.fill(InstanceId::NONE);
@@ -122,13 +125,6 @@ pub fn dataset_config(file: &str) -> String {
         "scene_instances": { "default_attributes": { "default_lighting": "no_lights" } },
     });
     format!("{config:#}\n")
-}
-
-/// Converts the world frame to HM3D's frame, with gravity in direction -Z: (x, y, z) becomes (x, -z, y).
-fn turn_z_up(mesh: &mut Mesh) {
-    for position in &mut mesh.positions {
-        *position = Point3::new(position.x, -position.z, position.y);
-    }
 }
 
 /// Sorts triangles into import order: a primitive per material.

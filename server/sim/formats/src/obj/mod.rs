@@ -7,7 +7,7 @@ mod tests;
 
 use crate::files::{self, Checked, ImportReport, neighbour, refuse_if, scene_name};
 use crate::images::ImageSet;
-use crate::named_model::{Model, category_of_name, scene_of_named_model};
+use crate::named_model::{Model, ModelNode, category_of_name, scene_of_named_model};
 use crate::obj::mtl::MtlMaterial;
 use crate::world_frame::{FileFrame, ImportOptions, UpAxis, UpConvention, check_size};
 use avln_geom::{Point2, Point3};
@@ -48,8 +48,15 @@ fn model(bytes: &[u8], folder: &Path, report: &mut ImportReport) -> Checked<Mode
     for name in &surfaces.materials {
         materials.push(material(name, &entries, &mut pictures, report)?);
     }
-    let textures = pictures.textures;
-    Ok(Model::from_named_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
+    let node = |name| ModelNode { name, parent: None, extras: None };
+    Ok(Model {
+        mesh: surfaces.mesh,
+        materials,
+        textures: pictures.textures,
+        node_of: surfaces.part_of,
+        nodes: surfaces.parts.into_iter().map(node).collect(),
+        scene_extras: serde_json::Value::Null,
+    })
 }
 
 fn libraries(surfaces: &ObjSurfaces, folder: &Path, report: &mut ImportReport) -> Vec<MtlMaterial> {

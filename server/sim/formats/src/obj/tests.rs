@@ -52,7 +52,7 @@ fn vertices_with_equal_position_and_uv_are_shared() {
 }
 
 #[test]
-fn groups_name_instances_where_objects_do_not() {
+fn groups_name_instances_of_unnamed_objects() {
     let corners = "v 0 0 0\nv 4 0 0\nv 4 0 4\nv 0 0 4\n";
     let text = format!("{corners}o House\ng chair_1\nf 1 2 3\ng Mesh7\nf 1 3 4\no bed_2\ng Mesh8\nf 1 2 4\n");
     let surfaces = parse(text.as_bytes(), &mut ImportReport::default()).unwrap();

@@ -94,7 +94,7 @@ impl PlyTables {
         self.has_uvs = has(U) && has(U + 1);
         let color_scale: [f64; 3] =
             std::array::from_fn(|channel| 255.0 / scale_of(RED + channel).unwrap_or(1.0));
-        let mut objects = has(OBJECT).then(Vec::new);
+        let mut objects = Vec::new();
         for index in 0..element.count {
             let start = rows.position();
             let VertexRow { values } = rows.next(element)?;
@@ -107,11 +107,9 @@ impl PlyTables {
             self.uvs.push(Point2::new(uv(values[U]), v));
             let color = |channel: usize| (values[RED + channel] * color_scale[channel]).round() as u8;
             self.colors.push(if self.is_coloured { std::array::from_fn(color) } else { [255; 3] });
-            if let Some(objects) = &mut objects {
-                objects.push(values[OBJECT] as i64);
-            }
+            objects.push(values[OBJECT] as i64);
         }
-        self.vertex_objects = objects;
+        self.vertex_objects = has(OBJECT).then_some(objects);
         Ok(())
     }
 
@@ -128,8 +126,8 @@ impl PlyTables {
             || "its faces have no list vertex_indices; export the file again".into(),
         )?;
         let has = |names: &[&str]| names.iter().any(|name| scalar(element, name).is_some());
-        let mut objects = has(&OBJECTS).then(Vec::new);
-        let mut segments = has(&SEGMENTS).then(Vec::new);
+        let mut objects = Vec::new();
+        let mut segments = Vec::new();
         let mut triangles = 0;
         let mut degenerate = 0;
         for index in 0..element.count {
@@ -153,18 +151,14 @@ impl PlyTables {
             refuse_if(triangles > MAX_TRIANGLES, || too_many(MAX_TRIANGLES, "triangles"))?;
             self.corners.extend(row.corners);
             self.ends.push(self.corners.len() as u32);
-            if let Some(objects) = &mut objects {
-                objects.push(row.object);
-            }
-            if let Some(segments) = &mut segments {
-                segments.push(row.segment);
-            }
+            objects.push(row.object);
+            segments.push(row.segment);
         }
         if degenerate > 0 {
             report.warn(format!("{degenerate} faces have fewer than three corners and are left out"));
         }
-        self.face_objects = objects;
-        self.face_segments = segments;
+        self.face_objects = has(&OBJECTS).then_some(objects);
+        self.face_segments = has(&SEGMENTS).then_some(segments);
         Ok(())
     }
 

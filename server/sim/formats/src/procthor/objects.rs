@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn types_have_everyday_words() {
+    fn object_types_have_common_names() {
         for (kind, expected) in
             [("TVStand", "tv stand"), ("CoffeeTable", "coffee table"), ("Sink_26", "sink"), ("Book", "book")]
         {

@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_connect_all_rooms_with_some_loops() {
+    fn doorways_connect_all_rooms_with_loops() {
         let (mut trees, mut arches, mut extra) = (0, 0, 0);
         for (seed, plan) in plans() {
             let walls = plan.openings.iter().map(|opening| SharedWall {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_are_in_walls_of_both_rooms() {
+    fn doorways_are_in_both_rooms_walls() {
         for (seed, plan) in plans() {
             for opening in &plan.openings {
                 let width_m = opening.along[1] - opening.along[0];
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn door_at_wall_end_causes_a_detour() {
+    fn doorway_at_wall_end_causes_detour() {
         assert_eq!(longest_detour(&row(&[])), 1.0);
         // About 3.4 m to the door and back, 2 m in a straight line.
         let one = longest_detour(&row(&[3.0]));

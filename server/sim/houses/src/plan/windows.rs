@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn wall_is_outer_where_no_room_is_behind() {
+    fn wall_without_room_behind_is_outer() {
         let room = |x: [f32; 2], z: [f32; 2]| Room {
             kind: RoomKind::Office,
             storey: 0,

@@ -143,7 +143,7 @@ fn houses_contain_many_different_objects() {
 }
 
 #[test]
-fn colour_words_match_the_surfaces() {
+fn colour_names_match_surfaces() {
     let (mut all, mut agreeing) = (0, 0);
     for (_, scene) in houses() {
         for object in scene.objects.iter().filter(|object| !object.attributes.color.is_empty()) {

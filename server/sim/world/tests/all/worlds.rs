@@ -118,7 +118,7 @@ fn flat_distance(a: &Point3<f32>, b: &Point3<f32>) -> f32 {
 }
 
 #[test]
-fn twelve_turns_of_30_degrees_return_to_the_same_bits() {
+fn twelve_turns_return_to_identical_bits() {
     for heading_rad in [0.0, 0.4, -2.7, 3.1] {
         let mut world = body_at(-2.0, 0.0, heading_rad);
         let start = world.pose();
