@@ -1,5 +1,4 @@
-//! Measures goal recognition among all objects on a walk through a house, for the kit's recognitions. Prints tables
-//! for docs/perception.md:
+//! Measures the kit's goal recognitions on a walk through a house; prints tables for docs/perception.md:
 //!
 //! ```sh
 //! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
@@ -79,8 +78,7 @@ struct HouseWalk<'a> {
 }
 
 impl<'a> HouseWalk<'a> {
-    /// Takes every second image with an agent's camera from the storey with most images; the others become reference
-    /// images.
+    /// Takes every second image of the storey with most images; the others become reference images.
     fn through(
         records: &'a [Record],
         sentences: &[Sentence],

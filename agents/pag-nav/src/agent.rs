@@ -19,8 +19,7 @@ const AROUND_M: f32 = 1.5;
 /// Sound steps over which the level is averaged.
 const RECENT: usize = 3;
 
-/// The paper's reference agent (section 4): it localises targets by sound, maps the surroundings, compares objects
-/// with goals and submits objects that pass the visual gate. Training-free; memories last for one episode.
+/// The paper's reference agent (section 4). Training-free; memories last for one episode.
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
@@ -135,10 +134,7 @@ impl PagNav {
         Self { trace: Some(trace), ..self }
     }
 
-    /// Ends the last episode's trace.
-    ///
-    /// # Errors
-    /// The first failure in any episode.
+    /// Ends the last episode's trace; fails with the first failure in any episode.
     pub fn end_trace(&mut self) -> Result<(), TraceError> {
         self.trace(Recorder::end);
         self.trace.take().map_or(Ok(()), Recorder::conclude)

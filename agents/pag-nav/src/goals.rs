@@ -96,8 +96,7 @@ impl GoalPairing {
         }
     }
 
-    /// Returns the probability that a Submit at a source is for the right goal: 1 in unordered missions, otherwise
-    /// the likelihood share for pairings with the next goal.
+    /// Returns the probability that a Submit at a source is for the right goal; 1 in unordered missions.
     pub(crate) fn right(&self, source: usize) -> f32 {
         let Some(next) = self.next() else { return 1.0 };
         let open_goals: Vec<usize> = (0..self.count()).filter(|&goal| self.done[goal].is_none()).collect();

@@ -98,18 +98,12 @@ pub enum PagNavError {
     },
 }
 
-/// Plays one run with [`PagNav`].
-///
-/// # Errors
-/// If the arguments are invalid, the run fails, or a model or trace fails during the run.
+/// Plays one run with [`PagNav`]; fails if arguments are invalid, or the run, a model or a trace fails.
 pub async fn run(args: PagNavArgs) -> Result<RunSummary, PagNavError> {
     run_with(args, &mut |_| {}).await
 }
 
-/// Plays one run with [`PagNav`], and calls `on_end` after each episode.
-///
-/// # Errors
-/// As for [`run`].
+/// Plays one run with [`PagNav`] like [`run`], and calls `on_end` after each episode.
 pub async fn run_with(
     args: PagNavArgs,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),

@@ -91,8 +91,7 @@ impl Picture<'_> {
         }
     }
 
-    /// Returns the input size for a network trained at `side_px`: that width, and a height with about the image's
-    /// aspect ratio.
+    /// Returns the input size: `side_px` wide, and about the image's aspect ratio.
     pub(crate) fn seen_size(&self, side_px: usize) -> [usize; 2] {
         let height = (side_px * self.height) as f32 / self.width as f32;
         let steps = (height / MULTIPLE_PX as f32).round().clamp(1.0, 4.0 * (side_px / MULTIPLE_PX) as f32);
@@ -236,8 +235,7 @@ impl UNet {
         &mut self.memory.input
     }
 
-    /// Runs the network. The output has every second pixel: category logits, offset (x, y) to the instance centre,
-    /// embedding.
+    /// Runs the network: for every second pixel category logits, offset (x, y) to the centre, embedding.
     pub(crate) fn run(&mut self) -> &mut FeatureMap {
         let UNetBuffers { input, levels, lifted, last, output, mean, sum } = &mut self.memory;
         levels[0][0].convolve(input, &self.stem);

@@ -32,10 +32,7 @@ const STOP: i32 = v1::Action::Stop as i32;
 /// A violation's description as error.
 type Found = Result<(), String>;
 
-/// Runs all checks in a run of `phase`; `token` is an account token.
-///
-/// # Errors
-/// If the server is unreachable or starts no run.
+/// Runs all checks with an account `token` in a run of `phase`; fails if the server starts no run.
 pub async fn check(site: &Site<'_>, token: &str, phase: &str) -> Result<Vec<Check>, Trouble> {
     let server = Connection::open(site, token, phase).await?;
     // Goodbye ends the run and therefore comes last.

@@ -1,19 +1,16 @@
 //! A protocol client for checks: a connection with a run, and streams.
 
-use avln_proto::{
-    MAX_MESSAGE_BYTES, REASON_KEY,
-    v1::{
-        self, play_request::Frame as Up, play_response::Frame as Down,
-        play_service_client::PlayServiceClient, run_service_client::RunServiceClient,
-    },
-};
+use avln_proto::v1;
+use avln_proto::v1::play_request::Frame as Up;
+use avln_proto::v1::play_response::Frame as Down;
+use avln_proto::v1::play_service_client::PlayServiceClient;
+use avln_proto::v1::run_service_client::RunServiceClient;
+use avln_proto::{MAX_MESSAGE_BYTES, REASON_KEY};
 use std::time::Duration;
 use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{
-    Request, Status, Streaming,
-    transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
-};
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
+use tonic::{Request, Status, Streaming};
 
 // The server may have to load scenes before it answers.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);

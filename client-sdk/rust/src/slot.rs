@@ -1,12 +1,10 @@
 //! Slot state with the current episode.
 
-use crate::{
-    action::Action,
-    connection::{Connection, Event},
-    error::{Error, closed},
-    observation::{Mission, Observation},
-    summary::{EpisodeEnd, Progress},
-};
+use crate::action::Action;
+use crate::connection::{Connection, Event};
+use crate::error::{Error, closed};
+use crate::observation::{Mission, Observation};
+use crate::summary::{EpisodeEnd, Progress};
 use avln_proto::v1::{self, play_request::Frame};
 use std::time::Duration;
 use tokio::sync::mpsc;

@@ -10,8 +10,7 @@ const BAND_M: f32 = 1.5;
 const FAR_M: f32 = 6.0;
 /// Highest step with a margin for depth noise, metres.
 const STEP_M: f32 = 0.22;
-/// Longest unseen stretch that the body crosses, metres: only a step's riser is visible from a distance, not the
-/// tread.
+/// Longest unseen stretch that the body crosses, metres: from a distance only risers are visible.
 const UNSEEN_M: f32 = 0.3;
 /// Cells between search nodes.
 const STRIDE: i32 = 2;
@@ -94,8 +93,8 @@ impl Elevation {
         cell.index().map(|index| self.tops_m[index]).filter(|top_m| top_m.is_finite())
     }
 
-    /// Finds a path for a body at `from`, `height_m` above the start, to the nearest surface that satisfies `wanted`
-    /// (position, height).
+    /// Finds a path from a body `height_m` above the start to the nearest `wanted` surface (position,
+    /// height).
     pub fn climb(
         &self,
         from: FloorPoint,
@@ -193,8 +192,7 @@ impl<M> Storeys<M> {
         is_same(self.height_m, height_m)
     }
 
-    /// Moves the body to `height_m` above the start. On another storey this function swaps `here` for that storey's
-    /// memory, or for a new memory from `begin`, and returns true.
+    /// Moves the body to `height_m`; on another storey swaps `here` for that memory, and returns true.
     pub fn enter(&mut self, height_m: f32, here: &mut M, begin: impl FnOnce() -> M) -> bool {
         if self.is_on(height_m) {
             return false;

@@ -122,8 +122,7 @@ impl ObjectMemory {
         near.map(|object| likeness(&object.detection, category)).fold(0.0, f32::max)
     }
 
-    /// Returns the support from nearby objects for a room, 0 to 1 (the paper's room memory R_t); neutral for rooms
-    /// without typical objects.
+    /// Returns the nearby objects' support for a room, 0 to 1 (the paper's room memory R_t).
     fn room(&self, place: FloorPoint, room: &str) -> f32 {
         let Some((_, typical)) = ROOMS.iter().find(|(name, _)| *name == room) else { return NEUTRAL };
         let sum: f32 = typical.iter().map(|category| self.presence(place, ROOM_M, category)).sum();

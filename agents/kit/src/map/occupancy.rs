@@ -246,8 +246,7 @@ impl Occupancy {
         cell.index().is_none_or(|index| self.soft[index] > 0)
     }
 
-    /// Returns true without a wall on the straight line between two points. The end is exempt: a source may be fixed
-    /// to a wall.
+    /// Returns true without a wall between two points. The end is exempt: a source may be fixed to a wall.
     pub fn has_clear_line(&self, from: FloorPoint, to: FloorPoint) -> bool {
         const SAMPLE_M: f32 = 0.09;
         const TAIL_M: f32 = 0.25;

@@ -1,5 +1,5 @@
-//! Perception by user-supplied ONNX models, for scenes outside the bundled network's categories: a detector finds objects, an
-//! image encoder with a text space (CLIP, SigLIP) names them.
+//! Perception by user-supplied ONNX models: a detector, and an image encoder with a text space (CLIP,
+//! SigLIP).
 //!
 //! Start reading at [`OnnxRecognition`]. `docs/models.md` specifies the inputs and outputs of models.
 //!
@@ -18,8 +18,7 @@ use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, TaskSpec};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Largest depth difference between pixels and their median in an object: a constant, metres, plus a share of the
-/// median.
+/// Largest depth difference to an object's median: a constant, metres, plus a share of the median.
 const DEEP_M: f32 = 0.35;
 const DEEP_SHARE: f32 = 0.1;
 /// Detection limit per image: the best ones.
@@ -55,10 +54,7 @@ struct OnnxGoal {
 }
 
 impl OnnxRecognition {
-    /// Loads the models of a configuration file and runs them on a blank image.
-    ///
-    /// # Errors
-    /// If the file, ONNX Runtime or a model cannot be loaded, or an output has a wrong shape.
+    /// Loads the models of a file and tries them; fails if a file cannot be loaded or a shape is wrong.
     pub fn load(path: &Path) -> Result<Self, ModelsError> {
         let Models { runtime, detector, encoder } = Models::read(path)?;
         let mut recognition = Self {

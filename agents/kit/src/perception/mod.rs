@@ -21,7 +21,7 @@ pub trait Recognition: Send {
     /// Starts a mission: forgets the last one and parses the goal cues.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
-    /// Returns the objects in an image, in the pose frame; `None` for a skipped image (no colours or depth, or almost
+    /// Returns the objects in an image, in the pose frame; `None` for a skipped image (incomplete, or almost
     /// the previous view). `is_wall` returns the map's walls.
     fn see(
         &mut self,
@@ -34,8 +34,7 @@ pub trait Recognition: Send {
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32;
 }
 
-/// Training-free recognition: connected stretches of depth are objects, cues are compared with their extents and
-/// colours, and image cues with the whole view.
+/// Training-free recognition by stretches of depth, extents and colours; image cues by the whole view.
 pub struct ClassicalRecognition {
     view: PinholeCamera,
     queries: Vec<Query>,
@@ -74,8 +73,7 @@ impl Recognition for ClassicalRecognition {
     }
 }
 
-/// Ground truth from the host for privileged agents in the same process, to measure the value of perfect senses. It
-/// never crosses the wire. Positions are in the pose frame.
+/// Ground truth in the pose frame for privileged agents of the same process; it never crosses the wire.
 pub trait Hints: Send + Sync {
     /// Returns the position of the source in the last observation; `None` in silence.
     fn source(&self) -> Option<FloorPoint>;
@@ -163,8 +161,7 @@ const WIDER: [(&str, &str); 13] = [
     ("floor_lamp", "lighting"),
 ];
 
-/// Recognition by the network of `avln-perception`: segments with category probabilities and embeddings, lifted to
-/// boxes by depth.
+/// Recognition by the network of `avln-perception`: segments, lifted to boxes by depth.
 pub struct NetworkRecognition {
     network: VisionNetwork,
     view: PinholeCamera,
@@ -188,10 +185,7 @@ impl Default for NetworkRecognition {
 }
 
 impl NetworkRecognition {
-    /// Creates a recognition with the bundled weights.
-    ///
-    /// # Errors
-    /// If the bundled weights are invalid.
+    /// Creates a recognition with the bundled weights; fails if they are invalid.
     pub fn new() -> Result<Self, WeightsError> {
         let (task, network) = (TaskSpec::default(), VisionNetwork::new()?);
         let (view, camera) = (PinholeCamera::new(&task), camera(&task));

@@ -1,5 +1,4 @@
-//! Episode traces as JSON Lines; `docs/traces.md` specifies the format. The agent passes its state as a
-//! [`TraceInput`]; a trace never affects actions.
+//! Episode traces as JSON Lines, specified in `docs/traces.md`; a trace never affects actions.
 
 pub(crate) mod lines;
 #[cfg(test)]

@@ -75,8 +75,7 @@ impl Confusion {
         &self.objects[1][is * self.kinds..(is + 1) * self.kinds]
     }
 
-    /// Returns the most frequent confusions between larger objects (true, predicted, count, total), by share, for
-    /// categories with 20 objects or more.
+    /// Returns the most frequent confusions (true, predicted, count, total) for categories of 20 objects.
     pub(crate) fn worst(&self, most: usize) -> Vec<(usize, usize, u64, u64)> {
         let mut pairs = Vec::new();
         for is in 0..self.kinds {
