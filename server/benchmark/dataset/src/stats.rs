@@ -1,10 +1,6 @@
 //! Statistics of data sets, and their page.
 
-use crate::{
-    cue::CueSpec,
-    format::SceneFacts,
-    mission::{EpisodeSpec, GoalSpec},
-};
+use crate::{cue::CueSpec, format::SceneFacts, mission::EpisodeSpec};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
@@ -115,16 +111,14 @@ impl Statistics {
         self.unordered_m.note(episode.unordered.length_m);
         self.ordered_steps.note(f64::from(episode.ordered.steps));
         self.unordered_steps.note(f64::from(episode.unordered.steps));
-        episode.goals.iter().for_each(|goal| self.note_goal(goal));
-    }
-
-    fn note_goal(&mut self, goal: &GoalSpec) {
-        *self.modalities.entry(goal.cue.modality().as_str().to_owned()).or_default() += 1;
-        *self.categories.entry(goal.target.category.clone()).or_default() += 1;
-        *self.distractors.entry(goal.distractors).or_default() += 1;
-        self.start_m.note(goal.target.start_distance_m);
-        if let CueSpec::Description(sentence) = &goal.cue {
-            self.words.note(sentence.text.split_whitespace().count() as f64);
+        for goal in &episode.goals {
+            *self.modalities.entry(goal.cue.modality().as_str().to_owned()).or_default() += 1;
+            *self.categories.entry(goal.target.category.clone()).or_default() += 1;
+            *self.distractors.entry(goal.distractors).or_default() += 1;
+            self.start_m.note(goal.target.start_distance_m);
+            if let CueSpec::Description(sentence) = &goal.cue {
+                self.words.note(sentence.text.split_whitespace().count() as f64);
+            }
         }
     }
 

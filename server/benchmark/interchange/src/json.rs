@@ -12,7 +12,6 @@ use std::{
 /// Most bytes per file after decompression.
 const MAX_BYTES: u64 = 1 << 30;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-
 /// Most list entries; published data sets have fewer per file.
 const MAX_ENTRIES: usize = 2_000_000;
 /// Largest deviation from unit length in a quaternion.

@@ -4,10 +4,8 @@ use avln_scene::SceneError;
 use avln_scene::limits::{MAX_ENTRIES, MAX_WORD_CHARS};
 use percent_encoding::percent_decode_str;
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
-use std::fs::File;
-use std::io::Read;
-use std::marker::PhantomData;
 use std::path::{Component, Path, PathBuf};
+use std::{fs::File, io::Read, marker::PhantomData};
 
 /// A result with the reason as its error, in words that continue "… is not a usable scene: ".
 pub(crate) type Checked<T> = Result<T, String>;

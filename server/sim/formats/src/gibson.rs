@@ -9,8 +9,7 @@ use avln_geom::{Aabb, Point3};
 use avln_scene::limits::MAX_ENTRIES;
 use avln_scene::{InstanceId, Mesh, Scene, SceneError};
 use serde::Deserialize;
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 pub(crate) const TABLE: &str = ".scn";
 const RENDER_MESHES: [&str; 3] = [".glb", ".obj", "_semantic.ply"];
@@ -19,8 +18,7 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// Margin around an object's box, metres.
 const MARGIN_M: f32 = 0.02;
 
-/// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface inside its box; smaller
-/// boxes win. Errors name line or byte.
+/// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface in its box; the smaller wins.
 pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,

@@ -105,13 +105,10 @@ fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
     match &node.extras {
         Some(extras) if extras.instance == InstanceId::NONE.0 => Some(NodeClaim::Structure),
         Some(extras) => Some(NodeClaim::Instance(InstanceIdentity::Marked(extras))),
-        None => category_of_name(&node.name).map(|category| {
-            if is_structure(category) {
-                NodeClaim::Structure
-            } else {
-                NodeClaim::Instance(InstanceIdentity::Named(category))
-            }
-        }),
+        None => match category_of_name(&node.name)? {
+            category if is_structure(category) => Some(NodeClaim::Structure),
+            category => Some(NodeClaim::Instance(InstanceIdentity::Named(category))),
+        },
     }
 }
 
@@ -201,8 +198,7 @@ pub(crate) fn category_of_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, in files by exporters with a node per material.
-/// `chair_2` is no piece.
+/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, but `chair_2` is no piece.
 pub(crate) fn whole_of_piece(name: &str) -> Option<&str> {
     let whole = without_number(name)?;
     without_number(whole).map(|_| whole)

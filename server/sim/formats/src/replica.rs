@@ -21,8 +21,7 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// Greatest difference between two meshes' boxes in a scan, in the file's unit.
 const SAME_FRAME: f32 = 0.5;
 
-/// Imports the scene with this table (`…/habitat/info_semantic.json`), named after the scene folder. Instance numbers are the
-/// table's numbers plus one, because 0 is no instance. Errors name line or byte.
+/// Imports the scene with this table, named after the folder. Instance numbers are the table's plus one: 0 is no instance.
 pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,

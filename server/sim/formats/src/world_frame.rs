@@ -141,8 +141,7 @@ impl FileFrame {
     }
 }
 
-/// True if the building would be much higher than wide with this vertical axis, while the other candidate is short and has
-/// more level surfaces.
+/// True if the building would be much higher than wide, while the other axis is short and has more level surfaces.
 fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();

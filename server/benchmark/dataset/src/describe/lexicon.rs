@@ -36,44 +36,12 @@ const KIN: &[&[&str]] = &[
     &["curtain", "blinds"],
 ];
 
-/// True for building parts and unnamed objects, which are no landmarks.
-fn is_nameless(category: &str) -> bool {
-    matches!(
-        category,
-        "" | "void"
-            | "wall"
-            | "floor"
-            | "ceiling"
-            | "misc"
-            | "objects"
-            | "object"
-            | "unlabeled"
-            | "unknown"
-            | "beam"
-            | "column"
-            | "furniture"
-            | "appliances"
-    )
-}
-
-/// True for room nouns without meaning, or without the preposition *in*.
-fn is_nameless_room(noun: &str) -> bool {
-    matches!(
-        noun,
-        "" | "other"
-            | "other room"
-            | "unknown"
-            | "junk"
-            | "misc"
-            | "no label"
-            | "none"
-            | "room"
-            | "outdoor"
-            | "outside"
-            | "porch"
-            | "balcony"
-    )
-}
+/// Categories of building parts and unnamed objects, which are no landmarks.
+const NAMELESS: &str =
+    "|void|wall|floor|ceiling|misc|objects|object|unlabeled|unknown|beam|column|furniture|appliances";
+/// Room nouns without meaning, or without the preposition *in*.
+const NAMELESS_ROOMS: &str =
+    "|other|other room|unknown|junk|misc|no label|none|room|outdoor|outside|porch|balcony";
 
 /// Size words with their measures.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
@@ -128,7 +96,8 @@ pub(crate) fn general_nouns(category: &str) -> Vec<String> {
 /// True if an object can be a landmark.
 pub(crate) fn is_landmark(object: &Object) -> bool {
     const MIN_M: f32 = 0.2;
-    let named = !is_nameless(&object.category) || clean(&object.attributes.noun).is_some();
+    let named =
+        NAMELESS.split('|').all(|known| known != object.category) || clean(&object.attributes.noun).is_some();
     named && object.bounds.size().max() >= MIN_M
 }
 
@@ -170,7 +139,7 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
         "toilet" => "toilet room",
         other => other,
     };
-    clean(noun).filter(|noun| !is_nameless_room(noun)).map(str::to_owned)
+    clean(noun).filter(|noun| NAMELESS_ROOMS.split('|').all(|known| known != *noun)).map(str::to_owned)
 }
 
 /// Material adjective, if common.

@@ -20,48 +20,11 @@ const ON_LEGS: &[&str] = &["table", "desk"];
 const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
 /// Minimum bottom height above the floor for hanging objects, metres.
 const HANGING_M: f32 = 0.4;
-
-/// True for objects with a top surface.
-fn has_hard_top(category: &str) -> bool {
-    matches!(
-        category,
-        "table"
-            | "desk"
-            | "cabinet"
-            | "chest_of_drawers"
-            | "counter"
-            | "shelving"
-            | "fireplace"
-            | "stool"
-            | "appliances"
-            | "rug"
-    )
-}
-
-/// True for objects with a wall behind them in every house: no information.
-fn is_always_at_wall(category: &str) -> bool {
-    matches!(
-        category,
-        "picture"
-            | "mirror"
-            | "counter"
-            | "sink"
-            | "toilet"
-            | "bathtub"
-            | "shower"
-            | "fireplace"
-            | "curtain"
-            | "towel"
-            | "door"
-            | "window"
-            | "radiator"
-            | "tv_monitor"
-            | "cushion"
-            | "blinds"
-            | "clock"
-            | "rug"
-    )
-}
+/// Objects with a top surface.
+const HARD_TOPS: &str = "table desk cabinet chest_of_drawers counter shelving fireplace stool appliances rug";
+/// Objects with a wall behind them in every house: no information.
+const ALWAYS_AT_WALL: &str = "picture mirror counter sink toilet bathtub shower fireplace curtain towel door window \
+    radiator tv_monitor cushion blinds clock rug";
 
 pub(crate) struct Relater<'a> {
     pub(crate) facts: Facts<'a>,
@@ -158,11 +121,9 @@ impl<'a> Relater<'a> {
         let faces = |side: usize| {
             let [x, z] = SIDES[side];
             let behind = (a.center() - b.center()).dot(&Vector3::new(x, 0.0, z));
-            let shared = if x == 0.0 {
-                overlap_m([a.min.x, a.max.x], [b.min.x, b.max.x]) / a.size().x.min(b.size().x)
-            } else {
-                overlap_m([a.min.z, a.max.z], [b.min.z, b.max.z]) / a.size().z.min(b.size().z)
-            };
+            let axis = if x == 0.0 { 0 } else { 2 };
+            let shared_m = overlap_m([a.min[axis], a.max[axis]], [b.min[axis], b.max[axis]]);
+            let shared = shared_m / a.size()[axis].min(b.size()[axis]);
             self.walls[index][side] && self.walls[landmark][side ^ 1] && behind > 0.0 && shared > 0.6
         };
         let gap_m = flat_gap_m(a, b);
@@ -204,7 +165,7 @@ impl<'a> Relater<'a> {
     fn at_walls(&self, index: usize) -> Option<Relation> {
         let object = &self.facts.scene.objects[index];
         let stands = object.bounds.min.y - self.facts.floor_y(object) < HANGING_M;
-        let free = !is_always_at_wall(&object.category);
+        let free = ALWAYS_AT_WALL.split(' ').all(|known| known != object.category);
         let [east, west, south, north] = self.walls[index];
         if !stands || !free {
             return None;
@@ -280,7 +241,7 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     if !smaller || NEVER_RESTS.contains(&own.category.as_str()) || !is_over(b, a, 0.0) {
         return false;
     }
-    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && has_hard_top(category);
+    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.split(' ').any(|known| known == category);
     let height_m = b.size().y;
     let on_seat = (b.min.y + 0.25 * height_m..b.max.y - 0.02).contains(&a.min.y) && a.max.y <= b.max.y + 0.8;
     on_top || on_seat && SOFT_TOPS.contains(&category)

@@ -87,10 +87,8 @@ impl<'a> Writer<'a> {
         let mut candidates = self.looks(object);
         candidates.extend(self.relater.places(index, &self.seen_with(sighting)));
         candidates.retain(|claim| check::holds(facts, claim, index, index, Reading::Plain));
-        let named: BTreeSet<usize> = names
-            .iter()
-            .flat_map(|name| check::called(facts, &Claims { head: name.clone(), list: Vec::new() }, index))
-            .collect();
+        let named: BTreeSet<usize> =
+            names.iter().flat_map(|name| check::called(facts, name, index)).collect();
         let fits = |claim: &Claim| {
             let might = |other: &&usize| check::holds(facts, claim, index, **other, Reading::Generous);
             named.iter().filter(might).copied().collect()
@@ -145,8 +143,7 @@ impl<'a> Writer<'a> {
     /// Tries a sentence: random claims, then the most selective ones until no rival remains.
     fn attempt(&self, pool: &Pool, rng: &mut Rng) -> Option<Sentence> {
         let head = if rng.chance(0.7) { pool.names.first() } else { rng.choose(&pool.names) }?.clone();
-        let empty = Claims { head: head.clone(), list: Vec::new() };
-        let mut rivals = check::called(&self.relater.facts, &empty, pool.index);
+        let mut rivals = check::called(&self.relater.facts, &head, pool.index);
         let mut chosen = pool.draw(rng);
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
@@ -243,11 +240,8 @@ impl Pool {
     fn most_telling(&self, chosen: &[usize], rivals: &[usize]) -> Option<usize> {
         let left = |claim: usize| rivals.iter().filter(|rival| self.might_fit[claim].contains(rival)).count();
         let usable = (0..self.candidates.len()).filter(|&claim| self.goes_with(chosen, claim));
-        usable
-            .map(|claim| (left(claim), claim))
-            .filter(|(left, _)| *left < rivals.len())
-            .min()
-            .map(|(_, claim)| claim)
+        let (left, claim) = usable.map(|claim| (left(claim), claim)).min()?;
+        (left < rivals.len()).then_some(claim)
     }
 
     /// Claim order: size, shape, colour, material, room, locations.

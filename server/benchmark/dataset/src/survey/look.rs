@@ -100,7 +100,6 @@ impl SurveyOptions {
 const BINS: usize = 52;
 /// Ring width around an object for colour comparison, as a share of the picture side.
 const RING_SHARE: f32 = 0.08;
-
 /// Steps per channel in the colour name table.
 const STEPS: usize = 32;
 const WORDS: usize = colors::PALETTE.len();

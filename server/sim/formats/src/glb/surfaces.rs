@@ -13,8 +13,7 @@ use avln_scene::colors::code_of;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use avln_scene::{InstanceId, Material, Mesh, Texture};
 use nalgebra::Matrix4;
-use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
@@ -178,15 +177,12 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         let count = positions.count;
         self.vertices_left =
             self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
-        let attribute = |name: &str| {
-            let found = find(name)?;
-            match found {
-                Some(elements) if elements.count != count => Err(format!(
-                    "{name} has {} elements for {count} vertices; export the file again",
-                    elements.count
-                )),
-                found => Ok(found),
-            }
+        let attribute = |name: &str| match find(name)? {
+            Some(elements) if elements.count != count => Err(format!(
+                "{name} has {} elements for {count} vertices; export the file again",
+                elements.count
+            )),
+            found => Ok(found),
         };
         Ok(PrimitiveVertices {
             uvs: attribute(&format!("TEXCOORD_{set}"))?.map(|elements| elements.floats()).transpose()?,
@@ -248,15 +244,9 @@ fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
     let corners = |a: usize, b: usize, c: usize| [order[a], order[b], order[c]];
     let all: Vec<[u32; 3]> = match mode {
         // Every second triangle in a strip turns the other way.
-        TRIANGLE_STRIP => (2..count)
-            .map(|last| {
-                if last % 2 == 0 {
-                    corners(last - 2, last - 1, last)
-                } else {
-                    corners(last - 2, last, last - 1)
-                }
-            })
-            .collect(),
+        TRIANGLE_STRIP => {
+            (2..count).map(|last| corners(last - 2, last - 1 + last % 2, last - last % 2)).collect()
+        }
         TRIANGLE_FAN => (2..count).map(|last| corners(last - 1, last, 0)).collect(),
         _ => {
             refuse_if(!count.is_multiple_of(3), || {

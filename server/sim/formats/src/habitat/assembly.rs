@@ -12,9 +12,8 @@ use avln_scene::limits::{MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene, SceneError, Texture};
 use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::{ops::Range, rc::Rc};
 
 struct PlacedObject {
     /// Number in the scene's configuration.

@@ -24,8 +24,7 @@ pub(crate) struct Ply {
     texture: Option<String>,
 }
 
-/// Imports a file as a scene without instances, because PLY files have no names for them. Z is up, unless the shape of the
-/// building contradicts it. Errors name line or byte.
+/// Imports a file without instances, which have no names in PLY. Z is up, unless the building's shape contradicts it.
 pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,

@@ -14,8 +14,7 @@ use avln_geom::{Aabb, Point2, Point3};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Region, Scene, SceneError};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 const MAX_HOUSE_BYTES: u64 = 64 << 20;
 
