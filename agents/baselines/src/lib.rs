@@ -10,8 +10,8 @@ mod visual;
 pub use unguided::{ForwardAndTurn, Frontier, RandomAgent, SoundFollower};
 pub use visual::{Detector, Snapshot};
 
-use avln_client::{Agent, EpisodeEnd, Error, RunSummary, Sensors, evaluate_with};
-use avln_kit::run::{AgentArgs, Method, RunArgs, play};
+use avln_client::{Agent, Error, RunSummary, Sensors, evaluate_with};
+use avln_kit::run::{AgentArgs, Method, OnEnd, RunArgs, play};
 use clap::{Args, ValueEnum};
 
 /// The simple agents that `avln agent baseline` offers.
@@ -86,10 +86,7 @@ pub async fn run(args: BaselineArgs) -> Result<RunSummary, Error> {
 }
 
 /// Plays one run with a simple agent like [`run`], and calls `on_end` after each episode.
-pub async fn run_with(
-    args: BaselineArgs,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<RunSummary, Error> {
+pub async fn run_with(args: BaselineArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
     let BaselineArgs { agent, run } = args;
     let sensors = agent.sensors(run.size);
     let method = Method { name: agent.name().to_owned(), version: env!("CARGO_PKG_VERSION"), sensors };
@@ -117,10 +114,7 @@ pub async fn run_random(args: RandomArgs) -> Result<RunSummary, Error> {
 }
 
 /// Plays one run with [`RandomAgent`] like [`run_random`], and calls `on_end` after each episode.
-pub async fn run_random_with(
-    args: RandomArgs,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<RunSummary, Error> {
+pub async fn run_random_with(args: RandomArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
     let (arena, run) = args.run.begin("random", env!("CARGO_PKG_VERSION")).await?;
     let mut agent = RandomAgent::new(args.seed);
     evaluate_with(&arena, &run, Sensors::square(args.size), &mut agent, on_end).await

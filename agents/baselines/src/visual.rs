@@ -131,11 +131,8 @@ impl SnapshotMemory {
             let fits = detections.iter().filter_map(|&index| {
                 let (fit, goal) = memory.fit(index)?;
                 let place = memory.objects.all()[index].detection.center();
-                (fit >= WORTH).then_some((
-                    fit - PER_M * place.distance_m(memory.explorer.pose().place),
-                    index,
-                    goal,
-                ))
+                let distance_m = place.distance_m(memory.explorer.pose().place);
+                (fit >= WORTH).then_some((fit - PER_M * distance_m, index, goal))
             });
             fits.max_by(|a, b| a.0.total_cmp(&b.0))
         };
@@ -152,8 +149,7 @@ const REACH_M: f32 = 0.5;
 /// Steps towards an object before giving up.
 const PATIENCE_STEPS: u32 = 150;
 
-/// The state of agents that see and do not hear: map, objects with fits, open goals. Submits count as
-/// correct.
+/// The state of agents that see and do not hear; every Submit counts as correct.
 struct VisualMemory {
     explorer: Explorer,
     objects: ObjectMemory,
@@ -192,16 +188,7 @@ impl VisualMemory {
         let (pose, map) = (self.explorer.pose(), &self.explorer.map);
         let detections = self.perception.see(&pose, observation, &|place| map.is_wall(Cell::at(place)));
         self.objects.see(detections.unwrap_or_default());
-        let mut in_view = Vec::new();
-        for (index, object) in self.objects.iter_mut().enumerate() {
-            if map.is_in_view(&pose, object.detection.center(), LOOK_M) {
-                let fits: Vec<f32> =
-                    (0..self.goals).map(|goal| self.perception.fit(&object.detection, goal)).collect();
-                object.look(&fits);
-                in_view.push(index);
-            }
-        }
-        in_view
+        self.objects.look(map, &pose, LOOK_M, |detection, goal| self.perception.fit(detection, goal))
     }
 
     /// Returns the goals that a Submit may be for.

@@ -6,7 +6,8 @@
 
 mod game;
 
-use avln_client::{Action, EpisodeEnd, Error, RunSummary, Sensors};
+use avln_client::{Action, Error, RunSummary, Sensors};
+use avln_kit::run::OnEnd;
 use axum::extract::{Path, Request};
 use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn};
@@ -55,8 +56,7 @@ pub enum HumanError {
     },
 }
 
-/// Lets a person play one run, and prints the page's address. Fails if the run fails or the page cannot be
-/// shown.
+/// Lets a person play one run, and prints the page's address; fails like the run, or without a page.
 pub async fn run(args: HumanArgs) -> Result<RunSummary, HumanError> {
     let print = |address| {
         eprintln!("open http://{address} in a browser on this machine and put headphones on");
@@ -68,7 +68,7 @@ pub async fn run(args: HumanArgs) -> Result<RunSummary, HumanError> {
 pub async fn run_with(
     args: HumanArgs,
     on_page: impl FnOnce(SocketAddr),
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+    on_end: OnEnd<'_>,
 ) -> Result<RunSummary, HumanError> {
     if !args.page.ip().is_loopback() {
         return Err(HumanError::Open(args.page));

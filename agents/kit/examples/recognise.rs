@@ -31,20 +31,15 @@ fn main() {
     for house in &manifest.houses {
         let records = frames::house(&folder.join(&house.file), manifest.side_px);
         let sentences = frames::sentences(&folder.join(&house.sentences));
-        let Some(walk) = HouseWalk::through(&records, &sentences, &manifest.categories, manifest.side_px)
-        else {
-            continue;
-        };
-        for ((_, perception), tally) in perceptions.iter_mut().zip(&mut tallies) {
-            tally.add(&walk, &walk.objects(perception.as_mut()));
+        let walk = HouseWalk::through(&records, &sentences, &manifest.categories, manifest.side_px);
+        if let Some(walk) = walk {
+            for ((_, perception), tally) in perceptions.iter_mut().zip(&mut tallies) {
+                tally.add(&walk, &walk.objects(perception.as_mut()));
+            }
         }
     }
-    println!(
-        "{} houses of split `{}` of recipe `{}`.\n",
-        manifest.houses.len(),
-        manifest.split,
-        manifest.recipe
-    );
+    let (houses, frames::Manifest { split, recipe, .. }) = (manifest.houses.len(), &manifest);
+    println!("{houses} houses of split `{split}` of recipe `{recipe}`.\n");
     print(&perceptions.map(|(name, _)| name), &tallies);
 }
 
@@ -145,13 +140,7 @@ impl<'a> HouseWalk<'a> {
             }
             let detections = perception.see(&pose, &seen, &|place| map.is_wall(Cell::at(place)));
             objects.see(detections.unwrap_or_default());
-            for object in objects.iter_mut() {
-                if map.is_in_view(&pose, object.detection.center(), NEAR_M) {
-                    let fits: Vec<f32> =
-                        (0..self.goals.len()).map(|goal| perception.fit(&object.detection, goal)).collect();
-                    object.look(&fits);
-                }
-            }
+            objects.look(&map, &pose, NEAR_M, |detection, goal| perception.fit(detection, goal));
         }
         objects
     }
@@ -310,9 +299,8 @@ impl Tally {
                 seen.max_by(|a, b| a.vis(number).total_cmp(&b.vis(number)))
             };
             let is_right = |object: Option<&ObjectHypothesis>| {
-                object
-                    .and_then(|object| instance(walk, object))
-                    .is_some_and(|found| goal.right.contains(&found.id))
+                let found = object.and_then(|object| instance(walk, object));
+                found.is_some_and(|found| goal.right.contains(&found.id))
             };
             let kind = walk.instances.iter().find(|i| goal.right.contains(&i.id)).map(|i| i.category);
             let is_kind =

@@ -13,7 +13,8 @@ const UNKNOWN: f32 = 1.3;
 /// Additional cost per blocked step in the cell.
 const BUMP: f32 = 6.0;
 const MOST_NODES: usize = 40_000;
-const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+pub(crate) const SIDES: [(i32, i32); 8] =
+    [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
 /// A path over the floor plan.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -138,7 +139,7 @@ fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: FloorPoin
     Path { places, left_m, cost_m: nodes.cost_m(end) }
 }
 
-fn millimetres(metres: f32) -> u32 {
+pub(crate) fn millimetres(metres: f32) -> u32 {
     (metres * 1000.0) as u32
 }
 

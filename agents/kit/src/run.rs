@@ -69,12 +69,15 @@ pub struct Method {
     pub sensors: Sensors,
 }
 
+/// Receiver of every episode's end.
+pub type OnEnd<'a> = &'a mut (dyn FnMut(&EpisodeEnd) + Send);
+
 /// Plays one run with an agent per slot, and calls `on_end` after each episode.
 pub async fn play<A: Agent + Send + 'static>(
     args: AgentArgs,
     method: Method,
     agents: &mut Vec<A>,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+    on_end: OnEnd<'_>,
 ) -> Result<RunSummary, Error> {
     let (arena, run) = args.run.begin(&method.name, method.version).await?;
     evaluate_slots(&arena, &run, method.sensors, agents, on_end).await

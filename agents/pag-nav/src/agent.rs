@@ -190,16 +190,11 @@ impl PagNav {
         if self.storeys.is_on(height_m) {
             return;
         }
-        let mut memory = StoreyMemory {
-            map: mem::take(&mut self.map),
-            objects: mem::take(&mut self.objects),
-            sources: mem::take(&mut self.sources),
-        };
+        let (map, objects) = (mem::take(&mut self.map), mem::take(&mut self.objects));
+        let mut memory = StoreyMemory { map, objects, sources: mem::take(&mut self.sources) };
         let count = self.queries.len();
         self.storeys.enter(height_m, &mut memory, || StoreyMemory::new(count));
-        self.map = memory.map;
-        self.objects = memory.objects;
-        self.sources = memory.sources;
+        StoreyMemory { map: self.map, objects: self.objects, sources: self.sources } = memory;
         self.sources.iter_mut().for_each(|source| source.sought_steps = 0);
         self.follower = PathFollower::default();
         self.frontier_follower = PathFollower::default();
@@ -217,7 +212,7 @@ impl PagNav {
             self.objects = ObjectMemory::new(self.queries.len());
         }
         self.objects.see(detections.unwrap_or_default());
-        self.look_at_objects(pose);
+        self.objects.look(map, pose, LOOK_M, |detection, goal| self.perception.fit(detection, goal));
         self.look_at_sources(pose);
     }
 
@@ -267,18 +262,6 @@ impl PagNav {
             }
         }
         self.sources[pending.source].missed_level = LOUDER * pending.level;
-    }
-
-    /// Compares every near hypothesis in view with the goals.
-    fn look_at_objects(&mut self, pose: &Pose2d) {
-        let goals = self.queries.len();
-        for object in self.objects.iter_mut() {
-            if self.map.is_in_view(pose, object.detection.center(), LOOK_M) {
-                let fit = |goal| self.perception.fit(&object.detection, goal);
-                let fits: Vec<f32> = (0..goals).map(fit).collect();
-                object.look(&fits);
-            }
-        }
     }
 
     /// Records the objects' fits at located sources in view.
@@ -354,8 +337,8 @@ impl PagNav {
                 return None;
             }
         }
-        self.pending =
-            Some(PendingSubmit { source, object, goal, level, outcome: SubmitOutcome::new(level) });
+        let outcome = SubmitOutcome::new(level);
+        self.pending = Some(PendingSubmit { source, object, goal, level, outcome });
         Some(Action::Submit)
     }
 }

@@ -103,8 +103,7 @@ impl FeatureMap {
     }
 }
 
-/// A convolution into `map`, clipped below at `least`: `length` numbers per tap, pixels `step` apart in
-/// `from`.
+/// A convolution into `map`, clipped below at `least`: `length` numbers per tap, pixels `step` apart.
 struct Convolution<'a, T> {
     map: &'a mut FeatureMap,
     layer: &'a ConvLayer,

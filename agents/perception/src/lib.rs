@@ -9,7 +9,7 @@ mod network;
 mod segmentation;
 mod shapes;
 
-pub use network::{CameraModel, Depth, Picture, PictureError};
+pub use network::{CameraModel, Depth, DepthView, Picture, PictureError};
 pub use segmentation::{Histogram, PixelBox, Segment, Segmentation};
 pub use shapes::{ObjectBox, extent, lift};
 
@@ -28,11 +28,7 @@ pub trait Perception {
     fn categories(&self) -> &[String];
 
     /// Segments an image; depth and camera improve the result. Fails if a size is invalid.
-    fn see(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Segmentation, PictureError>;
+    fn see(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Segmentation, PictureError>;
 
     /// Returns the object in an image's middle; `None` for the building. Fails if the size is invalid.
     fn look_at_picture(&mut self, picture: &Picture) -> Result<Option<Segment>, PictureError> {
@@ -81,11 +77,7 @@ impl VisionNetwork {
 
     /// Returns the output for every second pixel, row by row: category logits, offset (x, y) to the instance
     /// centre, embedding. Fails for invalid sizes; sides must be multiples of 16.
-    pub fn raw(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Vec<f32>, PictureError> {
+    pub fn raw(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Vec<f32>, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
         let odd = |side: usize| !side.is_multiple_of(MULTIPLE_PX);
         if odd(picture.width) || odd(picture.height) {
@@ -103,11 +95,7 @@ impl Perception for VisionNetwork {
         &self.info.categories
     }
 
-    fn see(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Segmentation, PictureError> {
+    fn see(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Segmentation, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
         let [width, height] = picture.seen_size(self.info.side_px);
         network::fill(self.network.input(width, height), picture, depth);
@@ -199,10 +187,8 @@ impl<'a> WeightsFile<'a> {
         let info: NetworkInfo = serde_json::from_str(info)
             .map_err(|error| unusable(format!("the description is malformed: {error}")))?;
         if info.version != 1 {
-            return Err(unusable(format!(
-                "version {} is not supported; this build reads version 1",
-                info.version
-            )));
+            let version = info.version;
+            return Err(unusable(format!("version {version} is not supported; this build reads version 1")));
         }
         Ok(Self { info, tensors: SafeTensors::deserialize(bytes).map_err(malformed)? })
     }

@@ -36,6 +36,9 @@ pub struct CameraModel {
     pub pitch_rad: f32,
 }
 
+/// Depth with its camera.
+pub type DepthView<'a> = (&'a Depth<'a>, &'a CameraModel);
+
 /// Reasons for a rejected image.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum PictureError {
@@ -130,7 +133,7 @@ impl PixelBlend {
 }
 
 /// Fills the network input: interpolated colours, depth of the nearest pixel, and heights.
-pub(crate) fn fill(input: &mut FeatureMap, picture: &Picture, depth: Option<(&Depth, &CameraModel)>) {
+pub(crate) fn fill(input: &mut FeatureMap, picture: &Picture, depth: Option<DepthView>) {
     let [width, height] = [input.width, input.height];
     let columns: Vec<PixelBlend> = (0..width).map(|x| PixelBlend::new(x, width, picture.width)).collect();
     for row in 0..height {

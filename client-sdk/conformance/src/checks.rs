@@ -194,12 +194,8 @@ async fn unary(server: &Connection) -> Found {
     };
     let act = v1::Act { slot: 0, episode: start.episode, step: 1, action: STOP };
     let step = v1::StepRequest { act: Some(act) };
-    let answer = server
-        .play()
-        .step(bearer(step, &server.run_token))
-        .await
-        .map_err(|status| describe(&status))?
-        .into_inner();
+    let answer = server.play().step(bearer(step, &server.run_token)).await;
+    let answer = answer.map_err(|status| describe(&status))?.into_inner();
     expect("terminated", answer.observation.is_some_and(|last| last.terminated), true)?;
     expect("end", answer.episode_end.map(|end| end.reason()), Some(v1::EndReason::Stopped))
 }

@@ -64,7 +64,7 @@ pub(crate) struct TrialRun {
     pub(crate) is_over: bool,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct OpenEpisode {
     pub(crate) handle: String,
     pub(crate) ordinal: u32,
@@ -123,15 +123,8 @@ impl TrialRun {
 
     pub(crate) fn begin(&mut self) {
         let ordinal = self.trial as u32 + 1;
-        self.open = Some(OpenEpisode {
-            handle: format!("ep_{ordinal:032x}"),
-            ordinal,
-            actions: Vec::new(),
-            sent_step: None,
-            over: None,
-            fault_injected: false,
-            awaits_pong: false,
-        });
+        let handle = format!("ep_{ordinal:032x}");
+        self.open = Some(OpenEpisode { handle, ordinal, ..OpenEpisode::default() });
     }
 
     /// Returns true once, when the trial's fault is due at `step`.

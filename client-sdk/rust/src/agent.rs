@@ -38,8 +38,7 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
     }
 }
 
-/// Plays a whole run on the calling task and finishes it. Fails if the server refuses a request or violates
-/// the protocol, or if the connection is lost.
+/// Plays a whole run on the calling task and finishes it; fails like [`Play::next_episode`].
 pub async fn evaluate(
     client: &Client,
     run: &Run,
@@ -48,6 +47,8 @@ pub async fn evaluate(
 ) -> Result<RunSummary, Error> {
     evaluate_with(client, run, sensors, agent, &mut |_| {}).await
 }
+
+type OnEnd<'a> = &'a mut (dyn FnMut(&EpisodeEnd) + Send);
 
 /// Plays a run like [`evaluate`] and calls `on_end` for every ended episode.
 pub async fn evaluate_with(
@@ -62,9 +63,8 @@ pub async fn evaluate_with(
     play.finish().await
 }
 
-/// Plays a run like [`evaluate`] with an episode per agent in parallel, or fewer as the server grants. Every
-/// slot is a task. `agents` must not be empty; afterwards it contains all agents except a panicked one, in
-/// any order.
+/// Plays a run like [`evaluate`] with an episode per agent in parallel, or fewer as the server grants.
+/// `agents` must not be empty; afterwards it contains all agents except a panicked one, in any order.
 pub async fn evaluate_slots<A: Agent + Send + 'static>(
     client: &Client,
     run: &Run,
@@ -115,11 +115,7 @@ async fn gather<A: 'static>(
     failed.map_or(all, Err)
 }
 
-async fn play_all(
-    play: &mut Play,
-    agent: &mut (dyn Agent + Send),
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<(), Error> {
+async fn play_all(play: &mut Play, agent: &mut (dyn Agent + Send), on_end: OnEnd<'_>) -> Result<(), Error> {
     let task = play.task().clone();
     while let Some(mut episode) = play.next_episode().await? {
         undisturbed(|| {

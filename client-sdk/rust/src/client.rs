@@ -31,10 +31,9 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to `server`, like `http://127.0.0.1:50051` or `unix:/run/arena.sock`, with an account
-    /// `token`; it may be empty for [`server_info`](Self::server_info), [`phases`](Self::phases) and a
-    /// [`Run::from_token`]. Fails if no Arena server answers within ten seconds, or the address or token is
-    /// invalid.
+    /// Connects to `server`, like `http://127.0.0.1:50051` or `unix:/run/arena.sock`, with an account `token`,
+    /// which may be empty for [`server_info`](Self::server_info), [`phases`](Self::phases) and a
+    /// [`Run::from_token`]. Fails if no Arena server answers within ten seconds or a value is invalid.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &ConnectOptions::default()).await
     }
@@ -55,8 +54,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Connects and starts a run. With a run token, as in a sealed run, it joins that run and ignores
-    /// `options`.
+    /// Connects and starts a run; with a run token, as in a sealed run, joins that run without `options`.
     pub async fn begin(
         server: impl AsRef<str>,
         token: impl Into<String>,

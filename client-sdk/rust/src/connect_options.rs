@@ -49,9 +49,7 @@ impl ConnectOptions {
             Some(("http", _)) => false,
             Some(("https", _)) => true,
             _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
-            Some((scheme, _)) => {
-                return Err(wrong(&format!("unknown scheme '{scheme}'")));
-            }
+            Some((scheme, _)) => return Err(wrong(&format!("unknown scheme '{scheme}'"))),
             None => return Err(wrong("the scheme is missing")),
         };
         let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;

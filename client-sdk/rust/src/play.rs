@@ -232,27 +232,10 @@ impl Episode<'_> {
 
 type NextEpisode = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
 
-/// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`].
+/// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`]; see `examples/episodes.rs`.
 ///
-/// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before the
-/// episode's end abandons it.
-///
-/// ```no_run
-/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
-/// use tokio_stream::StreamExt;
-///
-/// # async fn play(client: Client) -> Result<(), Error> {
-/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
-/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
-/// while let Some(mut episode) = episodes.try_next().await? {
-///     while !episode.is_over() {
-///         episode.step(Action::MoveForward).await?;
-///     }
-/// }
-/// println!("{}", episodes.finish().await?);
-/// # Ok(())
-/// # }
-/// ```
+/// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before
+/// the episode's end abandons it.
 pub struct Episodes {
     play: Arc<Mutex<Play>>,
     task: TaskSpec,

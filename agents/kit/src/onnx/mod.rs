@@ -1,5 +1,4 @@
-//! Perception by user-supplied ONNX models: a detector, and an image encoder with a text space (CLIP,
-//! SigLIP).
+//! Perception by user-supplied ONNX models: a detector, and an image encoder with a text space (CLIP).
 //!
 //! Start reading at [`OnnxRecognition`]. `docs/models.md` specifies the inputs and outputs of models.
 //!
@@ -9,11 +8,11 @@ mod model;
 
 pub use model::ModelsError;
 
-use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
+use crate::geometry::{PinholeCamera, Pose2d};
 use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
-use crate::perception::Recognition;
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;
+use crate::perception::{Recognition, WallTest};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, TaskSpec};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -149,11 +148,10 @@ impl OnnxRecognition {
         let mut detections = Vec::new();
         for frame in self.detect(image)? {
             let pixels = self.pixels(frame, pose, depth);
-            let Some(detection) = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels) else {
-                continue;
-            };
-            let embedding = self.encode(image, frame)?;
-            detections.push(DetectedObject { kinds: self.kinds(&embedding), embedding, ..detection });
+            if let Some(detection) = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels) {
+                let embedding = self.encode(image, frame)?;
+                detections.push(DetectedObject { kinds: self.kinds(&embedding), embedding, ..detection });
+            }
         }
         Ok(detections)
     }
@@ -180,12 +178,7 @@ impl Recognition for OnnxRecognition {
         self.layout = Layout::default();
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and models are slow.

@@ -16,6 +16,9 @@ use avln_perception::{
 use objects::cosine;
 use std::sync::Arc;
 
+/// True for the map's walls.
+pub type WallTest<'a> = &'a dyn Fn(FloorPoint) -> bool;
+
 /// Detection of objects in images, and their fit with the goals.
 pub trait Recognition: Send {
     /// Starts a mission: forgets the last one and parses the goal cues.
@@ -23,12 +26,7 @@ pub trait Recognition: Send {
 
     /// Returns the objects in an image, in the pose frame; `None` for a skipped image (incomplete, or almost
     /// the previous view). `is_wall` returns the map's walls.
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        is_wall: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>>;
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, is_wall: WallTest) -> Option<Vec<DetectedObject>>;
 
     /// Returns the fit of an object in view with a goal in the last image, 0 to 1.
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32;
@@ -43,11 +41,8 @@ pub struct ClassicalRecognition {
 
 impl Default for ClassicalRecognition {
     fn default() -> Self {
-        Self {
-            view: PinholeCamera::new(&TaskSpec::default()),
-            queries: Vec::new(),
-            layout: Layout::default(),
-        }
+        let view = PinholeCamera::new(&TaskSpec::default());
+        Self { view, queries: Vec::new(), layout: Layout::default() }
     }
 }
 
@@ -57,12 +52,7 @@ impl Recognition for ClassicalRecognition {
         *self = Self { view: PinholeCamera::new(task), queries, layout: Layout::default() };
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        is_wall: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, is_wall: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         Some(detect_objects(&self.view, pose, image, depth, is_wall))
@@ -124,12 +114,7 @@ impl Recognition for HintRecognition {
         self.goals = mission.goals.len();
     }
 
-    fn see(
-        &mut self,
-        _: &Pose2d,
-        _: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, _: &Pose2d, _: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         Some(self.hints.targets().into_iter().map(|target| self.detection(target)).collect())
     }
 
@@ -252,12 +237,7 @@ impl Recognition for NetworkRecognition {
         (self.layout, self.last) = (Layout::default(), None);
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.

@@ -1,7 +1,7 @@
 use crate::candidate::{Candidate, Decision, Stage, SubmitGate};
 use crate::goals::{PendingSubmit, SourceMemory};
 use crate::weights::{Ablation, Weights};
-use avln_client::{Action, GoalCue, Mission, Observation, Order, Pose};
+use avln_client::{Action, GoalCue, Mission, Observation, Pose};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::hearing::{HeardSound, SoundSchedule};
 use avln_kit::map::{CELL_M, Cell, ObjectHypothesis, ObjectMemory, Occupancy};
@@ -47,7 +47,7 @@ pub(crate) struct MissionLine<'a> {
     episode: &'a str,
     agent: &'static str,
     version: &'static str,
-    order: &'static str,
+    order: String,
     goals: Vec<GoalLine<'a>>,
     ablation: Ablation,
     weights: &'a Weights,
@@ -133,10 +133,7 @@ impl<'a> MissionLine<'a> {
             episode,
             agent: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
-            order: match mission.order {
-                Order::Ordered => "ordered",
-                Order::Unordered => "unordered",
-            },
+            order: mission.order.to_string(),
             goals: mission.goals.iter().map(GoalLine::of).collect(),
             ablation: agent.ablation,
             weights: agent.weights,
@@ -158,11 +155,7 @@ impl StepLine {
     pub(crate) fn new(agent: &TraceInput, observation: &Observation, action: Action) -> Self {
         let decision = agent.decision;
         let Pose { position, heading_rad } = observation.pose;
-        let sound = |(source, heard): (usize, HeardSound)| HeardLine {
-            source,
-            itd_s: heard.itd_s,
-            level: heard.level,
-        };
+        let sound = |(source, HeardSound { itd_s, level })| HeardLine { source, itd_s, level };
         Self {
             step: observation.step,
             pose: PoseLine { position_m: position, heading_rad },
