@@ -90,10 +90,7 @@ impl RandomAgent {
             return Action::Submit;
         }
         let is_blocked = is_blocked(&self.last, &observation.pose, self.forward_m);
-        if is_blocked || self.rng.unit() < TURN {
-            return self.begin_turn();
-        }
-        Action::MoveForward
+        if is_blocked || self.rng.unit() < TURN { self.begin_turn() } else { Action::MoveForward }
     }
 
     fn continue_turn(&mut self) -> Option<Action> {

@@ -155,7 +155,6 @@ fn is_usual(record: &Record, task: &TaskSpec) -> bool {
     off.iter().all(|off| off.abs() < USUAL)
 }
 
-/// Returns the instance in an image's middle.
 fn in_the_middle(record: &Record) -> Option<u16> {
     let side = record.instances.len().isqrt();
     let middle = 7 * side / 16..9 * side / 16;
@@ -271,7 +270,6 @@ impl Instance {
         both / (own + other - both)
     }
 
-    /// The middle of the box on the floor plan.
     fn center(&self) -> FloorPoint {
         self.min.toward(self.max, 0.5)
     }
@@ -302,7 +300,7 @@ impl Tally {
                 let found = object.and_then(|object| instance(walk, object));
                 found.is_some_and(|found| goal.right.contains(&found.id))
             };
-            let kind = walk.instances.iter().find(|i| goal.right.contains(&i.id)).map(|i| i.category);
+            let kind = place(walk, goal).map(|instance| instance.category);
             let is_kind =
                 |object: &ObjectHypothesis| instance(walk, object).map(|found| found.category) == kind;
             let counts = self.found.entry(goal.modality).or_default();
@@ -325,7 +323,10 @@ impl Tally {
             if a.id == b.id || b.id == c.id || a.id == c.id {
                 continue;
             }
-            let fit = |at: &Instance| fit_at(objects, at, first);
+            let fit = |at: &Instance| {
+                let near = |object: &&ObjectHypothesis| object.detection.distance_m(at.center()) <= AT_M;
+                objects.all().iter().filter(near).map(|object| object.vis(first)).fold(0.0, f32::max)
+            };
             let counts = self.told.entry(walk.goals[first].modality).or_default();
             counts[0] += usize::from(fit(a) > fit(b) && fit(a) > fit(c));
             counts[1] += 1;
@@ -335,12 +336,6 @@ impl Tally {
 
 fn place<'a>(walk: &'a HouseWalk, goal: &WalkGoal) -> Option<&'a Instance> {
     walk.instances.iter().find(|instance| goal.right.contains(&instance.id))
-}
-
-/// Returns the best fit at an instance's position.
-fn fit_at(objects: &ObjectMemory, at: &Instance, goal: usize) -> f32 {
-    let near = objects.all().iter().filter(|object| object.detection.distance_m(at.center()) <= AT_M);
-    near.map(|object| object.vis(goal)).fold(0.0, f32::max)
 }
 
 /// The instance that a remembered thing is.

@@ -161,7 +161,6 @@ impl PagNav {
         }
     }
 
-    /// Updates all memories by an observation.
     fn perceive(&mut self, observation: &Observation, pose: &Pose2d) {
         self.remaining_steps = observation.remaining_steps;
         self.change_storey(observation.pose.position[1]);
@@ -295,7 +294,6 @@ impl PagNav {
         if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
     }
 
-    /// Updates a source's memory by a sound.
     fn listen(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
         if self.schedule.is_first() {
             self.levels.clear();

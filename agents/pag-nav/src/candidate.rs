@@ -57,7 +57,6 @@ pub(crate) struct Candidate {
     pub(crate) goal: usize,
     /// The source that supports it most.
     pub(crate) source: usize,
-    /// Position.
     pub(crate) place: FloorPoint,
     pub(crate) evidence: Evidence,
 }
@@ -90,7 +89,6 @@ impl Stage {
     }
 }
 
-/// The demand of visual-semantic verification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VerificationDemand {
     /// Near views.
@@ -154,7 +152,6 @@ impl SubmitGate {
     }
 }
 
-/// The reasons of the last action.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Decision {
     /// The last sound, and the source that it is attributed to.

@@ -143,7 +143,6 @@ impl PagNav {
             && self.is_right_goal(candidate.source)
     }
 
-    /// Returns the current demand of verification.
     fn demand(&self, candidate: &Candidate) -> VerificationDemand {
         if self.ablation.no_audio {
             return self.demand_of_sight(candidate);

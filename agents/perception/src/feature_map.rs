@@ -26,7 +26,6 @@ impl FeatureMap {
         &mut self.values[start..start + length]
     }
 
-    /// Returns a pixel.
     pub(crate) fn at(&self, column: usize, row: usize) -> &[f32] {
         let start = self.start(row) + column * self.channels;
         &self.values[start..start + self.channels]
@@ -51,7 +50,6 @@ impl FeatureMap {
         self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
     }
 
-    /// Fills the map with sums of products.
     fn fill<const TAPS: usize>(
         &mut self,
         layer: &ConvLayer,

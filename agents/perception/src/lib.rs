@@ -193,16 +193,10 @@ impl<'a> WeightsFile<'a> {
         Ok(Self { info, tensors: SafeTensors::deserialize(bytes).map_err(malformed)? })
     }
 
-    /// Reads a convolution with `taps` taps.
-    pub(crate) fn layer(
-        &self,
-        name: &str,
-        taps: usize,
-        inputs: usize,
-        outputs: usize,
-    ) -> Result<ConvLayer, WeightsError> {
-        let weights = self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?;
-        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
+    /// Reads a convolution with weights by tap, input and output.
+    pub(crate) fn layer(&self, name: &str, shape: [usize; 3]) -> Result<ConvLayer, WeightsError> {
+        let weights = self.tensor(&format!("{name}.weight"), &shape)?;
+        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &shape[2..])?))
     }
 
     pub(crate) fn has(&self, name: &str) -> bool {

@@ -316,7 +316,6 @@ impl InstanceCenters {
         whole.into_iter().map(|(_, _, pixels)| pixels).collect()
     }
 
-    /// Returns the mean predicted centre.
     fn mean(&self, pixels: &[u32]) -> [f32; 2] {
         let places = pixels.iter().map(|pixel| self.places[*pixel as usize]);
         let [x, y] = places.fold([0.0; 2], |[x, y], place| [x + place[0], y + place[1]]);
@@ -328,7 +327,6 @@ fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// Builds a segment from pixels.
 fn segment(mut mask: Vec<u32>, output: &FeatureMap, kinds: usize, picture: &Picture) -> Option<Segment> {
     // A fixed summation order makes results reproducible.
     mask.sort_unstable();

@@ -85,8 +85,7 @@
 //! - A lost stream is reconnected, and open episodes continue at their step: [`Episode::step`] only takes longer.
 //!   [`ConnectOptions::patience`] limits the time.
 //! - A call with a lost answer is repeated for some seconds; a repeated request starts a run only once.
-//! - A rejection by the server is [`Error::Refused`] with a [`Reason`]; [`Error::Lost`] means that patience ran out. Messages
-//!   contain the attempted operation and the next step.
+//! - A rejection by the server is [`Error::Refused`] with a [`Reason`]; [`Error::Lost`] means that patience ran out.
 //! - An episode ended by a server fault has [`EndReason::ServerFault`] and does not count; the run continues.
 //!
 //! # Threads

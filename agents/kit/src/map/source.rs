@@ -153,8 +153,7 @@ impl IntensityMemory {
         self.cells.values().map(|heard| heard.level).fold(0.0, f32::max)
     }
 
-    /// Returns the support for a source at `distance_m` from the loudest cells, 0 to 1: a Gaussian over the
-    /// log ratio between the range by level and the distance.
+    /// Returns a source's support by the loudest cells, 0 to 1: a Gaussian over log range by level to distance.
     pub fn supports(&self, distance_m: impl Fn(FloorPoint) -> f32) -> f32 {
         let mut loud: Vec<&LoudestSound> = self.cells.values().collect();
         loud.sort_by(|a, b| b.level.total_cmp(&a.level));

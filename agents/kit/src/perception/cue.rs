@@ -177,7 +177,6 @@ impl Layout {
     }
 }
 
-/// Returns the palette in an image's middle.
 fn middle(image: &RgbImage) -> Palette {
     let (width, height) = (image.width as usize, image.height as usize);
     palette(image, [width * 3 / 8, width * 5 / 8], [height * 3 / 8, height * 5 / 8])

@@ -60,7 +60,6 @@ impl Confusion {
         (0..self.kinds).map(iou).collect()
     }
 
-    /// Returns the pixel accuracy.
     pub(crate) fn pixel_accuracy(&self) -> f64 {
         right_share(&self.pixels, self.kinds)
     }
@@ -117,7 +116,6 @@ pub(crate) struct Sighting {
     pub(crate) segment: Segment,
 }
 
-/// Returns the true instance masks.
 fn masks(truth: &Truth, building: usize) -> BTreeMap<u16, Vec<u32>> {
     let mut masks = BTreeMap::<u16, Vec<u32>>::new();
     for (pixel, &instance) in truth.instances.iter().enumerate() {
