@@ -58,7 +58,6 @@ enum Modality {
     Picture,
 }
 
-/// A goal and its matching instances.
 struct WalkGoal {
     modality: Modality,
     right: Vec<u16>,

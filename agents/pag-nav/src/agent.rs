@@ -36,7 +36,6 @@ pub struct PagNav {
     pub(crate) motion: MotionController,
     /// Paths to sources and candidates.
     pub(crate) follower: PathFollower,
-    /// Paths to frontiers.
     pub(crate) frontier_follower: PathFollower,
     /// The current frontier with score and remaining steps as the target.
     pub(crate) frontier: Option<(FloorPoint, f32, u32)>,

@@ -49,7 +49,6 @@ impl SoundSupport {
     }
 }
 
-/// An object hypothesis as a candidate of a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Candidate {
     /// Index in the object memory.

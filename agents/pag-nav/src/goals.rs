@@ -70,7 +70,6 @@ impl GoalPairing {
         self.fits[source].fill(None);
     }
 
-    /// Records a successful Submit at a source.
     pub(crate) fn found(&mut self, source: usize) {
         match self.next() {
             Some(goal) => self.done[goal] = Some(source),
@@ -89,7 +88,6 @@ impl GoalPairing {
         self.done[goal] = Some(goal);
     }
 
-    /// Records an unsuccessful Submit at a source.
     pub(crate) fn missed(&mut self, source: usize) {
         if let Some(goal) = self.next() {
             self.missed[source][goal] += 1;
@@ -149,13 +147,11 @@ pub(crate) struct SourceMemory {
     pub(crate) sought_steps: u32,
 }
 
-/// A Submit without a known outcome.
 #[derive(Clone, Copy)]
 pub(crate) struct PendingSubmit {
     pub(crate) source: usize,
     pub(crate) object: usize,
     pub(crate) goal: usize,
-    /// Level of the source at the Submit.
     pub(crate) level: f32,
     pub(crate) outcome: SubmitOutcome,
 }
@@ -186,7 +182,6 @@ impl SourceMemory {
         level > self.missed_level || self.missed.iter().all(|place| place.distance_m(here) >= ELSEWHERE_M)
     }
 
-    /// Counts a view of the estimated position.
     pub(crate) fn look_at(&mut self, place: FloorPoint) {
         if self.looks == 0 {
             self.looked_at = place;

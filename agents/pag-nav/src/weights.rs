@@ -7,7 +7,6 @@ use toml::{Table, Value};
 /// Defaults, units and ranges.
 const DEFAULTS: &str = include_str!("../pag-nav.toml");
 
-/// Names and ranges.
 const LIMITS: [(&str, f64, f64); 29] = [
     ("steps_per_m", 0.1, 100.0),
     ("loyalty_steps", 0.0, 1000.0),

@@ -19,7 +19,6 @@ use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 use shapes::ShapeClassifier;
 
-/// The bundled weights.
 const WEIGHTS: &[u8] = include_bytes!("../weights/network.safetensors");
 
 /// An image segmentation.

@@ -112,7 +112,6 @@ impl Picture<'_> {
     }
 }
 
-/// A position between two pixels.
 struct PixelBlend {
     low: usize,
     high: usize,
@@ -176,7 +175,6 @@ pub(crate) struct UNet {
     memory: UNetBuffers,
 }
 
-/// The buffers for an input size.
 #[derive(Default)]
 struct UNetBuffers {
     input: FeatureMap,
@@ -228,7 +226,7 @@ impl UNet {
         })
     }
 
-    /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`](crate::picture::MULTIPLE_PX).
+    /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`].
     pub(crate) fn input(&mut self, width: usize, height: usize) -> &mut FeatureMap {
         let outputs = self.head.bias.len();
         // Buffers are reused: sizes rarely change within a run.

@@ -158,7 +158,6 @@ const MOST_PARTS: usize = 16;
 /// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;
 
-/// Converts the network's output to a segmentation.
 pub(crate) fn seen(info: &NetworkInfo, output: &mut FeatureMap, picture: &Picture) -> Segmentation {
     let kinds = info.categories.len();
     let (categories, confidences) = likelihoods(output, kinds);

@@ -81,7 +81,7 @@ async fn info(server: &Connection) -> Found {
 }
 
 async fn token_refusal(server: &Connection, token: &str, code: Code, why: Reason) -> Found {
-    match server.dial(token, vec![Up::Hello(hello())]).await {
+    match server.dial(token, Up::Hello(hello())).await {
         Ok(_) => Err(format!("expected a refusal with {}, got an open stream", why.word())),
         Err(status) => expect("status", (status.code(), reason(&status)), (code, why.word().to_owned())),
     }
@@ -89,7 +89,7 @@ async fn token_refusal(server: &Connection, token: &str, code: Code, why: Reason
 
 async fn no_hello(server: &Connection) -> Found {
     // The protocol permits a refused call, a failed stream or a Fault.
-    let opened = server.dial(&server.run_token, vec![Up::Ready(v1::Ready { slot: 0 })]).await;
+    let opened = server.dial(&server.run_token, Up::Ready(v1::Ready { slot: 0 })).await;
     match opened {
         Err(status) => expect("reason", reason(&status), Reason::BadRequest.word().to_owned()),
         Ok(mut stream) => match stream.next_or_end().await? {

@@ -57,7 +57,6 @@ pub(crate) struct TrialRun {
     /// The server closed the last stream.
     lost: bool,
     greeted: bool,
-    /// Number of streams to refuse.
     pub(crate) refuse: u32,
     pub(crate) sensors: v1::SensorSubscription,
     /// RunEnd was sent.
@@ -193,12 +192,10 @@ impl TrialRun {
         }
     }
 
-    /// Notes that the server closes the stream.
     pub(crate) fn lose_stream(&mut self) {
         self.lost = true;
     }
 
-    /// Closes the episode after EpisodeEnd.
     pub(crate) fn close(&mut self) {
         let open = self.open.take();
         // Several observations follow the Ping, so a Pong still missing here was never sent.

@@ -86,7 +86,6 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 // A wrong delay from a server must not stop a client for hours.
 const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
-/// Pauses between attempts to reach a server.
 pub(crate) struct Backoff {
     pause: Duration,
 }
@@ -115,7 +114,6 @@ fn random_share() -> f64 {
 
 const PLAY: &str = "open the run's stream";
 
-/// Answer to a Hello.
 pub(crate) enum Greeting {
     Welcome {
         requests: mpsc::Sender<v1::PlayRequest>,

@@ -197,7 +197,6 @@ impl Client {
         Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
     }
 
-    /// Makes an idempotent run call, repeated while the answer is lost.
     async fn ask<M: Clone, A, F>(
         &self,
         attempted: &'static str,

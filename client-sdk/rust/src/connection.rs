@@ -46,7 +46,6 @@ struct State {
     notices: Vec<Notice>,
 }
 
-/// Data for resuming a run.
 #[derive(Debug)]
 pub(crate) struct Reconnector {
     pub(crate) channel: Channel,

@@ -106,7 +106,6 @@ impl SlotState {
         Ok(Progress::from_wire(start.progress))
     }
 
-    /// Sends an action and waits for the result.
     pub(crate) async fn step(&mut self, connection: &Connection, action: Action) -> Result<(), Error> {
         if self.is_over() {
             return Err(Error::EpisodeOver);

@@ -175,7 +175,6 @@ pub struct Storeys<M> {
 }
 
 impl<M> Default for Storeys<M> {
-    /// Creates the start's storey.
     fn default() -> Self {
         Self { height_m: 0.0, away: Vec::new() }
     }

@@ -119,7 +119,6 @@ fn bell(value: f32, [mean, sigma]: [f32; 2]) -> f32 {
     -0.5 * off * off
 }
 
-/// Cell side in the intensity memory, metres.
 const MEMORY_CELL_M: f32 = 0.5;
 /// Number of loudest cells in an estimate.
 const ASKED: usize = 3;

@@ -177,7 +177,6 @@ pub(crate) struct Encoder {
     pub(crate) alike: [f32; 2],
 }
 
-/// A model and the input format.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct ModelFile {
     pub(crate) file: PathBuf,

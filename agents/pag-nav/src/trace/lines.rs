@@ -89,7 +89,6 @@ struct HeardLine {
     level: f32,
 }
 
-/// Beliefs about a source.
 #[derive(Serialize)]
 struct SourceLine {
     place_m: Option<[f32; 2]>,
@@ -208,12 +207,10 @@ impl BoxLine {
     }
 }
 
-/// Returns a point's x and z.
 pub(crate) fn xz(place: FloorPoint) -> [f32; 2] {
     [place.x, place.z]
 }
 
-/// Map and object memory.
 #[derive(Serialize)]
 pub(crate) struct MapLine {
     step: u32,
@@ -326,7 +323,6 @@ pub(crate) struct TracedState {
     located: Vec<bool>,
 }
 
-/// A change in [`TracedState`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum TraceEvent {

@@ -108,7 +108,6 @@ pub(crate) struct Precision {
     there: Vec<usize>,
 }
 
-/// A segment with its true instance.
 pub(crate) struct Sighting {
     pub(crate) view: usize,
     pub(crate) instance: u16,

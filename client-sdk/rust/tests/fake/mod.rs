@@ -2,11 +2,12 @@
 
 #![allow(dead_code, unreachable_pub, missing_docs, reason = "each test file uses a part of it")]
 
-use avln_proto::REASON_KEY;
-use avln_proto::v1::play_request::Frame as Asked;
-use avln_proto::v1::play_response::Frame as Told;
-use avln_proto::v1::{
-    self, info_service_server as info, play_service_server as play, run_service_server as runs,
+use avln_proto::{
+    REASON_KEY,
+    v1::{
+        self, info_service_server as info, play_request::Frame as Asked, play_response::Frame as Told,
+        play_service_server as play, run_service_server as runs,
+    },
 };
 use std::{future::Future, pin::Pin, sync::Arc};
 use tokio::{net::TcpListener, sync::mpsc};
