@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn foreign_pages_are_refused_and_shutdown_closes_the_port() {
+    async fn foreign_origins_are_rejected_and_shutdown_closes_port() {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let address = listener.local_addr().expect("an address");
         let (requests, mut received) = mpsc::channel(1);

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn unreachable_goals_end_at_the_nearest_cell() {
+    fn unreachable_goals_end_at_nearest_cell() {
         let goal = FloorPoint::new(1.0, 0.0);
         let map = room().with_wall(FloorPoint::new(0.6, -0.4), FloorPoint::new(1.4, 0.4));
         let path = find_path(&map, FloorPoint::new(-1.0, 0.0), goal, 0.1);

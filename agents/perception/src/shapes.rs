@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn board_is_lifted_to_its_position() {
+    fn tabletop_is_raised_to_its_position() {
         // The whole of a 90 degree picture shows a board 2 m ahead: 4 m wide and high.
         let mask: Vec<u32> = (0..64).collect();
         let segment = Segment {

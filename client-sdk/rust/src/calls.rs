@@ -167,12 +167,12 @@ mod tests {
     use tonic::Code;
 
     #[test]
-    fn a_token_with_a_line_break_is_never_sent() {
+    fn token_with_line_break_is_rejected() {
         assert!(matches!(bearer("a\nb"), Err(Error::Token { .. })));
     }
 
     #[tokio::test]
-    async fn a_lost_answer_is_asked_for_again_and_a_refusal_is_not() {
+    async fn lost_answer_is_retried_but_not_refusal() {
         let asked = Cell::new(0);
         let lost_twice = || {
             asked.set(asked.get() + 1);

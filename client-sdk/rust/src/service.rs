@@ -148,7 +148,7 @@ impl Run {
     }
 
     pub(crate) fn from_wire(started: v1::StartRunResponse) -> Result<Self, Error> {
-        let run = started.run.ok_or_else(|| Error::protocol("StartRun began no run"))?;
+        let run = started.run.ok_or_else(|| Error::protocol("StartRun returned no run"))?;
         let episodes = run.progress.unwrap_or_default().total;
         Ok(Self { id: run.id, token: started.run_token, episodes, max_slots: started.max_slots })
     }
@@ -318,7 +318,7 @@ impl Phase {
 
 impl RunStatus {
     pub(crate) fn from_wire(run: Option<v1::Run>) -> Result<Self, Error> {
-        let run = run.ok_or_else(|| Error::protocol("a run's status came empty"))?;
+        let run = run.ok_or_else(|| Error::protocol("the run status is empty"))?;
         Ok(Self {
             state: RunState::from_wire(run.state),
             progress: Progress::from_wire(run.progress),
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn where_no_phase_is_named_no_run_is_spent() {
+    fn missing_phase_spends_no_run() {
         let open = v1::PhaseState::Open;
         let phases = [
             phase("val", open),

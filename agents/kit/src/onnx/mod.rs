@@ -205,7 +205,7 @@ impl Recognition for OnnxRecognition {
 fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, String> {
     let count = boxes.1.len() / 4;
     if boxes.0.last() != Some(&4) {
-        return Err(format!("its output 0 has the shape {:?}; the last side must be 4", boxes.0));
+        return Err(format!("its output 0 has the shape {:?}; the last dimension must be 4", boxes.0));
     }
     if count > 0 && (scores.1.is_empty() || !scores.1.len().is_multiple_of(count)) {
         return Err(format!("its output 1 has {} scores for {count} boxes", scores.1.len()));

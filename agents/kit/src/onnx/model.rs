@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn word_embeddings_have_equal_lengths() {
+    fn text_embeddings_have_equal_lengths() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words.json");
         fs::write(&path, r#"{"tv monitor": [3, 4], "bed": [0, 2]}"#).unwrap();

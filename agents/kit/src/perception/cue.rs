@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_words_become_categories() {
+    fn unknown_labels_become_categories() {
         assert_eq!(
             CueWords::parse("the unicorn"),
             CueWords { category: "unicorn".into(), ..CueWords::default() }
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_scored_by_shape_and_colour() {
+    fn categories_are_scored_by_shape_and_colour() {
         // A bed, 2 x 1.6 m, 0.6 m high: inside all usual ranges, so 0.7 before colour and size.
         let bed = DetectedObject {
             max: FloorPoint::new(2.0, 1.6),

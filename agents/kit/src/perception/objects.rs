@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn colour_words_match_pixels() {
+    fn colour_names_match_pixels() {
         let red = Palette::of([[190, 30, 35]; 10].into_iter());
         assert!(red.share_of("red").unwrap() > 0.7 && red.share_of("blue").unwrap() < 0.1);
         let white = Palette::of([[250, 250, 240]; 10].into_iter());
