@@ -318,7 +318,6 @@ struct CandidatePool<'a> {
 }
 
 impl CandidatePool<'_> {
-    /// Counts a mission with `chosen` targets and `modalities`.
     fn note(&mut self, chosen: &[usize], modalities: &[Modality]) {
         for (&index, modality) in chosen.iter().zip(modalities) {
             self.uses[index] += 1;

@@ -46,7 +46,6 @@ impl LengthUnit {
 }
 
 impl UpAxis {
-    /// Returns the coordinate's index.
     pub(crate) fn index(self) -> usize {
         self as usize
     }
@@ -88,7 +87,6 @@ pub(crate) struct FileFrame {
 }
 
 impl FileFrame {
-    /// Chooses the frame for a mesh in file coordinates.
     pub(crate) fn of(
         mesh: &Mesh,
         options: &ImportOptions,
@@ -130,7 +128,6 @@ impl FileFrame {
         turned * self.metres
     }
 
-    /// Returns the world box for two opposite corners.
     pub(crate) fn bounds(&self, a: [f32; 3], b: [f32; 3]) -> Aabb {
         let (a, b) = (self.point(a), self.point(b));
         Aabb::new(a.inf(&b), a.sup(&b))
@@ -186,7 +183,6 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     Ok(())
 }
 
-/// Advice for a building with this longest side.
 fn advice(longest_m: f32) -> String {
     let units = [(LengthUnit::Centimetre, "--units cm"), (LengthUnit::Millimetre, "--units mm")];
     let fits =

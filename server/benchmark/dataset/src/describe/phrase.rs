@@ -65,7 +65,6 @@ const FRAMES: &[&str] = &[
     "{The np} {r1} {in} is the one that {p23}.",
 ];
 
-/// A sentence frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SentenceFrame(pub(crate) &'static str);
 
@@ -89,13 +88,10 @@ impl SentenceFrame {
     }
 }
 
-/// Content for a sentence frame.
 pub(crate) struct Words<'a> {
-    /// The noun.
     pub(crate) noun: &'a str,
     /// Size, shape, colour and material claims, in order.
     pub(crate) looks: Vec<&'a Claim>,
-    /// Locations in order.
     pub(crate) places: Vec<&'a Claim>,
     /// Room noun, and whether it is unique in the house.
     pub(crate) room: Option<(&'a str, bool)>,

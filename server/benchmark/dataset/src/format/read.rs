@@ -64,7 +64,6 @@ impl<'a> File<'a> {
         bad.map_or(Ok(()), |what| Err(self.error(Some(line), finite::cause(what))))
     }
 
-    /// Parses and checks the header line.
     fn header(&self, format: &str, scene: &str) -> Result<Header, FormatError> {
         let first = self.lines().next().ok_or_else(|| self.error(None, "the file is empty".to_owned()))?;
         let header: Header = self.parse(first)?;

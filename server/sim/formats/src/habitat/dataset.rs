@@ -1,12 +1,12 @@
 //! Data set files: configurations, scene instances, and the templates of stages and objects. Names follow habitat-sim's keys.
 
-use crate::files::{ImportReport, bounded, malformed, read_regular};
+use crate::files::{ImportReport, bounded, malformed, normalised, read_regular};
 use avln_scene::SceneError;
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// `X.scene_dataset_config.json`.
 #[derive(Default, Deserialize)]
@@ -389,20 +389,6 @@ fn fits(name: &str, pattern: &str) -> bool {
 pub(super) fn inside(root: &Path, folder: &Path, address: &str) -> Option<PathBuf> {
     let from_root = folder.strip_prefix(root).ok()?.join(address);
     normalised(&from_root).map(|relative| root.join(relative))
-}
-
-/// Removes `.` and `..`; `None` if the path leaves the start folder, or is absolute.
-fn normalised(path: &Path) -> Option<PathBuf> {
-    let mut plain = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::CurDir => {}
-            Component::Normal(name) => plain.push(name),
-            Component::ParentDir if plain.pop() => {}
-            _ => return None,
-        }
-    }
-    Some(plain)
 }
 
 #[cfg(test)]

@@ -239,13 +239,11 @@ impl HouseMesh {
         self.mesh.instance_of.resize(self.mesh.triangles.len(), instance);
     }
 
-    /// Adds a quadrilateral; corners are in order.
     pub(super) fn add_quad(&mut self, corners: [Point3<f32>; 4], material: u16) {
         self.add(&corners, &[[0, 1, 2], [0, 2, 3]], material, InstanceId::NONE);
     }
 }
 
-/// Converts a point to the world frame.
 pub(super) fn world(point: &UnityVector) -> Point3<f32> {
     Point3::new(point.x, point.y, -point.z)
 }
