@@ -75,10 +75,8 @@ fn labels_of_boxes(listed: &[GibsonObject], frame: &FileFrame, mesh: &Mesh) -> V
     boxes.sort_by(|(a_id, a), (b_id, b)| volume(a).total_cmp(&volume(b)).then(a_id.cmp(b_id)));
     let label = |triangle: &[u32; 3]| {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
-        boxes
-            .iter()
-            .find(|(_, bounds)| corners.iter().all(|corner| bounds.contains(corner)))
-            .map_or(0, |(id, _)| *id)
+        let encloses = |(_, bounds): &&(u32, Aabb)| corners.iter().all(|corner| bounds.contains(corner));
+        boxes.iter().find(encloses).map_or(0, |(id, _)| *id)
     };
     mesh.triangles.iter().map(label).collect()
 }

@@ -110,9 +110,8 @@ impl<'a> Writer<'a> {
         let mut seen = BTreeSet::new();
         for look in &sighting.looks {
             let enough = LANDMARK_SHARE * (look.view.side_px * look.view.side_px) as f32;
-            seen.extend(
-                look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough).map(|(id, _)| *id),
-            );
+            let clear = look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough);
+            seen.extend(clear.map(|(id, _)| *id));
         }
         let objects = &self.relater.facts.scene.objects;
         seen.iter().filter_map(|id| objects.binary_search_by_key(id, |object| object.id).ok()).collect()

@@ -254,11 +254,8 @@ fn goal_of(
     if finite::number(sealed.start_distance_m, "").is_some() {
         return Err("a start distance is not finite");
     }
-    let filled = Target {
-        modality: cue.modality(),
-        start_distance_m: sealed.start_distance_m,
-        ..target.target.clone()
-    };
+    let (modality, start_distance_m) = (cue.modality(), sealed.start_distance_m);
+    let filled = Target { modality, start_distance_m, ..target.target.clone() };
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 

@@ -203,9 +203,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             number[corner] = self.mesh.positions.len() as u32;
             self.mesh.positions.push(transformed(world_from_node, corners.positions[corner])?);
             self.mesh.uvs.push(corners.uvs.as_ref().map_or(Point2::origin(), |uvs| sane_uv(uvs[corner])));
-            self.mesh
-                .colors
-                .push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
+            let color = corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of));
+            self.mesh.colors.push(color);
         }
         triangles.iter_mut().flatten().for_each(|corner| *corner = number[*corner as usize]);
         Ok(())

@@ -177,8 +177,12 @@ impl<'a> Templates<'a> {
     pub(super) fn find(dataset: &'a Dataset, kind: TemplateKind) -> Result<Self, SceneError> {
         let mut templates = Self { dataset, kind, entries: BTreeMap::new() };
         let section = templates.section();
+        let suffix = match kind {
+            TemplateKind::Stage => ".stage_config.json",
+            TemplateKind::Object => ".object_config.json",
+        };
         // Configurations replace bare assets with the same name.
-        for (extension, suffix) in [(".glb", ".glb"), (".gltf", ".gltf"), (".json", kind.suffix())] {
+        for (extension, suffix) in [(".glb", ".glb"), (".gltf", ".gltf"), (".json", suffix)] {
             for file in matching(&dataset.root, section.paths(extension), suffix)? {
                 templates
                     .entries
@@ -236,7 +240,11 @@ impl<'a> Templates<'a> {
             }
             Some(file) => {
                 bare = Some(file.clone());
-                self.default_frame(&mut merged);
+                // A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
+                if self.kind == TemplateKind::Stage {
+                    merged.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));
+                    merged.entry("front").or_insert_with(|| serde_json::json!([0, 1, 0]));
+                }
             }
             None => {}
         }
@@ -254,23 +262,6 @@ impl<'a> Templates<'a> {
             inside(root, &asset_folder, &named).filter(|path| !named.is_empty() && path.is_file())
         });
         Ok(template)
-    }
-
-    /// A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
-    fn default_frame(&self, attributes: &mut Map<String, Value>) {
-        if self.kind == TemplateKind::Stage {
-            attributes.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));
-            attributes.entry("front").or_insert_with(|| serde_json::json!([0, 1, 0]));
-        }
-    }
-}
-
-impl TemplateKind {
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Stage => ".stage_config.json",
-            Self::Object => ".object_config.json",
-        }
     }
 }
 
