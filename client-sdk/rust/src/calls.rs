@@ -1,24 +1,18 @@
 //! Unary calls with retries after a lost answer, and the handshake of a run stream.
 
-use crate::{
-    error::{Error, closed},
-    service::RunOptions,
-};
+use crate::error::{Error, closed};
+use crate::service::RunOptions;
 use avln_proto::{
     MAX_MESSAGE_BYTES,
     v1::{self, play_request, play_response::Frame, play_service_client::PlayServiceClient},
 };
 use std::time::Duration;
-use tokio::{
-    sync::mpsc,
-    time::{Instant, sleep, timeout},
-};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{
-    Request, Response, Status, Streaming,
-    metadata::{Ascii, MetadataValue},
-    transport::Channel,
-};
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::transport::Channel;
+use tonic::{Request, Response, Status, Streaming};
 
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
 const RETRY_TIME: Duration = Duration::from_secs(10);
@@ -92,7 +86,6 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 // A wrong delay from a server must not stop a client for hours.
 const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
-/// Pauses between attempts to reach a server.
 pub(crate) struct Backoff {
     pause: Duration,
 }
@@ -121,7 +114,6 @@ fn random_share() -> f64 {
 
 const PLAY: &str = "open the run's stream";
 
-/// Answer to a Hello.
 pub(crate) enum Greeting {
     Welcome {
         requests: mpsc::Sender<v1::PlayRequest>,

@@ -2,11 +2,9 @@
 
 use crate::error::{Error, chain};
 use avln_proto::v1::{Encoding, SensorKind};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -51,9 +49,7 @@ impl ConnectOptions {
             Some(("http", _)) => false,
             Some(("https", _)) => true,
             _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
-            Some((scheme, _)) => {
-                return Err(wrong(&format!("unknown scheme '{scheme}'")));
-            }
+            Some((scheme, _)) => return Err(wrong(&format!("unknown scheme '{scheme}'"))),
             None => return Err(wrong("the scheme is missing")),
         };
         let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;

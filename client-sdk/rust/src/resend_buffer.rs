@@ -21,11 +21,7 @@ struct SlotBuffer {
 
 impl ResendBuffer {
     pub(crate) fn new(slots: u32) -> Self {
-        Self {
-            slots: (0..slots).map(|_| SlotBuffer::default()).collect(),
-            goodbye_sent: false,
-            is_over: false,
-        }
+        Self { slots: (0..slots).map(|_| SlotBuffer::default()).collect(), ..Self::default() }
     }
 
     fn slot(&mut self, slot: u32) -> Option<&mut SlotBuffer> {

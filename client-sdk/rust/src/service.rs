@@ -1,11 +1,9 @@
 //! Phases, runs, quota and account.
 
-use crate::{
-    action::{EndReason, Order, wire_enum},
-    error::Error,
-    summary::{self, Metric, Progress},
-    task::FeedbackRule,
-};
+use crate::action::{EndReason, Order, wire_enum};
+use crate::error::Error;
+use crate::summary::{self, Metric, Progress};
+use crate::task::FeedbackRule;
 use avln_proto::v1;
 use tonic::Streaming;
 
@@ -83,8 +81,7 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// A run of `method`, the name on the leaderboard, in `phase`, or if empty in
-    /// [`Client::practice_phase`](crate::Client::practice_phase); unordered.
+    /// A run of `method`, the leaderboard name, in `phase`, or if empty in the practice phase; unordered.
     pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
         let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
@@ -277,10 +274,7 @@ pub struct Account {
 pub struct RunWatch(pub(crate) Streaming<v1::WatchRunResponse>);
 
 impl RunWatch {
-    /// Returns the next state; `None` after an end state.
-    ///
-    /// # Errors
-    /// If the connection is lost, or the server refuses.
+    /// Returns the next state; `None` after an end state. Fails if the connection is lost.
     pub async fn next(&mut self) -> Result<Option<RunStatus>, Error> {
         let next = self.0.message().await.map_err(|status| Error::from_status("watch a run", &status))?;
         next.map(|response| RunStatus::from_wire(response.run)).transpose()
