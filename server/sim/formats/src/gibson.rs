@@ -28,10 +28,8 @@ pub(crate) fn import(
     let fail = |reason: String| files::malformed(table, reason);
     let listed = parse(&bytes, InstanceId::MAX).map_err(fail)?;
     let render = beside(table, TABLE, &RENDER_MESHES).ok_or_else(|| {
-        fail(
-            "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder"
-                .to_owned(),
-        )
+        let reason = "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder";
+        files::malformed(table, reason)
     })?;
     let mut surface = UnlabelledSurfaces::read(&render, report)?;
     let frame = FileFrame::of(&surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);

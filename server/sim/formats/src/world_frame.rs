@@ -166,12 +166,9 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     let size = bounds.size();
     let longest = size.max();
     refuse_if(!(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest), || {
+        let ([x, y, z], advice): ([f32; 3], String) = (size.into(), advice(longest));
         format!(
-            "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {}",
-            size.x,
-            size.y,
-            size.z,
-            advice(longest)
+            "it measures {x} x {y} x {z} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {advice}"
         )
     })?;
     if size.y > TALLEST_M {

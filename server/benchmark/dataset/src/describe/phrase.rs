@@ -203,17 +203,16 @@ impl Words<'_> {
     }
 
     fn prepositions(&self, relation: Relation, landmarks: &[Landmark]) -> &'static [&'static str] {
-        let opening = |landmark: &Landmark| ["door", "window"].contains(&landmark.name.category.as_str());
-        let soft = |landmark: &Landmark| {
-            ["bed", "sofa", "chair", "seating", "rug"].contains(&landmark.name.category.as_str())
+        let all_are = |categories: &[&str]| {
+            landmarks.iter().all(|landmark| categories.contains(&landmark.name.category.as_str()))
         };
         match relation {
-            Relation::Near | Relation::NextTo if landmarks.iter().all(opening) => {
+            Relation::Near | Relation::NextTo if all_are(&["door", "window"]) => {
                 &["by {}", "near {}", "close to {}"]
             }
             Relation::Near => &["near {}", "close to {}", "not far from {}"],
             Relation::NextTo => &["next to {}", "beside {}", "right next to {}"],
-            Relation::On if landmarks.iter().all(soft) => &["on {}"],
+            Relation::On if all_are(&["bed", "sofa", "chair", "seating", "rug"]) => &["on {}"],
             Relation::On => &["on {}", "on top of {}"],
             Relation::Holds => &["under {}"],
             Relation::Under => &["under {}", "underneath {}"],

@@ -328,12 +328,10 @@ pub(super) fn matching<'a>(
             }
         }
         if found.len() > MAX_MATCHES {
-            return Err(malformed(
-                root,
-                format!(
-                    "its path {pattern:?} and others match more than {MAX_MATCHES} files; split the data set"
-                ),
-            ));
+            let reason = format!(
+                "its path {pattern:?} and others match more than {MAX_MATCHES} files; split the data set"
+            );
+            return Err(malformed(root, reason));
         }
     }
     found.sort();
