@@ -318,7 +318,6 @@ struct CandidatePool<'a> {
 }
 
 impl CandidatePool<'_> {
-    /// Counts a mission with `chosen` targets and `modalities`.
     fn note(&mut self, chosen: &[usize], modalities: &[Modality]) {
         for (&index, modality) in chosen.iter().zip(modalities) {
             self.uses[index] += 1;
@@ -344,10 +343,8 @@ impl CandidatePool<'_> {
         for (_, index) in candidates {
             let new_category = chosen.iter().all(|&other| category(other) != category(index));
             let apart = |&other: &usize| within(atlas.apart_m(other, index), options.min_separation_m);
-            if new_category
-                && chosen.iter().all(apart)
-                && within(atlas.start_m(start, index), options.min_start_m)
-            {
+            let far = || within(atlas.start_m(start, index), options.min_start_m);
+            if new_category && chosen.iter().all(apart) && far() {
                 chosen.push(index);
             }
             if chosen.len() == count {

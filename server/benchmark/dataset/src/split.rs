@@ -146,11 +146,8 @@ impl SceneSpec {
         let scene = self.source.make(&self.name)?;
         let found = digest(&scene);
         if found != self.digest {
-            return Err(DatasetError::Changed {
-                scene: self.name.clone(),
-                found,
-                expected: self.digest.clone(),
-            });
+            let (scene, expected) = (self.name.clone(), self.digest.clone());
+            return Err(DatasetError::Changed { scene, found, expected });
         }
         self.prepare(scene, rules, cache)
     }
@@ -168,7 +165,6 @@ impl SceneSpec {
     }
 }
 
-/// A prepared scene with drawn missions.
 pub(crate) struct DrawnScene {
     pub(crate) spec: SceneSpec,
     pub(crate) assets: SceneAssets,
@@ -210,8 +206,7 @@ impl SceneSource {
     fn make(&self, name: &str) -> Result<Scene, DatasetError> {
         match self {
             Self::Procedural { seed, rooms, storeys, pool } => {
-                let (rooms, storeys) = (rooms.clone(), storeys.clone());
-                let options = HouseOptions { rooms, storeys, pool: *pool };
+                let options = HouseOptions { rooms: rooms.clone(), storeys: storeys.clone(), pool: *pool };
                 Ok(avln_houses::house(name, *seed, &options))
             }
             Self::File { path } => Ok(Scene { name: name.to_owned(), ..open(path)? }),

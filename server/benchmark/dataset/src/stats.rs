@@ -258,23 +258,16 @@ pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
         format!("{:.1}{unit} ({:.1} to {:.1})", spread.mean(), spread.min, spread.max)
     };
     let share = |modality| format!("{:.1} %", 100.0 * numbers.share(modality));
+    let shares = ["category", "description", "image"].map(share);
     let targets: u64 = numbers.uses.values().sum();
+    let per_target = per(numbers.goal_count(), targets);
     let most = numbers.uses.keys().next_back().copied().unwrap_or(0);
     vec![
         ("scenes", numbers.scenes.to_string()),
         ("missions", numbers.missions.to_string()),
         ("goals", numbers.goal_count().to_string()),
-        (
-            "category, description, image",
-            [share("category"), share("description"), share("image")].join(", "),
-        ),
-        (
-            "targets",
-            format!(
-                "{targets}, each requested {:.1} times, at most {most}",
-                per(numbers.goal_count(), targets)
-            ),
-        ),
+        ("category, description, image", shares.join(", ")),
+        ("targets", format!("{targets}, each requested {per_target:.1} times, at most {most}")),
         ("reference length, ordered", spread(&numbers.ordered_m, " m")),
         ("reference length, unordered", spread(&numbers.unordered_m, " m")),
         ("reference steps, ordered", spread(&numbers.ordered_steps, "")),

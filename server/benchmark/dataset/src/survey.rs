@@ -107,7 +107,6 @@ pub(crate) fn look_around(
     (sightings, surveyor.palettes)
 }
 
-/// Recognised object.
 pub(crate) struct Sighting {
     pub(crate) index: usize,
     pub(crate) target: Target,

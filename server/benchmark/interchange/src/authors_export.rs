@@ -124,7 +124,6 @@ fn public_content(scene: &str, missions: &[PublicMission], rules: &Rules) -> Con
     (episodes, records)
 }
 
-/// Modality and record for a goal without the target.
 fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     match goal {
         PublicGoal::Category(label) => ("object", json!({"semantic_id": 0, "category": label})),

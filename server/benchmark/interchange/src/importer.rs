@@ -91,9 +91,8 @@ impl<'a> Importer<'a> {
         if imported.losses.is_empty() {
             let lengths_m = [ordered.length_m, unordered.length_m];
             if foreign.stated_m.iter().zip(lengths_m).any(|(stated, ours)| deviates(*stated, ours)) {
-                imported
-                    .notes
-                    .push("reference lengths that differ from the file's by more than a tenth".to_owned());
+                let note = "reference lengths that differ from the file's by more than a tenth";
+                imported.notes.push(note.to_owned());
             }
         }
         let id = format!("{}-{}", self.assets.scene.name, foreign.id.replace('-', "_"));

@@ -206,7 +206,6 @@ fn places(scene: &str, targets: &[&Target]) -> Vec<Column> {
     columns
 }
 
-/// Reference tour corners.
 fn tours(episodes: &[EpisodeSpec]) -> Vec<Column> {
     let corners = |episode: &EpisodeSpec| {
         let id = episode.id.clone();

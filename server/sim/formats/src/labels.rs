@@ -99,11 +99,8 @@ pub(crate) fn scene(
         objects.push(Object { id: InstanceId(label.id), category, bounds, region: label.region, attributes });
     }
     if !unseen.is_empty() {
-        report.warn(format!(
-            "{} labelled objects have no triangles and are left out (numbers {})",
-            unseen.len(),
-            some_of(&unseen)
-        ));
+        let (count, some) = (unseen.len(), some_of(&unseen));
+        report.warn(format!("{count} labelled objects have no triangles and are left out (numbers {some})"));
     }
     objects.sort_by_key(|object| object.id);
     for object in &objects {

@@ -269,22 +269,18 @@ impl NodeExtras {
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
         let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
         let words = [&read.category, &read.noun, &read.color, &read.material, &read.size, &read.shape];
-        if words
-            .iter()
-            .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
-        {
+        let is_bad =
+            |word: &&String| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control);
+        if words.iter().any(is_bad) {
             return Err(fail(&format!(
                 "contains a word of more than {MAX_WORD_CHARS} characters or with control characters"
             )));
         }
-        if read.instance > InstanceId::MAX {
-            return Err(fail(&format!(
-                "names instance {}; the largest number is {}",
-                read.instance,
-                InstanceId::MAX
-            )));
+        let (instance, largest) = (read.instance, InstanceId::MAX);
+        if instance > largest {
+            return Err(fail(&format!("names instance {instance}; the largest number is {largest}")));
         }
-        if read.instance != 0 && read.category.trim().is_empty() {
+        if instance != 0 && read.category.trim().is_empty() {
             return Err(fail("names an instance without a category"));
         }
         Ok(Some(read))
@@ -347,11 +343,8 @@ fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
     let region = |region: RegionExtras| {
         let bounds =
             finite_box(region.min, region.max).ok_or_else(|| fail("has a region without a finite box"))?;
-        Ok(Region {
-            label: region.label.chars().take(MAX_WORD_CHARS).collect(),
-            bounds,
-            storey: region.storey,
-        })
+        let label = region.label.chars().take(MAX_WORD_CHARS).collect();
+        Ok(Region { label, bounds, storey: region.storey })
     };
     read.regions.into_iter().map(region).collect()
 }

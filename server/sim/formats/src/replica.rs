@@ -32,10 +32,8 @@ pub(crate) fn import(
     let semantic_path = table.with_file_name(SEMANTIC_MESH);
     let mut semantic = ply::read(&semantic_path, report)?;
     let objects = semantic.object_of.take().ok_or_else(|| {
-        files::malformed(
-            &semantic_path,
-            "its faces have no object_id; use mesh_semantic.ply of the folder habitat",
-        )
+        let reason = "its faces have no object_id; use mesh_semantic.ply of the folder habitat";
+        files::malformed(&semantic_path, reason)
     })?;
     let labels: Vec<u32> = objects.iter().map(|&object| label_number(object)).collect();
     let render = render(table, &semantic, report)?;

@@ -23,7 +23,6 @@ pub(crate) enum Reading {
 }
 
 impl Reading {
-    /// Returns `plain` or `generous`.
     fn pick<T>(self, plain: T, generous: T) -> T {
         if self == Self::Plain { plain } else { generous }
     }
@@ -105,7 +104,6 @@ fn is_in(facts: &Facts, object: &Object, noun: &str, reading: Reading) -> bool {
     }
 }
 
-/// True if matching landmarks satisfy the relation.
 fn is_placed(
     facts: &Facts,
     own: &Object,
@@ -138,7 +136,6 @@ fn is_placed(
     }
 }
 
-/// True if `own` is in `relation` to `thing`.
 fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, reading: Reading) -> bool {
     let (a, b) = (&own.bounds, &thing.bounds);
     match relation {
@@ -259,7 +256,6 @@ pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
     words.into_iter().find(|word| !said(word))
 }
 
-/// Required words for a claim.
 fn words(claim: &Claim) -> Vec<String> {
     match claim {
         Claim::Color(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],

@@ -43,7 +43,6 @@ const NAMELESS: &str =
 const NAMELESS_ROOMS: &str =
     "|other|other room|unknown|junk|misc|no label|none|room|outdoor|outside|porch|balcony";
 
-/// Size words with their measures.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("small", Measure::Diagonal),
     ("large", Measure::Diagonal),
@@ -55,7 +54,6 @@ pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("narrow", Measure::Width),
 ];
 
-/// Measure behind a size word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Measure {
     /// Box diagonal.
@@ -93,7 +91,6 @@ pub(crate) fn general_nouns(category: &str) -> Vec<String> {
     clean(&spaced).map(str::to_owned).into_iter().collect()
 }
 
-/// True if an object can be a landmark.
 pub(crate) fn is_landmark(object: &Object) -> bool {
     const MIN_M: f32 = 0.2;
     let named =
@@ -142,7 +139,6 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
     clean(noun).filter(|noun| NAMELESS_ROOMS.split('|').all(|known| known != *noun)).map(str::to_owned)
 }
 
-/// Material adjective, if common.
 pub(crate) fn material_word(object: &Object) -> Option<&str> {
     let word = clean(&object.attributes.material)?;
     (!word.contains(' ') && word != "painted" && !names(object).iter().any(|name| name.noun.contains(word)))
@@ -157,7 +153,6 @@ pub(crate) fn shape_word(object: &Object) -> Option<&str> {
         .then_some(word)
 }
 
-/// Size adjective, if known.
 pub(crate) fn size_word(object: &Object) -> Option<&str> {
     let word = object.attributes.size.as_str();
     SIZES.iter().any(|(known, _)| *known == word).then_some(word)
@@ -175,7 +170,6 @@ pub(crate) fn substance(material: &str) -> Option<&str> {
     }
 }
 
-/// `a` or `an`.
 pub(crate) fn article(phrase: &str) -> &'static str {
     let lower = phrase.to_lowercase();
     let spoken_as_consonant = ["one", "uni", "use", "eu"].iter().any(|start| lower.starts_with(start));

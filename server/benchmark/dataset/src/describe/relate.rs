@@ -48,11 +48,10 @@ impl<'a> Relater<'a> {
     /// Returns all relations between object `index` and the `seen` objects.
     pub(crate) fn places(&self, index: usize, seen: &[usize]) -> Vec<Claim> {
         let objects = &self.facts.scene.objects;
+        let own = &objects[index];
         let usable = |other: &&usize| {
             let other = &objects[**other];
-            other.category != objects[index].category
-                && is_landmark(other)
-                && same_room(&objects[index], other)
+            other.category != own.category && is_landmark(other) && same_room(own, other)
         };
         let landmarks: Vec<usize> = seen.iter().filter(usable).copied().collect();
         let mut found = Vec::new();
@@ -134,15 +133,12 @@ impl<'a> Relater<'a> {
     fn between(&self, index: usize, landmarks: &[usize]) -> Option<[usize; 2]> {
         let objects = &self.facts.scene.objects;
         let own = &objects[index].bounds;
-        let near: Vec<usize> = landmarks
-            .iter()
-            .copied()
-            .filter(|&landmark| {
-                let other = &objects[landmark].bounds;
-                let level = overlap_m([own.min.y, own.max.y], [other.min.y, other.max.y]) > 0.1;
-                level && (0.01..=1.0).contains(&flat_gap_m(own, other))
-            })
-            .collect();
+        let is_near = |landmark: &usize| {
+            let other = &objects[*landmark].bounds;
+            let level = overlap_m([own.min.y, own.max.y], [other.min.y, other.max.y]) > 0.1;
+            level && (0.01..=1.0).contains(&flat_gap_m(own, other))
+        };
+        let near: Vec<usize> = landmarks.iter().copied().filter(is_near).collect();
         let pairs = near.iter().enumerate().flat_map(|(i, &a)| near[i + 1..].iter().map(move |&b| [a, b]));
         let width_m =
             |[a, b]: &[usize; 2]| flat_gap_m(own, &objects[*a].bounds) + flat_gap_m(own, &objects[*b].bounds);

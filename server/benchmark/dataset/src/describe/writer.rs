@@ -17,14 +17,11 @@ use avln_scene::{InstanceId, Object};
 use avln_world::SceneAssets;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Attempts per instance.
 const ATTEMPTS: usize = 40;
-/// Most locations per sentence.
 const MAX_PLACES: usize = 3;
 /// Least pixel share for landmarks.
 const LANDMARK_SHARE: f32 = 0.004;
 
-/// Sentence with the claims.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sentence {
     pub(crate) text: String,
@@ -43,7 +40,6 @@ pub(crate) struct Writer<'a> {
     options: &'a SurveyOptions,
 }
 
-/// Candidate claims for a target.
 struct Pool {
     index: usize,
     names: Vec<Name>,
@@ -54,7 +50,6 @@ struct Pool {
 }
 
 impl<'a> Writer<'a> {
-    /// Returns a writer for the scene with observed `palettes`.
     pub(crate) fn new(
         assets: &'a SceneAssets,
         palettes: &'a BTreeMap<InstanceId, Palette>,
@@ -97,7 +92,6 @@ impl<'a> Writer<'a> {
         Pool { index, names, verb: self.verb(index, &candidates), candidates, might_fit }
     }
 
-    /// Claims about appearance and room.
     fn looks(&self, object: &Object) -> Vec<Claim> {
         let facts = &self.relater.facts;
         let owned = |word: &str| word.to_owned();
@@ -116,9 +110,8 @@ impl<'a> Writer<'a> {
         let mut seen = BTreeSet::new();
         for look in &sighting.looks {
             let enough = LANDMARK_SHARE * (look.view.side_px * look.view.side_px) as f32;
-            seen.extend(
-                look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough).map(|(id, _)| *id),
-            );
+            let clear = look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough);
+            seen.extend(clear.map(|(id, _)| *id));
         }
         let objects = &self.relater.facts.scene.objects;
         seen.iter().filter_map(|id| objects.binary_search_by_key(id, |object| object.id).ok()).collect()

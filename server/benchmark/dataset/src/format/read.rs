@@ -64,7 +64,6 @@ impl<'a> File<'a> {
         bad.map_or(Ok(()), |what| Err(self.error(Some(line), finite::cause(what))))
     }
 
-    /// Parses and checks the header line.
     fn header(&self, format: &str, scene: &str) -> Result<Header, FormatError> {
         let first = self.lines().next().ok_or_else(|| self.error(None, "the file is empty".to_owned()))?;
         let header: Header = self.parse(first)?;
@@ -255,11 +254,8 @@ fn goal_of(
     if finite::number(sealed.start_distance_m, "").is_some() {
         return Err("a start distance is not finite");
     }
-    let filled = Target {
-        modality: cue.modality(),
-        start_distance_m: sealed.start_distance_m,
-        ..target.target.clone()
-    };
+    let (modality, start_distance_m) = (cue.modality(), sealed.start_distance_m);
+    let filled = Target { modality, start_distance_m, ..target.target.clone() };
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 

@@ -135,12 +135,8 @@ fn sealed_goal(goal: &GoalSpec) -> SealedGoal {
         CueSpec::Description(sentence) => (None, sentence.claims.clone()),
         CueSpec::Image(view) => (Some(*view), None),
     };
-    SealedGoal {
-        instance: goal.target.instance,
-        start_distance_m: goal.target.start_distance_m,
-        view,
-        claims,
-    }
+    let Target { instance, start_distance_m, .. } = goal.target;
+    SealedGoal { instance, start_distance_m, view, claims }
 }
 
 fn push(bytes: &mut Vec<u8>, line: &impl Serialize) -> Result<(), DatasetError> {

@@ -195,7 +195,6 @@ impl Look {
         })
     }
 
-    /// True if the measurements pass all thresholds.
     pub(crate) fn is_good(&self, options: &SurveyOptions) -> bool {
         (options.min_share..=options.max_share).contains(&self.share)
             && self.truncation <= options.max_truncation

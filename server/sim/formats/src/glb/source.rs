@@ -106,12 +106,9 @@ fn load_buffers<'a>(
             }
             None => return Err(format!("buffer {index} has no URI; export the file again")),
         };
-        refuse_if(bytes.len() < buffer.byte_length, || {
-            format!(
-                "buffer {index} has {} bytes, {} were announced; copy the files again",
-                bytes.len(),
-                buffer.byte_length
-            )
+        let (present, announced) = (bytes.len(), buffer.byte_length);
+        refuse_if(present < announced, || {
+            format!("buffer {index} has {present} bytes, {announced} were announced; copy the files again")
         })?;
         buffers.push(bytes);
     }
@@ -142,7 +139,6 @@ pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Ch
     Ok(bytes)
 }
 
-/// Returns whether `address` refers to a missing file.
 pub(super) fn is_absent(address: &str, folder: Option<&Path>) -> bool {
     let path =
         folder.filter(|_| !address.starts_with("data:")).and_then(|folder| neighbour(folder, address).ok());

@@ -36,17 +36,15 @@ const UNDERSTOOD: [&str; 7] = [
 pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
-    if source.document.scene.is_none() && source.document.scenes.len() > 1 {
-        report.warn(format!(
-            "it has {} scenes and no default; the first is read",
-            source.document.scenes.len()
-        ));
+    let (default, scenes) = (source.document.scene, &source.document.scenes);
+    if default.is_none() && scenes.len() > 1 {
+        report.warn(format!("it has {} scenes and no default; the first is read", scenes.len()));
     }
     let mut builder = MeshBuilder::new(source, report);
     for (number, place) in placed.iter().enumerate() {
         builder.add_node(number as u32, place)?;
     }
-    let scene = source.document.scenes.get(source.document.scene.unwrap_or(0));
+    let scene = scenes.get(default.unwrap_or(0));
     Ok(Model {
         mesh: builder.mesh,
         materials: builder.palette.materials,
@@ -205,9 +203,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             number[corner] = self.mesh.positions.len() as u32;
             self.mesh.positions.push(transformed(world_from_node, corners.positions[corner])?);
             self.mesh.uvs.push(corners.uvs.as_ref().map_or(Point2::origin(), |uvs| sane_uv(uvs[corner])));
-            self.mesh
-                .colors
-                .push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
+            let color = corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of));
+            self.mesh.colors.push(color);
         }
         triangles.iter_mut().flatten().for_each(|corner| *corner = number[*corner as usize]);
         Ok(())
@@ -374,10 +371,8 @@ impl<'a, 'r> Palette<'a, 'r> {
         let image = &self.source.document.images[index];
         match &image.uri {
             Some(address) if !address.starts_with("data:") => format!("{address:?}"),
-            _ => format!(
-                "{index} ({})",
-                if image.mime_type.is_empty() { "no type given" } else { &image.mime_type }
-            ),
+            _ if image.mime_type.is_empty() => format!("{index} (no type given)"),
+            _ => format!("{index} ({})", image.mime_type),
         }
     }
 }

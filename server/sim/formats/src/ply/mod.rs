@@ -14,7 +14,6 @@ use std::path::Path;
 pub(crate) struct Ply {
     /// No instances yet.
     pub(crate) mesh: Mesh,
-    /// Whether vertices have colours.
     pub(crate) is_coloured: bool,
     /// Object number per triangle: the face's `object_id`, or the vertices' majority.
     pub(crate) object_of: Option<Vec<i64>>,

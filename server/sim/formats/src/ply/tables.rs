@@ -56,7 +56,6 @@ pub(super) struct PlyTables {
 }
 
 impl PlyTables {
-    /// Reads all tables in header order.
     pub(super) fn read(bytes: &[u8], report: &mut ImportReport) -> Checked<Self> {
         let (header, mut rows) = read_header(bytes)?;
         let texture = header.comments.iter().rev().find_map(|comment| comment.strip_prefix("TextureFile"));
@@ -162,11 +161,8 @@ impl PlyTables {
         let Some(at) = self.corners.iter().position(|&corner| corner as usize >= count) else {
             return Ok(());
         };
-        Err(format!(
-            "face {} refers to vertex {}, there are {count}; export the file again",
-            self.ends.partition_point(|&end| end as usize <= at),
-            self.corners[at]
-        ))
+        let (face, corner) = (self.ends.partition_point(|&end| end as usize <= at), self.corners[at]);
+        Err(format!("face {face} refers to vertex {corner}, there are {count}; export the file again"))
     }
 }
 

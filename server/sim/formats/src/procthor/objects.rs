@@ -187,10 +187,8 @@ impl AssetSizes {
         let bytes = read_regular(&path, MAX_DATABASE_BYTES)?;
         let kinds: BTreeMap<String, Vec<DatabaseAsset>> =
             serde_json::from_slice(&bytes).map_err(|error| {
-                malformed(
-                    &path,
-                    format!("it is no asset database of ProcTHOR ({error}); correct or remove it"),
-                )
+                let reason = format!("it is no asset database of ProcTHOR ({error}); correct or remove it");
+                malformed(&path, reason)
             })?;
         let assets = kinds.into_iter().flat_map(|(kind, assets)| {
             assets.into_iter().map(move |asset| {
