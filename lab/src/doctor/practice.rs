@@ -106,14 +106,15 @@ fn summarise(report: &mut DoctorReport, phase: &Phase, played: PracticeResult) {
     report.ok(
         "speed",
         format!(
-            "{per_s:.1} steps/s in one slot; {} per step, p95 {}; {kib:.0} KiB per observation",
+            "{per_s:.1} steps/s in one slot; median step {}, p95 {}; {kib:.0} KiB per observation",
             ms(step.median),
             ms(step.p95)
         ),
     );
     let longest_s = f64::from(phase.episodes) * (begin.median + f64::from(max_steps) / per_s);
-    let slots = phase.max_slots;
-    let shared_s = longest_s / f64::from(slots.max(1));
+    // More slots than episodes stay idle.
+    let slots = phase.max_slots.min(phase.episodes).max(1);
+    let shared_s = longest_s / f64::from(slots);
     report.ok(
         "run time",
         format!(
