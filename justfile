@@ -1,4 +1,4 @@
-# What one types most often; `just --list` shows all.
+# Common commands; `just --list` shows all.
 
 # Houses, missions, server, two agents, a leaderboard
 demo *args:
@@ -8,15 +8,15 @@ demo *args:
 dist *target:
     packaging/dist.sh {{target}}
 
-# Everything that must hold
+# All tests
 test:
     cargo test --workspace
 
-# What .ci/run checks before the tests
+# Format and lints, as in .ci/run
 lint:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings
 
-# Steps per second, printed
+# Benchmarks
 bench:
     cargo bench --workspace

@@ -1,5 +1,5 @@
 # syntax=docker/dockerfile:1
-# The agents that come with the arena: docker build --file docker/agents.Dockerfile --tag avln-agents .
+# The bundled agents: docker build --file docker/agents.Dockerfile --tag avln-agents .
 FROM rust:1.95-slim-trixie AS build
 WORKDIR /source
 COPY . .
@@ -8,7 +8,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     docker/build.sh /built
 
 FROM debian:trixie-slim
-# Authorities, by whom agents know servers that speak TLS.
+# Certificate authorities, for servers with TLS.
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends ca-certificates \
     && rm -rf /var/lib/apt/lists/* \

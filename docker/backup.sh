@@ -1,5 +1,5 @@
 #!/bin/sh
-# Writes a backup of the data folder into the folder BACKUPS once a day, and keeps the latest KEEP of them.
+# Writes a daily backup of the data folder to the folder BACKUPS, and keeps the latest KEEP backups.
 set -eu
 while true; do
     avln data db backup "$BACKUPS/avln-$(date --utc +%Y%m%dT%H%M%SZ).tar"

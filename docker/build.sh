@@ -1,7 +1,7 @@
 #!/bin/sh
-# Builds the program `avln` on a bare Debian, as the images do, and puts it into FOLDER: docker/build.sh FOLDER
+# Builds the program `avln` on a bare Debian, as the images do, and copies it to FOLDER: docker/build.sh FOLDER
 #
-# As root it installs a C compiler and Rust where they are missing; otherwise they have to be there.
+# As root it installs a missing C compiler and Rust; other users need them beforehand.
 set -eu
 out=${1:?the folder for the program}
 rust=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' "$(dirname "$0")/../Cargo.toml")
@@ -20,7 +20,7 @@ if ! command -v cargo >/dev/null; then
     rm /tmp/rustup-init
     PATH=$HOME/.cargo/bin:$PATH
 fi
-# Nothing but the compiler: rust-toolchain.toml also asks for what developers need.
+# The compiler only: rust-toolchain.toml also lists developer components.
 export RUSTUP_TOOLCHAIN="${RUST_VERSION:-$rust}"
 
 mkdir -p "$out"

@@ -8,7 +8,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     docker/build.sh /built
 
 FROM debian:trixie-slim
-# Volumes that are mounted here first get these owners. Agents are handed a token in /token, and nothing else.
+# New volumes on these folders get these owners. Agents share only /token with the server.
 RUN useradd --uid 10001 --home-dir /data --shell /usr/sbin/nologin avln \
     && install --directory --owner avln --group avln --mode 700 /data /backups /token
 COPY --from=build /built/avln /usr/local/bin/avln

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes what a trial plays, once: houses with missions, a phase, and a team whose token is written to the file AVLN_TOKEN_FILE.
+# Sets up a trial, once: houses with missions, a phase, and a team with a token in the file AVLN_TOKEN_FILE.
 set -eu
 if [ -s "$AVLN_TOKEN_FILE" ]; then
     exit 0

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs a command with the token that the file AVLN_TOKEN_FILE holds, so that none stands in a file of settings.
+# Runs a command with the token from the file AVLN_TOKEN_FILE, so that no settings file contains a token.
 set -eu
 if [ -n "${AVLN_TOKEN_FILE:-}" ]; then
     AVLN_TOKEN=$(cat "$AVLN_TOKEN_FILE")

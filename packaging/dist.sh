@@ -1,6 +1,6 @@
 #!/bin/sh
-# Makes a release in the folder dist: an archive with the program, its man pages, completions of shells, unit files and licences, and
-# SHA256SUMS. packaging/dist.sh [TARGET]; without one the program is static and runs on any Linux on x86-64.
+# Builds a release in the folder dist: an archive with the program, man pages, shell completions, unit files and licences, and
+# SHA256SUMS. packaging/dist.sh [TARGET]; the default is a static program for Linux on x86-64.
 set -eu
 cd "$(dirname "$0")/.."
 target=${1:-x86_64-unknown-linux-musl}
@@ -22,7 +22,7 @@ cp packaging/*.service packaging/*.timer packaging/avln.sysusers "$folder/system
 cp packaging/Caddyfile packaging/nginx.conf "$folder/proxy"
 packaging/licences.sh "$target" >"$folder/LICENCES-OF-CRATES"
 
-# The same sources give the same archive.
+# Reproducible: the same sources result in the same archive.
 moment=$(git log -1 --format=%ct)
 tar --create --directory dist --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$moment" "$name" \
     | gzip --no-name --best >"dist/$name.tar.gz"

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Prints the licences of all crates that the program is made of for a target: packaging/licences.sh TARGET
-# Their sources must have been fetched, as they have been after a build.
+# Prints the licences of all linked crates for a target: packaging/licences.sh TARGET
+# Needs the downloaded sources, as after a build.
 set -eu
 target=${1:?the target}
 sources=${CARGO_HOME:-$HOME/.cargo}/registry/src

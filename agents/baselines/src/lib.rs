@@ -1,10 +1,8 @@
 //! Simple agents for comparison, built from the parts of `avln-kit`, and the random agent.
 //!
-//! Start reading at [`Baseline`] and [`RandomAgent`]. An agent modelled on a published method names it and lists the
-//! differences; no agent here is a reimplementation.
+//! Start reading at [`Baseline`] and [`RandomAgent`]. No agent here reimplements a published method.
 //!
-//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations. [`RandomAgent`] uses neither
-//! images nor sound.
+//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations.
 
 mod unguided;
 mod visual;
@@ -12,8 +10,8 @@ mod visual;
 pub use unguided::{ForwardAndTurn, Frontier, RandomAgent, SoundFollower};
 pub use visual::{Detector, Snapshot};
 
-use avln_client::{Agent, EpisodeEnd, Error, RunSummary, Sensors, evaluate_with};
-use avln_kit::run::{AgentArgs, Method, RunArgs, play};
+use avln_client::{Agent, Error, RunSummary, Sensors, evaluate_with};
+use avln_kit::run::{AgentArgs, Method, OnEnd, RunArgs, play};
 use clap::{Args, ValueEnum};
 
 /// The simple agents that `avln agent baseline` offers.
@@ -82,22 +80,13 @@ pub struct BaselineArgs {
     pub run: AgentArgs,
 }
 
-/// Plays one run with a simple agent.
-///
-/// # Errors
-/// As for [`avln_client::evaluate`] and [`RunArgs::begin`].
+/// Plays one run with a simple agent; fails like [`avln_client::evaluate`] and [`RunArgs::begin`].
 pub async fn run(args: BaselineArgs) -> Result<RunSummary, Error> {
     run_with(args, &mut |_| {}).await
 }
 
-/// Plays one run with a simple agent, and calls `on_end` after each episode.
-///
-/// # Errors
-/// As for [`run`].
-pub async fn run_with(
-    args: BaselineArgs,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<RunSummary, Error> {
+/// Plays one run with a simple agent like [`run`], and calls `on_end` after each episode.
+pub async fn run_with(args: BaselineArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
     let BaselineArgs { agent, run } = args;
     let sensors = agent.sensors(run.size);
     let method = Method { name: agent.name().to_owned(), version: env!("CARGO_PKG_VERSION"), sensors };
@@ -119,22 +108,13 @@ pub struct RandomArgs {
     pub size: u32,
 }
 
-/// Plays one run with [`RandomAgent`].
-///
-/// # Errors
-/// As for [`avln_client::evaluate`] and [`RunArgs::begin`].
+/// Plays one run with [`RandomAgent`]; fails like [`avln_client::evaluate`] and [`RunArgs::begin`].
 pub async fn run_random(args: RandomArgs) -> Result<RunSummary, Error> {
     run_random_with(args, &mut |_| {}).await
 }
 
-/// Plays one run with [`RandomAgent`], and calls `on_end` after each episode.
-///
-/// # Errors
-/// As for [`run_random`].
-pub async fn run_random_with(
-    args: RandomArgs,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<RunSummary, Error> {
+/// Plays one run with [`RandomAgent`] like [`run_random`], and calls `on_end` after each episode.
+pub async fn run_random_with(args: RandomArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
     let (arena, run) = args.run.begin("random", env!("CARGO_PKG_VERSION")).await?;
     let mut agent = RandomAgent::new(args.seed);
     evaluate_with(&arena, &run, Sensors::square(args.size), &mut agent, on_end).await

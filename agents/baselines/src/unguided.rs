@@ -18,8 +18,7 @@ const MAX_TURNS: u32 = 6;
 /// The last action, and the pose before it.
 type LastAction = Option<(Action, Pose)>;
 
-/// An agent that walks straight ahead and turns right at obstacles. Submits after equal step shares. Senses only its
-/// pose.
+/// An agent that walks ahead and turns right at obstacles, by pose only. Submits after equal step shares.
 #[derive(Clone, Debug, Default)]
 pub struct ForwardAndTurn {
     forward_m: f32,
@@ -42,8 +41,7 @@ impl Agent for ForwardAndTurn {
     }
 }
 
-/// An agent that repeatedly walks to the nearest frontier (Yamauchi 1997). Ignores goals and sound. Submits after
-/// equal step shares.
+/// An agent that walks to the nearest frontier (Yamauchi 1997). Submits after equal step shares.
 #[derive(Default)]
 pub struct Frontier {
     explorer: Option<Explorer>,
@@ -65,8 +63,7 @@ impl Agent for Frontier {
     }
 }
 
-/// An agent that walks at random: straight ahead, with random turns sometimes and at obstacles, rare Submits, and
-/// Stop as the last step. Senses only its pose.
+/// An agent that walks at random, by pose only: straight ahead, random turns, rare Submits, a final Stop.
 #[derive(Clone, Debug)]
 pub struct RandomAgent {
     rng: Rng,
@@ -93,10 +90,7 @@ impl RandomAgent {
             return Action::Submit;
         }
         let is_blocked = is_blocked(&self.last, &observation.pose, self.forward_m);
-        if is_blocked || self.rng.unit() < TURN {
-            return self.begin_turn();
-        }
-        Action::MoveForward
+        if is_blocked || self.rng.unit() < TURN { self.begin_turn() } else { Action::MoveForward }
     }
 
     fn continue_turn(&mut self) -> Option<Action> {
@@ -207,13 +201,11 @@ const FOUND_LEVEL: f32 = 0.5;
 /// Unsuccessful Submits at a source before another is preferred.
 const MOST_WRONG: u32 = 2;
 
-/// An agent that walks to sounds and submits there. It does not see: its map contains only the obstacles that blocked
-/// it.
+/// An agent that walks to sounds and submits there. Its map contains only obstacles that blocked it.
 ///
-/// The behaviour follows SAVi (Chen, Al-Halah and Grauman 2021) for sounding goals: a belief about each source
-/// persists through silence, and the agent walks to it. Differences to SAVi: nothing is learned, there are no images,
-/// the clip does not reveal the category, and goals are ignored, so that it submits at the nearest source even in
-/// ordered missions.
+/// Follows SAVi (Chen, Al-Halah and Grauman 2021): a belief about each source persists through silence.
+/// Differences: nothing is learned, there are no images, the clip does not reveal the category, and goals are
+/// ignored, also in ordered missions.
 #[derive(Default)]
 pub struct SoundFollower {
     ear: Ear,

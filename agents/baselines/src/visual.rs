@@ -10,12 +10,10 @@ const DETECTED: f32 = 0.6;
 /// Views over which the fit must hold.
 const LOOKS: u32 = 2;
 
-/// An agent that explores by the nearest frontier until it sees an object of a goal's category, then walks there and
-/// submits. It does not hear.
+/// An agent that explores by the nearest frontier until it sees a goal's category, and submits there.
 ///
-/// Modular like CoW (Gadre et al. 2023): exploration, a detector, and path planning to the detection. Differences to
-/// CoW: the detector is the bundled network with the categories of the houses, not CLIP; of sentences it uses only
-/// the noun, like CoW's category baseline; image cues, which name no category, are compared with the view.
+/// Modular like CoW (Gadre et al. 2023). Differences: the detector is the bundled network, not CLIP; of
+/// sentences it uses only the noun, like CoW's category baseline; image cues are compared with the view.
 #[derive(Default)]
 pub struct Detector {
     memory: Option<VisualMemory>,
@@ -58,12 +56,10 @@ const WORTH: f32 = 0.55;
 /// Decrease in a view's value per metre.
 const PER_M: f32 = 0.01;
 
-/// An agent that remembers a few views that together cover every seen object, and chooses between the view that fits a
-/// goal best and the nearest frontier. It does not hear.
+/// An agent that chooses between the remembered view that fits a goal best and the nearest frontier.
 ///
-/// The memory follows 3D-Mem (Yang et al. 2025): memory snapshots cover all detected objects, each object in one
-/// snapshot, and frontiers stand for the unknown. Differences to 3D-Mem: the fit of cue and object decides, not a
-/// language model; snapshots are lists of objects, not images.
+/// The memory follows 3D-Mem (Yang et al. 2025): snapshots cover all objects, each object in one snapshot.
+/// Differences: the fit of cue and object decides, not a language model; snapshots are lists of objects.
 #[derive(Default)]
 pub struct Snapshot {
     memory: Option<VisualMemory>,
@@ -135,11 +131,8 @@ impl SnapshotMemory {
             let fits = detections.iter().filter_map(|&index| {
                 let (fit, goal) = memory.fit(index)?;
                 let place = memory.objects.all()[index].detection.center();
-                (fit >= WORTH).then_some((
-                    fit - PER_M * place.distance_m(memory.explorer.pose().place),
-                    index,
-                    goal,
-                ))
+                let distance_m = place.distance_m(memory.explorer.pose().place);
+                (fit >= WORTH).then_some((fit - PER_M * distance_m, index, goal))
             });
             fits.max_by(|a, b| a.0.total_cmp(&b.0))
         };
@@ -156,8 +149,7 @@ const REACH_M: f32 = 0.5;
 /// Steps towards an object before giving up.
 const PATIENCE_STEPS: u32 = 150;
 
-/// The shared state in agents that see and do not hear: a map, objects with fits, and open goals. Submit outcomes are
-/// unknown; every Submit counts as correct.
+/// The state of agents that see and do not hear; every Submit counts as correct.
 struct VisualMemory {
     explorer: Explorer,
     objects: ObjectMemory,
@@ -196,16 +188,7 @@ impl VisualMemory {
         let (pose, map) = (self.explorer.pose(), &self.explorer.map);
         let detections = self.perception.see(&pose, observation, &|place| map.is_wall(Cell::at(place)));
         self.objects.see(detections.unwrap_or_default());
-        let mut in_view = Vec::new();
-        for (index, object) in self.objects.iter_mut().enumerate() {
-            if map.is_in_view(&pose, object.detection.center(), LOOK_M) {
-                let fits: Vec<f32> =
-                    (0..self.goals).map(|goal| self.perception.fit(&object.detection, goal)).collect();
-                object.look(&fits);
-                in_view.push(index);
-            }
-        }
-        in_view
+        self.objects.look(map, &pose, LOOK_M, |detection, goal| self.perception.fit(detection, goal))
     }
 
     /// Returns the goals that a Submit may be for.

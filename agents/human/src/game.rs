@@ -2,7 +2,9 @@
 
 use avln_client::{
     Action, Episode, EpisodeEnd, Error, Feedback, GoalCue, Image, Observation, Play, Progress, RunSummary,
+    TaskSpec,
 };
+use avln_kit::run::OnEnd;
 use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
@@ -27,17 +29,17 @@ pub(crate) struct PendingRequest {
 pub(crate) async fn play(
     mut play: Play,
     mut requests: mpsc::Receiver<PendingRequest>,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+    on_end: OnEnd<'_>,
 ) -> Result<RunSummary, Error> {
     let mut last: Option<EpisodeEnd> = None;
     loop {
         let Some(next) = wait(&mut requests, &waiting(&play, last.as_ref())).await else { break };
-        let facts = RunFacts::of(&play);
+        let task = play.task().clone();
         let Some(mut episode) = play.next_episode().await? else {
             let _ = next.send(over(last.as_ref()));
             break;
         };
-        let answer = drive(&mut episode, &facts, next, &mut requests).await?;
+        let answer = drive(&mut episode, &task, next, &mut requests).await?;
         last = episode.end().cloned();
         if let Some(end) = &last {
             on_end(end);
@@ -64,11 +66,11 @@ async fn wait(
 /// Plays an episode. Returns the last request's reply channel.
 async fn drive(
     episode: &mut Episode<'_>,
-    facts: &RunFacts,
+    task: &TaskSpec,
     first: oneshot::Sender<Vec<u8>>,
     requests: &mut mpsc::Receiver<PendingRequest>,
 ) -> Result<Option<oneshot::Sender<Vec<u8>>>, Error> {
-    let _ = first.send(facts.playing(episode, true, ""));
+    let _ = first.send(playing(task, episode, true, ""));
     loop {
         let Some(PendingRequest { request, answer }) = requests.recv().await else {
             episode.abandon().await?;
@@ -85,43 +87,29 @@ async fn drive(
         if episode.is_over() {
             return Ok(Some(answer));
         }
-        let _ = answer.send(facts.playing(episode, request == PageRequest::Look, &trouble));
+        let _ = answer.send(playing(task, episode, request == PageRequest::Look, &trouble));
     }
 }
 
-#[derive(Clone, Debug)]
-pub(crate) struct RunFacts {
-    max_steps: u32,
-    depth_max_m: f32,
-}
-
-impl RunFacts {
-    pub(crate) fn of(play: &Play) -> Self {
-        let task = play.task();
-        Self { max_steps: task.max_steps, depth_max_m: task.depth_max_m }
-    }
-
-    /// Encodes an episode's state, optionally with reference images.
-    pub(crate) fn playing(&self, episode: &Episode<'_>, with_goals: bool, trouble: &str) -> Vec<u8> {
-        let (seen, time) = (episode.observation(), episode.time_left());
-        let mission = episode.mission();
-        let mut told = json!({
-            "state": "playing", "trouble": trouble,
-            "episode": episode.ordinal(), "progress": progress(episode.progress()),
-            "order": mission.order.to_string(), "goals": mission.goals.iter().map(goal).collect::<Vec<_>>(),
-            "step": seen.step, "max_steps": self.max_steps,
-            "remaining_steps": seen.remaining_steps, "remaining_submits": seen.remaining_submits,
-            "feedback": feedback(seen.feedback), "depth_max_m": self.depth_max_m,
-            "position": seen.pose.position, "heading_rad": seen.pose.heading_rad,
-            "step_s": time.step.map(|step| step.as_secs_f64()), "bank_s": time.bank.as_secs_f64(),
-        });
-        let mut bytes = Vec::new();
-        told["senses"] = senses(seen, &mut bytes);
-        let pictures = mission.goals.iter().map(|cue| picture(cue).filter(|_| with_goals));
-        told["pictures"] =
-            pictures.map(|picture| picture.map(|image| add_image(image, &mut bytes))).collect();
-        framed(&told, &bytes)
-    }
+/// Encodes an episode's state, optionally with reference images.
+fn playing(task: &TaskSpec, episode: &Episode<'_>, with_goals: bool, trouble: &str) -> Vec<u8> {
+    let (seen, time) = (episode.observation(), episode.time_left());
+    let mission = episode.mission();
+    let mut told = json!({
+        "state": "playing", "trouble": trouble,
+        "episode": episode.ordinal(), "progress": progress(episode.progress()),
+        "order": mission.order.to_string(), "goals": mission.goals.iter().map(goal).collect::<Vec<_>>(),
+        "step": seen.step, "max_steps": task.max_steps,
+        "remaining_steps": seen.remaining_steps, "remaining_submits": seen.remaining_submits,
+        "feedback": feedback(seen.feedback), "depth_max_m": task.depth_max_m,
+        "position": seen.pose.position, "heading_rad": seen.pose.heading_rad,
+        "step_s": time.step.map(|step| step.as_secs_f64()), "bank_s": time.bank.as_secs_f64(),
+    });
+    let mut bytes = Vec::new();
+    told["senses"] = senses(seen, &mut bytes);
+    let pictures = mission.goals.iter().map(|cue| picture(cue).filter(|_| with_goals));
+    told["pictures"] = pictures.map(|picture| picture.map(|image| add_image(image, &mut bytes))).collect();
+    framed(&told, &bytes)
 }
 
 /// Encodes the state between episodes, with the last end.
@@ -129,7 +117,6 @@ pub(crate) fn waiting(play: &Play, last: Option<&EpisodeEnd>) -> Vec<u8> {
     framed(&json!({ "state": "waiting", "progress": progress(play.progress()), "end": last.map(end) }), &[])
 }
 
-/// Encodes the state after the last episode.
 pub(crate) fn over(last: Option<&EpisodeEnd>) -> Vec<u8> {
     framed(&json!({ "state": "over", "end": last.map(end) }), &[])
 }

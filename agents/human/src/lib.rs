@@ -1,13 +1,13 @@
-//! A person as an agent: the program plays a run like every agent, and a browser page on this machine asks the person for
-//! actions. The person gets the observations and budgets of an agent; the same referee judges the episode.
+//! A person as an agent: a browser page on this machine shows the observations and asks for actions.
 //!
-//! Start reading at [`run`]: `game` plays the run, `page` serves the browser page.
+//! Start reading at [`run`]: `game` plays the run.
 //!
 //! *Never*: shows the person more than an agent observes; links a server crate other than `avln-simd`.
 
 mod game;
 
-use avln_client::{Action, EpisodeEnd, Error, RunSummary, Sensors};
+use avln_client::{Action, Error, RunSummary, Sensors};
+use avln_kit::run::OnEnd;
 use axum::extract::{Path, Request};
 use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn};
@@ -56,10 +56,7 @@ pub enum HumanError {
     },
 }
 
-/// Lets a person play one run, and prints the page's address to standard error.
-///
-/// # Errors
-/// If the run fails or the page cannot be shown.
+/// Lets a person play one run, and prints the page's address; fails like the run, or without a page.
 pub async fn run(args: HumanArgs) -> Result<RunSummary, HumanError> {
     let print = |address| {
         eprintln!("open http://{address} in a browser on this machine and put headphones on");
@@ -67,14 +64,11 @@ pub async fn run(args: HumanArgs) -> Result<RunSummary, HumanError> {
     run_with(args, print, &mut |_| {}).await
 }
 
-/// Lets a person play one run; calls `on_page` with the page's address and `on_end` after each episode.
-///
-/// # Errors
-/// As for [`run`].
+/// Lets a person play one run like [`run`]; calls `on_page` with the address and `on_end` after each episode.
 pub async fn run_with(
     args: HumanArgs,
     on_page: impl FnOnce(SocketAddr),
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+    on_end: OnEnd<'_>,
 ) -> Result<RunSummary, HumanError> {
     if !args.page.ip().is_loopback() {
         return Err(HumanError::Open(args.page));
@@ -216,7 +210,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn foreign_pages_are_refused_and_shutdown_closes_the_port() {
+    async fn foreign_origins_are_rejected_and_shutdown_closes_port() {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let address = listener.local_addr().expect("an address");
         let (requests, mut received) = mpsc::channel(1);

@@ -1,5 +1,4 @@
-//! Measures goal recognition among all objects on a walk through a house, for the kit's recognitions. Prints tables
-//! for docs/perception.md:
+//! Measures the kit's goal recognitions on a walk through a house; prints tables for docs/perception.md:
 //!
 //! ```sh
 //! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
@@ -32,20 +31,15 @@ fn main() {
     for house in &manifest.houses {
         let records = frames::house(&folder.join(&house.file), manifest.side_px);
         let sentences = frames::sentences(&folder.join(&house.sentences));
-        let Some(walk) = HouseWalk::through(&records, &sentences, &manifest.categories, manifest.side_px)
-        else {
-            continue;
-        };
-        for ((_, perception), tally) in perceptions.iter_mut().zip(&mut tallies) {
-            tally.add(&walk, &walk.objects(perception.as_mut()));
+        let walk = HouseWalk::through(&records, &sentences, &manifest.categories, manifest.side_px);
+        if let Some(walk) = walk {
+            for ((_, perception), tally) in perceptions.iter_mut().zip(&mut tallies) {
+                tally.add(&walk, &walk.objects(perception.as_mut()));
+            }
         }
     }
-    println!(
-        "{} houses of split `{}` of recipe `{}`.\n",
-        manifest.houses.len(),
-        manifest.split,
-        manifest.recipe
-    );
+    let (houses, frames::Manifest { split, recipe, .. }) = (manifest.houses.len(), &manifest);
+    println!("{houses} houses of split `{split}` of recipe `{recipe}`.\n");
     print(&perceptions.map(|(name, _)| name), &tallies);
 }
 
@@ -64,7 +58,6 @@ enum Modality {
     Picture,
 }
 
-/// A goal and its matching instances.
 struct WalkGoal {
     modality: Modality,
     right: Vec<u16>,
@@ -79,8 +72,7 @@ struct HouseWalk<'a> {
 }
 
 impl<'a> HouseWalk<'a> {
-    /// Takes every second image with an agent's camera from the storey with most images; the others become reference
-    /// images.
+    /// Takes every second image of the storey with most images; the others become reference images.
     fn through(
         records: &'a [Record],
         sentences: &[Sentence],
@@ -147,13 +139,7 @@ impl<'a> HouseWalk<'a> {
             }
             let detections = perception.see(&pose, &seen, &|place| map.is_wall(Cell::at(place)));
             objects.see(detections.unwrap_or_default());
-            for object in objects.iter_mut() {
-                if map.is_in_view(&pose, object.detection.center(), NEAR_M) {
-                    let fits: Vec<f32> =
-                        (0..self.goals.len()).map(|goal| perception.fit(&object.detection, goal)).collect();
-                    object.look(&fits);
-                }
-            }
+            objects.look(&map, &pose, NEAR_M, |detection, goal| perception.fit(detection, goal));
         }
         objects
     }
@@ -168,7 +154,6 @@ fn is_usual(record: &Record, task: &TaskSpec) -> bool {
     off.iter().all(|off| off.abs() < USUAL)
 }
 
-/// Returns the instance in an image's middle.
 fn in_the_middle(record: &Record) -> Option<u16> {
     let side = record.instances.len().isqrt();
     let middle = 7 * side / 16..9 * side / 16;
@@ -284,7 +269,6 @@ impl Instance {
         both / (own + other - both)
     }
 
-    /// The middle of the box on the floor plan.
     fn center(&self) -> FloorPoint {
         self.min.toward(self.max, 0.5)
     }
@@ -312,11 +296,10 @@ impl Tally {
                 seen.max_by(|a, b| a.vis(number).total_cmp(&b.vis(number)))
             };
             let is_right = |object: Option<&ObjectHypothesis>| {
-                object
-                    .and_then(|object| instance(walk, object))
-                    .is_some_and(|found| goal.right.contains(&found.id))
+                let found = object.and_then(|object| instance(walk, object));
+                found.is_some_and(|found| goal.right.contains(&found.id))
             };
-            let kind = walk.instances.iter().find(|i| goal.right.contains(&i.id)).map(|i| i.category);
+            let kind = place(walk, goal).map(|instance| instance.category);
             let is_kind =
                 |object: &ObjectHypothesis| instance(walk, object).map(|found| found.category) == kind;
             let counts = self.found.entry(goal.modality).or_default();
@@ -339,7 +322,10 @@ impl Tally {
             if a.id == b.id || b.id == c.id || a.id == c.id {
                 continue;
             }
-            let fit = |at: &Instance| fit_at(objects, at, first);
+            let fit = |at: &Instance| {
+                let near = |object: &&ObjectHypothesis| object.detection.distance_m(at.center()) <= AT_M;
+                objects.all().iter().filter(near).map(|object| object.vis(first)).fold(0.0, f32::max)
+            };
             let counts = self.told.entry(walk.goals[first].modality).or_default();
             counts[0] += usize::from(fit(a) > fit(b) && fit(a) > fit(c));
             counts[1] += 1;
@@ -349,12 +335,6 @@ impl Tally {
 
 fn place<'a>(walk: &'a HouseWalk, goal: &WalkGoal) -> Option<&'a Instance> {
     walk.instances.iter().find(|instance| goal.right.contains(&instance.id))
-}
-
-/// Returns the best fit at an instance's position.
-fn fit_at(objects: &ObjectMemory, at: &Instance, goal: usize) -> f32 {
-    let near = objects.all().iter().filter(|object| object.detection.distance_m(at.center()) <= AT_M);
-    near.map(|object| object.vis(goal)).fold(0.0, f32::max)
 }
 
 /// The instance that a remembered thing is.

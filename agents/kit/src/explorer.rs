@@ -152,8 +152,7 @@ impl Explorer {
         open.max_by(|a, b| worth(*a).total_cmp(&worth(*b)))
     }
 
-    /// Returns the next action towards the nearest frontier. If everything is explored, the map is cleared, and
-    /// exploration starts again.
+    /// Returns the next action towards the nearest frontier; clears the map if everything is explored.
     pub fn explore(&mut self) -> Action {
         const REACH_M: f32 = 0.2;
         let here = self.pose.place;

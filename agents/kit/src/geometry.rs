@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_depth_gives_no_surface() {
+    fn missing_depth_has_no_surface() {
         let view = PinholeCamera::new(&TaskSpec { width: 2, height: 2, ..TaskSpec::default() });
         let depth = DepthImage { width: 2, height: 2, metres: vec![0.0, f32::NAN, 99.0] };
         for row in 0..2 {

@@ -12,14 +12,12 @@ const MAX_ITD_S: f32 = 0.000_8;
 const BAND_HZ: [f32; 2] = [150.0, 6000.0];
 /// Lower levels are silence.
 const SILENCE: f32 = 1e-5;
-/// Interaural delay every 30 degrees from straight ahead to straight behind, seconds: a rigid sphere of 8.75 cm
-/// radius with ears at 100 degrees.
+/// Interaural delay every 30 degrees from ahead, s: a rigid sphere, 8.75 cm radius, ears at 100 degrees.
 const ITD_CURVE_S: [f32; 7] = [0.0, 341e-6, 616e-6, 691e-6, 572e-6, 289e-6, 0.0];
 /// Assumed source depth below the ears, metres: sound comes from an object's middle.
 const LOWER_M: f32 = 0.8;
 
-/// Returns the interaural delay of a source at `bearing_rad` (positive to the left), seconds; positive if the left
-/// ear hears first.
+/// Returns the interaural delay of a source at `bearing_rad`, seconds; both positive to the left.
 pub fn itd_s(bearing_rad: f32) -> f32 {
     let position = (bearing_rad.abs().to_degrees() / 30.0).min(6.0);
     let before = (position as usize).min(5);
@@ -28,8 +26,8 @@ pub fn itd_s(bearing_rad: f32) -> f32 {
     delay_s.copysign(bearing_rad)
 }
 
-/// Returns the interaural delay for a source below the ears, `length_m` metres apart on the floor, in seconds. The
-/// slope moves it towards the median plane: all directions on a cone around the interaural axis have equal delays.
+/// Returns the delay of a source below the ears, `length_m` metres away on the floor, in seconds: directions
+/// on a cone around the interaural axis have equal delays.
 pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
     let across = libm::sinf(bearing_rad) * length_m / libm::hypotf(length_m, LOWER_M);
     let aside_rad = libm::asinf(across.abs().min(1.0));
@@ -126,8 +124,7 @@ fn level(audio: &Audio) -> f32 {
     (energy / (audio.left.len() + audio.right.len()).max(1) as f32).sqrt()
 }
 
-/// A model for the sounding order: unfinished targets sound in turn, in an order drawn once; a found target falls
-/// silent. Sources are numbered by their first sound.
+/// A model for the sounding order: unfinished targets sound in turn, numbered by their first sound.
 #[derive(Clone, Debug)]
 pub struct SoundSchedule {
     silent: Vec<bool>,
@@ -218,8 +215,7 @@ impl SoundSchedule {
     }
 }
 
-/// A Submit's outcome, inferred from sound if the phase returns no verdict: a found target falls silent after the
-/// reverberation has decayed.
+/// A Submit's outcome, inferred from sound without a verdict: a found target falls silent.
 #[derive(Clone, Copy, Debug)]
 pub struct SubmitOutcome {
     level: f32,
@@ -235,8 +231,7 @@ impl SubmitOutcome {
         Self { level, steps: 0 }
     }
 
-    /// Adds the next step. Returns true for a found target, `None` while the outcome is open. Below `found_level` (0
-    /// to 1), relative to the Submit, the target counts as found.
+    /// Adds the next step; `None` while open. True below `found_level` (0 to 1) of the level at the Submit.
     pub fn update(
         &mut self,
         feedback: Feedback,

@@ -1,12 +1,10 @@
 //! Building blocks of agents: mapping, path following, hearing, perception and the run loop.
 //!
-//! Start reading at [`map`] and [`perception`]. [`path`] and [`explorer`] turn points into actions; [`hearing`] measures
-//! sound, models the sounding order and infers Submit outcomes; [`perception::Hints`] passes ground truth to privileged agents of the
-//! same process; [`run`] makes a program of an agent. The feature `onnx` adds perception by
-//! user-supplied models.
+//! Start reading at [`map`] and [`perception`]. [`perception::Hints`] passes ground truth to privileged
+//! agents of the same process. The feature `onnx` adds perception by user-supplied models.
 //!
-//! *Never*: links a server crate other than `avln-simd`; chooses targets or Submits; uses information beyond observations
-//! (except [`perception::Hints`]).
+//! *Never*: links a server crate other than `avln-simd`; chooses targets or Submits; uses information beyond
+//! observations (except [`perception::Hints`]).
 
 pub mod explorer;
 pub mod geometry;

@@ -13,7 +13,8 @@ const UNKNOWN: f32 = 1.3;
 /// Additional cost per blocked step in the cell.
 const BUMP: f32 = 6.0;
 const MOST_NODES: usize = 40_000;
-const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+pub(crate) const SIDES: [(i32, i32); 8] =
+    [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
 /// A path over the floor plan.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -79,8 +80,7 @@ impl Nodes {
     }
 }
 
-/// Finds the cheapest path from `from` to within `reach_m` metres around `goal`, through unknown cells if shorter;
-/// otherwise the path to the nearest reachable cell.
+/// Finds the cheapest path to within `reach_m` metres around `goal`, or to the nearest reachable cell.
 pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f32) -> Path {
     let start = Cell::at(from);
     let mut nodes = Nodes::new();
@@ -139,7 +139,7 @@ fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: FloorPoin
     Path { places, left_m, cost_m: nodes.cost_m(end) }
 }
 
-fn millimetres(metres: f32) -> u32 {
+pub(crate) fn millimetres(metres: f32) -> u32 {
     (metres * 1000.0) as u32
 }
 
@@ -169,8 +169,7 @@ const SAME_M: f32 = 0.5;
 /// Distance to the end at which a path is complete, metres.
 const GONE_M: f32 = 0.3;
 
-/// A path follower with hysteresis. The path to an unreachable goal ends at a different point after every image: a
-/// body that always follows the best path would oscillate between these points.
+/// A path follower with hysteresis: paths to an unreachable goal end elsewhere after every image.
 #[derive(Clone, Debug, Default)]
 pub struct PathFollower {
     to: FloorPoint,
@@ -179,8 +178,7 @@ pub struct PathFollower {
 }
 
 impl PathFollower {
-    /// Returns a path from `from` to within `reach_m` metres around `to`. The path ends at the previous end, unless
-    /// the previous path is complete, old or leads to another goal.
+    /// Returns a path to within `reach_m` metres around `to`, to the previous end unless complete or old.
     pub fn path_to(&mut self, map: &Occupancy, from: FloorPoint, to: FloorPoint, reach_m: f32) -> Path {
         let continues = self.steps_left > 0
             && self.to.distance_m(to) <= SAME_M
@@ -228,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn unreachable_goals_end_at_the_nearest_cell() {
+    fn unreachable_goals_end_at_nearest_cell() {
         let goal = FloorPoint::new(1.0, 0.0);
         let map = room().with_wall(FloorPoint::new(0.6, -0.4), FloorPoint::new(1.4, 0.4));
         let path = find_path(&map, FloorPoint::new(-1.0, 0.0), goal, 0.1);

@@ -29,10 +29,7 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// Connects to the server and begins the run.
-    ///
-    /// # Errors
-    /// If the server cannot be reached or refuses the run.
+    /// Connects to the server and begins the run; fails if the server is unreachable or refuses.
     pub async fn begin(self, method: &str, version: &str) -> Result<(Client, Run), Error> {
         let connect_options = ConnectOptions { ca: self.ca, ..ConnectOptions::default() };
         let options = RunOptions::new(self.phase, method).method_version(version).order(self.order);
@@ -55,10 +52,7 @@ pub struct AgentArgs {
 }
 
 impl AgentArgs {
-    /// Creates an agent per slot.
-    ///
-    /// # Errors
-    /// The first error from `make`.
+    /// Creates an agent per slot; fails with the first error from `make`.
     pub fn agents<A, E>(&self, make: impl FnMut() -> Result<A, E>) -> Result<Vec<A>, E> {
         iter::repeat_with(make).take(self.slots as usize).collect()
     }
@@ -75,24 +69,21 @@ pub struct Method {
     pub sensors: Sensors,
 }
 
+/// Receiver of every episode's end.
+pub type OnEnd<'a> = &'a mut (dyn FnMut(&EpisodeEnd) + Send);
+
 /// Plays one run with an agent per slot, and calls `on_end` after each episode.
-///
-/// # Errors
-/// As for [`avln_client::evaluate_slots`] and [`RunArgs::begin`].
 pub async fn play<A: Agent + Send + 'static>(
     args: AgentArgs,
     method: Method,
     agents: &mut Vec<A>,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+    on_end: OnEnd<'_>,
 ) -> Result<RunSummary, Error> {
     let (arena, run) = args.run.begin(&method.name, method.version).await?;
     evaluate_slots(&arena, &run, method.sensors, agents, on_end).await
 }
 
-/// Runs `work`, which plays `slots` episodes in parallel, on a suitable runtime.
-///
-/// # Errors
-/// If the system refuses to start threads.
+/// Runs `work` on a runtime for `slots` parallel episodes; fails if no threads can be started.
 pub fn run_for<T>(slots: u32, work: impl Future<Output = T>) -> io::Result<T> {
     let most = thread::available_parallelism().map_or(1, usize::from);
     let runtime = match most.min(slots as usize) {

@@ -19,8 +19,7 @@ const AROUND_M: f32 = 1.5;
 /// Sound steps over which the level is averaged.
 const RECENT: usize = 3;
 
-/// The paper's reference agent (section 4): it localises targets by sound, maps the surroundings, compares objects
-/// with goals and submits objects that pass the visual gate. Training-free; memories last for one episode.
+/// The paper's reference agent (section 4). Training-free; memories last for one episode.
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
@@ -37,7 +36,6 @@ pub struct PagNav {
     pub(crate) motion: MotionController,
     /// Paths to sources and candidates.
     pub(crate) follower: PathFollower,
-    /// Paths to frontiers.
     pub(crate) frontier_follower: PathFollower,
     /// The current frontier with score and remaining steps as the target.
     pub(crate) frontier: Option<(FloorPoint, f32, u32)>,
@@ -135,10 +133,7 @@ impl PagNav {
         Self { trace: Some(trace), ..self }
     }
 
-    /// Ends the last episode's trace.
-    ///
-    /// # Errors
-    /// The first failure in any episode.
+    /// Ends the last episode's trace; fails with the first failure in any episode.
     pub fn end_trace(&mut self) -> Result<(), TraceError> {
         self.trace(Recorder::end);
         self.trace.take().map_or(Ok(()), Recorder::conclude)
@@ -165,7 +160,6 @@ impl PagNav {
         }
     }
 
-    /// Updates all memories by an observation.
     fn perceive(&mut self, observation: &Observation, pose: &Pose2d) {
         self.remaining_steps = observation.remaining_steps;
         self.change_storey(observation.pose.position[1]);
@@ -194,16 +188,11 @@ impl PagNav {
         if self.storeys.is_on(height_m) {
             return;
         }
-        let mut memory = StoreyMemory {
-            map: mem::take(&mut self.map),
-            objects: mem::take(&mut self.objects),
-            sources: mem::take(&mut self.sources),
-        };
+        let (map, objects) = (mem::take(&mut self.map), mem::take(&mut self.objects));
+        let mut memory = StoreyMemory { map, objects, sources: mem::take(&mut self.sources) };
         let count = self.queries.len();
         self.storeys.enter(height_m, &mut memory, || StoreyMemory::new(count));
-        self.map = memory.map;
-        self.objects = memory.objects;
-        self.sources = memory.sources;
+        StoreyMemory { map: self.map, objects: self.objects, sources: self.sources } = memory;
         self.sources.iter_mut().for_each(|source| source.sought_steps = 0);
         self.follower = PathFollower::default();
         self.frontier_follower = PathFollower::default();
@@ -221,7 +210,7 @@ impl PagNav {
             self.objects = ObjectMemory::new(self.queries.len());
         }
         self.objects.see(detections.unwrap_or_default());
-        self.look_at_objects(pose);
+        self.objects.look(map, pose, LOOK_M, |detection, goal| self.perception.fit(detection, goal));
         self.look_at_sources(pose);
     }
 
@@ -273,18 +262,6 @@ impl PagNav {
         self.sources[pending.source].missed_level = LOUDER * pending.level;
     }
 
-    /// Compares every near hypothesis in view with the goals.
-    fn look_at_objects(&mut self, pose: &Pose2d) {
-        let goals = self.queries.len();
-        for object in self.objects.iter_mut() {
-            if self.map.is_in_view(pose, object.detection.center(), LOOK_M) {
-                let fit = |goal| self.perception.fit(&object.detection, goal);
-                let fits: Vec<f32> = (0..goals).map(fit).collect();
-                object.look(&fits);
-            }
-        }
-    }
-
     /// Records the objects' fits at located sources in view.
     fn look_at_sources(&mut self, pose: &Pose2d) {
         for index in 0..self.sources.len() {
@@ -316,7 +293,6 @@ impl PagNav {
         if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
     }
 
-    /// Updates a source's memory by a sound.
     fn listen(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
         if self.schedule.is_first() {
             self.levels.clear();
@@ -358,8 +334,8 @@ impl PagNav {
                 return None;
             }
         }
-        self.pending =
-            Some(PendingSubmit { source, object, goal, level, outcome: SubmitOutcome::new(level) });
+        let outcome = SubmitOutcome::new(level);
+        self.pending = Some(PendingSubmit { source, object, goal, level, outcome });
         Some(Action::Submit)
     }
 }

@@ -49,7 +49,6 @@ impl SoundSupport {
     }
 }
 
-/// An object hypothesis as a candidate of a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Candidate {
     /// Index in the object memory.
@@ -57,7 +56,6 @@ pub(crate) struct Candidate {
     pub(crate) goal: usize,
     /// The source that supports it most.
     pub(crate) source: usize,
-    /// Position.
     pub(crate) place: FloorPoint,
     pub(crate) evidence: Evidence,
 }
@@ -90,7 +88,6 @@ impl Stage {
     }
 }
 
-/// The demand of visual-semantic verification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VerificationDemand {
     /// Near views.
@@ -102,25 +99,20 @@ pub(crate) struct VerificationDemand {
 }
 
 impl VerificationDemand {
-    /// The demand in unordered missions: one view and a sufficiently certain source. The sound itself proves a goal.
-    /// Relaxes like [`VerificationDemand::after`].
+    /// The demand in unordered missions: one view and a certain source; relaxes like [`Self::after`].
     pub(crate) fn of_any(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
         let certainty = patience(sought_steps, remaining_steps, weights) * weights.any_certain;
         Self { looks: 1, fit: 0.0, certainty }
     }
 
-    /// The demand in ordered missions, for a source sought for `sought_steps`.
-    ///
-    /// Perception cannot verify everything that a person could: the demand relaxes with patience, down to a single
-    /// view.
+    /// The demand in ordered missions; relaxes with patience, since perception cannot verify everything.
     pub(crate) fn after(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
         let share = patience(sought_steps, remaining_steps, weights);
         let looks = (share * weights.verify_looks as f32).ceil() as u32;
         Self { looks: looks.max(1), fit: share * weights.verify_fit, certainty: 0.0 }
     }
 
-    /// Adds the demand for the last goal, since an unsuccessful Submit ends the episode: a certain source, until the
-    /// last `hurry_steps`.
+    /// Adds the last goal's demand, whose Submit may end the episode: a certain source, until the last steps.
     pub(crate) fn of_last(self, remaining_steps: u32, weights: &Weights) -> Self {
         let certainty = if remaining_steps < weights.hurry_steps { 0.0 } else { weights.last_certain };
         Self { certainty, ..self }
@@ -132,8 +124,7 @@ impl VerificationDemand {
     }
 }
 
-/// Returns the current share, 1 to 0: linear from `patience_steps` to twice the patience, and 0 in the last
-/// `hurry_steps`.
+/// Returns the share of the demand, 1 to 0: falls after `patience_steps`, 0 in the last `hurry_steps`.
 fn patience(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> f32 {
     if remaining_steps < weights.hurry_steps {
         return 0.0;
@@ -160,7 +151,6 @@ impl SubmitGate {
     }
 }
 
-/// The reasons of the last action.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Decision {
     /// The last sound, and the source that it is attributed to.

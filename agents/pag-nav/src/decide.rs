@@ -55,8 +55,7 @@ impl PagNav {
             && self.remaining_steps > self.weights.hurry_steps
     }
 
-    /// Returns o*: the best candidates (by S_ground) for the active goals, and among them the first that can be
-    /// submitted.
+    /// Returns o*: among the goals' best candidates (by S_ground) the first that can be submitted.
     fn candidate(&self, pose: &Pose2d) -> Option<Candidate> {
         let supported: Vec<(usize, Option<usize>, f32)> =
             if self.ablation.no_audio { self.seen() } else { self.supported() };
@@ -98,8 +97,7 @@ impl PagNav {
         open.map(|(index, _)| (index, None, 0.0)).collect()
     }
 
-    /// Returns a hypothesis' consistency with a source's audio memories (s_int in the paper), 0 to 1: distance to the
-    /// estimate, the estimate's certainty, and agreement with the loudest positions.
+    /// Returns a hypothesis' consistency with a source's audio memories (s_int in the paper), 0 to 1.
     fn sound(&self, object: &ObjectHypothesis, source: usize) -> f32 {
         let known = &self.sources[source];
         let Some(estimate) = &known.estimate else { return 0.0 };
@@ -113,8 +111,7 @@ impl PagNav {
         heard.consistency(&self.weights)
     }
 
-    /// Returns p(o), a hypothesis' nearest point to the estimated source, since a row of furniture may be a single
-    /// detection; without a source, the nearest point to the body.
+    /// Returns p(o), the point of a hypothesis nearest to its source (or body): it may be a row of furniture.
     fn place(&self, object: usize, source: Option<usize>, pose: &Pose2d) -> FloorPoint {
         let detection = &self.objects.all()[object].detection;
         let Some(source) = source else { return detection.nearest(pose.place) };
@@ -146,7 +143,6 @@ impl PagNav {
             && self.is_right_goal(candidate.source)
     }
 
-    /// Returns the current demand of verification.
     fn demand(&self, candidate: &Candidate) -> VerificationDemand {
         if self.ablation.no_audio {
             return self.demand_of_sight(candidate);
@@ -230,8 +226,7 @@ const NEAR_M: f32 = 0.4;
 const KEPT_STEPS: u32 = 12;
 
 impl PagNav {
-    /// Cue-guided search: walks to a source if a path is known, else to the best frontier; looks around at the
-    /// source.
+    /// Cue-guided search: walks to a source if a path is known, else to the best frontier.
     pub(crate) fn search(&mut self, pose: &Pose2d) -> Action {
         let Some((source, estimate)) = self.choose(pose) else { return Action::TurnLeft };
         self.head_for(source);
@@ -246,8 +241,7 @@ impl PagNav {
         onward.unwrap_or(Action::TurnLeft)
     }
 
-    /// Returns a step towards a point: directly if a path leads to a view, otherwise through the best frontier;
-    /// `None` at the nearest reachable position.
+    /// Returns a step towards a point, directly or by the best frontier; `None` at the nearest position.
     pub(crate) fn go_to(&mut self, place: FloorPoint, is_seen: bool, pose: &Pose2d) -> Option<Action> {
         let path = self.follower.path_to(&self.map, pose.place, place, REACH_M);
         let step = self.motion.follow(&path, pose, &self.map);
@@ -268,8 +262,7 @@ impl PagNav {
         }
     }
 
-    /// Returns the next source: a likely goal, otherwise an unviewed source, otherwise any; in every class the
-    /// cheapest.
+    /// Returns the cheapest likely goal, otherwise the cheapest unviewed source, otherwise the cheapest.
     fn choose(&self, pose: &Pose2d) -> Option<(usize, SourceEstimate)> {
         let open = (0..self.sources.len()).filter(|&source| !self.schedule.is_silent(source));
         let heard: Vec<(usize, SourceEstimate)> =
@@ -291,8 +284,7 @@ impl PagNav {
             .or_else(|| first(&|_| true))
     }
 
-    /// Returns a source's cost in steps: the longer from the walk to `place` and the wait, adjusted for past effort
-    /// and loyalty.
+    /// Returns a source's cost in steps: walk or wait, adjusted for past effort and loyalty.
     pub(crate) fn cost_steps(&self, source: usize, place: FloorPoint, wait_steps: u32, pose: &Pose2d) -> f32 {
         let walk_steps = place.distance_m(pose.place) * self.weights.steps_per_m;
         let loyalty_steps = if self.focus == Some(source) { self.weights.loyalty_steps } else { 0.0 };
@@ -306,8 +298,7 @@ impl PagNav {
         self.sources[source].sought_steps += 1;
     }
 
-    /// Search without sound: walks to the frontier with the best S_search. If everything is explored, the demand of
-    /// verification relaxes, and the map is cleared.
+    /// Search without sound by the best S_search; if everything is explored, the map is cleared.
     pub(crate) fn wander(&mut self, pose: &Pose2d) -> Action {
         if let Some(step) = self.explore(pose.place, pose) {
             return step;
@@ -318,8 +309,7 @@ impl PagNav {
         Action::TurnLeft
     }
 
-    /// Returns a step towards the frontier with the best S_search (x* of the paper), which stays the target for
-    /// several steps.
+    /// Returns a step towards the frontier with the best S_search (the paper's x*), kept for several steps.
     fn explore(&mut self, heard: FloorPoint, pose: &Pose2d) -> Option<Action> {
         let kept =
             self.frontier.filter(|(place, _, steps)| *steps > 0 && place.distance_m(pose.place) > NEAR_M);

@@ -70,7 +70,6 @@ impl GoalPairing {
         self.fits[source].fill(None);
     }
 
-    /// Records a successful Submit at a source.
     pub(crate) fn found(&mut self, source: usize) {
         match self.next() {
             Some(goal) => self.done[goal] = Some(source),
@@ -89,15 +88,13 @@ impl GoalPairing {
         self.done[goal] = Some(goal);
     }
 
-    /// Records an unsuccessful Submit at a source.
     pub(crate) fn missed(&mut self, source: usize) {
         if let Some(goal) = self.next() {
             self.missed[source][goal] += 1;
         }
     }
 
-    /// Returns the probability that a Submit at a source is for the right goal: 1 in unordered missions, otherwise
-    /// the likelihood share for pairings with the next goal.
+    /// Returns the probability that a Submit at a source is for the right goal; 1 in unordered missions.
     pub(crate) fn right(&self, source: usize) -> f32 {
         let Some(next) = self.next() else { return 1.0 };
         let open_goals: Vec<usize> = (0..self.count()).filter(|&goal| self.done[goal].is_none()).collect();
@@ -150,13 +147,11 @@ pub(crate) struct SourceMemory {
     pub(crate) sought_steps: u32,
 }
 
-/// A Submit without a known outcome.
 #[derive(Clone, Copy)]
 pub(crate) struct PendingSubmit {
     pub(crate) source: usize,
     pub(crate) object: usize,
     pub(crate) goal: usize,
-    /// Level of the source at the Submit.
     pub(crate) level: f32,
     pub(crate) outcome: SubmitOutcome,
 }
@@ -187,7 +182,6 @@ impl SourceMemory {
         level > self.missed_level || self.missed.iter().all(|place| place.distance_m(here) >= ELSEWHERE_M)
     }
 
-    /// Counts a view of the estimated position.
     pub(crate) fn look_at(&mut self, place: FloorPoint) {
         if self.looks == 0 {
             self.looked_at = place;

@@ -15,15 +15,12 @@
 //! | V, Submit gate | `candidate::VerificationDemand` and the comparison of goals in `goals::GoalPairing`; `candidate::SubmitGate` |
 //!
 //! Three additions to the paper:
-//! - V relaxes with the search time of a source and near the end of the episode (`VerificationDemand::after`): a small network
-//!   cannot confirm everything that a person could.
-//! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`). The memory of each storey is kept.
-//! - Without verdicts, an open gate waits until the target sounds again: only its silence after the Submit is evidence. The
-//!   agent does not know the goal of a sound.
+//! - V relaxes with the search time of a source and near the end of the episode (`VerificationDemand::after`).
+//! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`).
+//! - Without verdicts, an open gate waits until the target sounds again: only silence after the Submit is evidence.
 //!
-//! Perception is the network of `avln-perception` or user-supplied ONNX models. [`Weights`] are the tunable numbers, documented
-//! in `pag-nav.toml`. A [`Recorder`] writes traces. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the
-//! value of perfect hearing, for privileged variants only.
+//! [`Weights`] are the tunable numbers, documented in `pag-nav.toml`. [`Ablation`] disables parts of the agent;
+//! [`PagNav::hinted`] measures the value of perfect hearing, for privileged variants only.
 //!
 //! *Never*: links a server crate other than `avln-simd`; uses information beyond observations (except [`PagNav::hinted`]).
 
@@ -39,9 +36,9 @@ pub use agent::PagNav;
 pub use trace::{Recorder, TraceError};
 pub use weights::{Ablation, Weights, WeightsError};
 
-use avln_client::{EpisodeEnd, RunSummary, Sensors};
+use avln_client::{RunSummary, Sensors};
 use avln_kit::onnx::{ModelsError, OnnxRecognition, SharedFailure};
-use avln_kit::run::{AgentArgs, Method, play};
+use avln_kit::run::{AgentArgs, Method, OnEnd, play};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -98,22 +95,13 @@ pub enum PagNavError {
     },
 }
 
-/// Plays one run with [`PagNav`].
-///
-/// # Errors
-/// If the arguments are invalid, the run fails, or a model or trace fails during the run.
+/// Plays one run with [`PagNav`]; fails if arguments are invalid, or the run, a model or a trace fails.
 pub async fn run(args: PagNavArgs) -> Result<RunSummary, PagNavError> {
     run_with(args, &mut |_| {}).await
 }
 
-/// Plays one run with [`PagNav`], and calls `on_end` after each episode.
-///
-/// # Errors
-/// As for [`run`].
-pub async fn run_with(
-    args: PagNavArgs,
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<RunSummary, PagNavError> {
+/// Plays one run with [`PagNav`] like [`run`], and calls `on_end` after each episode.
+pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary, PagNavError> {
     // Agents are created first: invalid files must not use up a run.
     let mut failures = Vec::new();
     let mut agents = args.run.agents(|| agent(&args, &mut failures))?;

@@ -24,7 +24,6 @@ const BLOCKED_M: f32 = 0.08;
 const VAIN_STEPS: u32 = 50;
 const FALSE_M: f32 = 1.0;
 
-/// A controller for stairs.
 pub(crate) struct StairClimber {
     pub(crate) elevation: Elevation,
     /// Body height above the start, metres.
@@ -35,7 +34,6 @@ pub(crate) struct StairClimber {
     false_stairs: Vec<FloorPoint>,
 }
 
-/// A climb in progress.
 #[derive(Clone, Copy)]
 struct StairClimb {
     /// 1 up, -1 down.
@@ -52,7 +50,6 @@ struct StairClimb {
 }
 
 impl StairClimber {
-    /// Creates a controller for a body that turns by `turn_rad`.
     pub(crate) fn new(turn_rad: f32) -> Self {
         let elevation = Elevation::default();
         Self { elevation, height_m: 0.0, turn_rad, climb: None, false_stairs: Vec::new() }
@@ -126,7 +123,6 @@ impl StairClimber {
         path
     }
 
-    /// Finds the nearest stairs up or down.
     fn find(&self, pose: &Pose2d) -> Option<StairClimb> {
         let here_m = self.height_m;
         let is_flight =

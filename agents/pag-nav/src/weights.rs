@@ -7,7 +7,6 @@ use toml::{Table, Value};
 /// Defaults, units and ranges.
 const DEFAULTS: &str = include_str!("../pag-nav.toml");
 
-/// Names and ranges.
 const LIMITS: [(&str, f64, f64); 29] = [
     ("steps_per_m", 0.1, 100.0),
     ("loyalty_steps", 0.0, 1000.0),
@@ -105,10 +104,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Reads a file like `pag-nav.toml`; missing keys keep their defaults.
-    ///
-    /// # Errors
-    /// If the file cannot be read, is not TOML, or has an unknown key or a number out of range.
+    /// Reads a file like `pag-nav.toml`; missing keys keep their defaults, unknown keys are errors.
     pub fn read(path: &Path) -> Result<Self, WeightsError> {
         let failed = |problem| WeightsError { path: path.to_owned(), problem };
         let text = fs::read_to_string(path).map_err(|error| failed(WeightsProblem::Unreadable(error)))?;
@@ -180,8 +176,7 @@ fn within(table: &Table, key: &'static str, low: f64, high: f64) -> Result<(), W
 /// Disabled parts of [`PagNav`](crate::PagNav), to measure their value. By default all parts are enabled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Ablation {
-    /// No audio: search by frontiers, grounding by sight, and every Submit counts as correct unless the phase returns
-    /// verdicts.
+    /// No audio: search by frontiers, grounding by sight; without verdicts every Submit counts as correct.
     pub no_audio: bool,
     /// No priors from rooms and neighbouring objects.
     pub no_priors: bool,

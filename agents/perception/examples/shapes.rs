@@ -1,5 +1,4 @@
-//! Writes training data for `training/shapes.py`: rows of 32-bit floats with the house number, the segment's true
-//! category and its features.
+//! Writes rows of f32 for `training/shapes.py`: house number, the segment's true category, features:
 //!
 //! ```sh
 //! cargo run --release -p avln-perception --example shapes -- FRAMES FIRST_HOUSE FILE

@@ -1,8 +1,7 @@
 use crate::{ConvLayer, PANEL};
 use avln_simd::{Width, Work, run_at};
 
-/// A feature map: pixels with `channels` numbers, row by row, and a zero border, so that a 3 × 3 convolution reads
-/// three contiguous stretches per pixel.
+/// A feature map: pixels with `channels` numbers, row by row, and a zero border for 3 × 3 convolutions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FeatureMap {
     pub(crate) width: usize,
@@ -27,7 +26,6 @@ impl FeatureMap {
         &mut self.values[start..start + length]
     }
 
-    /// Returns a pixel.
     pub(crate) fn at(&self, column: usize, row: usize) -> &[f32] {
         let start = self.start(row) + column * self.channels;
         &self.values[start..start + self.channels]
@@ -52,7 +50,6 @@ impl FeatureMap {
         self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
     }
 
-    /// Fills the map with sums of products.
     fn fill<const TAPS: usize>(
         &mut self,
         layer: &ConvLayer,
@@ -104,8 +101,7 @@ impl FeatureMap {
     }
 }
 
-/// A convolution into `map`, clipped below at `least`. Pixels read `length` numbers from `from` per tap; `taps`
-/// returns the offsets for a row's first pixel, and the next pixel reads `step` numbers later.
+/// A convolution into `map`, clipped below at `least`: `length` numbers per tap, pixels `step` apart.
 struct Convolution<'a, T> {
     map: &'a mut FeatureMap,
     layer: &'a ConvLayer,

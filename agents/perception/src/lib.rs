@@ -1,11 +1,6 @@
-//! Image segmentation for agents by a small bundled network.
+//! Image segmentation for agents by a small bundled network, trained only on the training pool's houses.
 //!
-//! [`VisionNetwork`] segments an image, with or without depth, into a [`Segmentation`]: a category per pixel, and
-//! [`Segment`]s, the visible parts of instances. The training used only houses from the training pool
-//! ([`VisionNetwork::info`] lists their seeds); `training/` contains the scripts. Other networks implement
-//! [`Perception`].
-//!
-//! Start reading at [`VisionNetwork::see`].
+//! Start reading at [`VisionNetwork::see`]. [`VisionNetwork::info`] lists the training seeds.
 //!
 //! *Never*: depends on the simulator; reads a clock; uses random numbers.
 
@@ -14,7 +9,7 @@ mod network;
 mod segmentation;
 mod shapes;
 
-pub use network::{CameraModel, Depth, Picture, PictureError};
+pub use network::{CameraModel, Depth, DepthView, Picture, PictureError};
 pub use segmentation::{Histogram, PixelBox, Segment, Segmentation};
 pub use shapes::{ObjectBox, extent, lift};
 
@@ -24,7 +19,6 @@ use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 use shapes::ShapeClassifier;
 
-/// The bundled weights.
 const WEIGHTS: &[u8] = include_bytes!("../weights/network.safetensors");
 
 /// An image segmentation.
@@ -32,28 +26,16 @@ pub trait Perception {
     /// Returns the category names by index.
     fn categories(&self) -> &[String];
 
-    /// Segments an image; `depth`, taken by the given camera, improves the result.
-    ///
-    /// # Errors
-    /// If the image or depth has an invalid size.
-    fn see(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Segmentation, PictureError>;
+    /// Segments an image; depth and camera improve the result. Fails if a size is invalid.
+    fn see(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Segmentation, PictureError>;
 
-    /// Returns the object in a reference image's middle; `None` for the building.
-    ///
-    /// # Errors
-    /// If the image has an invalid size.
+    /// Returns the object in an image's middle; `None` for the building. Fails if the size is invalid.
     fn look_at_picture(&mut self, picture: &Picture) -> Result<Option<Segment>, PictureError> {
         Ok(self.see(picture, None)?.in_the_middle().cloned())
     }
 }
 
-/// The segmentation network.
-///
-/// Buffers persist between images. Equal images give equal bits on one machine.
+/// The segmentation network; reuses buffers. Equal images give equal bits on one machine.
 pub struct VisionNetwork {
     network: UNet,
     shapes: Option<ShapeClassifier>,
@@ -61,18 +43,12 @@ pub struct VisionNetwork {
 }
 
 impl VisionNetwork {
-    /// Loads the bundled weights.
-    ///
-    /// # Errors
-    /// If they are invalid, which a test excludes.
+    /// Loads the bundled weights; fails if they are invalid, which a test excludes.
     pub fn new() -> Result<Self, WeightsError> {
         Self::from_bytes(WEIGHTS)
     }
 
-    /// Loads weights that `training/export.py` has written.
-    ///
-    /// # Errors
-    /// If the file is malformed.
+    /// Loads weights that `training/export.py` has written; fails if the file is malformed.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WeightsError> {
         let weights = WeightsFile::read(bytes)?;
         let network = UNet::read(&weights)?;
@@ -93,22 +69,14 @@ impl VisionNetwork {
         )
     }
 
-    /// Returns the shape classifier's input: 14 numbers about the box and its position in the image, then the
-    /// log-probabilities.
+    /// Returns the shape classifier's input: 14 numbers about the box and its place, then log-probabilities.
     pub fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox) -> Vec<f32> {
         shapes::features(seen, segment, solid)
     }
 
-    /// Returns the network's output for every second pixel, row by row: category logits, offset (x, y) to the
-    /// instance centre, embedding. Image sides must be multiples of 16.
-    ///
-    /// # Errors
-    /// If the image or depth has an invalid size.
-    pub fn raw(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Vec<f32>, PictureError> {
+    /// Returns the output for every second pixel, row by row: category logits, offset (x, y) to the instance
+    /// centre, embedding. Fails for invalid sizes; sides must be multiples of 16.
+    pub fn raw(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Vec<f32>, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
         let odd = |side: usize| !side.is_multiple_of(MULTIPLE_PX);
         if odd(picture.width) || odd(picture.height) {
@@ -126,11 +94,7 @@ impl Perception for VisionNetwork {
         &self.info.categories
     }
 
-    fn see(
-        &mut self,
-        picture: &Picture,
-        depth: Option<(&Depth, &CameraModel)>,
-    ) -> Result<Segmentation, PictureError> {
+    fn see(&mut self, picture: &Picture, depth: Option<DepthView>) -> Result<Segmentation, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
         let [width, height] = picture.seen_size(self.info.side_px);
         network::fill(self.network.input(width, height), picture, depth);
@@ -222,24 +186,16 @@ impl<'a> WeightsFile<'a> {
         let info: NetworkInfo = serde_json::from_str(info)
             .map_err(|error| unusable(format!("the description is malformed: {error}")))?;
         if info.version != 1 {
-            return Err(unusable(format!(
-                "version {} is not supported; this build reads version 1",
-                info.version
-            )));
+            let version = info.version;
+            return Err(unusable(format!("version {version} is not supported; this build reads version 1")));
         }
         Ok(Self { info, tensors: SafeTensors::deserialize(bytes).map_err(malformed)? })
     }
 
-    /// Reads a convolution with `taps` taps.
-    pub(crate) fn layer(
-        &self,
-        name: &str,
-        taps: usize,
-        inputs: usize,
-        outputs: usize,
-    ) -> Result<ConvLayer, WeightsError> {
-        let weights = self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?;
-        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
+    /// Reads a convolution with weights by tap, input and output.
+    pub(crate) fn layer(&self, name: &str, shape: [usize; 3]) -> Result<ConvLayer, WeightsError> {
+        let weights = self.tensor(&format!("{name}.weight"), &shape)?;
+        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &shape[2..])?))
     }
 
     pub(crate) fn has(&self, name: &str) -> bool {

@@ -36,6 +36,9 @@ pub struct CameraModel {
     pub pitch_rad: f32,
 }
 
+/// Depth with its camera.
+pub type DepthView<'a> = (&'a Depth<'a>, &'a CameraModel);
+
 /// Reasons for a rejected image.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum PictureError {
@@ -91,8 +94,7 @@ impl Picture<'_> {
         }
     }
 
-    /// Returns the input size for a network trained at `side_px`: that width, and a height with about the image's
-    /// aspect ratio.
+    /// Returns the input size: `side_px` wide, and about the image's aspect ratio.
     pub(crate) fn seen_size(&self, side_px: usize) -> [usize; 2] {
         let height = (side_px * self.height) as f32 / self.width as f32;
         let steps = (height / MULTIPLE_PX as f32).round().clamp(1.0, 4.0 * (side_px / MULTIPLE_PX) as f32);
@@ -110,7 +112,6 @@ impl Picture<'_> {
     }
 }
 
-/// A position between two pixels.
 struct PixelBlend {
     low: usize,
     high: usize,
@@ -131,7 +132,7 @@ impl PixelBlend {
 }
 
 /// Fills the network input: interpolated colours, depth of the nearest pixel, and heights.
-pub(crate) fn fill(input: &mut FeatureMap, picture: &Picture, depth: Option<(&Depth, &CameraModel)>) {
+pub(crate) fn fill(input: &mut FeatureMap, picture: &Picture, depth: Option<DepthView>) {
     let [width, height] = [input.width, input.height];
     let columns: Vec<PixelBlend> = (0..width).map(|x| PixelBlend::new(x, width, picture.width)).collect();
     for row in 0..height {
@@ -174,7 +175,6 @@ pub(crate) struct UNet {
     memory: UNetBuffers,
 }
 
-/// The buffers for an input size.
 #[derive(Default)]
 struct UNetBuffers {
     input: FeatureMap,
@@ -206,8 +206,8 @@ impl UNetBuffers {
 impl UNet {
     pub(crate) fn read(weights: &WeightsFile) -> Result<Self, WeightsError> {
         let outputs = weights.info.categories.len() + 2 + weights.info.embedding;
-        let conv = |name: &str, inputs, outputs| weights.layer(name, 9, inputs, outputs);
-        let point = |name: &str, inputs, outputs| weights.layer(name, 1, inputs, outputs);
+        let conv = |name: &str, inputs, outputs| weights.layer(name, [9, inputs, outputs]);
+        let point = |name: &str, inputs, outputs| weights.layer(name, [1, inputs, outputs]);
         let [a, b, c, d] = WIDTHS;
         Ok(Self {
             stem: conv("stem", INPUTS, a)?,
@@ -226,7 +226,7 @@ impl UNet {
         })
     }
 
-    /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`](crate::picture::MULTIPLE_PX).
+    /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`].
     pub(crate) fn input(&mut self, width: usize, height: usize) -> &mut FeatureMap {
         let outputs = self.head.bias.len();
         // Buffers are reused: sizes rarely change within a run.
@@ -236,8 +236,7 @@ impl UNet {
         &mut self.memory.input
     }
 
-    /// Runs the network. The output has every second pixel: category logits, offset (x, y) to the instance centre,
-    /// embedding.
+    /// Runs the network: for every second pixel category logits, offset (x, y) to the centre, embedding.
     pub(crate) fn run(&mut self) -> &mut FeatureMap {
         let UNetBuffers { input, levels, lifted, last, output, mean, sum } = &mut self.memory;
         levels[0][0].convolve(input, &self.stem);

@@ -158,7 +158,6 @@ const MOST_PARTS: usize = 16;
 /// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;
 
-/// Converts the network's output to a segmentation.
 pub(crate) fn seen(info: &NetworkInfo, output: &mut FeatureMap, picture: &Picture) -> Segmentation {
     let kinds = info.categories.len();
     let (categories, confidences) = likelihoods(output, kinds);
@@ -316,7 +315,6 @@ impl InstanceCenters {
         whole.into_iter().map(|(_, _, pixels)| pixels).collect()
     }
 
-    /// Returns the mean predicted centre.
     fn mean(&self, pixels: &[u32]) -> [f32; 2] {
         let places = pixels.iter().map(|pixel| self.places[*pixel as usize]);
         let [x, y] = places.fold([0.0; 2], |[x, y], place| [x + place[0], y + place[1]]);
@@ -328,7 +326,6 @@ fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// Builds a segment from pixels.
 fn segment(mut mask: Vec<u32>, output: &FeatureMap, kinds: usize, picture: &Picture) -> Option<Segment> {
     // A fixed summation order makes results reproducible.
     mask.sort_unstable();

@@ -67,9 +67,9 @@ impl DenseLayer {
     }
 }
 
-/// Returns the features, in metres: the box's lowest and highest point, height, longer and shorter side, log width,
-/// log height, log depth, and distance; the square root of the image share; contact with the left, right, top and
-/// bottom border; then the log-probabilities.
+/// Returns the features, in metres: the box's bottom, top, height, longer and shorter side; log width, height
+/// and depth; distance; square root of the image share; border contacts (left, right, top, bottom);
+/// log-probabilities.
 pub(crate) fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox) -> Vec<f32> {
     let [wide_m, high_m, deep_m] = std::array::from_fn(|axis| solid.max_m[axis] - solid.min_m[axis]);
     let middle = |axis: usize| 0.5 * (solid.min_m[axis] + solid.max_m[axis]);
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn board_is_lifted_to_its_position() {
+    fn tabletop_is_raised_to_its_position() {
         // The whole of a 90 degree picture shows a board 2 m ahead: 4 m wide and high.
         let mask: Vec<u32> = (0..64).collect();
         let segment = Segment {

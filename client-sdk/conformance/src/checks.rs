@@ -32,10 +32,7 @@ const STOP: i32 = v1::Action::Stop as i32;
 /// A violation's description as error.
 type Found = Result<(), String>;
 
-/// Runs all checks in a run of `phase`; `token` is an account token.
-///
-/// # Errors
-/// If the server is unreachable or starts no run.
+/// Runs all checks with an account `token` in a run of `phase`; fails if the server starts no run.
 pub async fn check(site: &Site<'_>, token: &str, phase: &str) -> Result<Vec<Check>, Trouble> {
     let server = Connection::open(site, token, phase).await?;
     // Goodbye ends the run and therefore comes last.
@@ -84,7 +81,7 @@ async fn info(server: &Connection) -> Found {
 }
 
 async fn token_refusal(server: &Connection, token: &str, code: Code, why: Reason) -> Found {
-    match server.dial(token, vec![Up::Hello(hello())]).await {
+    match server.dial(token, Up::Hello(hello())).await {
         Ok(_) => Err(format!("expected a refusal with {}, got an open stream", why.word())),
         Err(status) => expect("status", (status.code(), reason(&status)), (code, why.word().to_owned())),
     }
@@ -92,7 +89,7 @@ async fn token_refusal(server: &Connection, token: &str, code: Code, why: Reason
 
 async fn no_hello(server: &Connection) -> Found {
     // The protocol permits a refused call, a failed stream or a Fault.
-    let opened = server.dial(&server.run_token, vec![Up::Ready(v1::Ready { slot: 0 })]).await;
+    let opened = server.dial(&server.run_token, Up::Ready(v1::Ready { slot: 0 })).await;
     match opened {
         Err(status) => expect("reason", reason(&status), Reason::BadRequest.word().to_owned()),
         Ok(mut stream) => match stream.next_or_end().await? {
@@ -197,12 +194,8 @@ async fn unary(server: &Connection) -> Found {
     };
     let act = v1::Act { slot: 0, episode: start.episode, step: 1, action: STOP };
     let step = v1::StepRequest { act: Some(act) };
-    let answer = server
-        .play()
-        .step(bearer(step, &server.run_token))
-        .await
-        .map_err(|status| describe(&status))?
-        .into_inner();
+    let answer = server.play().step(bearer(step, &server.run_token)).await;
+    let answer = answer.map_err(|status| describe(&status))?.into_inner();
     expect("terminated", answer.observation.is_some_and(|last| last.terminated), true)?;
     expect("end", answer.episode_end.map(|end| end.reason()), Some(v1::EndReason::Stopped))
 }

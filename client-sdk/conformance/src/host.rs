@@ -1,20 +1,16 @@
 //! A test server for clients: it follows the protocol and injects permitted faults.
 
-use crate::{
-    checks::Check,
-    frames,
-    trials::{FAULT_STEP, InjectedFault, NONCE, TrialRun},
-};
+use crate::checks::Check;
+use crate::frames;
+use crate::trials::{FAULT_STEP, InjectedFault, NONCE, TrialRun};
 use avln_proto::v1::{
     self, info_service_server as info, play_request::Frame as Up, play_response::Frame as Down,
     play_service_server as play, run_service_server as runs,
 };
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
-use tokio::{
-    net::TcpListener,
-    sync::{Mutex, mpsc, watch},
-    time::{sleep, timeout},
-};
+use tokio::net::TcpListener;
+use tokio::sync::{Mutex, mpsc, watch};
+use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{Request, Response, Status, Streaming, transport::Server};
 
@@ -33,18 +29,14 @@ pub struct Host {
 }
 
 impl Host {
-    /// Listens at `address`; port 0 selects a free port.
-    ///
-    /// # Errors
-    /// If the address is unavailable.
+    /// Listens at `address`, or a free port for port 0; fails if the address is unavailable.
     pub async fn bind(address: SocketAddr) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
         Ok(Self { listener, address })
     }
 
-    /// Hosts a run for the first client, with any token and phase, and returns the trial results. Waits for the
-    /// client without limit, then a minute per frame.
+    /// Hosts a run for the first client and returns the trial results; waits a minute for every later frame.
     pub async fn check(self) -> Vec<Check> {
         let (frame_counter, mut frames_seen) = watch::channel(0_u64);
         let run = Arc::new(Mutex::new(TrialRun::default()));

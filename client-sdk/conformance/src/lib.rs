@@ -1,7 +1,6 @@
 //! Conformance tests for servers and clients of `avln.v1`.
 //!
-//! [`check`] tests a server as a client: required answers, refusals and state. [`Host`] tests a client with a
-//! run full of faults. A [`Check`] names a rule of `PROTOCOL.md`. The server test plays episodes in a counted run.
+//! [`check`] tests a server as a client, in a counted run; [`Host`] tests a client with a run full of faults.
 //!
 //! *Never*: depends on server knowledge beyond address, account token and phase.
 

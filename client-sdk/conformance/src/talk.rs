@@ -1,19 +1,16 @@
 //! A protocol client for checks: a connection with a run, and streams.
 
-use avln_proto::{
-    MAX_MESSAGE_BYTES, REASON_KEY,
-    v1::{
-        self, play_request::Frame as Up, play_response::Frame as Down,
-        play_service_client::PlayServiceClient, run_service_client::RunServiceClient,
-    },
-};
+use avln_proto::v1;
+use avln_proto::v1::play_request::Frame as Up;
+use avln_proto::v1::play_response::Frame as Down;
+use avln_proto::v1::play_service_client::PlayServiceClient;
+use avln_proto::v1::run_service_client::RunServiceClient;
+use avln_proto::{MAX_MESSAGE_BYTES, REASON_KEY};
 use std::time::Duration;
 use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{
-    Request, Status, Streaming,
-    transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
-};
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
+use tonic::{Request, Status, Streaming};
 
 // The server may have to load scenes before it answers.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
@@ -103,20 +100,18 @@ impl Connection {
         PlayServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
     }
 
-    pub(crate) async fn dial(&self, token: &str, frames: Vec<Up>) -> Result<Stream, Status> {
+    pub(crate) async fn dial(&self, token: &str, first: Up) -> Result<Stream, Status> {
         let (up, queue) = mpsc::channel(QUEUED_FRAMES);
-        for frame in frames {
-            // The queue is new and larger than any list of first frames.
-            let _ = up.try_send(v1::PlayRequest { frame: Some(frame) });
-        }
+        // The queue is new and therefore has room.
+        let _ = up.try_send(v1::PlayRequest { frame: Some(first) });
         let down = self.play().play(bearer(ReceiverStream::new(queue), token)).await?.into_inner();
         Ok(Stream { up, down })
     }
 
     /// Opens a stream up to Welcome.
     pub(crate) async fn enter(&self, hello: v1::Hello) -> Result<(Stream, v1::Welcome), String> {
-        let mut stream =
-            self.dial(&self.run_token, vec![Up::Hello(hello)]).await.map_err(|status| describe(&status))?;
+        let opened = self.dial(&self.run_token, Up::Hello(hello)).await;
+        let mut stream = opened.map_err(|status| describe(&status))?;
         match stream.next().await? {
             Down::Welcome(welcome) => Ok((stream, welcome)),
             other => Err(format!("Hello: expected Welcome, got {}", frame_name(&other))),

@@ -57,14 +57,13 @@ pub(crate) struct TrialRun {
     /// The server closed the last stream.
     lost: bool,
     greeted: bool,
-    /// Number of streams to refuse.
     pub(crate) refuse: u32,
     pub(crate) sensors: v1::SensorSubscription,
     /// RunEnd was sent.
     pub(crate) is_over: bool,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct OpenEpisode {
     pub(crate) handle: String,
     pub(crate) ordinal: u32,
@@ -123,15 +122,8 @@ impl TrialRun {
 
     pub(crate) fn begin(&mut self) {
         let ordinal = self.trial as u32 + 1;
-        self.open = Some(OpenEpisode {
-            handle: format!("ep_{ordinal:032x}"),
-            ordinal,
-            actions: Vec::new(),
-            sent_step: None,
-            over: None,
-            fault_injected: false,
-            awaits_pong: false,
-        });
+        let handle = format!("ep_{ordinal:032x}");
+        self.open = Some(OpenEpisode { handle, ordinal, ..OpenEpisode::default() });
     }
 
     /// Returns true once, when the trial's fault is due at `step`.
@@ -200,12 +192,10 @@ impl TrialRun {
         }
     }
 
-    /// Notes that the server closes the stream.
     pub(crate) fn lose_stream(&mut self) {
         self.lost = true;
     }
 
-    /// Closes the episode after EpisodeEnd.
     pub(crate) fn close(&mut self) {
         let open = self.open.take();
         // Several observations follow the Ping, so a Pong still missing here was never sent.

@@ -36,7 +36,9 @@ class Bridge:
         arguments = ["--server", endpoint.url, "--token", endpoint.token, "--phase", phase, "--size", "64"]
         command = [sys.executable, "-c", "import sys; from avln.bridge import main; sys.exit(main())"]
         bind = ["zmq", "--bind", "tcp://127.0.0.1:*"]
-        self.process = subprocess.Popen([*command, *bind, *arguments], stdout=subprocess.PIPE, text=True, env=os.environ)
+        self.process = subprocess.Popen(
+            [*command, *bind, *arguments], stdout=subprocess.PIPE, text=True, env=os.environ
+        )
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         found = re.search(r"(run_\w+): waiting at (tcp://\S+)", line)

@@ -156,14 +156,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_wire_number_of_an_action_is_its_index_plus_one() {
+    fn wire_number_is_action_index_plus_one() {
         for (index, action) in Action::ALL.into_iter().enumerate() {
             assert_eq!(action.to_wire() as usize, index + 1);
         }
     }
 
     #[test]
-    fn orders_go_through_words_and_through_the_wire() {
+    fn orders_round_trip_as_text_and_wire() {
         for order in [Order::Ordered, Order::Unordered] {
             assert_eq!(order.to_string().parse(), Ok(order));
             assert_eq!(Order::from_wire(order.to_wire() as i32), Some(order));
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_reason_of_a_newer_server_is_another_reason() {
+    fn newer_end_reason_is_other() {
         assert_eq!(EndReason::from_wire(v1::EndReason::StepLimit as i32), EndReason::StepLimit);
         assert_eq!(EndReason::from_wire(77), EndReason::Other);
     }

@@ -1,20 +1,16 @@
 //! Agents, and the evaluation of a run.
 
-use crate::{
-    action::Action,
-    client::Client,
-    error::Error,
-    observation::{Mission, Observation},
-    play::Play,
-    service::Run,
-    summary::{EpisodeEnd, RunSummary},
-    task::{Sensors, TaskSpec},
-};
-use tokio::{
-    runtime::{Handle, RuntimeFlavor},
-    sync::mpsc,
-    task::{self, JoinSet},
-};
+use crate::action::Action;
+use crate::client::Client;
+use crate::error::Error;
+use crate::observation::{Mission, Observation};
+use crate::play::Play;
+use crate::service::Run;
+use crate::summary::{EpisodeEnd, RunSummary};
+use crate::task::{Sensors, TaskSpec};
+use tokio::runtime::{Handle, RuntimeFlavor};
+use tokio::sync::mpsc;
+use tokio::task::{self, JoinSet};
 
 /// A policy. An agent plays a single episode at a time.
 pub trait Agent {
@@ -42,10 +38,7 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
     }
 }
 
-/// Plays a whole run with a single agent on the calling task and finishes it.
-///
-/// # Errors
-/// If the server refuses a request or violates the protocol, or if the connection is lost.
+/// Plays a whole run on the calling task and finishes it; fails like [`Play::next_episode`].
 pub async fn evaluate(
     client: &Client,
     run: &Run,
@@ -55,10 +48,9 @@ pub async fn evaluate(
     evaluate_with(client, run, sensors, agent, &mut |_| {}).await
 }
 
+type OnEnd<'a> = &'a mut (dyn FnMut(&EpisodeEnd) + Send);
+
 /// Plays a run like [`evaluate`] and calls `on_end` for every ended episode.
-///
-/// # Errors
-/// As for [`evaluate`].
 pub async fn evaluate_with(
     client: &Client,
     run: &Run,
@@ -71,13 +63,8 @@ pub async fn evaluate_with(
     play.finish().await
 }
 
-/// Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots, and calls `on_end` for
-/// every ended episode. `agents` must not be empty; afterwards it contains all agents except a panicked one, in any order.
-///
-/// A slot is a task: agents run in parallel on a multi-thread runtime, and in turn on a single thread.
-///
-/// # Errors
-/// As for [`evaluate`].
+/// Plays a run like [`evaluate`] with an episode per agent in parallel, or fewer as the server grants.
+/// `agents` must not be empty; afterwards it contains all agents except a panicked one, in any order.
 pub async fn evaluate_slots<A: Agent + Send + 'static>(
     client: &Client,
     run: &Run,
@@ -128,11 +115,7 @@ async fn gather<A: 'static>(
     failed.map_or(all, Err)
 }
 
-async fn play_all(
-    play: &mut Play,
-    agent: &mut (dyn Agent + Send),
-    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
-) -> Result<(), Error> {
+async fn play_all(play: &mut Play, agent: &mut (dyn Agent + Send), on_end: OnEnd<'_>) -> Result<(), Error> {
     let task = play.task().clone();
     while let Some(mut episode) = play.next_episode().await? {
         undisturbed(|| {

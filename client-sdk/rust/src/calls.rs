@@ -1,24 +1,18 @@
 //! Unary calls with retries after a lost answer, and the handshake of a run stream.
 
-use crate::{
-    error::{Error, closed},
-    service::RunOptions,
-};
+use crate::error::{Error, closed};
+use crate::service::RunOptions;
 use avln_proto::{
     MAX_MESSAGE_BYTES,
     v1::{self, play_request, play_response::Frame, play_service_client::PlayServiceClient},
 };
 use std::time::Duration;
-use tokio::{
-    sync::mpsc,
-    time::{Instant, sleep, timeout},
-};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{
-    Request, Response, Status, Streaming,
-    metadata::{Ascii, MetadataValue},
-    transport::Channel,
-};
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::transport::Channel;
+use tonic::{Request, Response, Status, Streaming};
 
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
 const RETRY_TIME: Duration = Duration::from_secs(10);
@@ -92,7 +86,6 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 // A wrong delay from a server must not stop a client for hours.
 const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
-/// Pauses between attempts to reach a server.
 pub(crate) struct Backoff {
     pause: Duration,
 }
@@ -121,7 +114,6 @@ fn random_share() -> f64 {
 
 const PLAY: &str = "open the run's stream";
 
-/// Answer to a Hello.
 pub(crate) enum Greeting {
     Welcome {
         requests: mpsc::Sender<v1::PlayRequest>,
@@ -175,12 +167,12 @@ mod tests {
     use tonic::Code;
 
     #[test]
-    fn a_token_with_a_line_break_is_never_sent() {
+    fn token_with_line_break_is_rejected() {
         assert!(matches!(bearer("a\nb"), Err(Error::Token { .. })));
     }
 
     #[tokio::test]
-    async fn a_lost_answer_is_asked_for_again_and_a_refusal_is_not() {
+    async fn lost_answer_is_retried_but_not_refusal() {
         let asked = Cell::new(0);
         let lost_twice = || {
             asked.set(asked.get() + 1);

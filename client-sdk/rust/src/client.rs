@@ -21,8 +21,7 @@ type Runs = RunServiceClient<Channel>;
 
 /// A connection to a server. Clones share it.
 ///
-/// Every call fails if the connection is lost for ten seconds, or for [`ConnectOptions::patience`] if shorter. Until then
-/// it is retried; a repeated request starts a run only once.
+/// Calls are retried for ten seconds, or [`ConnectOptions::patience`] if shorter; a run starts only once.
 #[derive(Clone, Debug)]
 pub struct Client {
     channel: Channel,
@@ -32,19 +31,14 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to `server`, like `http://127.0.0.1:50051` or `unix:/run/arena.sock`, with an account `token`. An empty
-    /// token suffices for [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
-    ///
-    /// # Errors
-    /// If the address is invalid, no Arena server answers within ten seconds, or it rejects the token.
+    /// Connects to `server`, like `http://127.0.0.1:50051` or `unix:/run/arena.sock`, with an account `token`,
+    /// which may be empty for [`server_info`](Self::server_info), [`phases`](Self::phases) and a
+    /// [`Run::from_token`]. Fails if no Arena server answers within ten seconds or a value is invalid.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &ConnectOptions::default()).await
     }
 
-    /// Connects with options; see [`connect`](Self::connect).
-    ///
-    /// # Errors
-    /// As for [`connect`](Self::connect), or if the authority file is invalid.
+    /// Connects like [`connect`](Self::connect) with options; fails also if the authority file is invalid.
     pub async fn connect_with(
         server: impl AsRef<str>,
         token: impl Into<String>,
@@ -60,10 +54,7 @@ impl Client {
         Ok(client)
     }
 
-    /// Connects and starts a run. With a run token, as in a sealed run, it joins that run and ignores `options`.
-    ///
-    /// # Errors
-    /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
+    /// Connects and starts a run; with a run token, as in a sealed run, joins that run without `options`.
     pub async fn begin(
         server: impl AsRef<str>,
         token: impl Into<String>,
@@ -101,27 +92,19 @@ impl Client {
         Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
-    /// Returns the default phase: the only open phase with uncounted runs, or `practice` among several.
-    ///
-    /// # Errors
-    /// If no such phase exists.
+    /// Returns the default phase: the only open phase with uncounted runs, or `practice`; otherwise fails.
     pub async fn practice_phase(&self) -> Result<String, Error> {
         phase_to_practise(&self.phases().await?, &self.quota().await?).map(|phase| phase.id.clone())
     }
 
-    /// Returns the token's account.
-    ///
-    /// # Errors
-    /// If the server rejects the token.
+    /// Returns the token's account; fails if the server rejects the token.
     pub async fn whoami(&self) -> Result<Account, Error> {
         let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
         Ok(Account::from_wire(self.ask("request the token's account", v1::WhoAmIRequest {}, ask).await?))
     }
 
-    /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase).
-    ///
-    /// # Errors
-    /// If the phase is unknown, closed or forbidden, the quota is used up, or the server is full.
+    /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase). Fails if the
+    /// phase is unknown, closed or forbidden, the quota is used up, or the server is full.
     pub async fn start_run(&self, mut options: RunOptions) -> Result<Run, Error> {
         if options.phase.is_empty() {
             options.phase = self.practice_phase().await?;
@@ -131,20 +114,14 @@ impl Client {
         Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
-    /// Returns a run's state.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Returns a run's state; fails if the run is unknown.
     pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
         let message = v1::GetRunRequest { run: id.to_owned() };
         RunStatus::from_wire(self.ask("request a run's state", message, ask).await?.run)
     }
 
-    /// Watches a run: returns the state after every change until the end.
-    ///
-    /// # Errors
-    /// If the run is unknown, or the connection is lost.
+    /// Watches a run: returns the state after every change until the end. Fails if the run is unknown.
     pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
         // No timeout: the answer stream lasts as long as the run.
         let request = Request::new(v1::WatchRunRequest { run: id.to_owned() });
@@ -170,10 +147,7 @@ impl Client {
         }
     }
 
-    /// Cancels a run; open episodes end as abandoned.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Cancels a run; open episodes end as abandoned. Fails if the run is unknown.
     pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
         let message = v1::CancelRunRequest { run: id.to_owned() };
@@ -187,20 +161,14 @@ impl Client {
         Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
     }
 
-    /// Opens the run stream for a single slot.
-    ///
-    /// # Errors
-    /// If `sensors` are out of range or forbidden, the run has ended, the server rejects this client version
-    /// or violates the protocol, or the connection is lost.
+    /// Opens the run stream for a single slot. Fails if `sensors` are out of range or forbidden, the run has
+    /// ended, the server rejects this client version or violates the protocol, or the connection is lost.
     pub async fn play(&self, run: &Run, sensors: Sensors) -> Result<Play, Error> {
         let slots = self.play_slots(run, sensors, 1).await?;
         slots.into_iter().next().ok_or_else(|| Error::protocol("Welcome grants no slot"))
     }
 
-    /// Opens the run stream for up to `slots` slots. Returns the granted slots, usable from different tasks.
-    ///
-    /// # Errors
-    /// As for [`play`](Self::play).
+    /// Opens the run stream like [`play`](Self::play) for up to `slots` slots; returns the granted slots.
     pub async fn play_slots(&self, run: &Run, sensors: Sensors, slots: u32) -> Result<Vec<Play>, Error> {
         let wish = slots.max(1);
         let hello = v1::Hello {
@@ -229,7 +197,6 @@ impl Client {
         Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
     }
 
-    /// Makes an idempotent run call, repeated while the answer is lost.
     async fn ask<M: Clone, A, F>(
         &self,
         attempted: &'static str,

@@ -2,11 +2,9 @@
 
 use crate::error::{Error, chain};
 use avln_proto::v1::{Encoding, SensorKind};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -51,9 +49,7 @@ impl ConnectOptions {
             Some(("http", _)) => false,
             Some(("https", _)) => true,
             _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
-            Some((scheme, _)) => {
-                return Err(wrong(&format!("unknown scheme '{scheme}'")));
-            }
+            Some((scheme, _)) => return Err(wrong(&format!("unknown scheme '{scheme}'"))),
             None => return Err(wrong("the scheme is missing")),
         };
         let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;
@@ -163,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_that_cannot_work_say_how_to_write_them() {
+    fn invalid_address_error_shows_the_syntax() {
         for address in ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:", "unix:relative.sock"]
         {
             let text = problem(&ConnectOptions::default(), address);
@@ -175,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_authorities_that_are_no_use_are_named() {
+    fn unusable_authority_file_error_has_path() {
         let missing = ConnectOptions { ca: Some("no-such-file.pem".into()), ..ConnectOptions::default() };
         let text = problem(&missing, "https://arena.example");
         assert!(text.contains("no-such-file.pem") && text.contains("cannot read"), "{text}");
@@ -188,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_is_told_from_others() {
+    fn loopback_addresses_are_local() {
         for host in ["localhost", "127.0.0.1", "127.8.0.1", "[::1]"] {
             assert_eq!(Packing::of_host(host), Packing::Raw, "{host}");
         }
@@ -198,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn raw_is_always_among_the_wishes_and_rounding_only_where_asked_for() {
+    fn raw_is_always_requested_and_rounding_optional() {
         for kind in [SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio] {
             for packing in [Packing::Raw, Packing::Lossless, Packing::Rounded] {
                 let wishes = packing.wishes(kind);

@@ -1,23 +1,17 @@
 //! A run's connection: a task reads the stream, answers Pings, passes frames to slots, and reconnects.
 
-use crate::{
-    calls::{Backoff, Greeting, greet},
-    error::Error,
-    resend_buffer::ResendBuffer,
-    summary::Notice,
-    welcome::Agreement,
-};
+use crate::calls::{Backoff, Greeting, greet};
+use crate::error::Error;
+use crate::resend_buffer::ResendBuffer;
+use crate::summary::Notice;
+use crate::welcome::Agreement;
 use avln_proto::v1::{self, play_request, play_response::Frame};
-use std::{
-    mem,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::Duration,
-};
-use tokio::{
-    sync::mpsc,
-    task::JoinHandle,
-    time::{Instant, sleep},
-};
+use std::mem;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep};
 use tonic::{Status, Streaming, transport::Channel};
 
 const MAX_NOTICES: usize = 64;
@@ -52,7 +46,6 @@ struct State {
     notices: Vec<Notice>,
 }
 
-/// Data for resuming a run.
 #[derive(Debug)]
 pub(crate) struct Reconnector {
     pub(crate) channel: Channel,

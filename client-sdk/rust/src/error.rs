@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_server_says_when_to_come_back() {
+    fn full_server_sends_retry_delay() {
         let error =
             Error::from_status("start a run", &status(Code::ResourceExhausted, "NO_CAPACITY", Some("7")));
         assert_eq!(error.reason(), Some(Reason::NoCapacity));
@@ -282,14 +282,14 @@ mod tests {
     }
 
     #[test]
-    fn a_draining_server_is_refusing_and_a_silent_one_is_lost() {
+    fn draining_server_refuses_and_silent_server_is_lost() {
         let draining = Error::from_status("play", &status(Code::Unavailable, "DRAINING", Some("60")));
         assert_eq!(draining.reason(), Some(Reason::Draining));
         assert!(matches!(Error::from_status("play", &Status::unavailable("gone")), Error::Lost { .. }));
     }
 
     #[test]
-    fn a_stream_that_a_proxy_reset_is_lost_and_a_fault_of_the_server_is_not() {
+    fn proxy_reset_is_lost_connection() {
         let mut reset = Status::internal("h2 protocol error");
         assert!(matches!(Error::from_status("play", &reset), Error::Refused { .. }));
         reset.set_source(std::sync::Arc::new(std::io::Error::other("stream error: INTERNAL_ERROR")));
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_of_a_newer_server_still_gives_its_text() {
+    fn newer_reason_keeps_its_text() {
         let error = Error::from_status("play", &status(Code::PermissionDenied, "MOON_PHASE", None));
         assert!(
             matches!(&error, Error::Refused { reason: Reason::Unspecified, message, .. } if message == "no")

@@ -77,28 +77,15 @@
 //!
 //! # Connection
 //!
-//! ```no_run
-//! use avln_client::{Client, ConnectOptions, Error};
-//! use std::time::Duration;
-//!
-//! # #[tokio::main]
-//! # async fn main() -> Result<(), Error> {
-//! let options = ConnectOptions { ca: Some("authority.pem".into()), patience: Some(Duration::from_secs(600)), ..ConnectOptions::default() };
-//! let client = Client::connect_with("https://arena.example:50051", "my-account-token", &options).await?;
-//! for phase in client.phases().await? {
-//!     println!("{}: {}", phase.id, phase.title);
-//! }
-//! # Ok(())
-//! # }
-//! ```
+//! [`Client::connect_with`] takes a certificate authority for `https://` servers, the encoding and the
+//! reconnection time; [`Client::phases`] lists the server's phases.
 //!
 //! # Failures
 //!
 //! - A lost stream is reconnected, and open episodes continue at their step: [`Episode::step`] only takes longer.
 //!   [`ConnectOptions::patience`] limits the time.
 //! - A call with a lost answer is repeated for some seconds; a repeated request starts a run only once.
-//! - A rejection by the server is [`Error::Refused`] with a [`Reason`]; [`Error::Lost`] means that patience ran out. Messages
-//!   contain the attempted operation and the next step.
+//! - A rejection by the server is [`Error::Refused`] with a [`Reason`]; [`Error::Lost`] means that patience ran out.
 //! - An episode ended by a server fault has [`EndReason::ServerFault`] and does not count; the run continues.
 //!
 //! # Threads

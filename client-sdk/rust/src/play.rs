@@ -1,34 +1,26 @@
 //! Playing a run: slots, episodes and steps.
 
-use crate::{
-    action::Action,
-    connection::{Connection, Event},
-    error::{Error, closed},
-    observation::{Mission, Observation},
-    slot::{Begun, SlotState, TimeLeft},
-    summary::{EpisodeEnd, Notice, Progress, RunSummary},
-    task::TaskSpec,
-};
+use crate::action::Action;
+use crate::connection::{Connection, Event};
+use crate::error::{Error, closed};
+use crate::observation::{Mission, Observation};
+use crate::slot::{Begun, SlotState, TimeLeft};
+use crate::summary::{EpisodeEnd, Notice, Progress, RunSummary};
+use crate::task::TaskSpec;
 use avln_proto::v1::{self, play_request::Frame};
-use std::{
-    fmt,
-    pin::Pin,
-    sync::Arc,
-    task::{Context, Poll, ready},
-    time::Duration,
-};
-use tokio::{
-    sync::{Mutex, OwnedMutexGuard, mpsc},
-    time,
-};
+use std::fmt;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
+use tokio::sync::{Mutex, OwnedMutexGuard, mpsc};
+use tokio::time;
 use tokio_stream::Stream;
 
 const SUMMARY_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A run slot, which plays episodes in sequence.
-///
-/// A lost connection is reopened and episodes continue, as long as the server permits. After a drop before
-/// [`finish`](Self::finish), an open episode ends as disconnected after that time.
+/// A run slot, which plays episodes in sequence. After a loss it reconnects, as long as the server permits.
+/// After a drop before [`finish`](Self::finish) an open episode ends as disconnected.
 #[derive(Debug)]
 pub struct Play {
     connection: Arc<Connection>,
@@ -69,12 +61,8 @@ impl Play {
         self.connection.take_notices()
     }
 
-    /// Starts the next episode; `None` if no episode remains. An open episode is abandoned first.
-    ///
-    /// The clock of the first action starts now: load models before.
-    ///
-    /// # Errors
-    /// If the server refuses or violates the protocol, or the connection is lost.
+    /// Starts the next episode and its clock; `None` if no episode remains. An open episode is abandoned.
+    /// Fails if the server refuses or violates the protocol, or the connection is lost.
     pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
         Ok(self.begin_next().await?.then(|| Episode { play: SlotAccess::Borrowed(self) }))
     }
@@ -109,10 +97,8 @@ impl Play {
         Episodes { play: Arc::new(Mutex::new(self)), task, next: None, is_over: false }
     }
 
-    /// Sends Goodbye: the run ends on all slots, and open episodes end as abandoned.
-    ///
-    /// # Errors
-    /// If the connection is lost, or the server does not answer within a minute.
+    /// Sends Goodbye: the run ends on all slots, and open episodes end as abandoned. Fails after a minute
+    /// without an answer, or if the connection is lost.
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
         self.farewell().await
     }
@@ -223,11 +209,9 @@ impl Episode<'_> {
         self.play().state.fault.as_ref()
     }
 
-    /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over).
-    ///
-    /// # Errors
-    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] if the server refuses the step and the
-    /// episode continues; otherwise if the protocol is violated or the connection is lost.
+    /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over). Fails
+    /// with [`Error::EpisodeOver`] after the end, and with [`Error::Refused`] if the episode continues
+    /// without the step.
     pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
         let play = self.play_mut();
         play.state.step(&play.connection, action).await?;
@@ -236,9 +220,6 @@ impl Episode<'_> {
     }
 
     /// Abandons the episode: it is scored up to the last step. No effect after the end.
-    ///
-    /// # Errors
-    /// If the protocol is violated, or the connection is lost.
     pub async fn abandon(&mut self) -> Result<(), Error> {
         let play = self.play_mut();
         if !play.state.is_over() {
@@ -251,27 +232,10 @@ impl Episode<'_> {
 
 type NextEpisode = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
 
-/// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`].
+/// A slot's episodes as a `futures-core` [`Stream`], created by [`Play::episodes`]; see `examples/episodes.rs`.
 ///
-/// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before the
-/// episode's end abandons it.
-///
-/// ```no_run
-/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
-/// use tokio_stream::StreamExt;
-///
-/// # async fn play(client: Client) -> Result<(), Error> {
-/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
-/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
-/// while let Some(mut episode) = episodes.try_next().await? {
-///     while !episode.is_over() {
-///         episode.step(Action::MoveForward).await?;
-///     }
-/// }
-/// println!("{}", episodes.finish().await?);
-/// # Ok(())
-/// # }
-/// ```
+/// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before
+/// the episode's end abandons it.
 pub struct Episodes {
     play: Arc<Mutex<Play>>,
     task: TaskSpec,
@@ -286,9 +250,6 @@ impl Episodes {
     }
 
     /// Finishes the run like [`Play::finish`], after the last episode was dropped.
-    ///
-    /// # Errors
-    /// As for [`Play::finish`].
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
         // A pending request owns the lock or waits for it.
         drop(self.next.take());

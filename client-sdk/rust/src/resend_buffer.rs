@@ -21,11 +21,7 @@ struct SlotBuffer {
 
 impl ResendBuffer {
     pub(crate) fn new(slots: u32) -> Self {
-        Self {
-            slots: (0..slots).map(|_| SlotBuffer::default()).collect(),
-            goodbye_sent: false,
-            is_over: false,
-        }
+        Self { slots: (0..slots).map(|_| SlotBuffer::default()).collect(), ..Self::default() }
     }
 
     fn slot(&mut self, slot: u32) -> Option<&mut SlotBuffer> {
@@ -157,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_is_sent_again_only_where_it_was_not_taken() {
+    fn only_untaken_actions_are_resent() {
         let mut buffer = begun();
         assert!(buffer.to_repeat(&at(0)).is_empty());
         buffer.sending(&act(1));
@@ -170,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_arrived_before_is_told_from_what_is_new() {
+    fn duplicates_and_new_frames_are_distinguished() {
         let mut buffer = begun();
         assert!(!buffer.arrived(&seen(0)));
         assert!(buffer.arrived(&seen(1)));
@@ -178,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn ready_is_sent_again_where_no_episode_began() {
+    fn ready_is_resent_without_episode_start() {
         let ready = Sent::Ready(v1::Ready { slot: 1 });
         let mut buffer = begun();
         buffer.sending(&ready);

@@ -1,11 +1,9 @@
 //! Phases, runs, quota and account.
 
-use crate::{
-    action::{EndReason, Order, wire_enum},
-    error::Error,
-    summary::{self, Metric, Progress},
-    task::FeedbackRule,
-};
+use crate::action::{EndReason, Order, wire_enum};
+use crate::error::Error;
+use crate::summary::{self, Metric, Progress};
+use crate::task::FeedbackRule;
 use avln_proto::v1;
 use tonic::Streaming;
 
@@ -83,8 +81,7 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// A run of `method`, the name on the leaderboard, in `phase`, or if empty in
-    /// [`Client::practice_phase`](crate::Client::practice_phase); unordered.
+    /// A run of `method`, the leaderboard name, in `phase`, or if empty in the practice phase; unordered.
     pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
         let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
@@ -151,7 +148,7 @@ impl Run {
     }
 
     pub(crate) fn from_wire(started: v1::StartRunResponse) -> Result<Self, Error> {
-        let run = started.run.ok_or_else(|| Error::protocol("StartRun began no run"))?;
+        let run = started.run.ok_or_else(|| Error::protocol("StartRun returned no run"))?;
         let episodes = run.progress.unwrap_or_default().total;
         Ok(Self { id: run.id, token: started.run_token, episodes, max_slots: started.max_slots })
     }
@@ -277,10 +274,7 @@ pub struct Account {
 pub struct RunWatch(pub(crate) Streaming<v1::WatchRunResponse>);
 
 impl RunWatch {
-    /// Returns the next state; `None` after an end state.
-    ///
-    /// # Errors
-    /// If the connection is lost, or the server refuses.
+    /// Returns the next state; `None` after an end state. Fails if the connection is lost.
     pub async fn next(&mut self) -> Result<Option<RunStatus>, Error> {
         let next = self.0.message().await.map_err(|status| Error::from_status("watch a run", &status))?;
         next.map(|response| RunStatus::from_wire(response.run)).transpose()
@@ -324,7 +318,7 @@ impl Phase {
 
 impl RunStatus {
     pub(crate) fn from_wire(run: Option<v1::Run>) -> Result<Self, Error> {
-        let run = run.ok_or_else(|| Error::protocol("a run's status came empty"))?;
+        let run = run.ok_or_else(|| Error::protocol("the run status is empty"))?;
         Ok(Self {
             state: RunState::from_wire(run.state),
             progress: Progress::from_wire(run.progress),
@@ -386,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn where_no_phase_is_named_no_run_is_spent() {
+    fn missing_phase_spends_no_run() {
         let open = v1::PhaseState::Open;
         let phases = [
             phase("val", open),

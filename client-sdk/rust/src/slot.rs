@@ -1,12 +1,10 @@
 //! Slot state with the current episode.
 
-use crate::{
-    action::Action,
-    connection::{Connection, Event},
-    error::{Error, closed},
-    observation::{Mission, Observation},
-    summary::{EpisodeEnd, Progress},
-};
+use crate::action::Action;
+use crate::connection::{Connection, Event};
+use crate::error::{Error, closed};
+use crate::observation::{Mission, Observation};
+use crate::summary::{EpisodeEnd, Progress};
 use avln_proto::v1::{self, play_request::Frame};
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -108,7 +106,6 @@ impl SlotState {
         Ok(Progress::from_wire(start.progress))
     }
 
-    /// Sends an action and waits for the result.
     pub(crate) async fn step(&mut self, connection: &Connection, action: Action) -> Result<(), Error> {
         if self.is_over() {
             return Err(Error::EpisodeOver);

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_summary_reads_like_a_sentence_and_hides_nothing_it_was_told() {
+    fn summary_text_contains_all_values() {
         let end = v1::RunEnd {
             run: "run_1".into(),
             progress: Some(v1::RunProgress { total: 3, done: 2, in_flight: 0, eta_s: None }),

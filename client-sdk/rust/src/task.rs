@@ -297,7 +297,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sensors_outside_of_the_limits_are_refused_before_anything_is_sent() {
+    fn out_of_range_sensors_are_never_sent() {
         assert!(Sensors::default().to_wire(Packing::Raw).is_ok());
         assert!(matches!(Sensors::square(63).to_wire(Packing::Raw), Err(Error::Sensors { width: 63, .. })));
         assert!(Sensors { hfov_rad: f32::NAN, ..Sensors::default() }.to_wire(Packing::Raw).is_err());

@@ -1,11 +1,9 @@
 //! Connection agreement from Welcome: task and observation decoding.
 
-use crate::{
-    connect_options::Packing,
-    error::Error,
-    observation::{Audio, DepthImage, Feedback, Image, Observation, Pose},
-    task::{Sensors, TaskSpec},
-};
+use crate::connect_options::Packing;
+use crate::error::Error;
+use crate::observation::{Audio, DepthImage, Feedback, Image, Observation, Pose};
+use crate::task::{Sensors, TaskSpec};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;

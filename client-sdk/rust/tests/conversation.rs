@@ -127,7 +127,7 @@ async fn a_refused_step_leaves_the_episode_open() {
 }
 
 #[tokio::test]
-async fn a_fault_of_the_server_ends_the_episode_and_not_the_run() {
+async fn server_fault_ends_episode_but_not_run() {
     let mut play = open(|mut stage| async move {
         one_episode(&mut stage).await;
         stage.hear_act().await;
@@ -149,7 +149,7 @@ async fn a_fault_of_the_server_ends_the_episode_and_not_the_run() {
 }
 
 #[tokio::test]
-async fn a_slow_agent_learns_that_its_episode_is_over_and_stale_faults_are_skipped() {
+async fn slow_agent_receives_end_and_skips_stale_faults() {
     let mut play = open(|mut stage| async move {
         one_episode(&mut stage).await;
         stage.end(0, "ep_a", 0, v1::EndReason::TimeBudget, 1).await;
@@ -171,7 +171,7 @@ async fn a_slow_agent_learns_that_its_episode_is_over_and_stale_faults_are_skipp
 }
 
 #[tokio::test]
-async fn an_episode_left_open_is_given_up_before_the_next() {
+async fn open_episode_is_abandoned_before_next() {
     let mut play = open(|mut stage| async move {
         one_episode(&mut stage).await;
         let Some(Asked::Abandon(abandon)) = stage.hear().await else { panic!("no Abandon") };
@@ -189,7 +189,7 @@ async fn an_episode_left_open_is_given_up_before_the_next() {
 }
 
 #[tokio::test]
-async fn pings_are_answered_while_the_agent_thinks_and_unknown_frames_are_skipped() {
+async fn pings_are_answered_while_agent_thinks() {
     let (answered, mut heard) = tokio::sync::mpsc::channel(1);
     let mut play = open(move |mut stage| {
         let answered = answered.clone();
@@ -214,7 +214,7 @@ async fn pings_are_answered_while_the_agent_thinks_and_unknown_frames_are_skippe
 }
 
 #[tokio::test]
-async fn finish_says_goodbye_and_returns_the_summary() {
+async fn finish_sends_goodbye_and_returns_summary() {
     let mut play = open(|mut stage| async move {
         one_episode(&mut stage).await;
         assert!(matches!(stage.hear().await, Some(Asked::Goodbye(v1::Goodbye { pause: false }))));
@@ -229,7 +229,7 @@ async fn finish_says_goodbye_and_returns_the_summary() {
 }
 
 #[tokio::test]
-async fn a_dropped_client_says_no_goodbye() {
+async fn dropped_client_sends_no_goodbye() {
     let (said, mut heard) = tokio::sync::mpsc::channel(1);
     let mut play = open(move |mut stage| {
         let said = said.clone();
@@ -255,7 +255,7 @@ async fn a_server_that_vanishes_is_a_lost_connection() {
 }
 
 #[tokio::test]
-async fn a_second_connection_ends_the_first_with_its_reason() {
+async fn second_connection_ends_first_with_reason() {
     let mut play = open(|mut stage| async move {
         one_episode(&mut stage).await;
         stage.hear_act().await;
@@ -269,7 +269,7 @@ async fn a_second_connection_ends_the_first_with_its_reason() {
 }
 
 #[tokio::test]
-async fn an_old_client_is_told_what_to_install() {
+async fn old_client_error_names_required_version() {
     let opened = open(|mut stage| async move {
         let Some(Asked::Hello(hello)) = stage.hear().await else { panic!("no Hello") };
         assert_eq!(hello.client.unwrap().name, "avln-client");
@@ -300,7 +300,7 @@ async fn complaint(spoil: impl Fn(&mut v1::Welcome) + Clone + Send + Sync + 'sta
 }
 
 #[tokio::test]
-async fn a_welcome_that_does_not_fit_is_refused_before_the_first_step() {
+async fn inconsistent_welcome_is_rejected_before_first_step() {
     assert!(complaint(|w| w.task = None).await.contains("no task"));
     assert!(complaint(|w| w.slots = 0).await.contains("no slot"));
     assert!(complaint(|w| w.api_minor = 9).await.contains("minor 9"));
@@ -338,7 +338,7 @@ async fn observations_that_break_the_agreement_are_refused() {
 }
 
 #[tokio::test]
-async fn a_wrong_run_token_is_an_error_about_tokens() {
+async fn wrong_run_token_is_token_error() {
     let client = Client::connect(serve(two_episodes).await, "").await.unwrap();
     let error = client.play(&Run::from_token("bad"), Sensors::square(SIDE)).await.unwrap_err();
     assert_eq!(error.reason(), Some(Reason::TokenMalformed));

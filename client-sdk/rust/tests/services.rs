@@ -11,7 +11,7 @@ async fn connect() -> Client {
 }
 
 #[tokio::test]
-async fn a_bad_token_fails_at_once_and_names_the_flag() {
+async fn bad_token_error_names_the_flag() {
     let address = serve(|_| async {}).await;
     let error = Client::connect(&address, "bad").await.unwrap_err();
     assert_eq!(error.reason(), Some(Reason::TokenMalformed));
@@ -19,7 +19,7 @@ async fn a_bad_token_fails_at_once_and_names_the_flag() {
 }
 
 #[tokio::test]
-async fn a_closed_port_is_unreachable_and_names_the_flag() {
+async fn closed_port_error_names_the_flag() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let error = Client::connect(format!("http://127.0.0.1:{port}"), TOKEN).await.unwrap_err();
     assert!(matches!(error, Error::Unreachable { .. }), "{error}");
@@ -41,7 +41,7 @@ async fn a_web_port_is_recognised() {
 }
 
 #[tokio::test]
-async fn anyone_sees_the_server_and_its_phases() {
+async fn server_and_phases_are_public() {
     let client = Client::connect(serve(|_| async {}).await, "").await.unwrap();
     assert_eq!(client.server_info().await.unwrap().name, "fake");
     let phases = client.phases().await.unwrap();
@@ -60,7 +60,7 @@ async fn an_unknown_phase_is_refused_with_its_reason() {
 }
 
 #[tokio::test]
-async fn a_team_sees_its_runs_and_what_it_has_left() {
+async fn team_sees_runs_and_quota() {
     let client = connect().await;
     assert_eq!(client.whoami().await.unwrap().team, "red");
     assert_eq!(client.run("run_9").await.unwrap().id, "run_9");
@@ -72,7 +72,7 @@ async fn a_team_sees_its_runs_and_what_it_has_left() {
 }
 
 #[tokio::test]
-async fn a_run_is_watched_until_it_is_over() {
+async fn watch_ends_with_the_run() {
     let mut watch = connect().await.watch("run_1").await.unwrap();
     let mut states = Vec::new();
     while let Some(run) = watch.next().await.unwrap() {

@@ -104,7 +104,7 @@ impl Recording<'_> {
     }
 }
 
-/// Returns the array name for a goal's picture.
+/// Returns the array name for a goal image.
 fn picture_name(goal: usize) -> String {
     format!("goal_{goal}_rgb")
 }

@@ -76,7 +76,7 @@ fn garbage_is_an_error() {
 }
 
 #[test]
-fn reasons_round_trip_through_words() {
+fn reasons_round_trip_as_text() {
     for number in 0..64 {
         let Ok(reason) = Reason::try_from(number) else { continue };
         assert_eq!(Reason::from_word(reason.word()), Some(reason));

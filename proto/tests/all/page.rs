@@ -77,7 +77,7 @@ fn the_table_of_refusals_matches_the_code() {
 }
 
 #[test]
-fn every_service_method_and_frame_is_on_the_page() {
+fn protocol_page_lists_services_methods_and_frames() {
     let page = page();
     let frames =
         ["Hello", "Ready", "Act", "Abandon", "Pong", "Goodbye", "Welcome", "EpisodeStart", "Observation"];
@@ -91,7 +91,7 @@ fn every_service_method_and_frame_is_on_the_page() {
 }
 
 #[test]
-fn what_the_page_names_exists() {
+fn architecture_page_paths_exist() {
     let (page, protos) = (page(), protos());
     let all: String = protos.iter().map(|(_, text)| text.as_str()).collect();
     let fenceless: String = page.split("```").step_by(2).collect();

@@ -150,10 +150,10 @@ mod tests {
         });
         let text = text.expect("metrics");
         for line in [
-            "avln_step_seconds_bucket{le=\"0.0001\",part=\"queue\"} 1",
-            "avln_step_seconds_bucket{le=\"0.001\",part=\"queue\"} 3",
-            "avln_step_seconds_bucket{le=\"60\",part=\"queue\"} 3",
-            "avln_step_seconds_bucket{le=\"+Inf\",part=\"queue\"} 7",
+            "avln_step_seconds_bucket{part=\"queue\",le=\"0.0001\"} 1",
+            "avln_step_seconds_bucket{part=\"queue\",le=\"0.001\"} 3",
+            "avln_step_seconds_bucket{part=\"queue\",le=\"60\"} 3",
+            "avln_step_seconds_bucket{part=\"queue\",le=\"+Inf\"} 7",
             "avln_step_seconds_sum{part=\"queue\"} 250.5",
             "avln_step_seconds_count{part=\"queue\"} 7",
             "avln_runs{state=\"a\\\"b\"} 7",

@@ -1,5 +1,6 @@
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use crate::map::occupancy::Cell;
+use crate::path::{SIDES, millimetres};
 use avln_client::DepthImage;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -10,8 +11,7 @@ const BAND_M: f32 = 1.5;
 const FAR_M: f32 = 6.0;
 /// Highest step with a margin for depth noise, metres.
 const STEP_M: f32 = 0.22;
-/// Longest unseen stretch that the body crosses, metres: only a step's riser is visible from a distance, not the
-/// tread.
+/// Longest unseen stretch that the body crosses, metres: from a distance only risers are visible.
 const UNSEEN_M: f32 = 0.3;
 /// Cells between search nodes.
 const STRIDE: i32 = 2;
@@ -94,15 +94,13 @@ impl Elevation {
         cell.index().map(|index| self.tops_m[index]).filter(|top_m| top_m.is_finite())
     }
 
-    /// Finds a path for a body at `from`, `height_m` above the start, to the nearest surface that satisfies `wanted`
-    /// (position, height).
+    /// Finds a path from a body `height_m` above the start to the nearest `wanted` surface and height.
     pub fn climb(
         &self,
         from: FloorPoint,
         height_m: f32,
         wanted: impl Fn(FloorPoint, f32) -> bool,
     ) -> Option<ClimbPath> {
-        const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let start = Cell::at(from);
         // The hash map is only used for lookups, so its order cannot change a result.
         let mut nodes =
@@ -163,10 +161,6 @@ fn trace(nodes: &HashMap<Cell, ClimbNode>, start: Cell, end: Cell) -> Vec<FloorP
     places
 }
 
-fn millimetres(metres: f32) -> u32 {
-    (metres * 1000.0) as u32
-}
-
 /// Smallest height between storeys, metres: a landing between two flights counts as a storey.
 const APART_M: f32 = 1.2;
 /// Storey limit, including landings.
@@ -181,7 +175,6 @@ pub struct Storeys<M> {
 }
 
 impl<M> Default for Storeys<M> {
-    /// Creates the start's storey.
     fn default() -> Self {
         Self { height_m: 0.0, away: Vec::new() }
     }
@@ -193,8 +186,7 @@ impl<M> Storeys<M> {
         is_same(self.height_m, height_m)
     }
 
-    /// Moves the body to `height_m` above the start. On another storey this function swaps `here` for that storey's
-    /// memory, or for a new memory from `begin`, and returns true.
+    /// Moves the body to `height_m`; on another storey swaps `here` for its memory, and returns true.
     pub fn enter(&mut self, height_m: f32, here: &mut M, begin: impl FnOnce() -> M) -> bool {
         if self.is_on(height_m) {
             return false;

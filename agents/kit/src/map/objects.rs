@@ -1,4 +1,5 @@
-use crate::geometry::FloorPoint;
+use crate::geometry::{FloorPoint, Pose2d};
+use crate::map::occupancy::Occupancy;
 use crate::perception::category::likeness;
 use crate::perception::cue::{CueWords, Query};
 use crate::perception::objects::DetectedObject;
@@ -52,36 +53,47 @@ impl ObjectMemory {
     pub fn see(&mut self, seen: Vec<DetectedObject>) {
         for detection in seen {
             // The first match wins: indices stay stable, which Submits and traces refer to.
-            if let Some(known) = self.all.iter_mut().find(|known| known.detection.is_same(&detection)) {
-                known.detection.merge(&detection);
-            } else if self.all.len() < MOST {
-                self.all.push(ObjectHypothesis {
-                    detection,
-                    looks: 0,
-                    wrong_submits: 0,
-                    vis: vec![0.0; self.goals],
-                });
+            match self.all.iter_mut().find(|known| known.detection.is_same(&detection)) {
+                Some(known) => known.detection.merge(&detection),
+                None => self.add(detection),
             }
+        }
+    }
+
+    fn add(&mut self, detection: DetectedObject) {
+        if self.all.len() < MOST {
+            let vis = vec![0.0; self.goals];
+            self.all.push(ObjectHypothesis { detection, looks: 0, wrong_submits: 0, vis });
         }
     }
 
     /// Adds a hypothesis without a detection, for an object that blends into the surroundings.
     pub fn suppose(&mut self, place: FloorPoint) {
-        if self.all.len() < MOST {
-            let detection =
-                DetectedObject { min: place, max: place, high_m: SUPPOSED_M, ..DetectedObject::default() };
-            self.all.push(ObjectHypothesis {
-                detection,
-                looks: 0,
-                wrong_submits: 0,
-                vis: vec![0.0; self.goals],
-            });
-        }
+        self.add(DetectedObject { min: place, max: place, high_m: SUPPOSED_M, ..DetectedObject::default() });
     }
 
     /// Returns all hypotheses. Indices are stable within an episode.
     pub fn all(&self) -> &[ObjectHypothesis] {
         &self.all
+    }
+
+    /// Compares every object in view within `reach_m` metres with the goals; returns the objects' indices.
+    pub fn look(
+        &mut self,
+        map: &Occupancy,
+        pose: &Pose2d,
+        reach_m: f32,
+        fit: impl Fn(&DetectedObject, usize) -> f32,
+    ) -> Vec<usize> {
+        let mut in_view = Vec::new();
+        for (index, object) in self.all.iter_mut().enumerate() {
+            if map.is_in_view(pose, object.detection.center(), reach_m) {
+                let fits: Vec<f32> = (0..self.goals).map(|goal| fit(&object.detection, goal)).collect();
+                object.look(&fits);
+                in_view.push(index);
+            }
+        }
+        in_view
     }
 
     /// Returns all hypotheses for updates.
@@ -122,8 +134,7 @@ impl ObjectMemory {
         near.map(|object| likeness(&object.detection, category)).fold(0.0, f32::max)
     }
 
-    /// Returns the support from nearby objects for a room, 0 to 1 (the paper's room memory R_t); neutral for rooms
-    /// without typical objects.
+    /// Returns the nearby objects' support for a room, 0 to 1 (the paper's room memory R_t).
     fn room(&self, place: FloorPoint, room: &str) -> f32 {
         let Some((_, typical)) = ROOMS.iter().find(|(name, _)| *name == room) else { return NEUTRAL };
         let sum: f32 = typical.iter().map(|category| self.presence(place, ROOM_M, category)).sum();

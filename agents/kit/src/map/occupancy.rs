@@ -71,17 +71,14 @@ pub struct Occupancy {
 
 impl Default for Occupancy {
     fn default() -> Self {
-        let count = Cell::COUNT;
-        let disks = [disk(HARD_M), disk(SOFT_M)];
-        let (evidence, walls, bumps) = (vec![0; count], vec![false; count], vec![0; count]);
         Self {
-            evidence,
-            bumps,
-            walls,
+            evidence: vec![0; Cell::COUNT],
+            bumps: vec![0; Cell::COUNT],
+            walls: vec![false; Cell::COUNT],
             seen: [FloorPoint::default(); 2],
-            hard: vec![0; count],
-            soft: vec![0; count],
-            disks,
+            hard: vec![0; Cell::COUNT],
+            soft: vec![0; Cell::COUNT],
+            disks: [disk(HARD_M), disk(SOFT_M)],
         }
     }
 }
@@ -167,7 +164,6 @@ impl Occupancy {
         libm::hypotf(dx, (low.z - place.z).max(place.z - high.z).max(0.0))
     }
 
-    /// Clears the cells around the body's position.
     fn clear_body(&mut self, place: FloorPoint) {
         let here = Cell::at(place);
         for dc in -1..=1 {
@@ -181,9 +177,9 @@ impl Occupancy {
     pub fn mark_bump(&mut self, place: FloorPoint) {
         for &(dc, dr) in &self.disks[0] {
             let cell = Cell::at(place).moved(dc, dr);
-            cell.index()
-                .into_iter()
-                .for_each(|index| self.bumps[index] = self.bumps[index].saturating_add(1));
+            if let Some(index) = cell.index() {
+                self.bumps[index] = self.bumps[index].saturating_add(1);
+            }
         }
     }
 
@@ -246,8 +242,7 @@ impl Occupancy {
         cell.index().is_none_or(|index| self.soft[index] > 0)
     }
 
-    /// Returns true without a wall on the straight line between two points. The end is exempt: a source may be fixed
-    /// to a wall.
+    /// Returns true without a wall between two points. The end is exempt: a source may be fixed to a wall.
     pub fn has_clear_line(&self, from: FloorPoint, to: FloorPoint) -> bool {
         const SAMPLE_M: f32 = 0.09;
         const TAIL_M: f32 = 0.25;

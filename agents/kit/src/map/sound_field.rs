@@ -36,8 +36,7 @@ struct ReachedCell {
 }
 
 impl SoundField {
-    /// Computes the paths from `listener` to the cells in `area` (corners of a rectangle): a search that checks lines
-    /// of sight when a cell is opened (Lazy Theta*, Nash et al. 2010).
+    /// Computes the paths to all cells in `area` (corners) by Lazy Theta* (Nash et al. 2010).
     pub fn new(map: &Occupancy, listener: FloorPoint, area: [FloorPoint; 2]) -> Self {
         let mut reached: Vec<Option<ReachedCell>> = vec![None; SIDE * SIDE];
         let mut open = BinaryHeap::new();

@@ -4,12 +4,10 @@ use crate::map::occupancy::{Cell, Occupancy};
 use crate::map::sound_field::{SIDE, SoundField, center};
 use std::collections::BTreeMap;
 
-/// Standard deviation of the measured delay, seconds: a constant part, and a part per metre for the cell size and the
-/// incomplete map.
+/// Standard deviation of the delay, seconds: a constant, and per metre for cell size and incomplete map.
 const ITD_SIGMA_S: f32 = 45e-6;
 const ITD_SIGMA_PER_M_S: f32 = 8e-6;
-/// Mean and standard deviation for the log ratio between expected and measured level: straight paths, and paths
-/// around corners, which lose level even on short detours.
+/// Mean and deviation of the log ratio of expected and measured level: straight, and around corners.
 const STRAIGHT: [f32; 2] = [0.0, 0.45];
 const BENT: [f32; 2] = [1.2, 0.9];
 /// Log-likelihood for furniture between a source and a listener without a wall between them.
@@ -121,7 +119,6 @@ fn bell(value: f32, [mean, sigma]: [f32; 2]) -> f32 {
     -0.5 * off * off
 }
 
-/// Cell side in the intensity memory, metres.
 const MEMORY_CELL_M: f32 = 0.5;
 /// Number of loudest cells in an estimate.
 const ASKED: usize = 3;
@@ -155,8 +152,7 @@ impl IntensityMemory {
         self.cells.values().map(|heard| heard.level).fold(0.0, f32::max)
     }
 
-    /// Returns the support for a source at `distance_m` from the measured positions, 0 to 1: a Gaussian over the log
-    /// ratio between the range by level and the distance, averaged over the loudest cells.
+    /// Returns a source's support by the loudest cells, 0 to 1: a Gaussian over log range by level to distance.
     pub fn supports(&self, distance_m: impl Fn(FloorPoint) -> f32) -> f32 {
         let mut loud: Vec<&LoudestSound> = self.cells.values().collect();
         loud.sort_by(|a, b| b.level.total_cmp(&a.level));
@@ -170,9 +166,8 @@ impl IntensityMemory {
     }
 }
 
-/// Distance, metres, and level relative to [`LEVEL_AT_1_M`] for a visible source: geometric means over walks through
-/// twenty missions in ten furnished training houses. Reverberation makes the level fall slowly within a room and
-/// faster between rooms.
+/// Distance, metres, and level relative to [`LEVEL_AT_1_M`] for a visible source: geometric means over twenty
+/// missions in ten furnished training houses.
 const CURVE: [[f32; 2]; 8] =
     [[0.5, 3.4], [1.25, 2.0], [2.25, 1.55], [3.25, 1.3], [4.5, 0.8], [7.0, 0.3], [9.5, 0.17], [15.0, 0.06]];
 /// Free-field level at 1 m.

@@ -1,5 +1,4 @@
-//! Perception by user-supplied ONNX models, for scenes outside the bundled network's categories: a detector finds objects, an
-//! image encoder with a text space (CLIP, SigLIP) names them.
+//! Perception by user-supplied ONNX models: a detector, and an image encoder with a text space (CLIP).
 //!
 //! Start reading at [`OnnxRecognition`]. `docs/models.md` specifies the inputs and outputs of models.
 //!
@@ -9,17 +8,16 @@ mod model;
 
 pub use model::ModelsError;
 
-use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
+use crate::geometry::{PinholeCamera, Pose2d};
 use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
-use crate::perception::Recognition;
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;
+use crate::perception::{Recognition, WallTest};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, TaskSpec};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Largest depth difference between pixels and their median in an object: a constant, metres, plus a share of the
-/// median.
+/// Largest depth difference to an object's median: a constant, metres, plus a share of the median.
 const DEEP_M: f32 = 0.35;
 const DEEP_SHARE: f32 = 0.1;
 /// Detection limit per image: the best ones.
@@ -55,10 +53,7 @@ struct OnnxGoal {
 }
 
 impl OnnxRecognition {
-    /// Loads the models of a configuration file and runs them on a blank image.
-    ///
-    /// # Errors
-    /// If the file, ONNX Runtime or a model cannot be loaded, or an output has a wrong shape.
+    /// Loads the models of a file and tries them; fails if a file cannot be loaded or a shape is wrong.
     pub fn load(path: &Path) -> Result<Self, ModelsError> {
         let Models { runtime, detector, encoder } = Models::read(path)?;
         let mut recognition = Self {
@@ -153,11 +148,10 @@ impl OnnxRecognition {
         let mut detections = Vec::new();
         for frame in self.detect(image)? {
             let pixels = self.pixels(frame, pose, depth);
-            let Some(detection) = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels) else {
-                continue;
-            };
-            let embedding = self.encode(image, frame)?;
-            detections.push(DetectedObject { kinds: self.kinds(&embedding), embedding, ..detection });
+            if let Some(detection) = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels) {
+                let embedding = self.encode(image, frame)?;
+                detections.push(DetectedObject { kinds: self.kinds(&embedding), embedding, ..detection });
+            }
         }
         Ok(detections)
     }
@@ -184,12 +178,7 @@ impl Recognition for OnnxRecognition {
         self.layout = Layout::default();
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and models are slow.
@@ -216,7 +205,7 @@ impl Recognition for OnnxRecognition {
 fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, String> {
     let count = boxes.1.len() / 4;
     if boxes.0.last() != Some(&4) {
-        return Err(format!("its output 0 has the shape {:?}; the last side must be 4", boxes.0));
+        return Err(format!("its output 0 has the shape {:?}; the last dimension must be 4", boxes.0));
     }
     if count > 0 && (scores.1.is_empty() || !scores.1.len().is_multiple_of(count)) {
         return Err(format!("its output 1 has {} scores for {count} boxes", scores.1.len()));

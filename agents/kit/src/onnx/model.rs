@@ -44,8 +44,7 @@ impl CropBox {
     }
 }
 
-/// Converts a crop to a model input: planes of red, green and blue, row by row, resized to a square by bilinear
-/// interpolation.
+/// Converts a crop to planes of red, green and blue, row by row, resized bilinearly to a square.
 pub(crate) fn planes(image: &Image, frame: CropBox, model: &ModelFile) -> Vec<f32> {
     let (side, width, height) = (model.side_px, image.width as usize, image.height as usize);
     let [left, top, right, bottom] = frame.0;
@@ -178,7 +177,6 @@ pub(crate) struct Encoder {
     pub(crate) alike: [f32; 2],
 }
 
-/// A model and the input format.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct ModelFile {
     pub(crate) file: PathBuf,
@@ -395,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn word_embeddings_have_equal_lengths() {
+    fn text_embeddings_have_equal_lengths() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words.json");
         fs::write(&path, r#"{"tv monitor": [3, 4], "bed": [0, 2]}"#).unwrap();

@@ -88,8 +88,7 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ("curtain", &["curtains", "blind"]),
 ];
 
-/// Returns an object's fit with a category, 0 to 1: its probability, or by shape and colours; 0.5 for unknown
-/// categories.
+/// Returns an object's fit with a category, 0 to 1; 0.5 for unknown categories.
 pub fn likeness(detection: &DetectedObject, category: &str) -> f32 {
     if let Some(told) = detection.is_a(category) {
         return told;
@@ -103,8 +102,7 @@ pub fn likeness(detection: &DetectedObject, category: &str) -> f32 {
     fit * color.map_or(0.7, |share| 0.2 + 0.8 * share.min(1.0))
 }
 
-/// Returns the category for the longest known ending, and the ending's word count: `old floor lamp` is a
-/// `floor_lamp`, `desk lamp` a `lamp`. Plurals match their singular.
+/// Returns category and word count of the longest known ending: `old floor lamp` is a `floor_lamp`.
 pub(crate) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
     (0..words.len()).find_map(|from| Some((known(&words[from..].join("_"))?, words.len() - from)))
 }
@@ -118,8 +116,7 @@ fn known(noun: &str) -> Option<&'static str> {
     })
 }
 
-/// Returns the fit with an adjective, 0 to 1, by extents relative to the category; `None` for adjectives without a
-/// geometric meaning, such as materials: at this resolution texture does not separate wood from painted metal.
+/// Returns the fit with an adjective by extents, 0 to 1; `None` for materials and other adjectives.
 pub(crate) fn has_trait(detection: &DetectedObject, category: &str, word: &str) -> Option<f32> {
     let prior = PRIORS.iter().find(|prior| prior.name == category)?;
     let share = |value: f32, [low, high]: [f32; 2]| ((value - low) / (high - low)).clamp(0.0, 1.0);

@@ -82,9 +82,8 @@ fn stretched(value: f32, [low, high]: [f32; 2]) -> f32 {
 }
 
 impl CueWords {
-    /// Parses a sentence about an object: the first known noun is the category; adjectives are directly before the
-    /// noun and after a later *is*; the next known noun is a neighbour. Without a known noun the last word is the
-    /// category.
+    /// Parses a sentence: the first known noun is the category, otherwise the last word; adjectives are
+    /// directly before it and after a later *is*; the next known noun is a neighbour.
     pub fn parse(sentence: &str) -> Self {
         let text = sentence.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " ");
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -178,7 +177,6 @@ impl Layout {
     }
 }
 
-/// Returns the palette in an image's middle.
 fn middle(image: &RgbImage) -> Palette {
     let (width, height) = (image.width as usize, image.height as usize);
     palette(image, [width * 3 / 8, width * 5 / 8], [height * 3 / 8, height * 5 / 8])
@@ -231,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_words_become_categories() {
+    fn unknown_labels_become_categories() {
         assert_eq!(
             CueWords::parse("the unicorn"),
             CueWords { category: "unicorn".into(), ..CueWords::default() }
@@ -242,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_scored_by_shape_and_colour() {
+    fn categories_are_scored_by_shape_and_colour() {
         // A bed, 2 x 1.6 m, 0.6 m high: inside all usual ranges, so 0.7 before colour and size.
         let bed = DetectedObject {
             max: FloorPoint::new(2.0, 1.6),

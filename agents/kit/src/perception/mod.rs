@@ -16,26 +16,23 @@ use avln_perception::{
 use objects::cosine;
 use std::sync::Arc;
 
+/// True for the map's walls.
+pub type WallTest<'a> = &'a dyn Fn(FloorPoint) -> bool;
+
 /// Detection of objects in images, and their fit with the goals.
 pub trait Recognition: Send {
     /// Starts a mission: forgets the last one and parses the goal cues.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
-    /// Returns the objects in an image, in the pose frame; `None` for a skipped image (no colours or depth, or almost
+    /// Returns the objects in an image, in the pose frame; `None` for a skipped image (incomplete, or almost
     /// the previous view). `is_wall` returns the map's walls.
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        is_wall: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>>;
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, is_wall: WallTest) -> Option<Vec<DetectedObject>>;
 
     /// Returns the fit of an object in view with a goal in the last image, 0 to 1.
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32;
 }
 
-/// Training-free recognition: connected stretches of depth are objects, cues are compared with their extents and
-/// colours, and image cues with the whole view.
+/// Training-free recognition by stretches of depth, extents and colours; image cues by the whole view.
 pub struct ClassicalRecognition {
     view: PinholeCamera,
     queries: Vec<Query>,
@@ -44,11 +41,8 @@ pub struct ClassicalRecognition {
 
 impl Default for ClassicalRecognition {
     fn default() -> Self {
-        Self {
-            view: PinholeCamera::new(&TaskSpec::default()),
-            queries: Vec::new(),
-            layout: Layout::default(),
-        }
+        let view = PinholeCamera::new(&TaskSpec::default());
+        Self { view, queries: Vec::new(), layout: Layout::default() }
     }
 }
 
@@ -58,12 +52,7 @@ impl Recognition for ClassicalRecognition {
         *self = Self { view: PinholeCamera::new(task), queries, layout: Layout::default() };
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        is_wall: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, is_wall: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         Some(detect_objects(&self.view, pose, image, depth, is_wall))
@@ -74,8 +63,7 @@ impl Recognition for ClassicalRecognition {
     }
 }
 
-/// Ground truth from the host for privileged agents in the same process, to measure the value of perfect senses. It
-/// never crosses the wire. Positions are in the pose frame.
+/// Ground truth in the pose frame for privileged agents of the same process; it never crosses the wire.
 pub trait Hints: Send + Sync {
     /// Returns the position of the source in the last observation; `None` in silence.
     fn source(&self) -> Option<FloorPoint>;
@@ -126,12 +114,7 @@ impl Recognition for HintRecognition {
         self.goals = mission.goals.len();
     }
 
-    fn see(
-        &mut self,
-        _: &Pose2d,
-        _: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, _: &Pose2d, _: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         Some(self.hints.targets().into_iter().map(|target| self.detection(target)).collect())
     }
 
@@ -163,8 +146,7 @@ const WIDER: [(&str, &str); 13] = [
     ("floor_lamp", "lighting"),
 ];
 
-/// Recognition by the network of `avln-perception`: segments with category probabilities and embeddings, lifted to
-/// boxes by depth.
+/// Recognition by the network of `avln-perception`: segments, lifted to boxes by depth.
 pub struct NetworkRecognition {
     network: VisionNetwork,
     view: PinholeCamera,
@@ -188,10 +170,7 @@ impl Default for NetworkRecognition {
 }
 
 impl NetworkRecognition {
-    /// Creates a recognition with the bundled weights.
-    ///
-    /// # Errors
-    /// If the bundled weights are invalid.
+    /// Creates a recognition with the bundled weights; fails if they are invalid.
     pub fn new() -> Result<Self, WeightsError> {
         let (task, network) = (TaskSpec::default(), VisionNetwork::new()?);
         let (view, camera) = (PinholeCamera::new(&task), camera(&task));
@@ -258,12 +237,7 @@ impl Recognition for NetworkRecognition {
         (self.layout, self.last) = (Layout::default(), None);
     }
 
-    fn see(
-        &mut self,
-        pose: &Pose2d,
-        seen: &Observation,
-        _: &dyn Fn(FloorPoint) -> bool,
-    ) -> Option<Vec<DetectedObject>> {
+    fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.

@@ -13,8 +13,7 @@ const FAR_M: f32 = 6.0;
 /// Largest range difference between neighbours within an object: a constant, metres, plus a share.
 const STEP_M: f32 = 0.06;
 const STEP_SHARE: f32 = 0.04;
-/// Largest colour contrast within a free-standing object, and within an object on a wall, which only colour
-/// separates.
+/// Largest colour contrast within a free-standing object, and within an object on a wall.
 const FREE_CONTRAST: f32 = 0.4;
 const WALL_CONTRAST: f32 = 0.07;
 /// Fewest nodes and greatest length in an object, metres.
@@ -103,8 +102,7 @@ impl DetectedObject {
         self.high_m - self.low_m > 1.7 && self.long_m() > 1.2 && self.short_m() < 0.2
     }
 
-    /// Returns true if both may be the same object: touching boxes, and similar embeddings or, without embeddings,
-    /// colours.
+    /// Returns true if both may be the same object: touching boxes, similar embeddings or else colours.
     pub fn is_same(&self, other: &Self) -> bool {
         const SLACK_M: f32 = 0.1;
         const LIKE: f32 = 0.6;
@@ -427,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn colour_words_match_pixels() {
+    fn colour_names_match_pixels() {
         let red = Palette::of([[190, 30, 35]; 10].into_iter());
         assert!(red.share_of("red").unwrap() > 0.7 && red.share_of("blue").unwrap() < 0.1);
         let white = Palette::of([[250, 250, 240]; 10].into_iter());

@@ -1,7 +1,7 @@
 use crate::candidate::{Candidate, Decision, Stage, SubmitGate};
 use crate::goals::{PendingSubmit, SourceMemory};
 use crate::weights::{Ablation, Weights};
-use avln_client::{Action, GoalCue, Mission, Observation, Order, Pose};
+use avln_client::{Action, GoalCue, Mission, Observation, Pose};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::hearing::{HeardSound, SoundSchedule};
 use avln_kit::map::{CELL_M, Cell, ObjectHypothesis, ObjectMemory, Occupancy};
@@ -47,7 +47,7 @@ pub(crate) struct MissionLine<'a> {
     episode: &'a str,
     agent: &'static str,
     version: &'static str,
-    order: &'static str,
+    order: String,
     goals: Vec<GoalLine<'a>>,
     ablation: Ablation,
     weights: &'a Weights,
@@ -89,7 +89,6 @@ struct HeardLine {
     level: f32,
 }
 
-/// Beliefs about a source.
 #[derive(Serialize)]
 struct SourceLine {
     place_m: Option<[f32; 2]>,
@@ -133,10 +132,7 @@ impl<'a> MissionLine<'a> {
             episode,
             agent: env!("CARGO_PKG_NAME"),
             version: env!("CARGO_PKG_VERSION"),
-            order: match mission.order {
-                Order::Ordered => "ordered",
-                Order::Unordered => "unordered",
-            },
+            order: mission.order.to_string(),
             goals: mission.goals.iter().map(GoalLine::of).collect(),
             ablation: agent.ablation,
             weights: agent.weights,
@@ -158,11 +154,7 @@ impl StepLine {
     pub(crate) fn new(agent: &TraceInput, observation: &Observation, action: Action) -> Self {
         let decision = agent.decision;
         let Pose { position, heading_rad } = observation.pose;
-        let sound = |(source, heard): (usize, HeardSound)| HeardLine {
-            source,
-            itd_s: heard.itd_s,
-            level: heard.level,
-        };
+        let sound = |(source, HeardSound { itd_s, level })| HeardLine { source, itd_s, level };
         Self {
             step: observation.step,
             pose: PoseLine { position_m: position, heading_rad },
@@ -215,12 +207,10 @@ impl BoxLine {
     }
 }
 
-/// Returns a point's x and z.
 pub(crate) fn xz(place: FloorPoint) -> [f32; 2] {
     [place.x, place.z]
 }
 
-/// Map and object memory.
 #[derive(Serialize)]
 pub(crate) struct MapLine {
     step: u32,
@@ -333,7 +323,6 @@ pub(crate) struct TracedState {
     located: Vec<bool>,
 }
 
-/// A change in [`TracedState`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum TraceEvent {

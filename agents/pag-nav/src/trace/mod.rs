@@ -1,5 +1,4 @@
-//! Episode traces as JSON Lines; `docs/traces.md` specifies the format. The agent passes its state as a
-//! [`TraceInput`]; a trace never affects actions.
+//! Episode traces as JSON Lines, specified in `docs/traces.md`; a trace never affects actions.
 
 pub(crate) mod lines;
 #[cfg(test)]
@@ -16,9 +15,7 @@ const MAP_STEPS: u32 = 25;
 
 /// A trace writer: a JSON Lines file per episode, named by the episode's handle.
 ///
-/// A failed write ends the episode's trace; the episode continues, and [`PagNav::end_trace`] returns the error.
-///
-/// [`PagNav::end_trace`]: crate::PagNav::end_trace
+/// A failed write ends the episode's trace; [`PagNav::end_trace`](crate::PagNav::end_trace) returns the error.
 pub struct Recorder {
     folder: PathBuf,
     file: Option<TraceFile>,
@@ -66,10 +63,7 @@ pub enum TraceError {
 }
 
 impl Recorder {
-    /// Creates a recorder that writes to `folder`; creates the folder if necessary.
-    ///
-    /// # Errors
-    /// If the folder cannot be created or is not writable.
+    /// Creates a recorder and its `folder`; fails if the folder is not writable.
     pub fn new(folder: impl Into<PathBuf>) -> Result<Self, TraceError> {
         let folder = folder.into();
         if let Err(problem) = check_writable(&folder) {
@@ -96,11 +90,9 @@ impl Recorder {
         self.file = Some(TraceFile { episode: episode.to_owned(), path, out });
     }
 
-    /// Writes the mission line.
     pub(crate) fn begin(&mut self, agent: &TraceInput, mission: &Mission) {
         self.before = TracedState::of(agent);
-        self.last_step = None;
-        self.map_step = None;
+        (self.last_step, self.map_step) = (None, None);
         let Some(file) = &self.file else { return };
         let episode = file.episode.clone();
         self.write(&TraceLine::Mission(MissionLine::new(agent, mission, &episode)));

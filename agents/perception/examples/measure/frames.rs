@@ -51,13 +51,11 @@ pub(crate) fn manifest(folder: &Path) -> Manifest {
     serde_json::from_slice(&text).expect("frames.json is a list of pictures")
 }
 
-/// Reads a house's sentences.
 pub(crate) fn sentences(path: &Path) -> Vec<Sentence> {
     let text = std::fs::read(path).expect("the house's sentences can be read");
     serde_json::from_slice(&text).expect("a list of sentences")
 }
 
-/// Reads a house's images.
 pub(crate) fn house(path: &Path, side_px: usize) -> Vec<Record> {
     let file = std::fs::read(path).expect("the house's file can be read");
     let start = 10 + usize::from(u16::from_le_bytes([file[8], file[9]]));

@@ -30,11 +30,8 @@ fn main() {
     let manifest = frames::manifest(&folder);
     assert_eq!(manifest.purpose, "measurement", "measured is by what was not learnt from");
     let mut network = VisionNetwork::new().expect("the weights of the crate");
-    assert_eq!(
-        manifest.categories,
-        network.info().categories,
-        "pictures and network have the same categories"
-    );
+    let known = &network.info().categories;
+    assert_eq!(&manifest.categories, known, "pictures and network have the same categories");
     let kinds = manifest.categories.len();
     let mut measured = Measured {
         confusions: [Confusion::new(kinds), Confusion::new(kinds)],
@@ -42,12 +39,8 @@ fn main() {
         retrieval: Retrieval::default(),
     };
     for house in &manifest.houses {
-        visit(
-            &mut network,
-            &frames::house(&folder.join(&house.file), manifest.side_px),
-            manifest.side_px,
-            &mut measured,
-        );
+        let records = frames::house(&folder.join(&house.file), manifest.side_px);
+        visit(&mut network, &records, manifest.side_px, &mut measured);
     }
     print(&manifest, &measured);
     if let Some(file) = std::env::args().nth(2) {
@@ -108,13 +101,8 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn print(manifest: &Manifest, measured: &Measured) {
-    let (houses, views) = (manifest.houses.len(), manifest.views);
-    println!(
-        "{} pictures of {houses} houses of split `{}` of recipe `{}`.\n",
-        houses * views,
-        manifest.split,
-        manifest.recipe
-    );
+    let (houses, Manifest { split, recipe, views, .. }) = (manifest.houses.len(), manifest);
+    println!("{} pictures of {houses} houses of split `{split}` of recipe `{recipe}`.\n", houses * views);
     let [full, rgb] = &measured.confusions;
     let [full_ap, rgb_ap] = &measured.precisions;
     let both =

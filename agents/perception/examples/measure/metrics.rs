@@ -60,7 +60,6 @@ impl Confusion {
         (0..self.kinds).map(iou).collect()
     }
 
-    /// Returns the pixel accuracy.
     pub(crate) fn pixel_accuracy(&self) -> f64 {
         right_share(&self.pixels, self.kinds)
     }
@@ -75,8 +74,7 @@ impl Confusion {
         &self.objects[1][is * self.kinds..(is + 1) * self.kinds]
     }
 
-    /// Returns the most frequent confusions between larger objects (true, predicted, count, total), by share, for
-    /// categories with 20 objects or more.
+    /// Returns the most frequent confusions (true, predicted, count, total) for categories of 20 objects.
     pub(crate) fn worst(&self, most: usize) -> Vec<(usize, usize, u64, u64)> {
         let mut pairs = Vec::new();
         for is in 0..self.kinds {
@@ -110,7 +108,6 @@ pub(crate) struct Precision {
     there: Vec<usize>,
 }
 
-/// A segment with its true instance.
 pub(crate) struct Sighting {
     pub(crate) view: usize,
     pub(crate) instance: u16,
@@ -118,7 +115,6 @@ pub(crate) struct Sighting {
     pub(crate) segment: Segment,
 }
 
-/// Returns the true instance masks.
 fn masks(truth: &Truth, building: usize) -> BTreeMap<u16, Vec<u32>> {
     let mut masks = BTreeMap::<u16, Vec<u32>>::new();
     for (pixel, &instance) in truth.instances.iter().enumerate() {

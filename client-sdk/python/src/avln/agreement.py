@@ -92,7 +92,7 @@ class Agreement:
 
 def _check_limits(welcome: play_pb2.Welcome) -> None:
     if welcome.api_minor > API_MINOR:
-        raise ProtocolError(f"the server speaks avln.v1 minor {welcome.api_minor}, agreed was at most {API_MINOR}")
+        raise ProtocolError(f"the server speaks avln.v1 minor {welcome.api_minor}, the agreed maximum is {API_MINOR}")
     if welcome.slots == 0:
         raise ProtocolError("Welcome grants no slot")
     if welcome.max_message_bytes > MAX_MESSAGE_BYTES:

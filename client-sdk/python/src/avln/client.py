@@ -167,7 +167,7 @@ class Client:
         )
         answer = self._ask("start a run", "RunService/StartRun", request)
         if not answer.HasField("run"):
-            raise ProtocolError("StartRun began no run")
+            raise ProtocolError("StartRun returned no run")
         return Run.from_wire(answer)
 
     def run(self, run: str) -> RunStatus:

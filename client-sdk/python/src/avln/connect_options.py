@@ -65,7 +65,7 @@ def parse_address(text: str) -> Address:
     if not separator:
         raise AddressError(text, "the scheme is missing")
     if scheme not in ("http", "https"):
-        raise AddressError(text, f"the scheme '{scheme}' is not one that it knows")
+        raise AddressError(text, f"the scheme '{scheme}' is unknown")
     return _host_address(text, is_secure=scheme == "https")
 
 

@@ -56,7 +56,7 @@ class Goal:
             return cls(Modality.DESCRIPTION, text=goal.description)
         if cue == "image":
             return cls(Modality.IMAGE, image=_picture(goal.image))
-        raise ProtocolError("a goal came without a cue that this client knows")
+        raise ProtocolError("a goal has no cue known to this client")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +84,8 @@ def _picture(tensor: common_pb2.Tensor) -> NDArray[np.uint8]:
     shape = tuple(tensor.shape)
     is_raw = tensor.encoding == common_pb2.ENCODING_RAW and tensor.dtype == common_pb2.DTYPE_U8
     if len(shape) != 3 or shape[2] != 3 or not is_raw:
-        raise ProtocolError(f"a goal's picture has shape {shape}, not raw bytes of [height, width, 3]")
+        raise ProtocolError(f"a goal image has shape {shape}, not raw bytes of [height, width, 3]")
     try:
         return decode_rgb(tensor.encoding, tensor.data, shape[0], shape[1])
     except CodecError as error:
-        raise ProtocolError(f"a goal's picture of {shape[1]} x {shape[0]} pixels: {error}") from None
+        raise ProtocolError(f"a goal image of {shape[1]} x {shape[0]} pixels: {error}") from None

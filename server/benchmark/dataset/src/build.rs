@@ -50,10 +50,7 @@ impl Recipe {
         format!("{}-{}-{:04}", self.name, self.splits[job.split].name, job.scene)
     }
 
-    /// Returns the house for a scene and an attempt, from 0, without missions.
-    ///
-    /// # Errors
-    /// If the split reads scenes from files.
+    /// Returns the house for a scene and an attempt, from 0, without missions; an error for splits with scene files.
     ///
     /// # Panics
     /// If the recipe has no such split.
@@ -120,14 +117,7 @@ pub fn build_scene(
             };
             // A house can lack instances for all missions, which only the survey detects. Another draw is cheaper than a
             // search for suitable limits.
-            let mut last = house(0);
-            for attempt in 1..Recipe::HOUSE_DRAWS {
-                if last.is_ok() {
-                    break;
-                }
-                last = house(attempt);
-            }
-            last
+            (1..Recipe::HOUSE_DRAWS).fold(house(0), |last, attempt| last.or_else(|_| house(attempt)))
         }
     }
 }

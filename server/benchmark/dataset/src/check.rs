@@ -157,7 +157,6 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Checks goal count, modalities, categories.
     fn composition(&mut self, episode: &EpisodeSpec) {
         let (count, [fewest, most]) = (episode.goals.len(), self.limits.goals);
         if !(fewest..=most).contains(&count) {
@@ -174,10 +173,10 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Checks reachability, start distances, separation.
     fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint, stands: &[Vec<NavPoint>]) {
         let navmesh = &self.assets.navmesh;
         let from_start = navmesh.field(&[(*start, 0.0)]);
+        let (start_m, separation_m) = (self.limits.min_start_m, self.limits.min_separation_m);
         let mut fields = Vec::new();
         for (goal, points) in episode.goals.iter().zip(stands) {
             let least = |field: &DistanceField| {
@@ -194,18 +193,15 @@ impl SceneCheck<'_> {
                 );
                 self.fault(episode, Constraint::StartDistance, found);
             }
-            if found_m < self.limits.min_start_m - LENGTH_M {
-                let found = format!(
-                    "instance {instance} is {found_m:.3} m from the start, less than {} m",
-                    self.limits.min_start_m
-                );
+            if found_m < start_m - LENGTH_M {
+                let found =
+                    format!("instance {instance} is {found_m:.3} m from the start, less than {start_m} m");
                 self.fault(episode, Constraint::StartDistance, found);
             }
             let apart_m = fields.iter().map(least).fold(f64::INFINITY, f64::min);
-            if apart_m < self.limits.min_separation_m - LENGTH_M {
+            if apart_m < separation_m - LENGTH_M {
                 let found = format!(
-                    "instance {instance} is {apart_m:.3} m from another target, less than {} m",
-                    self.limits.min_separation_m
+                    "instance {instance} is {apart_m:.3} m from another target, less than {separation_m} m"
                 );
                 self.fault(episode, Constraint::Separation, found);
             }
@@ -214,7 +210,6 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Checks stored tours: start, length, steps.
     fn paths(&mut self, episode: &EpisodeSpec) {
         for (name, tour) in [("ordered", &episode.ordered), ("unordered", &episode.unordered)] {
             let walked: f64 = tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
@@ -238,7 +233,6 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Recomputes both tour lengths.
     fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint, stands: &[Vec<NavPoint>]) {
         let tours = Tours { navmesh: &self.assets.navmesh, regions: stands };
         let lengths = [
@@ -255,7 +249,6 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Checks that no target is used too often.
     fn reuse(&mut self, episodes: &[EpisodeSpec]) {
         let mut uses: BTreeMap<u32, usize> = BTreeMap::new();
         let goals = episodes.iter().flat_map(|episode| &episode.goals);

@@ -156,7 +156,6 @@ pub(super) struct SealedMission {
     pub(super) unordered: ReferenceTour,
 }
 
-/// Hidden part of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SealedGoal {

@@ -100,10 +100,8 @@ pub struct MissionOptions {
     pub seed: u64,
 }
 
-/// Wanted reference steps in ordered missions.
-///
-/// Every mission is drawn several times; the draw closest to a wanted step count wins. That count is `mean` for
-/// the middle goal count, proportional for others, and uniform within `spread`.
+/// Wanted reference steps in ordered missions: the closest of several draws wins. The wanted count is `mean` for the
+/// middle goal count, proportional for others, and uniform within `spread`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StepGoal {
@@ -136,7 +134,6 @@ const ATTEMPTS: usize = 40;
 const NEAR_ENOUGH: f64 = 0.04;
 /// Largest distance from a sampled point to the mesh, metres.
 const SNAP_M: f32 = 0.1;
-
 /// Random shift in the use order, uses.
 const CHANCE_USES: f64 = 2.0;
 /// Weight for an instance's own modality count against the scene total.
@@ -160,7 +157,8 @@ pub fn sample_missions(
     (0..options.episodes)
         .map_while(|number| {
             // A generator per mission: a longer list with the same seed begins with the same missions.
-            let mut episode = sampler.mission(&mut rng.fork(&format!("mission {number}")))?;
+            let mut rng = rng.fork(&format!("mission {number}"));
+            let mut episode = (0..ATTEMPTS).find_map(|_| sampler.mission(&mut rng))?;
             episode.id = format!("{}-{number:04}", assets.scene.name);
             Some(episode)
         })
@@ -198,16 +196,13 @@ impl<'a> Sampler<'a> {
         };
         let regions: Vec<_> = instances.iter().map(points).collect();
         let atlas = Atlas::new(&assets.navmesh, &regions, options.min_separation_m);
-        Self { assets, rules, options, atlas, pool: CandidatePool::new(instances) }
-    }
-
-    /// Draws the next mission; `None` after too many attempts.
-    fn mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
-        (0..ATTEMPTS).find_map(|_| self.try_mission(rng))
+        let count = instances.len();
+        let pool = CandidatePool { instances, uses: vec![0; count], asked: vec![[0; 3]; count] };
+        Self { assets, rules, options, atlas, pool }
     }
 
     /// Draws a mission; `None` without matching targets or with a single modality.
-    fn try_mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
+    fn mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
         let goals = &self.options.goals;
         let count = goals.start() + rng.below(goals.end() - goals.start() + 1);
         let draft = match &self.options.steps {
@@ -322,13 +317,7 @@ struct CandidatePool<'a> {
     asked: Vec<[u32; 3]>,
 }
 
-impl<'a> CandidatePool<'a> {
-    fn new(instances: Vec<&'a Instance>) -> Self {
-        let count = instances.len();
-        Self { instances, uses: vec![0; count], asked: vec![[0; 3]; count] }
-    }
-
-    /// Counts a mission with `chosen` targets and `modalities`.
+impl CandidatePool<'_> {
     fn note(&mut self, chosen: &[usize], modalities: &[Modality]) {
         for (&index, modality) in chosen.iter().zip(modalities) {
             self.uses[index] += 1;
@@ -354,10 +343,8 @@ impl<'a> CandidatePool<'a> {
         for (_, index) in candidates {
             let new_category = chosen.iter().all(|&other| category(other) != category(index));
             let apart = |&other: &usize| within(atlas.apart_m(other, index), options.min_separation_m);
-            if new_category
-                && chosen.iter().all(apart)
-                && within(atlas.start_m(start, index), options.min_start_m)
-            {
+            let far = || within(atlas.start_m(start, index), options.min_start_m);
+            if new_category && chosen.iter().all(apart) && far() {
                 chosen.push(index);
             }
             if chosen.len() == count {

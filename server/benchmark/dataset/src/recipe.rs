@@ -90,20 +90,14 @@ impl Recipe {
     /// Most missions per scene: numbers have four digits.
     const MAX_MISSIONS: usize = 9_999;
 
-    /// Parses a JSON recipe.
-    ///
-    /// # Errors
-    /// If the JSON is invalid or a value is out of range.
+    /// Parses a JSON recipe; an error if the JSON is invalid or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self, DatasetError> {
         let recipe: Self = serde_json::from_str(text).map_err(|error| refused(format!("{error}")))?;
         recipe.check()?;
         Ok(recipe)
     }
 
-    /// Returns the rule set.
-    ///
-    /// # Errors
-    /// If this version has no such rule set.
+    /// Returns the rule set; an error if this version has no such rule set.
     pub fn rules(&self) -> Result<Rules, DatasetError> {
         Rules::named(&self.rules).map_err(|error| refused(format!("`rules`: {error}")))
     }

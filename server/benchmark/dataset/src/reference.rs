@@ -21,9 +21,7 @@ pub(crate) struct Tour {
 /// Least cost per point in a region, metres; infinite if unreachable.
 type Costs = Vec<f64>;
 
-/// Returns the shortest tour in the given order; `None` if a region is unreachable.
-///
-/// Exact over the sampled points, by dynamic programming.
+/// Shortest tour in this order, exact over the sampled points (dynamic programming); `None` if one is unreachable.
 pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
     let (&first, rest) = regions.split_first()?;
     let mut stages: Vec<Costs> = vec![atlas.depart(start, first)];
@@ -129,10 +127,8 @@ fn prepend(tail: &mut Vec<Point3<f32>>, mut leg: Vec<Point3<f32>>) {
     *tail = leg;
 }
 
-/// Returns the action count for a tour: moves, turns, a claim per goal.
-///
-/// Moves are the tour length over the step length, rounded up once. Turns connect the allowed headings closest to
-/// consecutive legs.
+/// Action count for a tour: moves (length over step length, rounded up once), turns between the allowed headings
+/// closest to consecutive legs, a claim per goal.
 pub(crate) fn reference_steps(
     rules: &Rules,
     start: &Pose,

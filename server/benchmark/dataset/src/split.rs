@@ -121,10 +121,7 @@ pub struct FormatError {
 }
 
 impl SceneSpec {
-    /// Builds or reads the scene `name` and records the digest.
-    ///
-    /// # Errors
-    /// If the file cannot be read.
+    /// Builds or reads the scene `name` and records the digest; an error if the file cannot be read.
     pub fn new(name: &str, source: SceneSource) -> Result<(Self, Scene), DatasetError> {
         let scene = source.make(name)?;
         // Success regions and reference tours depend on the geometry. A changed file must be an error, not a wrong
@@ -132,15 +129,12 @@ impl SceneSpec {
         Ok((Self { name: name.to_owned(), source, digest: digest(&scene) }, scene))
     }
 
-    /// Rebuilds or rereads the scene and prepares it for the rules.
-    ///
-    /// # Errors
-    /// If it cannot be read, has changed, or has no walkable floor.
+    /// Opens the scene as [`SceneSpec::open_with`], without a cache.
     pub fn open(&self, rules: &Rules) -> Result<SceneAssets, DatasetError> {
         self.open_with(rules, None)
     }
 
-    /// Opens the scene as [`SceneSpec::open`], with render data cached in `cache` by scene digest.
+    /// Rebuilds or rereads the scene and prepares it for the rules; caches render data in `cache` by scene digest.
     ///
     /// # Errors
     /// If it cannot be read, has changed, or has no walkable floor.
@@ -152,11 +146,8 @@ impl SceneSpec {
         let scene = self.source.make(&self.name)?;
         let found = digest(&scene);
         if found != self.digest {
-            return Err(DatasetError::Changed {
-                scene: self.name.clone(),
-                found,
-                expected: self.digest.clone(),
-            });
+            let (scene, expected) = (self.name.clone(), self.digest.clone());
+            return Err(DatasetError::Changed { scene, found, expected });
         }
         self.prepare(scene, rules, cache)
     }
@@ -174,7 +165,6 @@ impl SceneSpec {
     }
 }
 
-/// A prepared scene with drawn missions.
 pub(crate) struct DrawnScene {
     pub(crate) spec: SceneSpec,
     pub(crate) assets: SceneAssets,
@@ -216,8 +206,7 @@ impl SceneSource {
     fn make(&self, name: &str) -> Result<Scene, DatasetError> {
         match self {
             Self::Procedural { seed, rooms, storeys, pool } => {
-                let (rooms, storeys) = (rooms.clone(), storeys.clone());
-                let options = HouseOptions { rooms, storeys, pool: *pool };
+                let options = HouseOptions { rooms: rooms.clone(), storeys: storeys.clone(), pool: *pool };
                 Ok(avln_houses::house(name, *seed, &options))
             }
             Self::File { path } => Ok(Scene { name: name.to_owned(), ..open(path)? }),
@@ -231,10 +220,7 @@ impl Split {
         Self { name: name.to_owned(), rules: rules.name.clone(), scenes: Vec::new(), episodes: Vec::new() }
     }
 
-    /// Adds a scene with drawn missions; returns the prepared scene. Caches render data in `cache`.
-    ///
-    /// # Errors
-    /// If the scene is unusable or has no mission.
+    /// Adds a scene with drawn missions and returns it, prepared; an error if it is unusable or has no mission.
     pub fn add_scene(
         &mut self,
         name: &str,

@@ -1,10 +1,6 @@
 //! Statistics of data sets, and their page.
 
-use crate::{
-    cue::CueSpec,
-    format::SceneFacts,
-    mission::{EpisodeSpec, GoalSpec},
-};
+use crate::{cue::CueSpec, format::SceneFacts, mission::EpisodeSpec};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
@@ -115,16 +111,14 @@ impl Statistics {
         self.unordered_m.note(episode.unordered.length_m);
         self.ordered_steps.note(f64::from(episode.ordered.steps));
         self.unordered_steps.note(f64::from(episode.unordered.steps));
-        episode.goals.iter().for_each(|goal| self.note_goal(goal));
-    }
-
-    fn note_goal(&mut self, goal: &GoalSpec) {
-        *self.modalities.entry(goal.cue.modality().as_str().to_owned()).or_default() += 1;
-        *self.categories.entry(goal.target.category.clone()).or_default() += 1;
-        *self.distractors.entry(goal.distractors).or_default() += 1;
-        self.start_m.note(goal.target.start_distance_m);
-        if let CueSpec::Description(sentence) = &goal.cue {
-            self.words.note(sentence.text.split_whitespace().count() as f64);
+        for goal in &episode.goals {
+            *self.modalities.entry(goal.cue.modality().as_str().to_owned()).or_default() += 1;
+            *self.categories.entry(goal.target.category.clone()).or_default() += 1;
+            *self.distractors.entry(goal.distractors).or_default() += 1;
+            self.start_m.note(goal.target.start_distance_m);
+            if let CueSpec::Description(sentence) = &goal.cue {
+                self.words.note(sentence.text.split_whitespace().count() as f64);
+            }
         }
     }
 
@@ -264,23 +258,16 @@ pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
         format!("{:.1}{unit} ({:.1} to {:.1})", spread.mean(), spread.min, spread.max)
     };
     let share = |modality| format!("{:.1} %", 100.0 * numbers.share(modality));
+    let shares = ["category", "description", "image"].map(share);
     let targets: u64 = numbers.uses.values().sum();
+    let per_target = per(numbers.goal_count(), targets);
     let most = numbers.uses.keys().next_back().copied().unwrap_or(0);
     vec![
         ("scenes", numbers.scenes.to_string()),
         ("missions", numbers.missions.to_string()),
         ("goals", numbers.goal_count().to_string()),
-        (
-            "category, description, image",
-            [share("category"), share("description"), share("image")].join(", "),
-        ),
-        (
-            "targets",
-            format!(
-                "{targets}, each requested {:.1} times, at most {most}",
-                per(numbers.goal_count(), targets)
-            ),
-        ),
+        ("category, description, image", shares.join(", ")),
+        ("targets", format!("{targets}, each requested {per_target:.1} times, at most {most}")),
         ("reference length, ordered", spread(&numbers.ordered_m, " m")),
         ("reference length, unordered", spread(&numbers.unordered_m, " m")),
         ("reference steps, ordered", spread(&numbers.ordered_steps, "")),

@@ -11,7 +11,7 @@ use crate::{
     describe::Writer,
 };
 use avln_episode::Rules;
-use avln_geom::{Point3, Pose, Rng};
+use avln_geom::{Point3, Rng};
 use avln_scene::{InstanceId, Object, Scene, categories};
 use avln_truth::Target;
 use avln_world::{CameraImage, SceneAssets};
@@ -40,8 +40,7 @@ pub fn survey(assets: &SceneAssets, rules: &Rules) -> Vec<Instance> {
     survey_with(assets, rules, &SurveyOptions::default(), &ThresholdsOnly)
 }
 
-/// Finds instances of target categories, sorted by id: reachable from the largest island, and recognisable by `options`
-/// and `verifier`; with views, sentences and pictures.
+/// Finds reachable instances of target categories, recognisable by `options` and `verifier`, sorted by id.
 pub fn survey_with(
     assets: &SceneAssets,
     rules: &Rules,
@@ -50,29 +49,22 @@ pub fn survey_with(
 ) -> Vec<Instance> {
     let (sightings, palettes) = look_around(assets, rules, options, verifier);
     let writer = Writer::new(assets, &palettes, options);
-    sightings.iter().map(|sighting| instance(assets, sighting, &sightings, &writer, options)).collect()
-}
-
-fn instance(
-    assets: &SceneAssets,
-    sighting: &Sighting,
-    all: &[Sighting],
-    writer: &Writer,
-    options: &SurveyOptions,
-) -> Instance {
     let scene = &assets.scene;
-    let object = &scene.objects[sighting.index];
-    let rng = Rng::new(options.seed).fork(&format!("{} {}", scene.name, object.id.0));
-    let sentences = writer.sentences(sighting, rng);
-    let (images, image_margin) = choose_pictures(scene, sighting, all, options);
-    Instance {
-        target: sighting.target.clone(),
-        views: sighting.looks.iter().map(|look| look.view).collect(),
-        sentences: sentences.into_iter().map(Description::from).collect(),
-        images,
-        image_margin,
-        distractors: distractors(scene, object.id),
-    }
+    let instance = |sighting: &Sighting| {
+        let id = scene.objects[sighting.index].id;
+        let rng = Rng::new(options.seed).fork(&format!("{} {}", scene.name, id.0));
+        let sentences = writer.sentences(sighting, rng);
+        let (images, image_margin) = choose_pictures(scene, sighting, &sightings, options);
+        Instance {
+            target: sighting.target.clone(),
+            views: sighting.looks.iter().map(|look| look.view).collect(),
+            sentences: sentences.into_iter().map(Description::from).collect(),
+            images,
+            image_margin,
+            distractors: distractors(scene, id),
+        }
+    };
+    sightings.iter().map(instance).collect()
 }
 
 /// Returns the count of other objects in the same category, at most 255.
@@ -115,7 +107,6 @@ pub(crate) fn look_around(
     (sightings, surveyor.palettes)
 }
 
-/// Recognised object.
 pub(crate) struct Sighting {
     pub(crate) index: usize,
     pub(crate) target: Target,
@@ -143,33 +134,28 @@ impl Surveyor<'_> {
 
     /// Good looks from places spread over the region, best first.
     fn look_at(&mut self, object: &Object, region: &[Point3<f32>]) -> Vec<Look> {
-        let mut good = Vec::new();
+        let mut looks: Vec<Look> = Vec::new();
         let mut seen = false;
-        let places = place::spread(region, &object.bounds.center(), self.options.looks);
+        let center = object.bounds.center();
+        let places = place::spread(region, &center, self.options.looks);
         for (number, base) in places.into_iter().enumerate() {
             // Enclosed objects are never visible, and every look renders a picture.
             if number >= HOPELESS_LOOKS && !seen {
                 break;
             }
-            let pose = place::facing(&base, &object.bounds.center());
-            let look = self.take(object, pose);
-            seen |= look.is_some();
-            good.extend(look.filter(|(look, recognised)| *recognised && look.is_good(self.options)));
+            let pose = place::facing(&base, &center);
+            let view = CueView { pose, hfov_rad: 2.0 * Rules::HALF_VIEW_RAD, side_px: self.options.look_px };
+            let frame = view.render(self.assets, self.rules);
+            collect_colors(&frame, &mut self.palettes);
+            let Some(look) = Look::of(view, &frame, object.id, self.options) else { continue };
+            seen = true;
+            if self.verifier.recognises(&frame, object) && look.is_good(self.options) {
+                looks.push(look);
+            }
         }
-        let mut looks: Vec<Look> = good.into_iter().map(|(look, _)| look).collect();
         looks.sort_by(|a, b| b.quality().total_cmp(&a.quality()));
         looks.truncate(self.options.viewpoints);
         looks
-    }
-
-    /// Takes and measures a picture; returns the verifier's result with it, or `None` if the object is invisible.
-    fn take(&mut self, object: &Object, pose: Pose) -> Option<(Look, bool)> {
-        let view = CueView { pose, hfov_rad: 2.0 * Rules::HALF_VIEW_RAD, side_px: self.options.look_px };
-        let frame = view.render(self.assets, self.rules);
-        collect_colors(&frame, &mut self.palettes);
-        let look = Look::of(view, &frame, object.id, self.options)?;
-        let recognised = self.verifier.recognises(&frame, object);
-        Some((look, recognised))
     }
 }
 
@@ -182,10 +168,8 @@ const COMPANION_SHARE: f32 = 0.01;
 /// Least distance between two picture positions, metres.
 const APART_M: f32 = 0.6;
 
-/// Returns the reference pictures, best first, and their least margin (0 without pictures).
-///
-/// A picture qualifies if it differs by [`SurveyOptions::min_image_margin`] from all looks at other instances in the
-/// category.
+/// Returns the reference pictures, best first, and their least margin (0 without pictures): they differ by
+/// [`SurveyOptions::min_image_margin`] from all looks at other instances in the category.
 pub(crate) fn choose_pictures(
     scene: &Scene,
     sighting: &Sighting,
@@ -193,10 +177,8 @@ pub(crate) fn choose_pictures(
     options: &SurveyOptions,
 ) -> (Vec<CueView>, f32) {
     let category = &sighting.target.category;
-    let rivals: Vec<&Sighting> = all
-        .iter()
-        .filter(|other| other.target.category == *category && other.index != sighting.index)
-        .collect();
+    let is_rival = |other: &&Sighting| other.target.category == *category && other.index != sighting.index;
+    let rivals: Vec<&Sighting> = all.iter().filter(is_rival).collect();
     let mut chosen: Vec<CueView> = Vec::new();
     let mut least: Option<f32> = None;
     for look in &sighting.looks {
@@ -225,20 +207,16 @@ fn margin(scene: &Scene, sighting: &Sighting, look: &Look, rival: &Sighting) -> 
 fn company(scene: &Scene, own: &Object, look: &Look, other: &Object) -> f32 {
     let enough = COMPANION_SHARE * (look.view.side_px * look.view.side_px) as f32;
     let shown = |thing: &&Object| look.beside.get(&thing.id).is_some_and(|&pixels| pixels as f32 >= enough);
-    let around = |object: &Object, reach_m: f32| -> BTreeSet<&str> {
+    let around = |object: &Object, reach_m: f32| {
         let reach = object.bounds.grown(reach_m);
-        let things = scene.objects.iter().filter(|thing| thing.bounds.intersects(&reach));
-        things.filter(|thing| thing.category != own.category).map(|thing| thing.category.as_str()).collect()
+        let is_near =
+            move |thing: &&Object| thing.bounds.intersects(&reach) && thing.category != own.category;
+        scene.objects.iter().filter(is_near)
     };
-    let reach = own.bounds.grown(NEAR_M);
-    let seen: BTreeSet<&str> = scene
-        .objects
-        .iter()
-        .filter(|thing| thing.category != own.category && thing.bounds.intersects(&reach))
-        .filter(shown)
-        .map(|thing| thing.category.as_str())
-        .collect();
-    let missing = seen.difference(&around(other, FAR_M)).count();
+    let seen: BTreeSet<&str> =
+        around(own, NEAR_M).filter(shown).map(|thing| thing.category.as_str()).collect();
+    let there: BTreeSet<&str> = around(other, FAR_M).map(|thing| thing.category.as_str()).collect();
+    let missing = seen.difference(&there).count();
     if seen.is_empty() { 0.0 } else { missing as f32 / seen.len() as f32 }
 }
 
@@ -246,7 +224,7 @@ fn company(scene: &Scene, own: &Object, look: &Look, other: &Object) -> f32 {
 mod tests {
     use super::*;
     use avln_episode::Modality;
-    use avln_geom::Aabb;
+    use avln_geom::{Aabb, Pose};
     use avln_scene::{Attributes, Lighting, Mesh};
     use look::Histogram;
 

@@ -38,37 +38,28 @@ impl SceneMissions {
     }
 }
 
-/// Returns the index file for a split; [`authors_scene`] returns the scene files.
-///
-/// # Errors
-/// If the compression fails.
+/// Returns the index file for a split, compressed; [`authors_scene`] returns the scene files.
 pub fn authors_index(split: &str) -> Result<ExportedFile, InterchangeError> {
-    let numbered = |numbers: &mut dyn Iterator<Item = u32>| -> Map<String, Value> {
-        TARGET_CATEGORIES
-            .iter()
-            .zip(numbers)
-            .map(|(name, number)| ((*name).to_owned(), number.into()))
-            .collect()
+    let numbered = |number: fn(usize) -> u32| -> Map<String, Value> {
+        let names = TARGET_CATEGORIES.iter().enumerate();
+        names.map(|(index, name)| ((*name).to_owned(), number(index).into())).collect()
     };
     let index = json!({
         "dataset": "omni_long_nav",
         "split": split,
         "episodes": [],
         "content_scenes_path": "{data_path}/content/{scene}.json.gz",
-        "category_to_task_category_id": numbered(&mut (0..)),
-        "category_to_mp3d_category_id": numbered(&mut MPCAT40.into_iter()),
+        "category_to_task_category_id": numbered(|index| index as u32),
+        "category_to_mp3d_category_id": numbered(|index| MPCAT40[index]),
     });
     file(format!("{split}/{split}.json.gz"), &index)
 }
 
-/// Returns the file for a scene.
+/// Returns the compressed file for a scene.
 ///
 /// A record has a single sentence, so an instance with two sentences gets two records. Unknown fields (sounds, pixel counts,
 /// detections) are omitted; the authors' loader fills them in. Without ground truth every goal has a separate record
 /// with the cue and instance 0, which does not exist.
-///
-/// # Errors
-/// If the compression fails.
 pub fn authors_scene(
     split: &str,
     scene: &str,
@@ -133,7 +124,6 @@ fn public_content(scene: &str, missions: &[PublicMission], rules: &Rules) -> Con
     (episodes, records)
 }
 
-/// Modality and record for a goal without the target.
 fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     match goal {
         PublicGoal::Category(label) => ("object", json!({"semantic_id": 0, "category": label})),

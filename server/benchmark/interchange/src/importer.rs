@@ -91,9 +91,8 @@ impl<'a> Importer<'a> {
         if imported.losses.is_empty() {
             let lengths_m = [ordered.length_m, unordered.length_m];
             if foreign.stated_m.iter().zip(lengths_m).any(|(stated, ours)| deviates(*stated, ours)) {
-                imported
-                    .notes
-                    .push("reference lengths that differ from the file's by more than a tenth".to_owned());
+                let note = "reference lengths that differ from the file's by more than a tenth";
+                imported.notes.push(note.to_owned());
             }
         }
         let id = format!("{}-{}", self.assets.scene.name, foreign.id.replace('-', "_"));
@@ -131,10 +130,7 @@ impl<'a> Importer<'a> {
         Ok(GoalSpec { target, cue, distractors })
     }
 
-    /// Returns the target with the start distance.
-    ///
-    /// # Errors
-    /// If the target is unreachable or belongs to another goal in the mission.
+    /// The target with the start distance; an error if it is unreachable or belongs to another goal in the mission.
     fn reached(
         &self,
         target: Target,
@@ -193,10 +189,7 @@ fn deviates(stated_m: Option<f64>, computed_m: f64) -> bool {
     stated_m.is_some_and(|m| m > 1e-6 && (m - computed_m).abs() > NOTED_DEVIATION * m)
 }
 
-/// Finds a foreign instance's object by box, number or centre, in this order.
-///
-/// # Errors
-/// If no object matches: the reason.
+/// Finds a foreign instance's object by box, number or centre, in this order; or the reason why none matches.
 fn find<'a>(scene: &'a Scene, wanted: &ForeignInstance) -> Result<&'a Object, String> {
     if let Some(bounds) = &wanted.bounds {
         return by_box(scene, wanted, bounds);

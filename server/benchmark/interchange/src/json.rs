@@ -12,7 +12,6 @@ use std::{
 /// Most bytes per file after decompression.
 const MAX_BYTES: u64 = 1 << 30;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-
 /// Most list entries; published data sets have fewer per file.
 const MAX_ENTRIES: usize = 2_000_000;
 /// Largest deviation from unit length in a quaternion.
@@ -44,7 +43,6 @@ fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<Value, Intercha
     })
 }
 
-/// Compresses bytes by gzip.
 pub(crate) fn pack(bytes: &[u8]) -> Result<Vec<u8>, std::io::Error> {
     // Without a time stamp: the same bytes give the same file.
     let mut writer = GzBuilder::new().mtime(0).write(Vec::new(), Compression::default());
@@ -61,12 +59,10 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    /// Returns the top value.
     pub(crate) fn root(file: &'a str, value: &'a Value) -> Self {
         Self { file, path: String::new(), value }
     }
 
-    /// Returns an error at this place.
     pub(crate) fn error(&self, cause: impl Into<String>) -> InterchangeError {
         let place = if self.path.is_empty() { "the top" } else { &self.path };
         InterchangeError::malformed(self.file, place, &cause.into())
@@ -172,14 +168,12 @@ impl<'a> Cursor<'a> {
         Ok(Rotation { heading_rad: angle::atan2(-right, -back), pitch_rad: angle::atan2(up, level) })
     }
 
-    /// Returns the pose from `position` and `rotation`.
     pub(crate) fn pose(&self) -> Result<Pose, InterchangeError> {
         let rotation =
             self.find("rotation").map(|rotation| rotation.rotation()).transpose()?.unwrap_or_default();
         Ok(Pose::new(self.get("position")?.point()?, rotation.heading_rad))
     }
 
-    /// Returns a box from the corners `low` and `high`.
     pub(crate) fn bounds(&self, low: &str, high: &str) -> Result<Option<Aabb>, InterchangeError> {
         let (Some(low), Some(high)) = (self.find(low), self.find(high)) else { return Ok(None) };
         Ok(Some(Aabb::new(low.point()?, high.point()?)))

@@ -68,19 +68,14 @@ impl Format {
         let is_lhavln = |name: &str| name.starts_with("omni_long") || name.contains("instance_trajectory");
         let named = root.find("dataset").is_some_and(|name| name.text().is_ok_and(is_lhavln));
         // From the most specific key to the least: all formats have `episodes`, and several have `goals`.
-        if named || has("instances") || has("content_scenes_path") {
-            Some(Self::Authors)
-        } else if has("goals_by_category") {
-            Some(Self::ObjectNav)
-        } else if episode_has("goal_object_id") {
-            Some(Self::InstanceImageNav)
-        } else if episode_has("tasks") {
-            Some(Self::Goat)
-        } else if episode_has("goals") {
-            Some(Self::MultiOn)
-        } else {
-            None
-        }
+        let signs = [
+            (named || has("instances") || has("content_scenes_path"), Self::Authors),
+            (has("goals_by_category"), Self::ObjectNav),
+            (episode_has("goal_object_id"), Self::InstanceImageNav),
+            (episode_has("tasks"), Self::Goat),
+            (episode_has("goals"), Self::MultiOn),
+        ];
+        signs.into_iter().find_map(|(is_there, format)| is_there.then_some(format))
     }
 }
 

@@ -33,9 +33,6 @@ impl Tables {
     }
 
     /// Adds missions in a scene.
-    ///
-    /// # Errors
-    /// If a table cannot be encoded.
     pub fn add(&mut self, scene: &str, missions: &SceneMissions) -> Result<(), InterchangeError> {
         match missions {
             SceneMissions::Public(missions) => {
@@ -47,9 +44,6 @@ impl Tables {
     }
 
     /// Returns the files.
-    ///
-    /// # Errors
-    /// If a table cannot be encoded.
     pub fn finish(self) -> Result<Vec<ExportedFile>, InterchangeError> {
         let split = self.split;
         let file = |(name, table): (&str, ParquetFile)| {
@@ -158,9 +152,11 @@ fn lengths(episodes: &[EpisodeSpec]) -> [Column; 4] {
 /// Hidden goal columns. Goals without a picture have a NaN camera.
 fn goal_truth(episodes: &[EpisodeSpec]) -> Vec<Column> {
     let all = || episodes.iter().flat_map(|episode| &episode.goals);
+    let pose = Pose { position: Point3::new(f32::NAN, f32::NAN, f32::NAN), heading_rad: f32::NAN };
+    let no_view = CueView { pose, hfov_rad: f32::NAN, side_px: 0 };
     let view = |goal: &GoalSpec| match goal.cue {
         CueSpec::Image(view) => view,
-        CueSpec::Category | CueSpec::Description(_) => no_view(),
+        CueSpec::Category | CueSpec::Description(_) => no_view,
     };
     let cameras: Vec<Point3<f32>> = all().map(|goal| view(goal).pose.position).collect();
     let mut columns = vec![
@@ -172,11 +168,6 @@ fn goal_truth(episodes: &[EpisodeSpec]) -> Vec<Column> {
     ];
     columns.extend(place(["view_x_m", "view_y_m", "view_z_m"], &cameras));
     columns
-}
-
-fn no_view() -> CueView {
-    let pose = Pose { position: Point3::new(f32::NAN, f32::NAN, f32::NAN), heading_rad: f32::NAN };
-    CueView { pose, hfov_rad: f32::NAN, side_px: 0 }
 }
 
 fn targets(scene: &str, targets: &[&Target]) -> Vec<Column> {
@@ -215,7 +206,6 @@ fn places(scene: &str, targets: &[&Target]) -> Vec<Column> {
     columns
 }
 
-/// Reference tour corners.
 fn tours(episodes: &[EpisodeSpec]) -> Vec<Column> {
     let corners = |episode: &EpisodeSpec| {
         let id = episode.id.clone();

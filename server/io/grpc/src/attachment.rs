@@ -3,22 +3,20 @@
 use avln_episode::EndReason;
 use tokio::time::Instant;
 
-/// Attachment of a session to a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Attachment {
     /// The server opens, resumes or restores the session; no client is attached yet.
     Admitted,
-    /// A Play stream plays the session.
     Streaming,
-    /// Unary calls play the session.
     Unary,
     /// No client is attached. The session waits for a Hello with `resume`.
-    Detached { until: Instant },
+    Detached {
+        until: Instant,
+    },
     /// The session ends; open episodes are being stored, kept or handed over.
     Closing(StopReason),
 }
 
-/// Event that changes an attachment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AttachmentEvent {
     StreamAttached,
@@ -27,24 +25,19 @@ pub(crate) enum AttachmentEvent {
     Stopped(StopReason),
 }
 
-/// Reason of an attachment's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StopReason {
     /// Another connection starts over with new episodes.
     Superseded,
-    /// Another connection resumes the session.
     Resumed,
-    /// The server stops.
     Draining,
     /// The team cancelled the run, or the agent sent Goodbye by a unary call.
     Cancelled,
-    /// The run's wall time has passed.
     Expired,
     /// The stream broke, ended without Goodbye, or was not read.
     ConnectionLost,
     /// The client sent Goodbye with `pause`.
     Paused,
-    /// The client sent Goodbye.
     Goodbye,
     /// No episode remains and none is open.
     NothingLeft,
@@ -70,7 +63,6 @@ pub(crate) enum Ending {
 }
 
 impl Attachment {
-    /// Returns the state after an event.
     pub(crate) fn next(self, event: AttachmentEvent) -> Self {
         match (self, event) {
             // The first reason wins, because the ending may already be under way (drain during attach). A client that attaches now
@@ -106,7 +98,6 @@ impl StopReason {
         }
     }
 
-    /// Returns whether the run ends together with the session.
     pub(crate) fn finishes_run(self) -> bool {
         matches!(self, Self::Goodbye | Self::NothingLeft | Self::AgentHangs | Self::Expired)
     }

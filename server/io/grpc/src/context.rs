@@ -74,16 +74,13 @@ impl<H: Host> ServiceContext<H> {
             .map(wire::run_end)
     }
 
-    /// Opens a session with restored episodes.
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
         Arc::new(Session::open(self.host.clone(), self.pool.clone(), &self.limits, interrupted))
     }
 }
 
-/// The right to play a run's session.
 pub(crate) type RunGuard<H> = SessionGuard<Session<H>>;
 
-/// A reply to a gRPC call.
 pub(crate) type Reply<T> = Result<Response<T>, Status>;
 
 pub(crate) fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {

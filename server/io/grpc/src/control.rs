@@ -85,7 +85,6 @@ impl SlotStatistics {
         self.at_unix_ms = unix_ms();
     }
 
-    /// Returns the mean step duration, from reply to reply.
     fn mean_step(&self) -> Option<Duration> {
         let (first, begun) = self.first?;
         let (last, _) = self.last?;
@@ -197,7 +196,6 @@ impl Control {
         self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// Records an open run and the client's connection state.
     pub(crate) fn opened(&self, run: &str, is_there: bool) {
         self.0.statistics.lock().sessions.insert(run.to_owned(), is_there);
     }
@@ -291,20 +289,11 @@ impl Control {
     }
 
     /// Refuses new runs and episodes during a drain.
-    ///
-    /// # Errors
-    /// If a drain has begun.
     pub fn check_open(&self) -> Result<(), Refusal> {
-        match self.draining() {
-            None => Ok(()),
-            Some(drain) => {
-                let message = format!(
-                    "the server is about to stop ({}): no run and no episode begins; try again later",
-                    drain.reason
-                );
-                Err(Refusal::new(Reason::Draining, message).retry_after(RETRY_AFTER_S))
-            }
-        }
+        let Some(Drain { reason, .. }) = self.draining() else { return Ok(()) };
+        let message =
+            format!("the server is about to stop ({reason}): no run and no episode begins; try again later");
+        Err(Refusal::new(Reason::Draining, message).retry_after(RETRY_AFTER_S))
     }
 }
 

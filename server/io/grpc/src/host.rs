@@ -10,8 +10,7 @@ use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensor
 use avln_referee::{RefereeError, StepOutcome};
 use std::{io, time::Duration};
 
-/// The application behind the gRPC server. Methods are called concurrently. A panic ends only the call, with a server fault. Heavy
-/// work belongs on a blocking thread.
+/// The application behind the gRPC server, called concurrently. A panic ends the call. Heavy work needs a blocking thread.
 #[tonic::async_trait]
 pub trait Host: Send + Sync + 'static {
     /// The application's episode type.
@@ -156,7 +155,6 @@ pub struct OpenRun {
 }
 
 impl OpenRun {
-    /// Returns a session's slot limit.
     pub(crate) fn slot_limit(&self) -> u32 {
         self.max_slots.clamp(1, Limits::MAX_SLOTS)
     }
@@ -198,8 +196,7 @@ pub struct Digests {
     pub config: String,
 }
 
-/// A running episode: the agent-visible part of a [`Referee`](avln_referee::Referee). `start`, `step` and `truncate` are called on
-/// simulation threads and may panic, which ends only this episode.
+/// The agent-visible part of a [`Referee`](avln_referee::Referee), on simulation threads. A panic ends only this episode.
 pub trait Episode: Send + 'static {
     /// Returns the mission.
     fn mission(&self) -> &Mission;
@@ -207,10 +204,7 @@ pub trait Episode: Send + 'static {
     fn rules(&self) -> &Rules;
     /// Returns the observation before the first action.
     fn start(&mut self) -> Observation;
-    /// Carries out an action.
-    ///
-    /// # Errors
-    /// If the episode is over.
+    /// Carries out an action. Fails if the episode is over.
     fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError>;
     /// Ends the episode from outside.
     fn truncate(&mut self, reason: EndReason);
@@ -222,8 +216,7 @@ pub trait Episode: Send + 'static {
     fn state_hash(&self) -> u64;
 }
 
-/// Episode log, from which a restarted server restores the episode. After an error of `acting` or `acted`, the episode is a
-/// server fault.
+/// Log from which a restarted server restores an episode. An error of `acting` or `acted` makes the episode a server fault.
 pub trait EpisodeLog: Send + 'static {
     /// Records that an action is about to be carried out.
     fn acting(&mut self, step: u32) -> io::Result<()>;

@@ -36,8 +36,7 @@
 //! | not resumed in time | | | | Closing | Closing(r) |
 //! | superseded, resumed, cancelled, expired, draining | Closing | Closing | Closing | Closing | Closing(r) |
 //!
-//! An entry is removed when the ending is complete. A connection that supersedes or resumes the session enters then, as
-//! Admitted.
+//! An entry is removed when the ending is complete. A connection that supersedes or resumes the session then enters as Admitted.
 //!
 //! | stop reason | open episodes | run |
 //! |---|---|---|

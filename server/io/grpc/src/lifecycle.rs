@@ -1,5 +1,4 @@
-//! Session lifecycle: admission of clients, endings, detached sessions, cancelled and expired runs, and runs interrupted by a
-//! server restart.
+//! Session lifecycle: admission, endings, detached sessions, and cancelled, expired and interrupted runs.
 
 use crate::{
     attachment::{AttachmentEvent, Ending, StopReason},
@@ -17,7 +16,6 @@ use std::{sync::Arc, time::Duration};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tracing::Instrument;
 
-/// A client that was admitted to a run.
 pub(crate) struct Admission<H: Host> {
     pub(crate) open: OpenRun,
     pub(crate) session: Arc<Session<H>>,
@@ -26,7 +24,6 @@ pub(crate) struct Admission<H: Host> {
     pub(crate) welcome: v1::Welcome,
 }
 
-/// Values agreed with a client.
 pub(crate) struct Agreement {
     pub(crate) sensors: Sensors,
     slots: u32,
@@ -78,7 +75,6 @@ impl<H: Host> ServiceContext<H> {
         Ok(Admission { open, session, guard, welcome })
     }
 
-    /// Checks a Hello against the run of the token and the server.
     pub(crate) async fn check(&self, token: &str, hello: &v1::Hello) -> Result<(OpenRun, Agreement)> {
         let open = self.open_run(token).await?;
         if !hello.run.is_empty() && hello.run != open.run {
@@ -212,13 +208,8 @@ impl<H: Host> ServiceContext<H> {
 
     /// Claims runs interrupted by a server restart, before any client is admitted.
     pub(crate) async fn claim_interrupted(&self) -> Vec<RunGuard<H>> {
-        let found =
-            call_host(
-                "look for interrupted runs",
-                &self.host,
-                |host| async move { host.interrupted().await },
-            );
-        let runs = match found.await {
+        let interrupted = |host: Arc<H>| async move { host.interrupted().await };
+        let runs = match call_host("look for interrupted runs", &self.host, interrupted).await {
             Ok(runs) => runs,
             Err(failure) => {
                 tracing::error!(why = failure.message, "interrupted runs are not restored");
@@ -245,10 +236,9 @@ impl<H: Host> ServiceContext<H> {
 
     async fn try_restore(self: &Arc<Self>, guard: RunGuard<H>) -> Result<()> {
         let run = guard.run.clone();
-        let interrupted =
-            call_host("restore a run", &self.host, |host| async move { host.restore(&run).await }).await?;
-        let episodes = interrupted.episodes.len();
-        tracing::info!(episodes, "an interrupted run continues");
+        let restore = |host: Arc<H>| async move { host.restore(&run).await };
+        let interrupted = call_host("restore a run", &self.host, restore).await?;
+        tracing::info!(episodes = interrupted.episodes.len(), "an interrupted run continues");
         // The run may have ended while the server was down.
         let reason = match interrupted.open.over {
             None => StopReason::ConnectionLost,
@@ -277,9 +267,8 @@ impl<H: Host> ServiceContext<H> {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             ticks.tick().await;
-            let overdue =
-                call_host("look for expired runs", &self.host, |host| async move { host.overdue().await });
-            let runs = match overdue.await {
+            let overdue = |host: Arc<H>| async move { host.overdue().await };
+            let runs = match call_host("look for expired runs", &self.host, overdue).await {
                 Ok(runs) => runs,
                 Err(failure) => {
                     tracing::error!(why = failure.message, "cannot look for expired runs");

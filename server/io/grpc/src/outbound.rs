@@ -95,7 +95,6 @@ impl Outbound {
         self.put(Ok(PlayResponse { frame: Some(frame) })).await
     }
 
-    /// Ends the stream with a status.
     pub(crate) async fn fail(&self, failure: Failure) {
         let _ = self.put(Err(failure.into())).await;
     }
@@ -159,7 +158,6 @@ impl Stream for Frames {
     }
 }
 
-/// Periodic Pings.
 #[derive(Debug, Default)]
 pub(crate) struct PingTimer {
     nonce: u64,
@@ -214,7 +212,6 @@ impl RunDeadline {
         u32::try_from(end.saturating_duration_since(Instant::now()).as_secs()).ok()
     }
 
-    /// Waits until little time remains.
     pub(crate) async fn runs_low(&self) {
         match self.end {
             Some((_, warning)) => sleep_until(warning).await,

@@ -59,7 +59,6 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    /// Plays the session until the stream ends.
     async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<()> {
         let Admission { open, session, mut guard, welcome } = admission;
         let slots = welcome.slots;
@@ -186,7 +185,9 @@ impl<H: Host> PlayStream<H> {
                 Some(notice(v1::NoticeKind::Draining, message, 0))
             }
             StopReason::AgentHangs => {
-                let failure = agent_hangs(&self.context.limits);
+                let timeouts = self.context.limits.timeouts_in_a_row;
+                let message = format!("{timeouts} episodes in a row ran out of time; the run ends here");
+                let failure = Failure::new(Reason::TooSlow, message);
                 Some(Frame::Fault(failure.frame(FaultSubject::default(), false)))
             }
             _ => None,
@@ -243,17 +244,10 @@ fn refusal_of(reason: StopReason) -> Option<Refusal> {
     }
 }
 
-fn agent_hangs(limits: &Limits) -> Failure {
-    let message =
-        format!("{} episodes in a row ran out of time; the run ends here", limits.timeouts_in_a_row);
-    Failure::new(Reason::TooSlow, message)
-}
-
 fn notice(kind: v1::NoticeKind, message: impl Into<String>, effective_unix_ms: i64) -> Frame {
     Frame::Notice(v1::Notice { kind: kind.into(), message: message.into(), effective_unix_ms })
 }
 
-/// Announces a drain and the cut of open episodes.
 fn drain_notice(drain: &Drain) -> Frame {
     let message =
         format!("the server is about to stop ({}); finish open episodes, no others begin", drain.reason);

@@ -9,7 +9,6 @@ use std::{
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
 
-/// A result with [`Failure`] by default.
 pub(crate) type Result<T, E = Failure> = std::result::Result<T, E>;
 
 /// A refused request. The message is logged and not sent for [`Reason::Internal`] and [`Reason::SimFault`].

@@ -16,7 +16,6 @@ use tokio::{
     time::{Instant, timeout_at},
 };
 
-/// Registry of all sessions, of type `S`.
 pub(crate) struct SessionRegistry<S> {
     entries: Mutex<SessionEntries<S>>,
     summary: watch::Sender<RegistrySummary>,
@@ -55,7 +54,6 @@ struct SessionEntry<S> {
     unary: Option<Arc<UnaryClient<S>>>,
 }
 
-/// Client that plays a session by unary calls.
 pub(crate) struct UnaryClient<S> {
     pub(crate) session: Arc<S>,
     pub(crate) welcome: v1::Welcome,

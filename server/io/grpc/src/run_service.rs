@@ -16,7 +16,6 @@ use tokio::{sync::mpsc, time::sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, metadata::MetadataMap};
 
-/// Time between looks at a watched run.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 // Runs per page.
 const PAGE: usize = 50;
@@ -70,10 +69,8 @@ impl<H: Host> RunCalls<H> {
             v1::Order::Unspecified => {}
         }
         let account = account.clone();
-        let phases =
-            call_host("list phases", &self.0.host, |host| async move { host.phases(Some(&account)).await })
-                .await?;
-        Ok(only_order(&phases, phase)?)
+        let phases = |host: Arc<H>| async move { host.phases(Some(&account)).await };
+        Ok(only_order(&call_host("list phases", &self.0.host, phases).await?, phase)?)
     }
 
     async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest> {
@@ -100,9 +97,8 @@ impl<H: Host> RunService for RunCalls<H> {
         self.0.check_sound()?;
         let asked = self.request(&account, request.into_inner()).await?;
         let team = account.clone();
-        let ticket =
-            call_host("start a run", &self.0.host, |host| async move { host.start_run(&team, asked).await })
-                .await?;
+        let start = |host: Arc<H>| async move { host.start_run(&team, asked).await };
+        let ticket = call_host("start a run", &self.0.host, start).await?;
         let status = self.status(&account, &ticket.run).await?;
         Ok(Response::new(v1::StartRunResponse {
             run: Some(wire::run(status)),
@@ -157,10 +153,9 @@ impl<H: Host> RunService for RunCalls<H> {
         let account = self.team(request.metadata()).await?;
         let phase = request.into_inner().phase;
         let phase = if phase.is_empty() { None } else { Some(checked_id(&phase)?) };
-        let quotas = call_host("look a quota up", &self.0.host, |host| async move {
-            host.quotas(&account, phase.as_deref()).await
-        });
-        let quotas = quotas.await?.into_iter().map(wire::quota).collect();
+        let quotas = |host: Arc<H>| async move { host.quotas(&account, phase.as_deref()).await };
+        let quotas = call_host("look a quota up", &self.0.host, quotas).await?;
+        let quotas = quotas.into_iter().map(wire::quota).collect();
         Ok(Response::new(v1::GetQuotaResponse { quotas }))
     }
 
@@ -218,13 +213,11 @@ fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {
         let message = format!("phase '{id}' is unknown; list the phases with ListPhases");
         return Err(Refusal::new(Reason::PhaseUnknown, message));
     };
-    match phase.orders[..] {
-        [order] => Ok(order),
-        _ => {
-            let message = format!("phase '{id}' has several orders; set order to ORDERED or UNORDERED");
-            Err(Refusal::new(Reason::BadRequest, message))
-        }
+    if let [order] = phase.orders[..] {
+        return Ok(order);
     }
+    let message = format!("phase '{id}' has several orders; set order to ORDERED or UNORDERED");
+    Err(Refusal::new(Reason::BadRequest, message))
 }
 
 fn checked_id(id: &str) -> Result<String, Refusal> {
@@ -243,7 +236,6 @@ fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     })
 }
 
-/// Checks an address: empty or http(s).
 fn url(field: &str, value: &str) -> Result<String, Refusal> {
     // Pages link to it: other schemes, such as javascript, would run in the browsers of visitors.
     let is_http = value.starts_with("https://") || value.starts_with("http://");

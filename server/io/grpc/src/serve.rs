@@ -35,7 +35,6 @@ use tonic::{Request, Response, Streaming, service::Routes};
 use tonic_health::server::HealthReporter;
 use tower::Service;
 
-/// Pause after a failed accept.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// Unread bytes per call from a client. Client frames are tiny.
 const STREAM_WINDOW_BYTES: u32 = 64 << 10;
@@ -60,12 +59,8 @@ pub enum ServeError {
     Reflection(#[from] tonic_reflection::server::Error),
 }
 
-/// Serves agents on `listener` until `shutdown` completes and all sessions have ended.
-///
-/// Open episodes remain in the run log for the next server.
-///
-/// # Errors
-/// If the server cannot start. Clients cannot cause an error.
+/// Serves agents on `listener` until `shutdown` completes and all sessions have ended; open episodes remain in the run log.
+/// Fails if the server cannot start. Clients cannot cause an error.
 pub async fn serve<H: Host>(
     listener: impl Into<Listener>,
     host: Arc<H>,
@@ -233,10 +228,8 @@ impl<H: Host> InfoService for InfoCalls<H> {
     }
 
     async fn list_phases(&self, request: Request<v1::ListPhasesRequest>) -> Reply<v1::ListPhasesResponse> {
-        let token = match request.metadata().contains_key("authorization") {
-            true => Some(bearer(request.metadata())?),
-            false => None,
-        };
+        let has_token = request.metadata().contains_key("authorization");
+        let token = has_token.then(|| bearer(request.metadata())).transpose()?;
         let phases = call_host("list phases", &self.0.host, |host| async move {
             let account = match token {
                 Some(token) => Some(host.account(&token).await?),
@@ -244,8 +237,7 @@ impl<H: Host> InfoService for InfoCalls<H> {
             };
             host.phases(account.as_ref()).await
         });
-        let phases = phases.await?;
-        let phases = phases.into_iter().map(wire::phase).collect();
+        let phases = phases.await?.into_iter().map(wire::phase).collect();
         Ok(Response::new(v1::ListPhasesResponse { phases }))
     }
 }

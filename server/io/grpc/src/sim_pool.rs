@@ -18,8 +18,7 @@ use std::{
 use tokio::sync::oneshot;
 use tracing::Span;
 
-/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced. Clones share
-/// the threads, which end with the last clone.
+/// A thread pool, scheduled fairly between teams. Hanging threads are replaced. All threads end with the last clone.
 #[derive(Clone)]
 pub(crate) struct SimPool(Arc<PoolOwner>);
 
@@ -214,7 +213,6 @@ impl<J> FairQueue<J> {
         queue.waiting.push_back(job);
     }
 
-    /// Takes the next job, with the team.
     fn take(&mut self) -> Option<(String, J)> {
         let waiting = self.teams.iter_mut().filter(|(_, queue)| !queue.waiting.is_empty());
         let (team, queue) = waiting.min_by_key(|(_, queue)| queue.used)?;
@@ -226,7 +224,6 @@ impl<J> FairQueue<J> {
         Some((team.clone(), job))
     }
 
-    /// Accounts for a job that is done or abandoned.
     fn done(&mut self, team: &str, took: Duration) {
         let Some(queue) = self.teams.get_mut(team) else { return };
         queue.running = queue.running.saturating_sub(1);

@@ -17,12 +17,10 @@ use tokio::{
 use tonic::metadata::MetadataMap;
 use tracing::Instrument;
 
-/// Slot that unary calls play.
 const SLOT: u32 = 0;
 
 type Client<H> = UnaryClient<Session<H>>;
 
-/// A unary call with its run token.
 pub(crate) struct UnaryCall<'a, H: Host> {
     context: &'a Arc<ServiceContext<H>>,
     token: String,
@@ -64,7 +62,6 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         }
     }
 
-    /// Handles End: Abandon or Goodbye.
     pub(crate) async fn end(&self, request: v1::EndRequest) -> Result<v1::EndResponse> {
         let frame = match request.frame {
             Some(end_request::Frame::Abandon(abandon)) => {
@@ -80,10 +77,8 @@ impl<'a, H: Host> UnaryCall<'a, H> {
                 end_response::Frame::RunEnd(self.leave(&open.run).await?)
             }
             Some(end_request::Frame::Goodbye(_)) => {
-                return Err(Failure::new(
-                    Reason::Unsupported,
-                    "unary calls do not support pause; send Goodbye without it",
-                ));
+                let message = "unary calls do not support pause; send Goodbye without it";
+                return Err(Failure::new(Reason::Unsupported, message));
             }
             None => return Err(Failure::new(Reason::BadRequest, "End needs an Abandon or a Goodbye")),
         };
@@ -103,7 +98,6 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         Ok(client)
     }
 
-    /// Sends a request to the slot and waits for the reply.
     async fn send(&self, client: &Client<H>, request: SlotRequest) -> Result<SlotReply> {
         // Before and after, so that a long step does not count as idle time.
         client.last_call.send_replace(Instant::now());

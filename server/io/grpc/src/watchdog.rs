@@ -64,7 +64,6 @@ pub enum Lost {
     Panicked(String),
 }
 
-/// Job state: running, committed or abandoned.
 #[derive(Debug, Default)]
 pub(crate) struct CancelToken {
     state: AtomicU8,
@@ -114,10 +113,7 @@ impl Watchdog {
         self.state().given_up.load(Ordering::Relaxed)
     }
 
-    /// Runs `work` on a new thread and waits up to `limit` for the result.
-    ///
-    /// # Errors
-    /// If the work hangs or panics.
+    /// Runs `work` on a new thread and waits up to `limit` for the result. Fails if the work hangs or panics.
     pub async fn run<T: Send + 'static>(
         &self,
         limit: Duration,
@@ -143,8 +139,7 @@ impl Watchdog {
         settle(limit, &token, result).await
     }
 
-    /// Runs `work` on this thread. If it does not commit within `limit`, the watchdog abandons it and calls `then` on another
-    /// thread. Returns false if the work was abandoned.
+    /// Runs `work` on this thread. Returns false if it did not commit within `limit`; `then` was called on another thread.
     pub(crate) fn watched(
         &self,
         limit: Duration,

@@ -89,10 +89,7 @@ struct TokenRow {
 }
 
 impl Store {
-    /// Adds a team. A repeated call with the same `reference` has no effect.
-    ///
-    /// # Errors
-    /// If a team with this name has another `reference`.
+    /// Adds a team; a repeated call has no effect. Fails if a team with this name has another `reference`.
     pub async fn create_team(
         &self,
         name: &str,
@@ -117,10 +114,7 @@ impl Store {
         Ok(found.map(|reference| Team { name: name.to_owned(), reference: value(reference) }))
     }
 
-    /// Stores a secret's hash. A repeated call has no effect.
-    ///
-    /// # Errors
-    /// If the team is unknown.
+    /// Stores a secret's hash. A repeated call has no effect. Fails if the team is unknown.
     pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<()> {
         if let Some(team) = token.team
             && self.team(team).await?.is_none()
@@ -148,18 +142,12 @@ impl Store {
         read_tokens(&self.read, None).await
     }
 
-    /// Revokes the token with [`TokenLine::id`] `id`. A second call has no effect.
-    ///
-    /// # Errors
-    /// If there is no such token.
+    /// Revokes the token with [`TokenLine::id`] `id`. A second call has no effect. Fails if there is no such token.
     pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         self.revoke(id, None, note, now_unix_ms).await
     }
 
-    /// Revokes a token as [`Store::revoke_token`] does, if it belongs to `team`.
-    ///
-    /// # Errors
-    /// If the team has no such token.
+    /// Revokes a token as [`Store::revoke_token`] does, if it belongs to `team`. Fails if the team has no such token.
     pub async fn revoke_own_token(
         &self,
         team: &str,
@@ -213,7 +201,6 @@ pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result
     Ok(sqlx::query_as(select).bind(TOKEN_ID_DIGITS).bind(team).fetch_all(pool).await?)
 }
 
-/// Hexadecimal digits in a token id.
 const TOKEN_ID_DIGITS: i64 = 12;
 
 pub(crate) async fn insert_token(

@@ -4,7 +4,7 @@ use crate::{
     audit::{AuditNote, add_notes},
     database::{Store, Transaction, word},
     error::{Result, StoreError},
-    phases::{Phase, read_heads, read_phases},
+    phases::{Phase, find_phase, read_heads},
 };
 use avln_challenge::{Charge, Quota, RunGrant, RunUse, quotas};
 use serde::Serialize;
@@ -35,10 +35,7 @@ pub struct NewGrant<'a> {
 }
 
 impl Store {
-    /// Approves a team for a phase, or withdraws the approval. Returns whether that changed anything.
-    ///
-    /// # Errors
-    /// If the phase or the team is unknown.
+    /// Approves a team for a phase, or withdraws that. Returns whether it changed anything. Fails if either is unknown.
     pub async fn approve(
         &self,
         phase: &str,
@@ -64,10 +61,7 @@ impl Store {
         Ok(changed)
     }
 
-    /// Adds a person to a team. Returns whether that changed anything.
-    ///
-    /// # Errors
-    /// If the phase or the team is unknown, or the person is in another team.
+    /// Adds a person to a team; false if already in it. Fails if the phase or team is unknown, or the person in another team.
     pub async fn add_member(&self, member: &Member, note: AuditNote, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         find_phase(&mut tx, &member.phase).await?;
@@ -113,10 +107,7 @@ impl Store {
         Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
     }
 
-    /// Grants runs to a team beyond the quota.
-    ///
-    /// # Errors
-    /// If the phase or the team is unknown.
+    /// Grants runs to a team beyond the quota. Fails if the phase or the team is unknown.
     pub async fn grant(&self, grant: &NewGrant<'_>, note: AuditNote, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         find_phase(&mut tx, grant.phase).await?;
@@ -128,10 +119,7 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Returns a team's quotas in a phase, or in all visible phases.
-    ///
-    /// # Errors
-    /// If the phase is unknown or hidden from the team.
+    /// Returns a team's quotas in a phase, or in all visible phases. Fails if the phase is unknown or hidden from the team.
     pub async fn quotas(&self, team: &str, phase: Option<&str>, now_unix_ms: i64) -> Result<Vec<Quota>> {
         let mut tx = self.read.begin().await?;
         let phases = match phase {
@@ -150,10 +138,6 @@ impl Store {
     }
 }
 
-async fn find_phase(tx: &mut Transaction<'_>, id: &str) -> Result<Phase> {
-    read_phases(tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
-}
-
 async fn find_team(tx: &mut Transaction<'_>, name: &str) -> Result<()> {
     let select = "SELECT 1 FROM teams WHERE name = $1";
     let found: Option<i64> = sqlx::query_scalar(select).bind(name).fetch_optional(&mut **tx).await?;
@@ -167,7 +151,6 @@ fn reject_hidden(phase: &Phase, team: &str) -> Result<()> {
     Err(StoreError::PhaseNotVisible { phase: phase.id.clone(), team: team.to_owned() })
 }
 
-/// Rejects a team without access to the phase.
 pub(crate) async fn check_admission(tx: &mut Transaction<'_>, phase: &Phase, team: &str) -> Result<()> {
     reject_hidden(phase, team)?;
     let rejected =
@@ -196,7 +179,6 @@ fn run_use(row: SqliteRow) -> Result<RunUse, sqlx::Error> {
     })
 }
 
-/// Returns a run's charge.
 pub(crate) async fn read_charge(
     tx: &mut Transaction<'_>,
     team: &str,

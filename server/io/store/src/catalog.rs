@@ -41,10 +41,7 @@ pub struct SceneMap {
 }
 
 impl Store {
-    /// Adds a split. A repeated call has no effect.
-    ///
-    /// # Errors
-    /// If a split with this name has another digest.
+    /// Adds a split. A repeated call has no effect. Fails if a split with this name has another digest.
     pub async fn upsert_split(&self, split: &Split) -> Result<()> {
         let insert = "INSERT INTO splits (name, digest, scenes, episodes) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
         sqlx::query(insert)
@@ -70,10 +67,7 @@ impl Store {
         Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
     }
 
-    /// Adds a scene or replaces the map. A map without polygons never replaces a stored one.
-    ///
-    /// # Errors
-    /// If a scene with this name has another digest.
+    /// Adds a scene or replaces the map, never by one without polygons. Fails if a scene with this name has another digest.
     pub async fn upsert_scene(&self, scene: &Scene) -> Result<()> {
         let mut tx = self.begin().await?;
         let select = "SELECT digest FROM scenes WHERE name = $1";

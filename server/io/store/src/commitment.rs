@@ -5,7 +5,7 @@ use crate::{
     audit::{AuditNote, add_notes},
     database::{Store, Transaction},
     error::{Result, StoreError},
-    phases::{has_runs, read_phases},
+    phases::{find_phase, has_runs},
 };
 use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
@@ -48,10 +48,7 @@ impl SecretRow {
 
 impl Store {
     /// Commits a phase to the episodes, to `scorer` and to `secret` (256 random bits as 64 hexadecimal digits). Returns false
-    /// if the phase was already committed to the same episodes, or has runs.
-    ///
-    /// # Errors
-    /// If the phase is unknown.
+    /// if the phase was already committed to the same episodes, or has runs. Fails if the phase is unknown.
     pub async fn commit_phase(
         &self,
         phase: &str,
@@ -87,10 +84,8 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the values behind a phase's commitment. The first call counts.
-    ///
-    /// # Errors
-    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed.
+    /// Publishes the values behind a phase's commitment. The first call counts. Fails if the phase is unknown, not closed at
+    /// `now_unix_ms`, still has open runs or was never committed.
     pub async fn reveal_phase(
         &self,
         phase: &str,
@@ -98,9 +93,7 @@ impl Store {
         now_unix_ms: i64,
     ) -> Result<(Commitment, CommitmentValues)> {
         let mut tx = self.begin().await?;
-        let read = read_phases(&mut tx, Some(phase)).await?.pop();
-        let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
-        if read.schedule.state(now_unix_ms) != PhaseState::Closed {
+        if find_phase(&mut tx, phase).await?.schedule.state(now_unix_ms) != PhaseState::Closed {
             return Err(StoreError::NotClosed(phase.to_owned()));
         }
         // The secret reveals the following episodes to the team with an open run.

@@ -47,10 +47,8 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the database at `path`, creates it if missing, and applies pending migrations.
-    ///
-    /// # Errors
-    /// If the file cannot be used, is no LH-AVLN Arena database, is locked by another program or has a newer schema.
+    /// Opens the database at `path`, creates it if missing, and applies pending migrations. Fails if the file cannot be used,
+    /// is no LH-AVLN Arena database, is locked by another program or has a newer schema.
     pub async fn open(path: &Path) -> Result<Self> {
         Self::open_with_timeout(path, BUSY_TIMEOUT).await
     }
@@ -77,7 +75,6 @@ impl Store {
         self.write.close().await;
     }
 
-    /// Begins a transaction with write access.
     pub(crate) async fn begin(&self) -> Result<Transaction<'static>> {
         match self.write.begin_with(BEGIN).await {
             // SQLite itself rolls a transaction back when the disk is full. sqlx then counts it as open on this connection, so
@@ -212,7 +209,6 @@ pub(crate) fn optional_json<T: DeserializeOwned + 'static>(
     Ok(row.try_get::<Option<Json<T>>, _>(column)?.map(|Json(value)| value))
 }
 
-/// Unwraps an optional word.
 pub(crate) fn value<T>(word: Option<Word<T>>) -> Option<T> {
     word.map(|word| word.0)
 }
@@ -244,10 +240,8 @@ pub struct KeptRun {
     pub attempts: BTreeMap<u32, u32>,
 }
 
-/// Copies the database at `path` to the new file `to` in one consistent state. Servers can write meanwhile.
-///
-/// # Errors
-/// If `path` is no LH-AVLN Arena database, or the copy cannot be written.
+/// Copies the database at `path` to the new file `to` in one consistent state. Servers can write meanwhile. Fails if `path`
+/// is no LH-AVLN Arena database, or the copy cannot be written.
 pub async fn copy_database(path: &Path, to: &Path) -> Result<()> {
     reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
@@ -257,10 +251,7 @@ pub async fn copy_database(path: &Path, to: &Path) -> Result<()> {
     copied.map(drop).map_err(|error| explain(path, error))
 }
 
-/// Checks all pages and references in a copy and returns the contents. The copy is not changed.
-///
-/// # Errors
-/// If the copy is damaged, no LH-AVLN Arena database or has a newer schema.
+/// Checks all pages and references in a copy and returns the contents. Fails if it is damaged, foreign or has a newer schema.
 pub async fn inspect_database(path: &Path) -> Result<Inventory> {
     reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;

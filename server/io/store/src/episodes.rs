@@ -95,11 +95,8 @@ struct AttemptRow {
 }
 
 impl Store {
-    /// Assigns a run's next pending episode; `None` if none is pending. The phase's secret draws the name. In a
-    /// phase without a secret it is `handle`, a random name.
-    ///
-    /// # Errors
-    /// If the run is unknown, over or past the deadline, or the handle was used before.
+    /// Assigns a run's next pending episode; `None` if none is pending. The phase's secret draws the name, which otherwise is
+    /// the random `handle`. Fails if the run is unknown, over or past the deadline, or the handle was used before.
     pub async fn assign_next_episode(
         &self,
         run: &str,
@@ -137,12 +134,8 @@ impl Store {
         Ok(sqlx::query_scalar(select).bind(run).fetch_optional(&self.read).await?)
     }
 
-    /// Stores an episode's result, adds it to the run's totals and completes the run with the last episode, in one
-    /// transaction. A second result has no effect. A server failure reopens the episode, up to three
-    /// attempts.
-    ///
-    /// # Errors
-    /// If no such episode is running. The transaction is rolled back on errors.
+    /// Stores an episode's result, adds it to the run's totals and completes the run with the last episode, in one transaction.
+    /// A second result has no effect. A server failure reopens the episode, up to three attempts. Fails if it is not running.
     pub async fn record_result(
         &self,
         result: &EpisodeResult<'_>,
@@ -155,10 +148,7 @@ impl Store {
         Ok(RecordedResult { is_new, counts, run })
     }
 
-    /// Completes a run if all episodes are over. An incomplete run is not changed.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Completes a run if all episodes are over. An incomplete run is not changed. Fails if the run is unknown.
     pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         complete_run(&mut tx, run, now_unix_ms).await?;
@@ -185,8 +175,7 @@ impl Store {
         }))
     }
 
-    /// Returns an attempt lost by the server to the pending episodes; after three attempts the episode is abandoned. Returns
-    /// false, without changes, if the attempt is not running.
+    /// Reopens an episode after a lost attempt, up to three attempts. Returns false if the attempt is not running.
     pub async fn reopen_episode(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
@@ -217,7 +206,6 @@ async fn draw_handle(tx: &mut Transaction<'_>, run: &Run) -> Result<Option<Strin
     Ok(next.map(|(ordinal, attempts)| key.handle(&run.id, ordinal, attempts + 1)))
 }
 
-/// Writes all rows changed by a result.
 pub(crate) async fn write_result(
     tx: &mut Transaction<'_>,
     result: &EpisodeResult<'_>,

@@ -123,7 +123,6 @@ impl StoreError {
     }
 }
 
-/// Names the used-up quota and the next step.
 fn quota_message(quota: &Quota) -> String {
     let phase = &quota.phase;
     let limit = quota.limit.unwrap_or_default();

@@ -75,8 +75,7 @@ impl Store {
         Ok(records.unsigned_abs())
     }
 
-    /// Deletes records from runs that ended before `moment_unix_ms`, with an audit line. Scores stay; replays
-    /// and rescoring become impossible.
+    /// Deletes the records of runs that ended before `moment_unix_ms`. Scores stay; replays and rescoring become impossible.
     pub async fn prune_records(
         &self,
         moment_unix_ms: i64,

@@ -3,8 +3,7 @@
 //! Start reading at [`Store`], the half with write access, and [`Reader`], the read-only half for pages. `migrations/`
 //! describes the tables.
 //!
-//! Every function fails if the database fails or contains a damaged row, and rolls its transaction back then; `# Errors` sections
-//! list further errors.
+//! Every function fails if the database fails or contains a damaged row, and rolls its transaction back then.
 //!
 //! *Never*: returns data to a [`Reader`]'s caller that the phase hides from this viewer; stores a secret in plain text.
 

@@ -160,18 +160,13 @@ const OPEN: &str = "open";
 const CLOSED: &str = "closed";
 
 impl Store {
-    /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling.
-    ///
-    /// # Errors
-    /// If the split or a scene is unknown, or runs fix a changed value.
+    /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling. Fails if the split or a
+    /// scene is unknown, or runs fix a changed value.
     pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<()> {
         self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
     }
 
     /// Adds or changes phases as [`Store::upsert_phase`] does, with audit lines, in one transaction.
-    ///
-    /// # Errors
-    /// As for [`Store::upsert_phase`].
     pub async fn change_phases(&self, phases: &[Phase], notes: &[AuditNote], now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         for phase in phases {
@@ -181,13 +176,10 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Returns the phase called `id`.
-    ///
-    /// # Errors
-    /// If there is none ([`StoreError::Unknown`]).
+    /// Returns the phase called `id`. Fails with [`StoreError::Unknown`] if there is none.
     pub async fn phase(&self, id: &str) -> Result<Phase> {
         let mut tx = self.read.begin().await?;
-        read_phases(&mut tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
+        find_phase(&mut tx, id).await
     }
 
     /// Returns all phases in the organiser's order.
@@ -215,7 +207,6 @@ async fn change_phase(tx: &mut Transaction<'_>, phase: &Phase, now_unix_ms: i64)
     if plays_differently { write_phase_episodes(tx, phase).await } else { Ok(()) }
 }
 
-/// Rejects an unknown split or scene.
 async fn check_references(tx: &mut Transaction<'_>, phase: &Phase) -> Result<()> {
     let split: Option<i64> = sqlx::query_scalar("SELECT 1 FROM splits WHERE name = $1")
         .bind(&phase.split)
@@ -316,6 +307,10 @@ pub(crate) async fn read_phases(tx: &mut Transaction<'_>, id: Option<&str>) -> R
         phase.episodes = read_phase_episodes(tx, &phase.id).await?;
     }
     Ok(phases)
+}
+
+pub(crate) async fn find_phase(tx: &mut Transaction<'_>, id: &str) -> Result<Phase> {
+    read_phases(tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
 }
 
 async fn read_rows(tx: &mut Transaction<'_>, id: Option<&str>) -> Result<Vec<Phase>> {

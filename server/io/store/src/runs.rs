@@ -38,8 +38,7 @@ pub struct Run {
     pub created_unix_ms: i64,
     /// End time.
     pub finished_unix_ms: Option<i64>,
-    /// Deadline: the wall time's end or, without one, the phase's closing time. `None` for no deadline; in the past if
-    /// the organiser closed the phase by hand.
+    /// End of the wall time or, without one, of the phase; in the past if the organiser closed the phase by hand.
     pub deadline_unix_ms: Option<i64>,
     /// The organiser's ruling.
     pub ruling: Ruling,
@@ -110,20 +109,14 @@ pub(crate) struct RunFilter<'a> {
 }
 
 impl Store {
-    /// Returns a run's charge to the team quota.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Returns a run's charge to the team quota. Fails if the run is unknown.
     pub async fn charge(&self, run: &str) -> Result<Charge> {
         let mut tx = self.read.begin().await?;
         let Run { id, team, phase, .. } = read_run(&mut tx, run).await?;
         read_charge(&mut tx, &team, &phase, &id).await
     }
 
-    /// Returns the run called `id`.
-    ///
-    /// # Errors
-    /// If there is none ([`StoreError::Unknown`]).
+    /// Returns the run called `id`. Fails with [`StoreError::Unknown`] if there is none.
     pub async fn run(&self, id: &str) -> Result<Run> {
         let mut tx = self.read.begin().await?;
         read_run(&mut tx, id).await
@@ -157,10 +150,7 @@ impl Store {
         Ok(runs.into_iter().filter(|run| run.state.is_open()).collect())
     }
 
-    /// Records a session's requested sensors, and adds them to those from earlier sessions.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Records a session's requested sensors, and adds them to those from earlier sessions. Fails if the run is unknown.
     pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<()> {
         let mut tx = self.begin().await?;
         // An agent may reconnect with fewer sensors; the leaderboard must show all sensors it ever used.
@@ -175,19 +165,13 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Cancels a run. A run that is over is not changed; results from its running episodes can still be recorded.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// Cancels a run if it is open; results from running episodes can still be recorded. Fails if the run is unknown.
     pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run> {
         self.end_run(run, RunState::Cancelled, now_unix_ms).await
     }
 
     /// Ends an incomplete run as `Cancelled`, `Failed` or `Expired`. A run that is over is not changed; results from its
-    /// running episodes can still be recorded.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// running episodes can still be recorded. Fails if the run is unknown.
     pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run> {
         let mut tx = self.begin().await?;
         // The last result may complete the run at the same moment: the first end wins.
@@ -199,10 +183,7 @@ impl Store {
         Ok(run)
     }
 
-    /// Marks a run as verified by the organiser, or removes the mark. Returns whether the ruling changed.
-    ///
-    /// # Errors
-    /// If the run is unknown or not over.
+    /// Marks a run as verified, or removes the mark. Returns whether that changed. Fails if the run is unknown or not over.
     pub async fn verify_run(
         &self,
         run: &str,
@@ -220,10 +201,7 @@ impl Store {
     }
 
     /// Removes a run from all leaderboards for a public reason, or readmits it with `None`. Returns whether the ruling
-    /// changed.
-    ///
-    /// # Errors
-    /// If the run is unknown.
+    /// changed. Fails if the run is unknown.
     pub async fn disqualify_run(
         &self,
         run: &str,

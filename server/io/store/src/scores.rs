@@ -39,7 +39,6 @@ pub struct Rescore {
     pub summary: Option<Summary>,
 }
 
-/// Goals with one modality.
 #[derive(Clone, Copy, Default)]
 struct ModalityCount {
     goals: u32,
@@ -47,11 +46,9 @@ struct ModalityCount {
 }
 
 impl Store {
-    /// Compares a run's stored scores with `rescored`: `scorer`'s metrics for all scored episodes, by ordinal. Stores
-    /// them if `keep` is set. Stored scores are never changed.
-    ///
-    /// # Errors
-    /// If the run is unknown, `rescored` has other episodes than the scored ones, or the same scorer gave different metrics before.
+    /// Compares a run's stored scores with `rescored`: `scorer`'s metrics for all scored episodes, by ordinal. Stores them if
+    /// `keep` is set. Stored scores are never changed. Fails if the run is unknown, `rescored` has other episodes than the
+    /// scored ones, or the same scorer gave different metrics before.
     pub async fn rescore(
         &self,
         run: &str,
@@ -88,7 +85,6 @@ impl Store {
     }
 }
 
-/// Adds a result to the run's totals.
 pub(crate) async fn add_to_totals(
     tx: &mut Transaction<'_>,
     run: &str,

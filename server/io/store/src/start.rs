@@ -6,7 +6,7 @@ use crate::{
     commitment::read_key,
     database::{Store, Transaction},
     error::{Result, StoreError},
-    phases::{Phase, read_phases},
+    phases::{Phase, find_phase},
     runs::{Run, read_run},
 };
 use avln_challenge::{MethodInfo, PhaseEpisode, Quota, Sampling, TokenScope, draw};
@@ -47,20 +47,16 @@ pub struct StartedRun {
 }
 
 impl Store {
-    /// Starts a run with drawn episodes, and stores the token. One transaction checks and takes the quota.
-    ///
-    /// A request with an earlier `client_request_id` returns the earlier run; the new token plays it as well.
-    ///
-    /// # Errors
-    /// If the phase or team is unknown, the team is not admitted, the phase is not open, does not allow the order or requires
-    /// a sealed run, a quota is used up, or the request id belongs to a different request.
+    /// Starts a run with drawn episodes, and stores the token. One transaction checks and takes the quota. A request with an
+    /// earlier `client_request_id` returns the earlier run; the new token plays it as well. Fails if the phase or team is
+    /// unknown, the team is not admitted, the phase is not open, does not allow the order or requires a sealed run, a quota
+    /// is used up, or the request id belongs to a different request.
     pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun> {
         if self.team(new.team).await?.is_none() {
             return Err(StoreError::unknown("team", new.team));
         }
         let mut tx = self.begin().await?;
-        let phase = read_phases(&mut tx, Some(new.phase)).await?.pop();
-        let phase = phase.ok_or_else(|| StoreError::unknown("phase", new.phase))?;
+        let phase = find_phase(&mut tx, new.phase).await?;
         let earlier = find_earlier_run(&mut tx, new).await?;
         let is_new = earlier.is_none();
         let id = earlier.unwrap_or_else(|| new.id.to_owned());
@@ -164,7 +160,6 @@ fn filled(text: &str) -> Option<&str> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Inserts a run's episodes as pending, in playing order.
 async fn insert_episodes(tx: &mut Transaction<'_>, run: &str, phase: &Phase) -> Result<()> {
     if phase.sampling == Sampling::default() {
         // One statement copies the whole list.

@@ -38,8 +38,7 @@ impl Store {
         Ok(())
     }
 
-    /// Records in the audit list that the server drains for maintenance, which lasts until the next
-    /// [`Store::credit_downtime`]. The first call counts.
+    /// Records a maintenance until the next [`Store::credit_downtime`], with an audit line. The first call counts.
     pub async fn record_drain(&self, reason: &str, now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         // A second announcement must not shorten the maintenance.
@@ -55,9 +54,8 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Extends deadlines by the downtime when a server starts. A crash extends open runs' deadlines. An announced
-    /// maintenance ([`Store::record_drain`]) counts from the announcement, and extends closing times as well.
-    /// Every change is an audit line.
+    /// Extends open runs' deadlines by the downtime when a server starts, with audit lines. An announced maintenance
+    /// ([`Store::record_drain`]) counts from the announcement, and extends closing times as well.
     pub async fn credit_downtime(&self, now_unix_ms: i64) -> Result<DowntimeCredit> {
         let mut tx = self.begin().await?;
         let select = "SELECT alive_ms, drain_ms, drain_reason FROM uptime";
@@ -82,8 +80,7 @@ impl Store {
         Ok(credit)
     }
 
-    /// Moves all open runs' deadlines by `by_ms` after the system clock was set: the remaining time is unchanged.
-    /// Counts runs.
+    /// Moves all open runs' deadlines by `by_ms` after the system clock was set. Returns the run count.
     pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64> {
         let mut tx = self.begin().await?;
         let runs = extend_runs(&mut tx, by_ms, "the clock was set", now_unix_ms).await?;
@@ -129,7 +126,6 @@ async fn extend_phases(
     Ok(moved.into_iter().map(|(phase, _)| phase).collect())
 }
 
-/// Returns an audit note by the server itself.
 fn server_note(what: &str, subject: &str, reason: &str) -> AuditNote {
     AuditNote {
         actor: "server".to_owned(),

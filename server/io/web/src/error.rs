@@ -12,7 +12,6 @@ use axum::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// The result of a handler or of a step in it.
 pub(crate) type Result<T, E = RequestError> = std::result::Result<T, E>;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -80,7 +79,6 @@ impl RequestError {
         Self::Unknown { what, name: name.into() }
     }
 
-    /// Returns the error for a response that has only a status.
     pub(crate) fn of_status(status: StatusCode) -> Self {
         match status {
             StatusCode::NOT_FOUND => Self::NoPage,

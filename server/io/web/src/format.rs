@@ -9,10 +9,8 @@ use serde::Serialize;
 use serde_json::Value;
 use std::{collections::BTreeMap, fmt::Write};
 
-/// Text for a missing value.
 pub(crate) const NOTHING: &str = "–";
 
-/// Percent-encodes a path segment or query value.
 pub(crate) fn url_encode(text: &str) -> String {
     askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
 }
@@ -41,7 +39,6 @@ fn name_times(value: &mut Value) {
     }
 }
 
-/// A share as a percentage with one decimal.
 pub(crate) fn share(value: &f64) -> String {
     format!("{:.1} %", value * 100.0)
 }
@@ -50,12 +47,10 @@ pub(crate) fn maybe_share(value: &Option<f64>) -> String {
     value.as_ref().map_or_else(|| NOTHING.to_owned(), share)
 }
 
-/// A number with one decimal.
 pub(crate) fn number(value: &f64) -> String {
     format!("{value:.1}")
 }
 
-/// A length, metres with two decimals.
 pub(crate) fn metres(value: &f64) -> String {
     format!("{value:.2} m")
 }
@@ -147,7 +142,6 @@ pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
     }
 }
 
-/// A share with the interval as text and bar.
 pub(crate) fn estimate_html(estimate: &Estimate) -> String {
     let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
     let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
@@ -183,7 +177,6 @@ pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
     }
 }
 
-/// A method's run count, and the median for several runs.
 pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
     let runs = plural(&row.runs_count, "run");
     if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
@@ -229,12 +222,10 @@ pub(crate) fn window(window: &QuotaWindow) -> &'static str {
     }
 }
 
-/// A count, or "unlimited".
 pub(crate) fn maybe_count(count: &Option<u32>) -> String {
     count.map_or_else(|| "unlimited".to_owned(), |count| count.to_string())
 }
 
-/// The people who may see scores or replays.
 pub(crate) fn visibility(visibility: &Visibility) -> &'static str {
     match visibility {
         Visibility::Public => "everyone",
@@ -302,14 +293,12 @@ pub(crate) fn sensors(sensors: &Sensors) -> String {
     )
 }
 
-/// An agent's sensors in short.
 pub(crate) fn sensor_list(sensors: &Option<Sensors>) -> String {
     let Some(Sensors { rgb, depth, audio, .. }) = sensors else { return NOTHING.to_owned() };
     let word = |on: &bool, name: &str| if *on { name.to_owned() } else { format!("no {name}") };
     [word(rgb, "colour"), word(depth, "depth"), word(audio, "sound")].join(", ")
 }
 
-/// A count with a noun that has a regular plural.
 pub(crate) fn plural(count: &u32, noun: &str) -> String {
     let s = if *count == 1 { "" } else { "s" };
     format!("{count} {noun}{s}")

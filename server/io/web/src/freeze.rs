@@ -14,6 +14,7 @@ use std::{
 use tower::ServiceExt;
 
 /// Cause of a failed copy.
+#[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
 pub enum FreezeError {
     /// The phase does not exist or is not public.
@@ -24,43 +25,24 @@ pub enum FreezeError {
     Store(#[from] StoreError),
     /// A linked page is not available.
     #[error("cannot copy {address}: the response has status {status}")]
-    Page {
-        /// Page address.
-        address: String,
-        /// Response status.
-        status: StatusCode,
-    },
+    Page { address: String, status: StatusCode },
     /// Two addresses have the same file name.
     #[error("{first} and {second} have the same file name")]
-    Clash {
-        /// Address behind the existing file.
-        first: String,
-        /// Conflicting address.
-        second: String,
-    },
+    Clash { first: String, second: String },
     /// A file cannot be written.
     #[error("cannot write {file}: {error}")]
-    File {
-        /// File name.
-        file: String,
-        /// Cause.
-        error: io::Error,
-    },
+    File { file: String, error: io::Error },
 }
 
 struct Scope {
     phases: BTreeMap<String, PhaseView>,
     runs: BTreeMap<String, RunLine>,
-    /// Start page.
     first: String,
     list: String,
 }
 
-/// Copies the public pages for `phase`, or for all phases, as of `now_unix_ms`. Passes name and content of each file to `write`, and
-/// returns the file count.
-///
-/// # Errors
-/// If the phase does not exist, the database fails or a file cannot be written.
+/// Copies the public pages for `phase`, or for all phases, as of `now_unix_ms`. Passes name and content of each file to
+/// `write`, and returns the file count. Fails if the phase does not exist, the database fails or a file cannot be written.
 pub async fn freeze(
     reader: &Reader,
     phase: Option<&str>,
@@ -132,10 +114,8 @@ async fn fetch(router: &Router, address: &str) -> Result<(bool, Vec<u8>), Freeze
 impl Scope {
     async fn read(reader: &Reader, phase: Option<&str>, now_unix_ms: i64) -> Result<Self, FreezeError> {
         let public = Viewer::Anonymous;
-        let mut phases: BTreeMap<String, PhaseView> = BTreeMap::new();
-        for view in reader.phases(&public, now_unix_ms).await? {
-            phases.insert(view.id.clone(), view);
-        }
+        let views = reader.phases(&public, now_unix_ms).await?;
+        let mut phases: BTreeMap<_, _> = views.into_iter().map(|view| (view.id.clone(), view)).collect();
         let (mut first, mut list) = ("/leaderboard".to_owned(), "/runs?limit=200".to_owned());
         if let Some(id) = phase {
             phases.retain(|known, _| known == id);
@@ -153,7 +133,6 @@ impl Scope {
         Ok(Self { phases, runs, first, list })
     }
 
-    /// Returns the addresses to copy even without a link.
     fn roots(&self) -> impl Iterator<Item = String> {
         let runs = self.runs.keys().map(|run| format!("/runs/{run}"));
         let tables = self.phases.keys().flat_map(|phase| {
@@ -221,13 +200,8 @@ const ATTRIBUTES: [&str; 3] = [" href=\"", " src=\"", " action=\""];
 fn file_of(address: &str) -> String {
     let (path, query) = address.split_once('?').unwrap_or((address, ""));
     let path = path.trim_start_matches('/');
-    let query: String =
-        query
-            .chars()
-            .map(|letter| {
-                if letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.') { letter } else { '-' }
-            })
-            .collect();
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
+    let query = query.replace(|letter| !is_plain(letter), "-");
     let mark = if query.is_empty() { "" } else { "-by-" };
     let data = path.strip_prefix("api/v1/");
     let (folder, path) = data.map_or(("", path), |path| ("data/", path));
@@ -238,7 +212,6 @@ fn file_of(address: &str) -> String {
     format!("{folder}{stem}{mark}{query}.{ending}")
 }
 
-/// Returns the relative path from one file to another.
 fn relative(from: &str, to: &str) -> String {
     let mut from: Vec<&str> = from.split('/').collect();
     let mut to: Vec<&str> = to.split('/').collect();

@@ -333,7 +333,6 @@ impl LeaderboardControls {
         [0, 1, 2].map(|index| (SENSOR_PARAMS[index], labels[index], value(index)))
     }
 
-    /// Returns the selected day, or an empty text.
     pub(crate) fn day(&self) -> String {
         self.params.as_of_unix_ms.map_or_else(String::new, day)
     }

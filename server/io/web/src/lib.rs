@@ -64,8 +64,7 @@ pub struct Site {
     pub trusted_proxies: Vec<TrustedProxy>,
 }
 
-/// Returns the complete web application over `reader`: pages, `/api/v1`, `/healthz` (the process runs) and `/readyz` (the database
-/// answers), including limits, headers and caching.
+/// Returns the web application over `reader`: pages, `/api/v1`, `/healthz` (process runs) and `/readyz` (database answers).
 pub fn router(reader: Reader, site: Site) -> Router {
     router_until(reader, site, false, None)
 }

@@ -27,7 +27,6 @@ use utoipa::ToSchema;
 pub(crate) const MAX_RUNS: u32 = 50;
 // Wait for an agent after which the page names the slot, milliseconds.
 const LONG_WAIT_MS: i64 = 10_000;
-
 // Subscriber limit: a quarter of all connections, so that pages remain available.
 const MAX_SUBSCRIBERS: usize = MAX_CONNECTIONS / 4;
 const INTERVAL: Duration = Duration::from_secs(1);
@@ -68,15 +67,12 @@ pub struct LiveSlot {
 pub trait LiveStatus: fmt::Debug + Send + Sync {
     /// Returns the run session; `None` if it has none.
     fn session(&self, run: &str) -> Option<LiveSession>;
-
     /// Returns the reason if the server is draining.
     fn draining(&self) -> Option<String>;
-
     /// Returns the organiser's announcement for all pages; empty if there is none.
     fn announcement(&self) -> String;
 }
 
-/// An open run as shown to a viewer.
 #[derive(Debug)]
 pub(crate) struct LiveRunView {
     pub(crate) run: LiveRun,
@@ -322,7 +318,6 @@ impl Subscription {
     }
 }
 
-/// Completes when the server shuts down.
 async fn shut_down(closed: Option<watch::Receiver<()>>) {
     match closed {
         // The sender never sends: this completes when the sender is dropped.

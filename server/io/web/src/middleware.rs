@@ -51,7 +51,6 @@ const HEADERS: [(HeaderName, &str); 3] = [
     (header::VARY, "authorization, cookie, accept-encoding"),
 ];
 const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
-/// Headers that forbid frames on other sites.
 const UNFRAMED: [(HeaderName, &str); 2] = [
     (
         POLICY,

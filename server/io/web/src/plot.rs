@@ -2,15 +2,12 @@
 
 use std::fmt::Write as _;
 
-/// Plot size and axis positions, pixels.
 const SIZE_PX: [f64; 2] = [640.0, 210.0];
 pub(crate) const LEFT_PX: f64 = 84.0;
 pub(crate) const WIDTH_PX: f64 = 520.0;
 const TOP_PX: f64 = 12.0;
 const HEIGHT_PX: f64 = 158.0;
-/// Smallest distance between curve labels, pixels.
 const LABEL_PX: f64 = 17.0;
-/// Line styles in the style sheet.
 const KINDS: usize = 4;
 
 /// Curves over the steps of an episode, with a cursor that the replay moves.
@@ -31,7 +28,6 @@ pub(crate) struct Curve<'a> {
     pub(crate) points: Vec<(u32, f64)>,
 }
 
-/// Returns up to six round values from 0 to at least `most`.
 pub(crate) fn round_ticks(most: f64) -> Vec<f64> {
     let most = if most.is_finite() && most > 0.0 { most } else { 1.0 };
     let power = 10_f64.powf((most / 5.0).log10().floor());
@@ -84,13 +80,8 @@ impl Curves<'_> {
         for (value, words) in &self.ticks {
             let y = self.y_of(*value);
             let _ = write!(svg, "<path class=\"grid\" d=\"M{LEFT_PX} {y:.1}H{right}\"/>");
-            let _ = write!(
-                svg,
-                "<text class=\"tick\" x=\"{}\" y=\"{:.1}\">{}</text>",
-                LEFT_PX - 8.0,
-                y + 4.5,
-                escape(words)
-            );
+            let (x, y) = (LEFT_PX - 8.0, y + 4.5);
+            let _ = write!(svg, "<text class=\"tick\" x=\"{x}\" y=\"{y:.1}\">{}</text>", escape(words));
         }
         let is_step = |step: &f64| step.fract() == 0.0 && *step <= f64::from(self.last);
         for step in round_ticks(f64::from(self.last)).into_iter().filter(is_step) {
@@ -144,10 +135,8 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Bar width, and smallest width for a visible count, pixels.
 const BAR_WIDTH_PX: f64 = 600.0;
 const COUNT_WIDTH_PX: f64 = 26.0;
-/// Bar styles in the style sheet.
 const BAR_KINDS: usize = 6;
 
 /// Draws a stacked bar with the counts as widths; empty if all are 0. The page must list the parts in the same order.
@@ -161,25 +150,20 @@ pub(crate) fn stacked(counts: &[u32]) -> String {
     for (index, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
         let width = BAR_WIDTH_PX * f64::from(count) / f64::from(all);
         let inner = (width - 2.0).max(1.0);
+        let kind = index % BAR_KINDS;
         let _ = write!(
             svg,
-            "<rect class=\"part{}\" x=\"{left:.1}\" y=\"2\" width=\"{inner:.1}\" height=\"24\"/>",
-            index % BAR_KINDS
+            "<rect class=\"part{kind}\" x=\"{left:.1}\" y=\"2\" width=\"{inner:.1}\" height=\"24\"/>"
         );
         if width >= COUNT_WIDTH_PX {
             let middle = left + inner / 2.0;
-            let _ = write!(
-                svg,
-                "<text class=\"part{}\" x=\"{middle:.1}\" y=\"19\">{count}</text>",
-                index % BAR_KINDS
-            );
+            let _ = write!(svg, "<text class=\"part{kind}\" x=\"{middle:.1}\" y=\"19\">{count}</text>");
         }
         left += width;
     }
     svg + "</svg>"
 }
 
-/// Draws a bar for `count` in a table with the maximum `most`.
 pub(crate) fn bar(count: &u32, most: u32) -> String {
     let width = 100.0 * f64::from(*count) / f64::from(most.max(1));
     format!(

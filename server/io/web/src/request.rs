@@ -18,7 +18,6 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// A request's viewer, with read access to the store.
 pub(crate) struct RequestContext {
     pub(crate) reader: Reader,
     pub(crate) viewer: Viewer,
@@ -96,7 +95,6 @@ impl PageContext {
     }
 }
 
-/// The menu entry that depends on the visitor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Menu {
     /// No entry: this server has no sign-in.

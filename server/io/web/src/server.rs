@@ -41,7 +41,6 @@ const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 const CONNECTION_LIFETIME: Duration = Duration::from_secs(60);
 /// Time-out for the response in progress when a connection closes.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
-/// Size limit for request heads, bytes.
 const MAX_HEAD_BYTES: usize = 16 * 1024;
 /// Consecutive failures of `accept` before the server stops.
 const ACCEPT_ATTEMPTS: u32 = 100;
@@ -51,10 +50,8 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy)]
 pub(crate) struct Streaming;
 
-/// Serves the web application on `listener` (plain text or TLS) until `shutdown` completes, then finishes the responses in progress.
-///
-/// # Errors
-/// If the listener fails permanently.
+/// Serves the web application on `listener` (plain text or TLS) until `shutdown` completes, then finishes the responses in
+/// progress. Fails if the listener fails permanently.
 pub async fn serve(
     listener: impl Into<Listener>,
     reader: Reader,
@@ -73,10 +70,7 @@ pub async fn serve(
     serve_connections(listener, router, proxies, shutdown).await
 }
 
-/// Serves `router` with the same connection limits as [`serve`].
-///
-/// # Errors
-/// If the listener fails permanently.
+/// Serves `router` with the same connection limits as [`serve`]. Fails if the listener fails permanently.
 pub async fn serve_router(
     listener: impl Into<Listener>,
     router: Router,
@@ -173,8 +167,7 @@ impl ClientAddress {
     }
 }
 
-/// Returns the client address: the TCP peer, or, if the peer is a trusted proxy, the last address in `X-Forwarded-For`
-/// that is not a trusted proxy.
+/// Returns the TCP peer, or behind a trusted proxy the last address in `X-Forwarded-For` that is not a trusted proxy.
 pub(crate) fn client_address(peer: IpAddr, headers: &HeaderMap, trusted: &[TrustedProxy]) -> IpAddr {
     let is_trusted = |address: IpAddr| trusted.iter().any(|TrustedProxy(range)| range.contains(&address));
     let peer = peer.to_canonical();

@@ -4,10 +4,8 @@ use avln_scene::SceneError;
 use avln_scene::limits::{MAX_ENTRIES, MAX_WORD_CHARS};
 use percent_encoding::percent_decode_str;
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
-use std::fs::File;
-use std::io::Read;
-use std::marker::PhantomData;
 use std::path::{Component, Path, PathBuf};
+use std::{fs::File, io::Read, marker::PhantomData};
 
 /// A result with the reason as its error, in words that continue "… is not a usable scene: ".
 pub(crate) type Checked<T> = Result<T, String>;
@@ -19,12 +17,10 @@ const LFS_ADVICE: &str = "it is a Git LFS pointer in the file's place; run `git 
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
 
-/// Returns the reason as an error if `is_bad`.
 pub(crate) fn refuse_if(is_bad: bool, reason: impl FnOnce() -> String) -> Checked<()> {
     if is_bad { Err(reason()) } else { Ok(()) }
 }
 
-/// Returns the error for a mesh with too many parts of a kind.
 pub(crate) fn too_many(limit: usize, parts: &str) -> String {
     format!("it has more than {limit} {parts}; decimate it in a 3D editor")
 }
@@ -54,10 +50,9 @@ pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf,
             return Err(malformed(&at, LFS_ADVICE));
         }
         let Some(target) = link_target(&at, &text) else { return Ok(at) };
+        let (link, real) = (at.display(), target.display());
         report.warn(format!(
-            "{} contains only the address of a symbolic link; {} was read in its place",
-            at.display(),
-            target.display()
+            "{link} contains only the address of a symbolic link; {real} was read in its place"
         ));
         at = target;
     }
@@ -103,19 +98,25 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
 pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     let outside = || format!("it refers to {address:?} outside its own folder; move that file next to it");
     let decoded = percent_decode_str(address).decode_utf8().map_err(|_| outside())?;
-    let mut relative = PathBuf::new();
-    for component in Path::new(&*decoded).components() {
-        match component {
-            Component::CurDir => {}
-            Component::Normal(name) => relative.push(name),
-            Component::ParentDir if relative.pop() => {}
-            _ => return Err(outside()),
-        }
-    }
+    let relative = normalised(Path::new(&*decoded)).ok_or_else(outside)?;
     if decoded.contains("://") || decoded.contains('\0') || relative.as_os_str().is_empty() {
         return Err(outside());
     }
     Ok(folder.join(relative))
+}
+
+/// Removes `.` and `..`; `None` if the path leaves the start folder, or is absolute.
+pub(crate) fn normalised(path: &Path) -> Option<PathBuf> {
+    let mut plain = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::Normal(name) => plain.push(name),
+            Component::ParentDir if plain.pop() => {}
+            _ => return None,
+        }
+    }
+    Some(plain)
 }
 
 /// Returns the first existing file `X<suffix>` next to the table `X<ending>`.
@@ -168,7 +169,6 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
     }
 }
 
-/// Greatest warning count.
 const MAX_WARNINGS: usize = 100;
 const MORE: &str = "there are further warnings, which are not listed";
 

@@ -9,8 +9,7 @@ use avln_geom::{Aabb, Point3};
 use avln_scene::limits::MAX_ENTRIES;
 use avln_scene::{InstanceId, Mesh, Scene, SceneError};
 use serde::Deserialize;
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 pub(crate) const TABLE: &str = ".scn";
 const RENDER_MESHES: [&str; 3] = [".glb", ".obj", "_semantic.ply"];
@@ -19,8 +18,7 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// Margin around an object's box, metres.
 const MARGIN_M: f32 = 0.02;
 
-/// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface inside its box; smaller
-/// boxes win. Errors name line or byte.
+/// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface in its box; the smaller wins.
 pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,
@@ -30,10 +28,8 @@ pub(crate) fn import(
     let fail = |reason: String| files::malformed(table, reason);
     let listed = parse(&bytes, InstanceId::MAX).map_err(fail)?;
     let render = beside(table, TABLE, &RENDER_MESHES).ok_or_else(|| {
-        fail(
-            "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder"
-                .to_owned(),
-        )
+        let reason = "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder";
+        files::malformed(table, reason)
     })?;
     let mut surface = UnlabelledSurfaces::read(&render, report)?;
     let frame = FileFrame::of(&surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
@@ -77,10 +73,8 @@ fn labels_of_boxes(listed: &[GibsonObject], frame: &FileFrame, mesh: &Mesh) -> V
     boxes.sort_by(|(a_id, a), (b_id, b)| volume(a).total_cmp(&volume(b)).then(a_id.cmp(b_id)));
     let label = |triangle: &[u32; 3]| {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
-        boxes
-            .iter()
-            .find(|(_, bounds)| corners.iter().all(|corner| bounds.contains(corner)))
-            .map_or(0, |(id, _)| *id)
+        let encloses = |(_, bounds): &&(u32, Aabb)| corners.iter().all(|corner| bounds.contains(corner));
+        boxes.iter().find(encloses).map_or(0, |(id, _)| *id)
     };
     mesh.triangles.iter().map(label).collect()
 }

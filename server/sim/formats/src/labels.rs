@@ -73,8 +73,7 @@ pub(crate) fn carried(semantic: &Mesh, labels: &[u32], render: &Mesh, report: &m
     transfer(semantic, labels, render)
 }
 
-/// Joins surfaces and labels into a scene; `label_of` is the label number per triangle, 0 for none. Objects without triangles
-/// are left out, with a warning.
+/// Joins surfaces and labels per triangle (0 for none) into a scene; objects without triangles are a warning.
 pub(crate) fn scene(
     name: String,
     surface: UnlabelledSurfaces,
@@ -100,11 +99,8 @@ pub(crate) fn scene(
         objects.push(Object { id: InstanceId(label.id), category, bounds, region: label.region, attributes });
     }
     if !unseen.is_empty() {
-        report.warn(format!(
-            "{} labelled objects have no triangles and are left out (numbers {})",
-            unseen.len(),
-            some_of(&unseen)
-        ));
+        let (count, some) = (unseen.len(), some_of(&unseen));
+        report.warn(format!("{count} labelled objects have no triangles and are left out (numbers {some})"));
     }
     objects.sort_by_key(|object| object.id);
     for object in &objects {
@@ -163,8 +159,7 @@ const SAMPLE_M: f32 = 0.2;
 const MAX_EXTRA_SAMPLES: usize = 4_000_000;
 const MAX_CUTS: usize = 64;
 
-/// Returns a label per triangle in `render`: the corresponding triangle's label if mesh order or triangle
-/// centre agree, the nearest semantic surface's label, or 0.
+/// Returns a label per triangle in `render`: the same triangle's by order or centre, or the nearest surface's, or 0.
 pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
     let from = centers(semantic);
     let to = centers(render);

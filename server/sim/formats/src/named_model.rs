@@ -105,13 +105,10 @@ fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
     match &node.extras {
         Some(extras) if extras.instance == InstanceId::NONE.0 => Some(NodeClaim::Structure),
         Some(extras) => Some(NodeClaim::Instance(InstanceIdentity::Marked(extras))),
-        None => category_of_name(&node.name).map(|category| {
-            if is_structure(category) {
-                NodeClaim::Structure
-            } else {
-                NodeClaim::Instance(InstanceIdentity::Named(category))
-            }
-        }),
+        None => match category_of_name(&node.name)? {
+            category if is_structure(category) => Some(NodeClaim::Structure),
+            category => Some(NodeClaim::Instance(InstanceIdentity::Named(category))),
+        },
     }
 }
 
@@ -201,8 +198,7 @@ pub(crate) fn category_of_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, in files by exporters with a node per material.
-/// `chair_2` is no piece.
+/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, but `chair_2` is no piece.
 pub(crate) fn whole_of_piece(name: &str) -> Option<&str> {
     let whole = without_number(name)?;
     without_number(whole).map(|_| whole)
@@ -273,22 +269,18 @@ impl NodeExtras {
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
         let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
         let words = [&read.category, &read.noun, &read.color, &read.material, &read.size, &read.shape];
-        if words
-            .iter()
-            .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
-        {
+        let is_bad =
+            |word: &&String| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control);
+        if words.iter().any(is_bad) {
             return Err(fail(&format!(
                 "contains a word of more than {MAX_WORD_CHARS} characters or with control characters"
             )));
         }
-        if read.instance > InstanceId::MAX {
-            return Err(fail(&format!(
-                "names instance {}; the largest number is {}",
-                read.instance,
-                InstanceId::MAX
-            )));
+        let (instance, largest) = (read.instance, InstanceId::MAX);
+        if instance > largest {
+            return Err(fail(&format!("names instance {instance}; the largest number is {largest}")));
         }
-        if read.instance != 0 && read.category.trim().is_empty() {
+        if instance != 0 && read.category.trim().is_empty() {
             return Err(fail("names an instance without a category"));
         }
         Ok(Some(read))
@@ -351,11 +343,8 @@ fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
     let region = |region: RegionExtras| {
         let bounds =
             finite_box(region.min, region.max).ok_or_else(|| fail("has a region without a finite box"))?;
-        Ok(Region {
-            label: region.label.chars().take(MAX_WORD_CHARS).collect(),
-            bounds,
-            storey: region.storey,
-        })
+        let label = region.label.chars().take(MAX_WORD_CHARS).collect();
+        Ok(Region { label, bounds, storey: region.storey })
     };
     read.regions.into_iter().map(region).collect()
 }

@@ -8,17 +8,11 @@ use avln_scene::{Scene, SceneError};
 use std::path::{Path, PathBuf};
 
 /// [`open_with`] without warnings.
-///
-/// # Errors
-/// See [`open_with`].
 pub fn open(path: &Path) -> Result<Scene, SceneError> {
     open_with(path, &mut ImportReport::default())
 }
 
 /// [`open_as`] with the layout's axis and unit.
-///
-/// # Errors
-/// See [`open_as`].
 pub fn open_with(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     open_as(path, &ImportOptions::default(), report)
 }
@@ -27,9 +21,8 @@ pub fn open_with(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneE
 /// configurations, ProcTHOR, or a plain glTF, OBJ or PLY file. A scan file opens the whole scan with semantics; a folder
 /// must contain a single scene.
 ///
-/// Triangles, materials and textures are in exported file order, so that both have the same digest.
-///
-/// The report contains the layout, the navmesh next to the scene, guesses and omissions.
+/// Triangles, materials and textures are in exported file order, so that both have the same digest. The report contains
+/// the layout, the navmesh next to the scene, guesses and omissions.
 ///
 /// # Errors
 /// Importer errors; [`SceneError::Malformed`] if the path has no scene, or several, or if `options` are given for a layout
@@ -68,17 +61,11 @@ fn recognised(path: &Path) -> Result<Candidate, SceneError> {
 
 fn several(candidates: &[Candidate]) -> String {
     const SHOWN: usize = 8;
-    let shown: Vec<String> = candidates
-        .iter()
-        .take(SHOWN)
-        .map(|(layout, scene)| format!("{} ({})", scene.display(), layout.name))
-        .collect();
+    let label = |(layout, scene): &Candidate| format!("{} ({})", scene.display(), layout.name);
+    let shown: Vec<String> = candidates.iter().take(SHOWN).map(label).collect();
     let more = if candidates.len() > SHOWN { ", …" } else { "" };
-    format!(
-        "it contains {} scenes; use the file of one of them: {}{more}",
-        candidates.len(),
-        shown.join(", ")
-    )
+    let (count, shown) = (candidates.len(), shown.join(", "));
+    format!("it contains {count} scenes; use the file of one of them: {shown}{more}")
 }
 
 fn nothing(path: &Path) -> String {
@@ -166,9 +153,7 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Labels,
         scene_in_folder: hm3d_mesh,
         scene_of_file: |file| hm3d::is_hm3d(file).then(|| file.to_owned()),
-        import: |path, options, report| {
-            fixed(path, options, "HM3D").and_then(|()| hm3d::import(path, report))
-        },
+        import: |path, options, report| fixed("HM3D", options, path, report, hm3d::import),
     },
     Layout {
         name: "Habitat scene instance",
@@ -177,9 +162,7 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Composition,
         scene_in_folder: |file| ends_with(file, habitat::DATASET_SUFFIX).then(|| file.to_owned()),
         scene_of_file: |file| habitat::is_habitat(file).then(|| file.to_owned()),
-        import: |path, options, report| {
-            fixed(path, options, "Habitat").and_then(|()| habitat::import(path, report))
-        },
+        import: |path, options, report| fixed("Habitat", options, path, report, habitat::import),
     },
     Layout {
         name: "ProcTHOR house",
@@ -188,9 +171,7 @@ const LAYOUTS: &[Layout] = &[
         detail: Detail::Labels,
         scene_in_folder: |file| procthor::is_procthor(file).then(|| file.to_owned()),
         scene_of_file: |file| procthor::is_procthor(file).then(|| file.to_owned()),
-        import: |path, options, report| {
-            fixed(path, options, "ProcTHOR").and_then(|()| procthor::import(path, report))
-        },
+        import: |path, options, report| fixed("ProcTHOR", options, path, report, procthor::import),
     },
     Layout {
         name: "Matterport3D",
@@ -241,15 +222,19 @@ const fn mesh_layout(
     }
 }
 
-/// Refuses options for a layout with fixed axes and units.
-fn fixed(path: &Path, options: &ImportOptions, layout: &str) -> Result<(), SceneError> {
+/// Imports a scene in a layout with fixed axes and units, and refuses options.
+fn fixed(
+    layout: &str,
+    options: &ImportOptions,
+    path: &Path,
+    report: &mut ImportReport,
+    import: fn(&Path, &mut ImportReport) -> Result<Scene, SceneError>,
+) -> Result<Scene, SceneError> {
     if *options == ImportOptions::default() {
-        return Ok(());
+        return import(path, report);
     }
-    Err(files::malformed(
-        path,
-        format!("the layout {layout} has fixed axes and units; omit --up and --units"),
-    ))
+    let reason = format!("the layout {layout} has fixed axes and units; omit --up and --units");
+    Err(files::malformed(path, reason))
 }
 
 /// The mesh `X.glb` or `X.basis.glb` for an HM3D semantic file.

@@ -21,8 +21,7 @@ const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// Greatest difference between two meshes' boxes in a scan, in the file's unit.
 const SAME_FRAME: f32 = 0.5;
 
-/// Imports the scene with this table (`…/habitat/info_semantic.json`), named after the scene folder. Instance numbers are the
-/// table's numbers plus one, because 0 is no instance. Errors name line or byte.
+/// Imports the scene with this table, named after the folder. Instance numbers are the table's plus one: 0 is no instance.
 pub(crate) fn import(
     table: &Path,
     options: &ImportOptions,
@@ -33,10 +32,8 @@ pub(crate) fn import(
     let semantic_path = table.with_file_name(SEMANTIC_MESH);
     let mut semantic = ply::read(&semantic_path, report)?;
     let objects = semantic.object_of.take().ok_or_else(|| {
-        files::malformed(
-            &semantic_path,
-            "its faces have no object_id; use mesh_semantic.ply of the folder habitat",
-        )
+        let reason = "its faces have no object_id; use mesh_semantic.ply of the folder habitat";
+        files::malformed(&semantic_path, reason)
     })?;
     let labels: Vec<u32> = objects.iter().map(|&object| label_number(object)).collect();
     let render = render(table, &semantic, report)?;

@@ -46,7 +46,6 @@ impl LengthUnit {
 }
 
 impl UpAxis {
-    /// Returns the coordinate's index.
     pub(crate) fn index(self) -> usize {
         self as usize
     }
@@ -88,7 +87,6 @@ pub(crate) struct FileFrame {
 }
 
 impl FileFrame {
-    /// Chooses the frame for a mesh in file coordinates.
     pub(crate) fn of(
         mesh: &Mesh,
         options: &ImportOptions,
@@ -130,7 +128,6 @@ impl FileFrame {
         turned * self.metres
     }
 
-    /// Returns the world box for two opposite corners.
     pub(crate) fn bounds(&self, a: [f32; 3], b: [f32; 3]) -> Aabb {
         let (a, b) = (self.point(a), self.point(b));
         Aabb::new(a.inf(&b), a.sup(&b))
@@ -141,8 +138,7 @@ impl FileFrame {
     }
 }
 
-/// True if the building would be much higher than wide with this vertical axis, while the other candidate is short and has
-/// more level surfaces.
+/// True if the building would be much higher than wide, while the other axis is short and has more level surfaces.
 fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();
@@ -170,12 +166,9 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     let size = bounds.size();
     let longest = size.max();
     refuse_if(!(MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest), || {
+        let ([x, y, z], advice): ([f32; 3], String) = (size.into(), advice(longest));
         format!(
-            "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {}",
-            size.x,
-            size.y,
-            size.z,
-            advice(longest)
+            "it measures {x} x {y} x {z} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; {advice}"
         )
     })?;
     if size.y > TALLEST_M {
@@ -187,7 +180,6 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     Ok(())
 }
 
-/// Advice for a building with this longest side.
 fn advice(longest_m: f32) -> String {
     let units = [(LengthUnit::Centimetre, "--units cm"), (LengthUnit::Millimetre, "--units mm")];
     let fits =

@@ -125,9 +125,8 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
     let id = target.instance;
     let object = assets.scene.objects.iter().find(|object| object.id.0 == id);
     let same = object.is_some_and(|object| {
-        let off = (object.bounds.min - target.bounds.min)
-            .amax()
-            .max((object.bounds.max - target.bounds.max).amax());
+        let (a, b) = (&object.bounds, &target.bounds);
+        let off = (a.min - b.min).amax().max((a.max - b.max).amax());
         object.category == target.category && off <= BOX_M
     });
     if !same {
@@ -143,12 +142,9 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
         (navmesh.island_of(&point) == navmesh.largest_island()).then_some(point)
     };
     let stands: Vec<NavPoint> = target.region.iter().filter_map(stand).collect();
-    if stands.is_empty() || stands.len() < target.region.len() {
-        let found = format!(
-            "{} of {} success points of instance {id} can be reached",
-            stands.len(),
-            target.region.len()
-        );
+    let (reached, all) = (stands.len(), target.region.len());
+    if reached == 0 || reached < all {
+        let found = format!("{reached} of {all} success points of instance {id} can be reached");
         faults.push((Constraint::Region, found));
     }
     let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
@@ -179,7 +175,6 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
     faults
 }
 
-/// Repeated survey looks.
 pub(super) struct Seen<'a> {
     assets: &'a SceneAssets,
     options: &'a SurveyOptions,

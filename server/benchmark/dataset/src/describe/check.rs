@@ -4,7 +4,7 @@
 //! every benefit of the doubt, must fail for all rivals.
 
 use crate::{
-    cue::{Claim, Claims, Landmark, Relation},
+    cue::{Claim, Claims, Landmark, Name, Relation},
     describe::{
         facts::{Facts, SIDES},
         lexicon::{self, may_be_called, room_noun},
@@ -23,7 +23,6 @@ pub(crate) enum Reading {
 }
 
 impl Reading {
-    /// Returns `plain` or `generous`.
     fn pick<T>(self, plain: T, generous: T) -> T {
         if self == Self::Plain { plain } else { generous }
     }
@@ -31,7 +30,7 @@ impl Reading {
 
 /// Indices of other objects that might fit the sentence.
 pub(crate) fn rivals(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize> {
-    let named = called(facts, claims, target).into_iter();
+    let named = called(facts, &claims.head, target).into_iter();
     let fits = |index: &usize| {
         claims.list.iter().all(|claim| holds(facts, claim, target, *index, Reading::Generous))
     };
@@ -39,9 +38,9 @@ pub(crate) fn rivals(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize
 }
 
 /// Indices of other objects that might fit the noun.
-pub(crate) fn called(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize> {
+pub(crate) fn called(facts: &Facts, name: &Name, target: usize) -> Vec<usize> {
     let objects = facts.scene.objects.iter().enumerate();
-    let named = objects.filter(|(index, object)| *index != target && may_be_called(object, &claims.head));
+    let named = objects.filter(|(index, object)| *index != target && may_be_called(object, name));
     named.map(|(index, _)| index).collect()
 }
 
@@ -84,8 +83,7 @@ fn has_color(facts: &Facts, object: &Object, word: &str, reading: Reading) -> bo
     }
 }
 
-/// True if a size word applies: by label, or, read generously, for any object not clearly on the other side of the
-/// target.
+/// True by label or, read generously, for any object not clearly on the other side of the target.
 fn has_size(target: &Object, object: &Object, word: &str, reading: Reading) -> bool {
     const CLEAR: f32 = 1.25;
     if reading == Reading::Plain || object.attributes.size == word {
@@ -106,7 +104,6 @@ fn is_in(facts: &Facts, object: &Object, noun: &str, reading: Reading) -> bool {
     }
 }
 
-/// True if matching landmarks satisfy the relation.
 fn is_placed(
     facts: &Facts,
     own: &Object,
@@ -139,7 +136,6 @@ fn is_placed(
     }
 }
 
-/// True if `own` is in `relation` to `thing`.
 fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, reading: Reading) -> bool {
     let (a, b) = (&own.bounds, &thing.bounds);
     match relation {
@@ -260,7 +256,6 @@ pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
     words.into_iter().find(|word| !said(word))
 }
 
-/// Required words for a claim.
 fn words(claim: &Claim) -> Vec<String> {
     match claim {
         Claim::Color(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],
@@ -269,13 +264,10 @@ fn words(claim: &Claim) -> Vec<String> {
         Claim::Room(noun) => vec![noun.clone()],
         Claim::Place(relation, landmarks) => {
             let side = side(*relation).map(str::to_owned);
-            landmarks.iter().flat_map(named).cloned().chain(side).collect()
+            let named = |mark: &Landmark| mark.color.clone().into_iter().chain([mark.name.noun.clone()]);
+            landmarks.iter().flat_map(named).chain(side).collect()
         }
     }
-}
-
-fn named(landmark: &Landmark) -> impl Iterator<Item = &String> {
-    landmark.color.iter().chain([&landmark.name.noun])
 }
 
 fn side(relation: Relation) -> Option<&'static str> {

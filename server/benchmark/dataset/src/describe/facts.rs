@@ -27,7 +27,6 @@ impl<'a> Facts<'a> {
         Self { assets, scene: &assets.scene, palettes }
     }
 
-    /// Observed colours of an object, if any.
     pub(crate) fn palette(&self, object: &Object) -> Option<&Palette> {
         const ENOUGH: u64 = 30;
         self.palettes.get(&object.id).filter(|palette| palette.pixels() >= ENOUGH)
@@ -41,12 +40,10 @@ impl<'a> Facts<'a> {
         (palette.share_of(word) >= CALLED_SHARE && (label.is_empty() || label == word)).then_some(word)
     }
 
-    /// Room noun of an object, if known.
     pub(crate) fn room_of(&self, object: &Object) -> Option<String> {
         room_noun(&self.scene.regions.get(usize::from(object.region?))?.label)
     }
 
-    /// Number of rooms with this noun.
     pub(crate) fn rooms_called(&self, noun: &str) -> usize {
         self.scene.regions.iter().filter(|region| room_noun(&region.label).as_deref() == Some(noun)).count()
     }

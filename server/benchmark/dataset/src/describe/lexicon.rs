@@ -36,46 +36,13 @@ const KIN: &[&[&str]] = &[
     &["curtain", "blinds"],
 ];
 
-/// True for building parts and unnamed objects, which are no landmarks.
-fn is_nameless(category: &str) -> bool {
-    matches!(
-        category,
-        "" | "void"
-            | "wall"
-            | "floor"
-            | "ceiling"
-            | "misc"
-            | "objects"
-            | "object"
-            | "unlabeled"
-            | "unknown"
-            | "beam"
-            | "column"
-            | "furniture"
-            | "appliances"
-    )
-}
+/// Categories of building parts and unnamed objects, which are no landmarks.
+const NAMELESS: &str =
+    "|void|wall|floor|ceiling|misc|objects|object|unlabeled|unknown|beam|column|furniture|appliances";
+/// Room nouns without meaning, or without the preposition *in*.
+const NAMELESS_ROOMS: &str =
+    "|other|other room|unknown|junk|misc|no label|none|room|outdoor|outside|porch|balcony";
 
-/// True for room nouns without meaning, or without the preposition *in*.
-fn is_nameless_room(noun: &str) -> bool {
-    matches!(
-        noun,
-        "" | "other"
-            | "other room"
-            | "unknown"
-            | "junk"
-            | "misc"
-            | "no label"
-            | "none"
-            | "room"
-            | "outdoor"
-            | "outside"
-            | "porch"
-            | "balcony"
-    )
-}
-
-/// Size words with their measures.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("small", Measure::Diagonal),
     ("large", Measure::Diagonal),
@@ -87,7 +54,6 @@ pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("narrow", Measure::Width),
 ];
 
-/// Measure behind a size word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Measure {
     /// Box diagonal.
@@ -125,10 +91,10 @@ pub(crate) fn general_nouns(category: &str) -> Vec<String> {
     clean(&spaced).map(str::to_owned).into_iter().collect()
 }
 
-/// True if an object can be a landmark.
 pub(crate) fn is_landmark(object: &Object) -> bool {
     const MIN_M: f32 = 0.2;
-    let named = !is_nameless(&object.category) || clean(&object.attributes.noun).is_some();
+    let named =
+        NAMELESS.split('|').all(|known| known != object.category) || clean(&object.attributes.noun).is_some();
     named && object.bounds.size().max() >= MIN_M
 }
 
@@ -170,10 +136,9 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
         "toilet" => "toilet room",
         other => other,
     };
-    clean(noun).filter(|noun| !is_nameless_room(noun)).map(str::to_owned)
+    clean(noun).filter(|noun| NAMELESS_ROOMS.split('|').all(|known| known != *noun)).map(str::to_owned)
 }
 
-/// Material adjective, if common.
 pub(crate) fn material_word(object: &Object) -> Option<&str> {
     let word = clean(&object.attributes.material)?;
     (!word.contains(' ') && word != "painted" && !names(object).iter().any(|name| name.noun.contains(word)))
@@ -188,7 +153,6 @@ pub(crate) fn shape_word(object: &Object) -> Option<&str> {
         .then_some(word)
 }
 
-/// Size adjective, if known.
 pub(crate) fn size_word(object: &Object) -> Option<&str> {
     let word = object.attributes.size.as_str();
     SIZES.iter().any(|(known, _)| *known == word).then_some(word)
@@ -206,7 +170,6 @@ pub(crate) fn substance(material: &str) -> Option<&str> {
     }
 }
 
-/// `a` or `an`.
 pub(crate) fn article(phrase: &str) -> &'static str {
     let lower = phrase.to_lowercase();
     let spoken_as_consonant = ["one", "uni", "use", "eu"].iter().any(|start| lower.starts_with(start));

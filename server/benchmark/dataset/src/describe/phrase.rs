@@ -65,7 +65,6 @@ const FRAMES: &[&str] = &[
     "{The np} {r1} {in} is the one that {p23}.",
 ];
 
-/// A sentence frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SentenceFrame(pub(crate) &'static str);
 
@@ -89,13 +88,10 @@ impl SentenceFrame {
     }
 }
 
-/// Content for a sentence frame.
 pub(crate) struct Words<'a> {
-    /// The noun.
     pub(crate) noun: &'a str,
     /// Size, shape, colour and material claims, in order.
     pub(crate) looks: Vec<&'a Claim>,
-    /// Locations in order.
     pub(crate) places: Vec<&'a Claim>,
     /// Room noun, and whether it is unique in the house.
     pub(crate) room: Option<(&'a str, bool)>,
@@ -207,17 +203,16 @@ impl Words<'_> {
     }
 
     fn prepositions(&self, relation: Relation, landmarks: &[Landmark]) -> &'static [&'static str] {
-        let opening = |landmark: &Landmark| ["door", "window"].contains(&landmark.name.category.as_str());
-        let soft = |landmark: &Landmark| {
-            ["bed", "sofa", "chair", "seating", "rug"].contains(&landmark.name.category.as_str())
+        let all_are = |categories: &[&str]| {
+            landmarks.iter().all(|landmark| categories.contains(&landmark.name.category.as_str()))
         };
         match relation {
-            Relation::Near | Relation::NextTo if landmarks.iter().all(opening) => {
+            Relation::Near | Relation::NextTo if all_are(&["door", "window"]) => {
                 &["by {}", "near {}", "close to {}"]
             }
             Relation::Near => &["near {}", "close to {}", "not far from {}"],
             Relation::NextTo => &["next to {}", "beside {}", "right next to {}"],
-            Relation::On if landmarks.iter().all(soft) => &["on {}"],
+            Relation::On if all_are(&["bed", "sofa", "chair", "seating", "rug"]) => &["on {}"],
             Relation::On => &["on {}", "on top of {}"],
             Relation::Holds => &["under {}"],
             Relation::Under => &["under {}", "underneath {}"],

@@ -20,48 +20,11 @@ const ON_LEGS: &[&str] = &["table", "desk"];
 const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
 /// Minimum bottom height above the floor for hanging objects, metres.
 const HANGING_M: f32 = 0.4;
-
-/// True for objects with a top surface.
-fn has_hard_top(category: &str) -> bool {
-    matches!(
-        category,
-        "table"
-            | "desk"
-            | "cabinet"
-            | "chest_of_drawers"
-            | "counter"
-            | "shelving"
-            | "fireplace"
-            | "stool"
-            | "appliances"
-            | "rug"
-    )
-}
-
-/// True for objects with a wall behind them in every house: no information.
-fn is_always_at_wall(category: &str) -> bool {
-    matches!(
-        category,
-        "picture"
-            | "mirror"
-            | "counter"
-            | "sink"
-            | "toilet"
-            | "bathtub"
-            | "shower"
-            | "fireplace"
-            | "curtain"
-            | "towel"
-            | "door"
-            | "window"
-            | "radiator"
-            | "tv_monitor"
-            | "cushion"
-            | "blinds"
-            | "clock"
-            | "rug"
-    )
-}
+/// Objects with a top surface.
+const HARD_TOPS: &str = "table desk cabinet chest_of_drawers counter shelving fireplace stool appliances rug";
+/// Objects with a wall behind them in every house: no information.
+const ALWAYS_AT_WALL: &str = "picture mirror counter sink toilet bathtub shower fireplace curtain towel door window \
+    radiator tv_monitor cushion blinds clock rug";
 
 pub(crate) struct Relater<'a> {
     pub(crate) facts: Facts<'a>,
@@ -85,11 +48,10 @@ impl<'a> Relater<'a> {
     /// Returns all relations between object `index` and the `seen` objects.
     pub(crate) fn places(&self, index: usize, seen: &[usize]) -> Vec<Claim> {
         let objects = &self.facts.scene.objects;
+        let own = &objects[index];
         let usable = |other: &&usize| {
             let other = &objects[**other];
-            other.category != objects[index].category
-                && is_landmark(other)
-                && same_room(&objects[index], other)
+            other.category != own.category && is_landmark(other) && same_room(own, other)
         };
         let landmarks: Vec<usize> = seen.iter().filter(usable).copied().collect();
         let mut found = Vec::new();
@@ -158,11 +120,9 @@ impl<'a> Relater<'a> {
         let faces = |side: usize| {
             let [x, z] = SIDES[side];
             let behind = (a.center() - b.center()).dot(&Vector3::new(x, 0.0, z));
-            let shared = if x == 0.0 {
-                overlap_m([a.min.x, a.max.x], [b.min.x, b.max.x]) / a.size().x.min(b.size().x)
-            } else {
-                overlap_m([a.min.z, a.max.z], [b.min.z, b.max.z]) / a.size().z.min(b.size().z)
-            };
+            let axis = if x == 0.0 { 0 } else { 2 };
+            let shared_m = overlap_m([a.min[axis], a.max[axis]], [b.min[axis], b.max[axis]]);
+            let shared = shared_m / a.size()[axis].min(b.size()[axis]);
             self.walls[index][side] && self.walls[landmark][side ^ 1] && behind > 0.0 && shared > 0.6
         };
         let gap_m = flat_gap_m(a, b);
@@ -173,15 +133,12 @@ impl<'a> Relater<'a> {
     fn between(&self, index: usize, landmarks: &[usize]) -> Option<[usize; 2]> {
         let objects = &self.facts.scene.objects;
         let own = &objects[index].bounds;
-        let near: Vec<usize> = landmarks
-            .iter()
-            .copied()
-            .filter(|&landmark| {
-                let other = &objects[landmark].bounds;
-                let level = overlap_m([own.min.y, own.max.y], [other.min.y, other.max.y]) > 0.1;
-                level && (0.01..=1.0).contains(&flat_gap_m(own, other))
-            })
-            .collect();
+        let is_near = |landmark: &usize| {
+            let other = &objects[*landmark].bounds;
+            let level = overlap_m([own.min.y, own.max.y], [other.min.y, other.max.y]) > 0.1;
+            level && (0.01..=1.0).contains(&flat_gap_m(own, other))
+        };
+        let near: Vec<usize> = landmarks.iter().copied().filter(is_near).collect();
         let pairs = near.iter().enumerate().flat_map(|(i, &a)| near[i + 1..].iter().map(move |&b| [a, b]));
         let width_m =
             |[a, b]: &[usize; 2]| flat_gap_m(own, &objects[*a].bounds) + flat_gap_m(own, &objects[*b].bounds);
@@ -204,7 +161,7 @@ impl<'a> Relater<'a> {
     fn at_walls(&self, index: usize) -> Option<Relation> {
         let object = &self.facts.scene.objects[index];
         let stands = object.bounds.min.y - self.facts.floor_y(object) < HANGING_M;
-        let free = !is_always_at_wall(&object.category);
+        let free = ALWAYS_AT_WALL.split(' ').all(|known| known != object.category);
         let [east, west, south, north] = self.walls[index];
         if !stands || !free {
             return None;
@@ -280,7 +237,7 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     if !smaller || NEVER_RESTS.contains(&own.category.as_str()) || !is_over(b, a, 0.0) {
         return false;
     }
-    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && has_hard_top(category);
+    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.split(' ').any(|known| known == category);
     let height_m = b.size().y;
     let on_seat = (b.min.y + 0.25 * height_m..b.max.y - 0.02).contains(&a.min.y) && a.max.y <= b.max.y + 0.8;
     on_top || on_seat && SOFT_TOPS.contains(&category)

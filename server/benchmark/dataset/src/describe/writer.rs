@@ -17,14 +17,11 @@ use avln_scene::{InstanceId, Object};
 use avln_world::SceneAssets;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Attempts per instance.
 const ATTEMPTS: usize = 40;
-/// Most locations per sentence.
 const MAX_PLACES: usize = 3;
 /// Least pixel share for landmarks.
 const LANDMARK_SHARE: f32 = 0.004;
 
-/// Sentence with the claims.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sentence {
     pub(crate) text: String,
@@ -43,7 +40,6 @@ pub(crate) struct Writer<'a> {
     options: &'a SurveyOptions,
 }
 
-/// Candidate claims for a target.
 struct Pool {
     index: usize,
     names: Vec<Name>,
@@ -54,7 +50,6 @@ struct Pool {
 }
 
 impl<'a> Writer<'a> {
-    /// Returns a writer for the scene with observed `palettes`.
     pub(crate) fn new(
         assets: &'a SceneAssets,
         palettes: &'a BTreeMap<InstanceId, Palette>,
@@ -87,10 +82,8 @@ impl<'a> Writer<'a> {
         let mut candidates = self.looks(object);
         candidates.extend(self.relater.places(index, &self.seen_with(sighting)));
         candidates.retain(|claim| check::holds(facts, claim, index, index, Reading::Plain));
-        let named: BTreeSet<usize> = names
-            .iter()
-            .flat_map(|name| check::called(facts, &Claims { head: name.clone(), list: Vec::new() }, index))
-            .collect();
+        let named: BTreeSet<usize> =
+            names.iter().flat_map(|name| check::called(facts, name, index)).collect();
         let fits = |claim: &Claim| {
             let might = |other: &&usize| check::holds(facts, claim, index, **other, Reading::Generous);
             named.iter().filter(might).copied().collect()
@@ -99,7 +92,6 @@ impl<'a> Writer<'a> {
         Pool { index, names, verb: self.verb(index, &candidates), candidates, might_fit }
     }
 
-    /// Claims about appearance and room.
     fn looks(&self, object: &Object) -> Vec<Claim> {
         let facts = &self.relater.facts;
         let owned = |word: &str| word.to_owned();
@@ -118,9 +110,8 @@ impl<'a> Writer<'a> {
         let mut seen = BTreeSet::new();
         for look in &sighting.looks {
             let enough = LANDMARK_SHARE * (look.view.side_px * look.view.side_px) as f32;
-            seen.extend(
-                look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough).map(|(id, _)| *id),
-            );
+            let clear = look.beside.iter().filter(|(_, pixels)| **pixels as f32 >= enough);
+            seen.extend(clear.map(|(id, _)| *id));
         }
         let objects = &self.relater.facts.scene.objects;
         seen.iter().filter_map(|id| objects.binary_search_by_key(id, |object| object.id).ok()).collect()
@@ -145,8 +136,7 @@ impl<'a> Writer<'a> {
     /// Tries a sentence: random claims, then the most selective ones until no rival remains.
     fn attempt(&self, pool: &Pool, rng: &mut Rng) -> Option<Sentence> {
         let head = if rng.chance(0.7) { pool.names.first() } else { rng.choose(&pool.names) }?.clone();
-        let empty = Claims { head: head.clone(), list: Vec::new() };
-        let mut rivals = check::called(&self.relater.facts, &empty, pool.index);
+        let mut rivals = check::called(&self.relater.facts, &head, pool.index);
         let mut chosen = pool.draw(rng);
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
@@ -243,11 +233,8 @@ impl Pool {
     fn most_telling(&self, chosen: &[usize], rivals: &[usize]) -> Option<usize> {
         let left = |claim: usize| rivals.iter().filter(|rival| self.might_fit[claim].contains(rival)).count();
         let usable = (0..self.candidates.len()).filter(|&claim| self.goes_with(chosen, claim));
-        usable
-            .map(|claim| (left(claim), claim))
-            .filter(|(left, _)| *left < rivals.len())
-            .min()
-            .map(|(_, claim)| claim)
+        let (left, claim) = usable.map(|claim| (left(claim), claim)).min()?;
+        (left < rivals.len()).then_some(claim)
     }
 
     /// Claim order: size, shape, colour, material, room, locations.

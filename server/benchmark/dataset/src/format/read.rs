@@ -64,7 +64,6 @@ impl<'a> File<'a> {
         bad.map_or(Ok(()), |what| Err(self.error(Some(line), finite::cause(what))))
     }
 
-    /// Parses and checks the header line.
     fn header(&self, format: &str, scene: &str) -> Result<Header, FormatError> {
         let first = self.lines().next().ok_or_else(|| self.error(None, "the file is empty".to_owned()))?;
         let header: Header = self.parse(first)?;
@@ -110,10 +109,7 @@ fn digest_cause(found: &str, expected: &str) -> String {
     format!("digest {found}, but the scene list has {expected}; restore the file or rebuild it")
 }
 
-/// Parses `dataset.json`.
-///
-/// # Errors
-/// If the JSON is invalid, or the version is unsupported.
+/// Parses `dataset.json`; an error if the JSON is invalid, or the version is unsupported.
 pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
     let manifest: Manifest = serde_json::from_slice(file.bytes).map_err(|error| {
         let line = Some(error.line()).filter(|line| *line > 0);
@@ -124,10 +120,7 @@ pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
     Ok(manifest)
 }
 
-/// Parses `scenes.jsonl` and checks the digest.
-///
-/// # Errors
-/// If a line is invalid, a name occurs twice, or the digest differs.
+/// Parses `scenes.jsonl`; an error if a line is invalid, a name occurs twice, or the digest is not `expected`.
 pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatError> {
     let (mut scenes, mut names) = (Vec::new(), BTreeSet::new());
     for line in file.lines() {
@@ -143,10 +136,7 @@ pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatE
     Ok(scenes)
 }
 
-/// Parses the public missions file of `scene`.
-///
-/// # Errors
-/// If the file is truncated, invalid or belongs to another scene.
+/// Parses the public missions file of `scene`; an error if it is truncated, invalid or belongs to another scene.
 pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, FormatError> {
     let header = file.header(Header::MISSIONS, scene)?;
     let (mut missions, mut ids) = (Vec::new(), BTreeSet::new());
@@ -166,10 +156,7 @@ pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, Form
     Ok(missions)
 }
 
-/// Parses both files of a scene and joins their missions.
-///
-/// # Errors
-/// If a file is truncated, invalid or has another digest, or if both do not match.
+/// Joins both files of a scene; an error if one is truncated, invalid or has another digest, or both do not match.
 pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<EpisodeSpec>, FormatError> {
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
@@ -267,11 +254,8 @@ fn goal_of(
     if finite::number(sealed.start_distance_m, "").is_some() {
         return Err("a start distance is not finite");
     }
-    let filled = Target {
-        modality: cue.modality(),
-        start_distance_m: sealed.start_distance_m,
-        ..target.target.clone()
-    };
+    let (modality, start_distance_m) = (cue.modality(), sealed.start_distance_m);
+    let filled = Target { modality, start_distance_m, ..target.target.clone() };
     Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
 }
 

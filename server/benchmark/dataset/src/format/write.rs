@@ -28,10 +28,7 @@ pub fn digest_of(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
-/// Encodes missions in a scene: public file, sealed file, and a line with both digests.
-///
-/// # Errors
-/// If a number is not finite.
+/// Encodes missions in a scene: public file, sealed file, and a line with both digests; numbers must be finite.
 pub fn write_scene(
     spec: &SceneSpec,
     facts: Option<SceneFacts>,
@@ -53,9 +50,6 @@ pub fn write_scene(
 }
 
 /// Encodes `scenes.jsonl`.
-///
-/// # Errors
-/// If a line cannot be encoded.
 pub fn scenes_bytes(scenes: &[SceneLine]) -> Result<Vec<u8>, DatasetError> {
     let mut bytes = Vec::new();
     scenes.iter().try_for_each(|line| push(&mut bytes, line))?;
@@ -63,9 +57,6 @@ pub fn scenes_bytes(scenes: &[SceneLine]) -> Result<Vec<u8>, DatasetError> {
 }
 
 /// Encodes `dataset.json`.
-///
-/// # Errors
-/// If it cannot be encoded.
 pub fn manifest_bytes(manifest: &Manifest) -> Result<Vec<u8>, DatasetError> {
     let mut bytes = serde_json::to_vec_pretty(manifest).map_err(unwritable)?;
     bytes.push(b'\n');
@@ -144,12 +135,8 @@ fn sealed_goal(goal: &GoalSpec) -> SealedGoal {
         CueSpec::Description(sentence) => (None, sentence.claims.clone()),
         CueSpec::Image(view) => (Some(*view), None),
     };
-    SealedGoal {
-        instance: goal.target.instance,
-        start_distance_m: goal.target.start_distance_m,
-        view,
-        claims,
-    }
+    let Target { instance, start_distance_m, .. } = goal.target;
+    SealedGoal { instance, start_distance_m, view, claims }
 }
 
 fn push(bytes: &mut Vec<u8>, line: &impl Serialize) -> Result<(), DatasetError> {

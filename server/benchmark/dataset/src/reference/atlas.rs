@@ -60,7 +60,6 @@ impl<'a> Atlas<'a> {
         atlas
     }
 
-    /// Computes visibility from every point.
     fn look_around(&mut self, regions: &[Vec<NavPoint>], least_apart_m: f64) {
         let stands = |(region, points): (usize, &Vec<NavPoint>)| {
             (0..points.len() as u32).map(move |stand| (region, stand))
@@ -118,7 +117,6 @@ impl<'a> Atlas<'a> {
         self.apart_m[a.min(b) * self.len() + a.max(b)]
     }
 
-    /// Returns the start point with the visible points and corners.
     pub(crate) fn departure(&self, start: &NavPoint) -> Departure {
         Departure { position: start.position(), exits: self.navmesh.exits(start, &self.places) }
     }

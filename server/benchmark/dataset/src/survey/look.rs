@@ -100,7 +100,6 @@ impl SurveyOptions {
 const BINS: usize = 52;
 /// Ring width around an object for colour comparison, as a share of the picture side.
 const RING_SHARE: f32 = 0.08;
-
 /// Steps per channel in the colour name table.
 const STEPS: usize = 32;
 const WORDS: usize = colors::PALETTE.len();
@@ -196,7 +195,6 @@ impl Look {
         })
     }
 
-    /// True if the measurements pass all thresholds.
     pub(crate) fn is_good(&self, options: &SurveyOptions) -> bool {
         (options.min_share..=options.max_share).contains(&self.share)
             && self.truncation <= options.max_truncation

@@ -9,7 +9,6 @@ use std::f32::consts::TAU;
 
 /// Spacing of the sampled points of a success region, metres.
 const REGION_SPACING_M: f32 = 0.25;
-
 /// Fewest points of a success region.
 const MIN_REGION_POINTS: usize = 4;
 /// Largest distance of an imported viewpoint from the walkable floor, metres.

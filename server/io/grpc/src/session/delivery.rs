@@ -16,7 +16,6 @@ use avln_proto::v1::{self, Reason, play_response::Frame};
 use std::{sync::Arc, time::Duration};
 
 impl<H: Host> Slot<H> {
-    /// Ends an episode after a failed start.
     pub(super) async fn failed_to_start(
         &mut self,
         mut hosted: Hosted<H>,
@@ -55,16 +54,13 @@ impl<H: Host> Slot<H> {
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
         let run = self.session.run.clone();
         let name = handle.to_owned();
-        if let Err(failure) =
-            call_host("lose", &self.session.host, |host| async move { host.lose(&run, &name, ticket).await })
-                .await
-        {
+        let lose = |host: Arc<H>| async move { host.lose(&run, &name, ticket).await };
+        if let Err(failure) = call_host("lose", &self.session.host, lose).await {
             tracing::error!(why = failure.message, "cannot withdraw a hanging episode");
         }
         self.count_end(EndReason::ServerFault);
     }
 
-    /// Ends an open episode from outside and stores it.
     pub(super) async fn store_open_episode(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
         match std::mem::replace(&mut self.state, SlotContent::Idle) {
             SlotContent::Playing(mut playing) => {
@@ -98,14 +94,8 @@ impl<H: Host> Slot<H> {
         let steps = hosted.episode.steps();
         let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
         let run = self.session.run.clone();
-        let stored =
-            call_host(
-                "conclude",
-                &self.session.host,
-                |host| async move { host.conclude(&run, hosted).await },
-            )
-            .await;
-        let (reason, outcome) = match stored {
+        let conclude = |host: Arc<H>| async move { host.conclude(&run, hosted).await };
+        let (reason, outcome) = match call_host("conclude", &self.session.host, conclude).await {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for the agent.
             Err(failure) => {
@@ -199,7 +189,6 @@ impl<H: Host> Slot<H> {
     }
 }
 
-/// Returns an episode's end, if a result is stored.
 pub(crate) async fn stored_end<H: Host>(
     host: &Arc<H>,
     run: &str,

@@ -1,6 +1,4 @@
-//! Session: the slots of a run, as tasks, and the shared state.
-//!
-//! A session outlives the connection. Without a client, open episodes wait for a limited time.
+//! Session: the slots of a run, as tasks, and the shared state. It outlives the connection for a limited time.
 
 use crate::{
     attachment::StopReason,
@@ -53,7 +51,6 @@ pub(crate) struct SessionContext<H> {
     progress: ProgressTracker,
 }
 
-/// End of all slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SlotEnding {
     /// Open episodes end for this reason and are stored.
@@ -127,7 +124,6 @@ impl<H: Host> Session<H> {
         session
     }
 
-    /// Reports a change to the operator's control.
     fn report(&self, change: impl FnOnce(&Control, &str)) {
         if let Some(control) = self.state.host.control() {
             change(control, &self.state.run);
@@ -205,7 +201,6 @@ impl<H: Host> Session<H> {
         absence.used += if restarted { away } else { Duration::ZERO };
     }
 
-    /// Attaches unary calls, with a single slot.
     pub(crate) async fn attach_unary(&self) {
         self.report(|control, run| control.opened(run, true));
         self.granted.store(1, Ordering::Relaxed);

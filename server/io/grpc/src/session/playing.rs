@@ -36,7 +36,6 @@ impl SlotReply {
     }
 }
 
-/// Receiver for slot replies.
 #[derive(Clone, Debug)]
 pub(crate) enum Audience {
     Stream(Outbound),
@@ -61,7 +60,6 @@ pub(super) struct LastStep {
     pub(super) observation: v1::Observation,
 }
 
-/// Episode that is over and stored.
 pub(super) struct FinishedEpisode {
     pub(super) last: LastStep,
     pub(super) end: v1::EpisodeEnd,
@@ -83,7 +81,6 @@ impl LastStep {
         Err(Failure::new(Reason::StepConflict, message))
     }
 
-    /// Returns whether this observation ended the episode.
     pub(super) fn is_last(&self) -> bool {
         self.observation.terminated || self.observation.truncated
     }

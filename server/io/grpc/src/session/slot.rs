@@ -31,7 +31,6 @@ pub(super) enum SlotCommand {
         audience: Audience,
         /// Last frame that the new client received.
         known: Option<v1::SlotPosition>,
-        /// Duration of the disconnect.
         away: Duration,
         /// Receives whether the agent's clock restarted.
         reply: oneshot::Sender<bool>,
@@ -55,7 +54,6 @@ pub(super) enum SlotContent<E> {
 }
 
 impl<H: Host> Slot<H> {
-    /// Creates a slot, idle or with a restored episode.
     pub(super) fn new(
         id: u32,
         session: Arc<SessionContext<H>>,
@@ -79,7 +77,6 @@ impl<H: Host> Slot<H> {
         OpenEpisode { hosted, ordinal, last, clock }
     }
 
-    /// Serves the session until it ends.
     pub(super) async fn run(
         mut self,
         mut commands: mpsc::Receiver<SlotCommand>,
@@ -88,17 +85,18 @@ impl<H: Host> Slot<H> {
         self.store_finished().await;
         loop {
             let session = self.session.clone();
+            let refilled = self.waiting().map(|seen| session.progress.refilled(seen));
             tokio::select! {
                 // In this order: the end of the session first, and the clock before requests, so that a flood of requests buys
                 // no time.
                 biased;
                 ending = next_ending(&mut ending) => return self.end(ending).await,
-                () = expired(self.clock()) => self.cut(EndReason::TimeBudget).await,
+                () = if_any(self.clock().map(ChessClock::expired)) => self.cut(EndReason::TimeBudget).await,
                 command = commands.recv() => match command {
                     Some(command) => self.serve(command).await,
                     None => { let ending = next_ending(&mut ending).await; return self.end(ending).await },
                 },
-                () = refilled(&session, self.waiting()) => self.handle(SlotRequest::Ready, None).await,
+                () = if_any(refilled) => self.handle(SlotRequest::Ready, None).await,
             }
         }
     }
@@ -146,7 +144,6 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Returns the last position in the open episode.
     fn position(&self) -> Option<v1::SlotPosition> {
         let SlotContent::Playing(playing) = &self.state else { return None };
         let (episode, step) = (playing.hosted.handle.clone(), playing.last.observation.step);
@@ -193,11 +190,8 @@ impl<H: Host> Slot<H> {
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let hosted = call_host("next episode", &self.session.host, |host| async move {
-            host.next_episode(&run, id, &sensors).await
-        })
-        .await;
-        match hosted {
+        let next = |host: Arc<H>| async move { host.next_episode(&run, id, &sensors).await };
+        match call_host("next episode", &self.session.host, next).await {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
                 self.waiting = (!matches!(self.audience, Audience::Callers)).then_some(returned);
@@ -301,7 +295,6 @@ impl<H: Host> Slot<H> {
         Failure::new(Reason::SlotUnknown, message)
     }
 
-    /// Carries out an action and records it in the run log.
     async fn step(
         &mut self,
         mut playing: OpenEpisode<H::Episode>,
@@ -400,16 +393,10 @@ async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEn
     }
 }
 
-async fn refilled<H>(session: &SessionContext<H>, waiting: Option<u32>) {
-    match waiting {
-        Some(seen) => session.progress.refilled(seen).await,
-        None => std::future::pending().await,
-    }
-}
-
-async fn expired(clock: Option<ChessClock>) {
-    match clock {
-        Some(clock) => clock.expired().await,
+/// Waits for a future; for ever without one.
+async fn if_any<T>(future: Option<impl Future<Output = T>>) -> T {
+    match future {
+        Some(future) => future.await,
         None => std::future::pending().await,
     }
 }

@@ -1,5 +1,4 @@
-//! Conversions between benchmark types and messages. All messages of this crate are built here, from `avln-episode` types and
-//! public values of the host.
+//! Conversions to messages. All messages are built here, from `avln-episode` types and public values of the host.
 
 use crate::host::Digests;
 use avln_challenge::{PhaseState, QuotaWindow, RunState, Visibility};
@@ -53,7 +52,6 @@ pub(crate) fn action(number: i32) -> Option<Action> {
     Action::try_from(index).ok()
 }
 
-/// Returns an action's wire number.
 pub(crate) fn action_number(action: Action) -> i32 {
     action.index() as i32 + 1
 }

@@ -39,7 +39,6 @@ pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSp
     specs
 }
 
-/// Format of observations.
 #[derive(Clone, Copy)]
 pub(crate) struct ObservationFormat<'a> {
     pub(crate) sensors: &'a Sensors,

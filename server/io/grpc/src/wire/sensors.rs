@@ -53,12 +53,10 @@ fn offered_of(most: &Sensors, kind: SensorKind) -> impl Iterator<Item = v1::Enco
     offered.filter(move |encoding| allows_loss || avln_proto::wire::is_lossless(*encoding))
 }
 
-/// Returns the encodings that a phase offers for any sensor.
 pub(crate) fn offered_in(most: &Sensors) -> Vec<i32> {
     unique(KINDS.into_iter().flat_map(|kind| offered_of(most, kind)))
 }
 
-/// Returns the encodings that the server supports.
 pub(crate) fn offered() -> Vec<i32> {
     unique(KINDS.into_iter().flat_map(|kind| avln_proto::wire::offered(kind).iter().copied()))
 }
@@ -89,7 +87,6 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
     })
 }
 
-/// Sensor values.
 pub(super) enum SensorValues {
     Rgb(Vec<u8>),
     /// Depths and their unit, metres.
@@ -132,7 +129,6 @@ fn raw(values: SensorValues) -> Bytes {
     }
 }
 
-/// Runs work that blocks the thread.
 fn blocking<T>(work: impl FnOnce() -> T) -> T {
     // Large pictures take milliseconds. Test runtimes have a single thread and cannot block in place.
     match Handle::try_current().map(|handle| handle.runtime_flavor()) {

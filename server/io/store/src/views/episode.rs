@@ -167,7 +167,6 @@ async fn read_goals(tx: &mut Transaction<'_>, phase: &str, episode: &str) -> Res
     Ok(goals.map(|Json(goals)| goals).unwrap_or_default())
 }
 
-/// Returns the replay with the scene's map and the phase's rules.
 async fn read_replay(
     tx: &mut Transaction<'_>,
     run: &Run,

@@ -3,7 +3,7 @@
 use crate::{
     database::{Transaction, Word, value},
     error::Result,
-    phases::{Phase, read_heads},
+    phases::read_heads,
     runs::Run,
     scores::INTERVAL_SEED,
     views::{Reader, Viewer, phase::PhaseView},
@@ -170,10 +170,12 @@ impl Reader {
         let head = read_heads(&mut tx, Some(query.phase)).await?.pop();
         let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
         // A team with access to its own scores only is ranked among its own runs: ranks among all would reveal the others.
-        let all = match visible_teams(viewer, &head.phase) {
-            VisibleTeams::None => Arc::default(),
-            VisibleTeams::One(team) => self.ranking(&mut tx, query, Some(team)).await?,
-            VisibleTeams::All => self.ranking(&mut tx, query, None).await?,
+        let all = match viewer {
+            _ if viewer.sees_all(head.phase.scores) => self.ranking(&mut tx, query, None).await?,
+            Viewer::Team(team) if viewer.may_see(head.phase.scores, team) => {
+                self.ranking(&mut tx, query, Some(team)).await?
+            }
+            _ => Arc::default(),
         };
         let phase = PhaseView::read(&mut tx, head, viewer, query.now_unix_ms).await?;
         Ok(Some(LeaderboardView {
@@ -208,22 +210,7 @@ impl Reader {
     }
 }
 
-enum VisibleTeams<'a> {
-    None,
-    One(&'a str),
-    All,
-}
-
-fn visible_teams<'a>(viewer: &'a Viewer, phase: &Phase) -> VisibleTeams<'a> {
-    match viewer {
-        _ if viewer.sees_all(phase.scores) => VisibleTeams::All,
-        Viewer::Team(team) if viewer.may_see(phase.scores, team) => VisibleTeams::One(team),
-        _ => VisibleTeams::None,
-    }
-}
-
-/// Returns a ranking's inputs as text. A completed run never changes, so the count identifies all completed
-/// runs.
+/// Returns a ranking's inputs as text. Completed runs never change, so their count identifies them.
 async fn ranking_key(
     tx: &mut Transaction<'_>,
     query: &LeaderboardQuery<'_>,
@@ -254,7 +241,6 @@ struct Candidate {
     verified: bool,
 }
 
-/// The run that represents a method.
 struct Representative {
     candidate: Candidate,
     /// Ranking metrics for all eligible runs with the method.
@@ -330,16 +316,11 @@ fn choose(candidates: Vec<Candidate>, query: &LeaderboardQuery<'_>) -> Vec<Repre
         chosen
             .entry((candidate.team.clone(), candidate.method.clone()))
             .and_modify(|first| first.values.push(value))
-            .or_insert(Representative {
-                candidate,
-                values: vec![value],
-                episodes: ScoredEpisodes::default(),
-            });
+            .or_insert(Representative { candidate, values: vec![value], episodes: Default::default() });
     }
     chosen.into_values().collect()
 }
 
-/// Reads scores and end reasons for the chosen runs.
 async fn read_episodes(tx: &mut Transaction<'_>, order: Order, chosen: &mut [Representative]) -> Result<()> {
     // SQLite could extract the metric from the JSON, but its text-to-float conversion is not exact to the last bit.
     let select = "SELECT run, episode, scene, end_reason, metrics FROM episodes \

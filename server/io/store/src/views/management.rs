@@ -67,7 +67,6 @@ pub struct TeamsView {
     pub phases_by_approval: Vec<String>,
 }
 
-/// Maximum listed grants.
 const MAX_GRANTS: u32 = 50;
 
 impl Reader {

@@ -27,7 +27,6 @@ pub enum Viewer {
 }
 
 impl Viewer {
-    /// Returns whether the viewer sees `team`'s data with this visibility.
     pub(crate) fn may_see(&self, visibility: Visibility, team: &str) -> bool {
         match visibility {
             Visibility::Public => true,
@@ -36,7 +35,6 @@ impl Viewer {
         }
     }
 
-    /// Returns whether the viewer is `team` or the organiser.
     pub(crate) fn owns(&self, team: &str) -> bool {
         match self {
             Self::Anonymous => false,
@@ -45,7 +43,6 @@ impl Viewer {
         }
     }
 
-    /// Returns whether the phase is visible to the viewer.
     pub(crate) fn knows(&self, phase: &Phase) -> bool {
         match self {
             Self::Anonymous => phase.admission.shows_to(None),
@@ -54,7 +51,6 @@ impl Viewer {
         }
     }
 
-    /// Returns whether the viewer sees all teams' data.
     pub(crate) fn sees_all(&self, visibility: Visibility) -> bool {
         visibility == Visibility::Public || *self == Self::Organiser
     }
@@ -84,10 +80,7 @@ impl Store {
 }
 
 impl Reader {
-    /// Checks that the database is readable.
-    ///
-    /// # Errors
-    /// If it is not.
+    /// Fails if the database is not readable.
     pub async fn ping(&self) -> Result<()> {
         let _: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM phases").fetch_one(&self.pool).await?;
         Ok(())

@@ -16,8 +16,7 @@ use serde::Serialize;
 use sqlx::types::Json;
 use std::collections::BTreeMap;
 
-/// A phase on pages. Its existence and rules are public, unless it is restricted to some teams. Times are milliseconds since
-/// 1970-01-01 UTC.
+/// A phase on pages, public unless it is restricted to some teams. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct PhaseView {
     /// Id in URLs.
@@ -185,8 +184,7 @@ impl Reader {
         Ok(Some(view))
     }
 
-    /// Returns a scene's floor plan; `None` if there is none yet, or unless the viewer sees the replays from all
-    /// teams.
+    /// Returns a scene's floor plan; `None` if there is none yet, or the viewer does not see all teams' replays.
     pub async fn scene_map(&self, viewer: &Viewer, phase: &str, scene: &str) -> Result<Option<SceneMap>> {
         let mut tx = self.snapshot().await?;
         if !sees_missions(&mut tx, viewer, phase).await? {

@@ -354,7 +354,6 @@ pub(crate) fn by_goals(scores: &[EpisodeScore]) -> Vec<GroupView> {
     grouped(scores, |score| score.metrics.goals, u32::to_string)
 }
 
-/// Groups episodes by scene name.
 pub(crate) fn by_scene(scores: &[EpisodeScore]) -> Vec<GroupView> {
     grouped(scores, |score| score.scene.as_str(), |scene| (*scene).to_owned())
 }

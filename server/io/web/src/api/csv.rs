@@ -70,7 +70,7 @@ impl<T> Row<T> {
     }
 }
 
-/// Returns a text with a leading apostrophe if a spreadsheet would execute it as a formula.
+// A spreadsheet would execute such a text as a formula; the apostrophe prevents that.
 fn without_formula(text: &str) -> String {
     let guard = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
     format!("{guard}{text}")
@@ -111,10 +111,6 @@ fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response> {
         let order = view.order;
         view.rows.into_iter().map(move |row| OrderedRow { order, row })
     });
-    leaderboard_columns().respond(&entries.collect::<Vec<_>>())
-}
-
-fn leaderboard_columns() -> Row<OrderedRow> {
     let standing =
         |value: fn(&Standing) -> u32| move |r: &OrderedRow| maybe(r.row.standing.as_ref().map(value));
     let sensor = |value: fn(&Sensors) -> bool| move |r: &OrderedRow| maybe(r.row.sensors.as_ref().map(value));
@@ -148,9 +144,9 @@ fn leaderboard_columns() -> Row<OrderedRow> {
         .value("depth", sensor(|s| s.depth))
         .value("audio", sensor(|s| s.audio))
         .value("verified", |r| r.row.verified.to_string())
+        .respond(&entries.collect::<Vec<_>>())
 }
 
-/// Adds a metric's columns: the mean and, if available, the interval.
 fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<OrderedRow> {
     let id = metric.id;
     let mean = move |r: &OrderedRow| maybe(metric.mean_of(&r.row.summary));

@@ -26,7 +26,6 @@ const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth",
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 const COMPARE_QUERY: &[&str] = &["first", "second"];
 
-/// A described route.
 struct Endpoint {
     /// Path below [`BASE`].
     path: &'static str,

@@ -22,7 +22,6 @@ impl Body {
         Self { media_type, schema: string(), components: Vec::new() }
     }
 
-    /// A `T` with the schema version.
     pub(super) fn versioned<T: ToSchema>() -> Self {
         let version = json!({
             "type": "object",
@@ -121,7 +120,6 @@ fn words(words: &[&str]) -> Value {
     json!({ "type": "string", "enum": words })
 }
 
-/// Adapts a derived schema to the responses.
 fn adapt(schema: &mut Value) {
     match schema {
         Value::Array(parts) => parts.iter_mut().for_each(adapt),

@@ -82,7 +82,6 @@ impl FormFields {
         self.0.get(name).map(String::as_str).ok_or_else(missing)
     }
 
-    /// Returns a name; it may be empty.
     pub(crate) fn name(&self, name: &str) -> Result<String> {
         printable(name, self.get(name)?, MAX_NAME_CHARS)
     }
@@ -95,12 +94,10 @@ impl FormFields {
         Ok(reason)
     }
 
-    /// Returns the reason; it may be empty.
     pub(crate) fn maybe_reason(&self) -> Result<String> {
         printable("reason", self.get("reason")?, MAX_REASON_CHARS)
     }
 
-    /// Returns a whole number within `range`.
     pub(crate) fn number(&self, name: &str, range: RangeInclusive<u32>) -> Result<u32> {
         let value = self.get(name)?.trim();
         value.parse().ok().filter(|number| range.contains(number)).ok_or_else(|| {
@@ -129,9 +126,8 @@ fn printable(what: &str, text: &str, max_chars: usize) -> Result<String> {
     if text.chars().count() <= max_chars && !text.chars().any(char::is_control) {
         return Ok(text.to_owned());
     }
-    Err(RequestError::Invalid(format!(
-        "{what} must be a single line of at most {max_chars} printable characters"
-    )))
+    let message = format!("{what} must be a single line of at most {max_chars} printable characters");
+    Err(RequestError::Invalid(message))
 }
 
 #[cfg(test)]

@@ -1,5 +1,4 @@
-//! Management actions, sign-in and sessions. Teams manage their own tokens and runs, organisers everything. The arena implements
-//! [`Management`]; this module decides permissions.
+//! Management by teams (own tokens and runs) and organisers. The arena implements [`Management`]; permissions are decided here.
 
 mod form;
 mod sessions;
@@ -29,6 +28,7 @@ pub struct TeamCredential {
 }
 
 /// A team's action.
+#[expect(missing_docs, reason = "the documentation of a variant explains the fields")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
@@ -40,16 +40,10 @@ pub enum TeamAction {
         /// Lifetime, days; `None` for the longest possible one.
         days: Option<u32>,
     },
-    /// Revokes a token.
-    RevokeToken {
-        /// Public token id.
-        id: String,
-    },
+    /// Revokes the token with a public id.
+    RevokeToken { id: String },
     /// Cancels a run.
-    CancelRun {
-        /// Run id.
-        run: String,
-    },
+    CancelRun { run: String },
 }
 
 /// The token and the reason behind an organiser action, for the audit log.
@@ -62,31 +56,15 @@ pub struct ActionOrigin {
 }
 
 /// An organiser's action.
+#[expect(missing_docs, reason = "the documentation of a variant explains the fields")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OrganiserAction {
     /// Admits a team if it is new, and creates an account token for it.
-    Admit {
-        /// Public team name.
-        team: String,
-    },
+    Admit { team: String },
     /// Approves a team for a phase that requires approval, or withdraws the approval.
-    Approve {
-        /// Team name.
-        team: String,
-        /// Phase id.
-        phase: String,
-        /// True if the team may play.
-        approved: bool,
-    },
-    /// Grants a team runs beyond the quota; requires a reason.
-    Grant {
-        /// Team name.
-        team: String,
-        /// Phase id.
-        phase: String,
-        /// Run count, at least 1.
-        runs: u32,
-    },
+    Approve { team: String, phase: String, approved: bool },
+    /// Grants a team runs beyond the quota, at least 1; requires a reason.
+    Grant { team: String, phase: String, runs: u32 },
     /// Stops new runs in a phase for now; requires a reason, which is public.
     Pause(String),
     /// Allows new runs in a phase that was paused or closed manually.
@@ -96,12 +74,7 @@ pub enum OrganiserAction {
     /// Publishes a closed phase's committed secrets.
     Reveal(String),
     /// Marks a run as verified, or removes the mark.
-    Verify {
-        /// Run id.
-        run: String,
-        /// True if the run is verified.
-        verified: bool,
-    },
+    Verify { run: String, verified: bool },
     /// Removes a run from all leaderboards; the reason is public.
     Disqualify(String),
     /// Returns a disqualified run to the leaderboards.
@@ -156,26 +129,18 @@ pub struct ServerHealth {
 /// Management actions, implemented by a running arena. Each action writes a line to the audit log.
 #[async_trait::async_trait]
 pub trait Management: fmt::Debug + Send + Sync {
-    /// Executes a team action.
-    ///
-    /// # Errors
-    /// If the action is refused or fails.
+    /// Executes a team action. Fails if it is refused or the server fails.
     async fn team_action(
         &self,
         team: TeamCredential,
         action: TeamAction,
     ) -> Result<ActionOutcome, ActionError>;
-
-    /// Executes an organiser action.
-    ///
-    /// # Errors
-    /// If the action is refused or fails.
+    /// Executes an organiser action. Fails if it is refused or the server fails.
     async fn organiser_action(
         &self,
         origin: ActionOrigin,
         action: OrganiserAction,
     ) -> Result<ActionOutcome, ActionError>;
-
     /// Returns the server's current health.
     fn health(&self) -> ServerHealth;
 }

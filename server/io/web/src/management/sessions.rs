@@ -31,7 +31,6 @@ const MAX_PER_VIEWER: usize = 64;
 // Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
 const MAX_SESSIONS: usize = 4096;
 
-/// A visitor with a session and a valid token.
 #[derive(Clone, Debug)]
 pub(crate) struct SignedIn {
     pub(crate) holder: Holder,
@@ -188,10 +187,7 @@ impl Sessions {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts a session for the holder of `token` and returns a random id.
-    ///
-    /// # Errors
-    /// If the system's random number generator fails.
+    /// Starts a session for the holder of `token` and returns a random id. Fails without system randomness.
     pub(crate) fn start(
         &self,
         token: TokenHash,

@@ -11,7 +11,6 @@ use avln_scoring::Key;
 use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
 use std::sync::LazyLock;
 
-/// Pairs paths with file texts.
 macro_rules! texts {
     ($($path:literal,)*) => { [$(($path, include_str!(concat!("../../../../../", $path)))),*] };
 }
@@ -88,7 +87,6 @@ struct DocumentPage {
     document: &'static Document,
 }
 
-/// Serves instructions, metric definitions and the list of documents.
 pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
     let (decisions, documents) =
         DOCUMENTS.iter().partition(|document| document.slug.starts_with("decisions/"));
@@ -121,10 +119,8 @@ fn address(path: &str) -> Option<String> {
     PATHS.iter().any(|(listed, _)| *listed == path).then(|| format!("/docs/{}", slug(path)))
 }
 
-/// Renders the document at `path` and returns the title (the first heading) and the HTML below it.
-///
-/// Links to other documents lead to their pages; links to other files become plain text. Tables scroll. HTML in the
-/// text is escaped.
+/// Returns a document's title (the first heading) and the HTML below it. Links to other documents lead to their pages,
+/// links to other files become plain text, and HTML in the text is escaped.
 fn render_markdown(path: &str, text: &str) -> (String, String) {
     let events: Vec<Event> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
     let (title, rest) = split_title(events);
@@ -170,11 +166,9 @@ fn linked<'a>(path: &str, events: Vec<Event<'a>>) -> Vec<Event<'a>> {
             Event::Start(Tag::Link { link_type, dest_url, title, id }) => {
                 let target = target(path, &dest_url);
                 open.push(target.is_some());
-                linked.extend(
-                    target.map(|target| {
-                        Event::Start(Tag::Link { link_type, dest_url: target.into(), title, id })
-                    }),
-                );
+                if let Some(target) = target {
+                    linked.push(Event::Start(Tag::Link { link_type, dest_url: target.into(), title, id }));
+                }
             }
             Event::End(TagEnd::Link) if !open.pop().unwrap_or(false) => {}
             other => linked.push(other),
@@ -221,7 +215,6 @@ fn anchor(words: &str) -> String {
     kept.collect::<String>().replace(' ', "-")
 }
 
-/// Wraps tables into scrollable regions with accessible names.
 fn framed<'a>(events: Vec<Event<'a>>, title: &str) -> Vec<Event<'a>> {
     let mut framed = Vec::with_capacity(events.len());
     let mut tables = 0;

@@ -97,7 +97,6 @@ struct PageShell {
     tab: &'static str,
 }
 
-/// Form data on pages for signed-in visitors.
 #[derive(Debug, Default)]
 struct FormContext {
     key: String,

@@ -104,16 +104,13 @@ impl PhasePage {
                 format!("within {radius_m} m of a viewpoint along the floor, with the target in the image")
             }
         };
+        let steps = rules.sounding_window_steps;
         let sounding = match rules.sounding {
             SoundingRule::UnfinishedInDrawnOrder => format!(
-                "unfound targets sound in turn, {} steps each, in a random order; a found target falls silent",
-                rules.sounding_window_steps
+                "unfound targets sound in turn, {steps} steps each, in a random order; a found target falls silent"
             ),
             SoundingRule::AllInGoalOrder => {
-                format!(
-                    "all targets sound in the order of the goals, {} steps each",
-                    rules.sounding_window_steps
-                )
+                format!("all targets sound in the order of the goals, {steps} steps each")
             }
         };
         let clip = match rules.sound_clip {

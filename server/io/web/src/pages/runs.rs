@@ -83,7 +83,6 @@ impl RunPage {
         Self { shell, view, live, keys: Key::ALL }
     }
 
-    /// Returns the team's statements about the method.
     fn method_facts(&self) -> Vec<(&'static str, &str)> {
         let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
             &self.view.method;
@@ -198,7 +197,6 @@ fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
     ]
 }
 
-/// Letter width, and margin on either side, pixels.
 const LETTER_PX: u32 = 7;
 const MARGIN_PX: u32 = 8;
 

@@ -17,14 +17,12 @@ pub(crate) struct MapView {
     /// `min-x min-y width height`.
     pub(crate) view_box: String,
     pub(crate) letter_m: f32,
-    /// Half a mark's size.
     pub(crate) mark_m: f32,
     /// Heights above the lowest storey, the lowest first.
     pub(crate) storeys_m: Vec<f64>,
     pub(crate) storey: usize,
     /// Path data by storey.
     pub(crate) floors: Vec<String>,
-    /// Storeys and path data.
     pub(crate) reference: Vec<(usize, String)>,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) collisions: Vec<Spot>,
@@ -203,16 +201,12 @@ pub(crate) fn plan(map: &SceneMap) -> String {
 
 /// Returns the path colour at `time`, from 0 (start) to 1 (end).
 pub(crate) fn colour(time: f32) -> String {
-    let (from, to, share) = if time < 0.5 {
-        (COLOURS[0], COLOURS[1], time * 2.0)
-    } else {
-        (COLOURS[1], COLOURS[2], time * 2.0 - 1.0)
-    };
+    let (half, share) = if time < 0.5 { (0, time * 2.0) } else { (1, time * 2.0 - 1.0) };
+    let (from, to) = (COLOURS[half], COLOURS[half + 1]);
     let mix = |index: usize| (from[index] + (to[index] - from[index]) * share).round() as u8;
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// A replay at a moment, for the shapes that depend on it.
 struct MapMoment<'a> {
     replay: &'a Replay,
     storeys: &'a Storeys,

@@ -20,7 +20,6 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use timeline::events;
 
-/// An episode with the displayed step.
 #[derive(Debug)]
 pub(crate) struct ReplayView {
     pub(crate) map: MapView,

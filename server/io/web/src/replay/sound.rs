@@ -18,7 +18,6 @@ const NOT_READY: &str = "The sound levels are not ready yet. Reload the page in 
 pub(crate) struct SoundView {
     pub(crate) window: [u32; 2],
     pub(crate) lines: Vec<SoundLine>,
-    /// Last change up to the displayed step.
     pub(crate) newest: Option<usize>,
     pub(crate) levels: Option<SoundLevels>,
     /// Note about missing levels; empty if none were requested.

@@ -3,7 +3,6 @@
 use avln_store::SceneMap;
 use std::collections::BTreeMap;
 
-/// Layer height for floor polygons, metres.
 const LAYER_M: f32 = 0.3;
 /// Smallest distance between storeys, metres.
 const APART_M: f32 = 1.5;
@@ -55,7 +54,6 @@ impl Storeys {
         (0..self.0.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
     }
 
-    /// Returns the heights above the lowest storey.
     pub(super) fn heights_m(&self) -> impl Iterator<Item = f32> {
         self.0.iter().map(|height| height - self.0[0])
     }

@@ -103,7 +103,6 @@ impl Moment {
         }
     }
 
-    /// Returns the distance to a target, metres.
     pub(crate) fn distance_words(&self, goal: &usize) -> String {
         let distance = self.distances_m.get(*goal).filter(|distance| distance.is_finite());
         distance.map_or_else(|| NOTHING.to_owned(), |distance| format!("{distance:.2}"))
@@ -135,14 +134,12 @@ fn event(step: u32, text: String) -> ReplayEvent {
     ReplayEvent { step, text, is_right: None }
 }
 
-/// Returns the goal name, counted from 1.
 fn goal_name(replay: &Replay, goal: u8) -> String {
     let number = u32::from(goal) + 1;
-    let target = replay.targets.get(usize::from(goal));
-    target.map_or_else(
-        || format!("goal {number}"),
-        |target| format!("goal {number} ({})", target.category.replace('_', " ")),
-    )
+    match replay.targets.get(usize::from(goal)) {
+        Some(target) => format!("goal {number} ({})", target.category.replace('_', " ")),
+        None => format!("goal {number}"),
+    }
 }
 
 fn sounds(sounding: &[Option<u8>]) -> Vec<ReplayEvent> {
@@ -161,10 +158,8 @@ fn sounds(sounding: &[Option<u8>]) -> Vec<ReplayEvent> {
 
 fn entries(replay: &Replay) -> Vec<ReplayEvent> {
     let first = |goal: u8| {
-        let inside = replay
-            .in_region
-            .iter()
-            .position(|bits| bits.checked_shr(u32::from(goal)).unwrap_or(0) & 1 == 1)?;
+        let is_inside = |bits: &u8| bits.checked_shr(u32::from(goal)).unwrap_or(0) & 1 == 1;
+        let inside = replay.in_region.iter().position(is_inside)?;
         Some(event(inside as u32 + 1, format!("Enters the success region of {}", goal_name(replay, goal))))
     };
     (0..replay.targets.len() as u8).filter_map(first).collect()

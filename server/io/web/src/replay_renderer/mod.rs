@@ -70,8 +70,7 @@ pub struct SoundRequest {
     pub ordinal: u32,
 }
 
-/// An episode's sound at both ears, from the observation before the first action to the last, at the sensors' sample rate and without
-/// padding.
+/// An episode's sound at both ears, from before the first action to the last, at the sensors' sample rate, unpadded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RenderedSound {
     /// Samples per step and ear.
@@ -90,16 +89,9 @@ pub struct RenderError(pub String);
 /// A renderer for views and sound, implemented by a running arena. A call may take seconds, on separate threads.
 #[async_trait::async_trait]
 pub trait ReplayRenderer: fmt::Debug + Send + Sync {
-    /// Renders a camera view.
-    ///
-    /// # Errors
-    /// If the phase or the scene is not available.
+    /// Renders a camera view. Fails if the phase or the scene is not available.
     async fn render_view(&self, request: ViewRequest) -> Result<RenderedView, RenderError>;
-
-    /// Renders an episode's sound from the record.
-    ///
-    /// # Errors
-    /// If the record is not available, or the replay differs from it.
+    /// Renders an episode's sound from the record. Fails if the record is not available, or the replay differs from it.
     async fn render_sound(&self, request: SoundRequest) -> Result<RenderedSound, RenderError>;
 }
 
@@ -131,13 +123,9 @@ pub(crate) type MaybeRenderQueue = Option<Arc<RenderQueue>>;
 
 impl RenderQueue {
     pub(crate) fn new(renderer: Arc<dyn ReplayRenderer>) -> Self {
-        Self {
-            renderer,
-            waiting: Semaphore::new(MAX_WAITING),
-            turn: Mutex::default(),
-            pictures: byte_cache(PICTURES, PICTURE_BYTES),
-            sounds: byte_cache(SOUNDS, SOUND_BYTES),
-        }
+        let pictures = byte_cache(PICTURES, PICTURE_BYTES);
+        let sounds = byte_cache(SOUNDS, SOUND_BYTES);
+        Self { renderer, waiting: Semaphore::new(MAX_WAITING), turn: Mutex::default(), pictures, sounds }
     }
 
     async fn pictures(self: Arc<Self>, key: String, request: ViewRequest) -> Result<Arc<Pictures>> {
@@ -162,7 +150,6 @@ impl RenderQueue {
         self.find_or_render(|queue| &queue.sounds, key, rendering).await.map(Some)
     }
 
-    /// Returns the cached value, or renders and caches it.
     async fn find_or_render<T: ByteSize + Send + Sync + 'static>(
         self: Arc<Self>,
         cache: fn(&Self) -> &ByteCache<T>,
@@ -203,7 +190,6 @@ fn failed(what: &str, error: &RenderError) -> RequestError {
     RequestError::Internal
 }
 
-/// Runs CPU-bound work on a blocking thread.
 async fn on_blocking_thread<T: Send + 'static>(
     work: impl FnOnce() -> Option<T> + Send + 'static,
 ) -> Result<T> {

@@ -142,7 +142,6 @@ pub(crate) async fn sound(
     Ok(ranged("audio/wav", wav, &headers))
 }
 
-/// Parses the file name `FIRST-LAST.wav`.
 fn steps_of(file: &str) -> Option<[u32; 2]> {
     let (first, last) = file.strip_suffix(".wav")?.split_once('-')?;
     Some([first.parse().ok()?, last.parse().ok()?])

@@ -151,7 +151,6 @@ impl Default for TextureTransform {
 }
 
 impl TextureUse {
-    /// Returns the texture coordinate set's number.
     pub(super) fn coordinate_set(&self) -> u32 {
         self.transform().and_then(|transform| transform.tex_coord).unwrap_or(self.tex_coord)
     }
@@ -222,12 +221,10 @@ pub(super) struct Buffer {
     pub(super) byte_length: usize,
 }
 
-/// Returns the error message for an invalid index.
 pub(super) fn missing(what: &str, index: usize) -> String {
     format!("it refers to {what} {index}, which does not exist; export the file again")
 }
 
-/// A scene node with parent and transform.
 pub(super) struct PlacedNode {
     pub(super) node: usize,
     pub(super) parent: Option<usize>,

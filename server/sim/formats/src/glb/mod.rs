@@ -20,9 +20,7 @@ use std::path::Path;
 
 pub use export::export;
 
-/// Imports a `.glb` or `.gltf` file, Y up, metres. The scene is named after the file.
-///
-/// Files that it refers to must be in the same folder or below. A missing image is replaced by a checker, with a warning.
+/// Imports a `.glb` or `.gltf` file, Y up, metres, with files in the same folder or below; missing images are warnings.
 pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,

@@ -8,8 +8,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use base64::{Engine as _, alphabet};
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
 use serde_json::Value;
-use std::borrow::Cow;
-use std::path::Path;
+use std::{borrow::Cow, path::Path};
 
 const MAGIC: &[u8; 4] = b"glTF";
 const HEADER_BYTES: usize = 12;
@@ -107,12 +106,9 @@ fn load_buffers<'a>(
             }
             None => return Err(format!("buffer {index} has no URI; export the file again")),
         };
-        refuse_if(bytes.len() < buffer.byte_length, || {
-            format!(
-                "buffer {index} has {} bytes, {} were announced; copy the files again",
-                bytes.len(),
-                buffer.byte_length
-            )
+        let (present, announced) = (bytes.len(), buffer.byte_length);
+        refuse_if(present < announced, || {
+            format!("buffer {index} has {present} bytes, {announced} were announced; copy the files again")
         })?;
         buffers.push(bytes);
     }
@@ -143,7 +139,6 @@ pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Ch
     Ok(bytes)
 }
 
-/// Returns whether `address` refers to a missing file.
 pub(super) fn is_absent(address: &str, folder: Option<&Path>) -> bool {
     let path =
         folder.filter(|_| !address.starts_with("data:")).and_then(|folder| neighbour(folder, address).ok());
@@ -177,6 +172,7 @@ pub(super) struct Elements<'a> {
     pub(super) count: usize,
     component: u32,
     component_bytes: usize,
+    full_scale: f32,
     components: usize,
     normalized: bool,
 }
@@ -185,7 +181,7 @@ impl<'a> Elements<'a> {
     /// Finds accessor `index`, and checks that the data is complete.
     pub(super) fn find(source: &'a Source<'_>, index: usize) -> Checked<Self> {
         let accessor = source.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
-        let component_bytes = component_bytes(accessor.component_type).ok_or_else(|| {
+        let (component_bytes, full_scale) = component_size(accessor.component_type).ok_or_else(|| {
             format!("accessor {index} has unknown component type {}", accessor.component_type)
         })?;
         let components = components(&accessor.kind)
@@ -212,6 +208,7 @@ impl<'a> Elements<'a> {
             count: accessor.count,
             component: accessor.component_type,
             component_bytes,
+            full_scale,
             components,
             normalized: accessor.normalized,
         };
@@ -291,20 +288,21 @@ impl<'a> Elements<'a> {
             U32 => u32::from_le_bytes([at[0], at[1], at[2], at[3]]) as f32,
             _ => return f32::from_le_bytes([at[0], at[1], at[2], at[3]]),
         };
-        if self.normalized { (value / full_scale(self.component)).max(-1.0) } else { value }
+        if self.normalized { (value / self.full_scale).max(-1.0) } else { value }
     }
 }
 
-/// Returns the stored number for 1 in a normalised component.
-fn full_scale(component: u32) -> f32 {
-    match component {
-        U8 => 255.0,
-        I8 => 127.0,
-        U16 => 65_535.0,
-        I16 => 32_767.0,
-        U32 => u32::MAX as f32,
-        _ => 1.0,
-    }
+/// Bytes per number of a component type, and the stored number for 1 if it is normalised.
+fn component_size(component: u32) -> Option<(usize, f32)> {
+    Some(match component {
+        U8 => (1, 255.0),
+        I8 => (1, 127.0),
+        U16 => (2, 65_535.0),
+        I16 => (2, 32_767.0),
+        U32 => (4, u32::MAX as f32),
+        F32 => (4, 1.0),
+        _ => return None,
+    })
 }
 
 /// Bytes from an accessor's first element on, and the stride; `None` if they are too few.
@@ -319,15 +317,6 @@ fn stored<'a>(
     let last = accessor.count.checked_sub(1);
     let needed = last.map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size))?;
     (stride >= size && needed <= bytes.len()).then_some((Cow::Borrowed(bytes), stride))
-}
-
-fn component_bytes(component: u32) -> Option<usize> {
-    match component {
-        U8 | I8 => Some(1),
-        U16 | I16 => Some(2),
-        U32 | F32 => Some(4),
-        _ => None,
-    }
 }
 
 fn components(kind: &str) -> Option<usize> {
@@ -396,10 +385,9 @@ fn draco_values<const N: usize>((attribute, scale): (&PointAttribute, f32), poin
 /// Value for a stored 1, by the attribute's accessor.
 fn draco_scale(source: &Source<'_>, primitive: &Primitive, name: &str) -> f32 {
     let accessor = primitive.attributes.get(name).and_then(|&index| source.document.accessors.get(index));
-    match accessor {
-        Some(accessor) if accessor.normalized => 1.0 / full_scale(accessor.component_type),
-        _ => 1.0,
-    }
+    let normalized = accessor.filter(|accessor| accessor.normalized);
+    let size = normalized.and_then(|accessor| component_size(accessor.component_type));
+    size.map_or(1.0, |(_, full_scale)| 1.0 / full_scale)
 }
 
 #[cfg(test)]

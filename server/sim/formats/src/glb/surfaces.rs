@@ -13,8 +13,7 @@ use avln_scene::colors::code_of;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use avln_scene::{InstanceId, Material, Mesh, Texture};
 use nalgebra::Matrix4;
-use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
@@ -37,17 +36,15 @@ const UNDERSTOOD: [&str; 7] = [
 pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
-    if source.document.scene.is_none() && source.document.scenes.len() > 1 {
-        report.warn(format!(
-            "it has {} scenes and no default; the first is read",
-            source.document.scenes.len()
-        ));
+    let (default, scenes) = (source.document.scene, &source.document.scenes);
+    if default.is_none() && scenes.len() > 1 {
+        report.warn(format!("it has {} scenes and no default; the first is read", scenes.len()));
     }
     let mut builder = MeshBuilder::new(source, report);
     for (number, place) in placed.iter().enumerate() {
         builder.add_node(number as u32, place)?;
     }
-    let scene = source.document.scenes.get(source.document.scene.unwrap_or(0));
+    let scene = scenes.get(default.unwrap_or(0));
     Ok(Model {
         mesh: builder.mesh,
         materials: builder.palette.materials,
@@ -178,15 +175,12 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         let count = positions.count;
         self.vertices_left =
             self.vertices_left.checked_sub(count).ok_or_else(|| too_many(MAX_VERTICES, "vertices"))?;
-        let attribute = |name: &str| {
-            let found = find(name)?;
-            match found {
-                Some(elements) if elements.count != count => Err(format!(
-                    "{name} has {} elements for {count} vertices; export the file again",
-                    elements.count
-                )),
-                found => Ok(found),
-            }
+        let attribute = |name: &str| match find(name)? {
+            Some(elements) if elements.count != count => Err(format!(
+                "{name} has {} elements for {count} vertices; export the file again",
+                elements.count
+            )),
+            found => Ok(found),
         };
         Ok(PrimitiveVertices {
             uvs: attribute(&format!("TEXCOORD_{set}"))?.map(|elements| elements.floats()).transpose()?,
@@ -209,9 +203,8 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             number[corner] = self.mesh.positions.len() as u32;
             self.mesh.positions.push(transformed(world_from_node, corners.positions[corner])?);
             self.mesh.uvs.push(corners.uvs.as_ref().map_or(Point2::origin(), |uvs| sane_uv(uvs[corner])));
-            self.mesh
-                .colors
-                .push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
+            let color = corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of));
+            self.mesh.colors.push(color);
         }
         triangles.iter_mut().flatten().for_each(|corner| *corner = number[*corner as usize]);
         Ok(())
@@ -248,15 +241,9 @@ fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
     let corners = |a: usize, b: usize, c: usize| [order[a], order[b], order[c]];
     let all: Vec<[u32; 3]> = match mode {
         // Every second triangle in a strip turns the other way.
-        TRIANGLE_STRIP => (2..count)
-            .map(|last| {
-                if last % 2 == 0 {
-                    corners(last - 2, last - 1, last)
-                } else {
-                    corners(last - 2, last, last - 1)
-                }
-            })
-            .collect(),
+        TRIANGLE_STRIP => {
+            (2..count).map(|last| corners(last - 2, last - 1 + last % 2, last - last % 2)).collect()
+        }
         TRIANGLE_FAN => (2..count).map(|last| corners(last - 1, last, 0)).collect(),
         _ => {
             refuse_if(!count.is_multiple_of(3), || {
@@ -384,10 +371,8 @@ impl<'a, 'r> Palette<'a, 'r> {
         let image = &self.source.document.images[index];
         match &image.uri {
             Some(address) if !address.starts_with("data:") => format!("{address:?}"),
-            _ => format!(
-                "{index} ({})",
-                if image.mime_type.is_empty() { "no type given" } else { &image.mime_type }
-            ),
+            _ if image.mime_type.is_empty() => format!("{index} (no type given)"),
+            _ => format!("{index} ({})", image.mime_type),
         }
     }
 }

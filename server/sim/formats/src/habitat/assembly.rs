@@ -12,9 +12,8 @@ use avln_scene::limits::{MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene, SceneError, Texture};
 use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
+use std::{ops::Range, rc::Rc};
 
 struct PlacedObject {
     /// Number in the scene's configuration.
@@ -76,13 +75,9 @@ impl Assembly {
         Ok(place.and_then(|place| self.append(&asset, &place)).map(|triangles| match meaning {
             Meaning::Object { category, noun } => {
                 let own_id = instance.user_defined.get("instance_id").and_then(|id| id.as_u64());
-                let own_id = own_id.filter(|id| (1..=u64::from(InstanceId::MAX)).contains(id));
-                self.placed.push(PlacedObject {
-                    own_id: own_id.map(|id| id as u32),
-                    category,
-                    noun,
-                    triangles,
-                });
+                let own_id =
+                    own_id.filter(|id| (1..=u64::from(InstanceId::MAX)).contains(id)).map(|id| id as u32);
+                self.placed.push(PlacedObject { own_id, category, noun, triangles });
             }
             Meaning::Unknown => {
                 self.unlabelled.insert(template.name.clone());
@@ -125,14 +120,12 @@ impl Assembly {
     fn append(&mut self, mesh: &Mesh, world_from_asset: &Matrix4<f64>) -> Checked<Range<usize>> {
         let first = self.mesh.triangles.len();
         let corner = self.mesh.positions.len();
-        refuse_if(
-            first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES,
-            || {
-                format!(
-                    "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
-                )
-            },
-        )?;
+        let (triangles, vertices) = (first + mesh.triangles.len(), corner + mesh.positions.len());
+        refuse_if(triangles > MAX_TRIANGLES || vertices > MAX_VERTICES, || {
+            format!(
+                "takes the scene beyond {MAX_TRIANGLES} triangles or {MAX_VERTICES} vertices; simplify its assets"
+            )
+        })?;
         for position in &mesh.positions {
             let point: Point3<f32> = world_from_asset.transform_point(&position.cast::<f64>()).cast();
             refuse_if(!point.iter().all(|coordinate| coordinate.is_finite()), || {

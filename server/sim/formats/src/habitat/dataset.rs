@@ -1,12 +1,12 @@
 //! Data set files: configurations, scene instances, and the templates of stages and objects. Names follow habitat-sim's keys.
 
-use crate::files::{ImportReport, bounded, malformed, read_regular};
+use crate::files::{ImportReport, bounded, malformed, normalised, read_regular};
 use avln_scene::SceneError;
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// `X.scene_dataset_config.json`.
 #[derive(Default, Deserialize)]
@@ -177,8 +177,12 @@ impl<'a> Templates<'a> {
     pub(super) fn find(dataset: &'a Dataset, kind: TemplateKind) -> Result<Self, SceneError> {
         let mut templates = Self { dataset, kind, entries: BTreeMap::new() };
         let section = templates.section();
+        let suffix = match kind {
+            TemplateKind::Stage => ".stage_config.json",
+            TemplateKind::Object => ".object_config.json",
+        };
         // Configurations replace bare assets with the same name.
-        for (extension, suffix) in [(".glb", ".glb"), (".gltf", ".gltf"), (".json", kind.suffix())] {
+        for (extension, suffix) in [(".glb", ".glb"), (".gltf", ".gltf"), (".json", suffix)] {
             for file in matching(&dataset.root, section.paths(extension), suffix)? {
                 templates
                     .entries
@@ -236,7 +240,11 @@ impl<'a> Templates<'a> {
             }
             Some(file) => {
                 bare = Some(file.clone());
-                self.default_frame(&mut merged);
+                // A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
+                if self.kind == TemplateKind::Stage {
+                    merged.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));
+                    merged.entry("front").or_insert_with(|| serde_json::json!([0, 1, 0]));
+                }
             }
             None => {}
         }
@@ -254,23 +262,6 @@ impl<'a> Templates<'a> {
             inside(root, &asset_folder, &named).filter(|path| !named.is_empty() && path.is_file())
         });
         Ok(template)
-    }
-
-    /// A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
-    fn default_frame(&self, attributes: &mut Map<String, Value>) {
-        if self.kind == TemplateKind::Stage {
-            attributes.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));
-            attributes.entry("front").or_insert_with(|| serde_json::json!([0, 1, 0]));
-        }
-    }
-}
-
-impl TemplateKind {
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Stage => ".stage_config.json",
-            Self::Object => ".object_config.json",
-        }
     }
 }
 
@@ -337,12 +328,10 @@ pub(super) fn matching<'a>(
             }
         }
         if found.len() > MAX_MATCHES {
-            return Err(malformed(
-                root,
-                format!(
-                    "its path {pattern:?} and others match more than {MAX_MATCHES} files; split the data set"
-                ),
-            ));
+            let reason = format!(
+                "its path {pattern:?} and others match more than {MAX_MATCHES} files; split the data set"
+            );
+            return Err(malformed(root, reason));
         }
     }
     found.sort();
@@ -389,20 +378,6 @@ fn fits(name: &str, pattern: &str) -> bool {
 pub(super) fn inside(root: &Path, folder: &Path, address: &str) -> Option<PathBuf> {
     let from_root = folder.strip_prefix(root).ok()?.join(address);
     normalised(&from_root).map(|relative| root.join(relative))
-}
-
-/// Removes `.` and `..`; `None` if the path leaves the start folder, or is absolute.
-fn normalised(path: &Path) -> Option<PathBuf> {
-    let mut plain = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::CurDir => {}
-            Component::Normal(name) => plain.push(name),
-            Component::ParentDir if plain.pop() => {}
-            _ => return None,
-        }
-    }
-    Some(plain)
 }
 
 #[cfg(test)]

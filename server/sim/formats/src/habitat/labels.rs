@@ -173,11 +173,10 @@ pub(super) fn regions(
     for annotation in &description.region_annotations {
         match room(annotation) {
             Some(room) if rooms.len() < usize::from(u16::MAX) => rooms.push(room),
-            _ => report.warn(format!(
-                "region {:?} of {} has no outline; left out",
-                annotation.name,
-                file.display()
-            )),
+            _ => {
+                let (name, file) = (&annotation.name, file.display());
+                report.warn(format!("region {name:?} of {file} has no outline; left out"));
+            }
         }
     }
     let floors: Vec<f32> = rooms.iter().map(|room: &HabitatRoom| room.region.bounds.min.y).collect();

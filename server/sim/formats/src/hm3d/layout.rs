@@ -76,10 +76,8 @@ pub struct Exported {
     pub table: String,
 }
 
-/// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black.
-///
-/// [`import`](super::import) restores instance and room numbers. The layout has no words except category or noun, no
-/// room labels, and no rooms without instances.
+/// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black. [`import`](super::import)
+/// restores instance and room numbers, categories and nouns, but no other words, room labels, or rooms without instances.
 ///
 /// # Panics
 /// If the scene is inconsistent, like [`glb::export`].
@@ -104,8 +102,7 @@ pub fn export(scene: &Scene) -> Exported {
     Exported { render: glb::export(&render), semantic, table: table(&scene.objects) }
 }
 
-/// Returns the data set configuration for an exported scene in habitat-sim; `file` is the render mesh's name in the same
-/// folder. Keys are as in HM3D's configurations.
+/// Returns habitat-sim's data set configuration for an exported scene, with HM3D's keys; `file` is the render mesh's name.
 pub fn dataset_config(file: &str) -> String {
     let config = serde_json::json!({
         "stages": {

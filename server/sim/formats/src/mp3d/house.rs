@@ -1,8 +1,7 @@
 //! A house's table (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
 
 use crate::files::{Checked, refuse_if};
-use std::collections::BTreeMap;
-use std::str::FromStr;
+use std::{collections::BTreeMap, str::FromStr};
 
 const HEADER: &str = "ASCII 1.1";
 /// Coordinate limit; boxes for rooms without surfaces exceed it.

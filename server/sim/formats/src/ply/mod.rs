@@ -14,7 +14,6 @@ use std::path::Path;
 pub(crate) struct Ply {
     /// No instances yet.
     pub(crate) mesh: Mesh,
-    /// Whether vertices have colours.
     pub(crate) is_coloured: bool,
     /// Object number per triangle: the face's `object_id`, or the vertices' majority.
     pub(crate) object_of: Option<Vec<i64>>,
@@ -24,8 +23,7 @@ pub(crate) struct Ply {
     texture: Option<String>,
 }
 
-/// Imports a file as a scene without instances, because PLY files have no names for them. Z is up, unless the shape of the
-/// building contradicts it. Errors name line or byte.
+/// Imports a file without instances, which have no names in PLY. Z is up, unless the building's shape contradicts it.
 pub(crate) fn import(
     path: &Path,
     options: &ImportOptions,

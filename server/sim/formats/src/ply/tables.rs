@@ -56,7 +56,6 @@ pub(super) struct PlyTables {
 }
 
 impl PlyTables {
-    /// Reads all tables in header order.
     pub(super) fn read(bytes: &[u8], report: &mut ImportReport) -> Checked<Self> {
         let (header, mut rows) = read_header(bytes)?;
         let texture = header.comments.iter().rev().find_map(|comment| comment.strip_prefix("TextureFile"));
@@ -84,7 +83,7 @@ impl PlyTables {
     fn read_vertices(&mut self, element: &ElementDef, rows: &mut RowCursor<'_>) -> Checked<()> {
         let scale_of = |column: usize| {
             let mut scales = VERTEX_COLUMNS[column].iter().filter_map(|name| scalar(element, name));
-            scales.next().map(full_scale)
+            scales.next().map(|kind| size(kind).1)
         };
         let has = |column: usize| scale_of(column).is_some();
         refuse_if(!(has(0) && has(1) && has(2)), || {
@@ -134,17 +133,12 @@ impl PlyTables {
             let start = rows.position();
             let row: FaceRow = rows.next(element)?;
             let corners = row.corners.len();
-            if corners > MAX_POLYGON {
-                let place = rows.place(start);
-                return Err(format!(
-                    "{place}: face {index} has {corners} corners, at most {MAX_POLYGON} are read"
-                ));
-            }
+            let fail = |reason: String| format!("{}: face {index} {reason}", rows.place(start));
+            refuse_if(corners > MAX_POLYGON, || {
+                fail(format!("has {corners} corners, at most {MAX_POLYGON} are read"))
+            })?;
             if let Some(corner) = row.negative {
-                let place = rows.place(start);
-                return Err(format!(
-                    "{place}: face {index} refers to vertex {corner}; export the file again"
-                ));
+                return Err(fail(format!("refers to vertex {corner}; export the file again")));
             }
             triangles += corners.saturating_sub(2);
             degenerate += usize::from(corners < 3);
@@ -167,11 +161,8 @@ impl PlyTables {
         let Some(at) = self.corners.iter().position(|&corner| corner as usize >= count) else {
             return Ok(());
         };
-        Err(format!(
-            "face {} refers to vertex {}, there are {count}; export the file again",
-            self.ends.partition_point(|&end| end as usize <= at),
-            self.corners[at]
-        ))
+        let (face, corner) = (self.ends.partition_point(|&end| end as usize <= at), self.corners[at]);
+        Err(format!("face {face} refers to vertex {corner}, there are {count}; export the file again"))
     }
 }
 
@@ -263,7 +254,7 @@ impl RowCursor<'_> {
         let least_bytes = |kind: &PropertyType| match (self.encoding, kind) {
             // A digit and a blank.
             (Encoding::Ascii, _) => 2,
-            (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => bytes(kind),
+            (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => size(kind).0,
         };
         let row: usize = element.properties.values().map(|property| least_bytes(&property.data_type)).sum();
         // The last number in a text needs no blank after it.
@@ -387,25 +378,17 @@ fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
     }
 }
 
-fn bytes(kind: &ScalarType) -> usize {
+/// Bytes per number, and the stored number for full colour intensity.
+fn size(kind: &ScalarType) -> (usize, f64) {
     match kind {
-        ScalarType::Char | ScalarType::UChar => 1,
-        ScalarType::Short | ScalarType::UShort => 2,
-        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
-        ScalarType::Double => 8,
-    }
-}
-
-/// The stored number for full colour intensity.
-fn full_scale(kind: &ScalarType) -> f64 {
-    match kind {
-        ScalarType::Char => 127.0,
-        ScalarType::UChar => 255.0,
-        ScalarType::Short => 32_767.0,
-        ScalarType::UShort => 65_535.0,
+        ScalarType::Char => (1, 127.0),
+        ScalarType::UChar => (1, 255.0),
+        ScalarType::Short => (2, 32_767.0),
+        ScalarType::UShort => (2, 65_535.0),
         // Colours in wide whole numbers are bytes nevertheless.
-        ScalarType::Int | ScalarType::UInt => 255.0,
-        ScalarType::Float | ScalarType::Double => 1.0,
+        ScalarType::Int | ScalarType::UInt => (4, 255.0),
+        ScalarType::Float => (4, 1.0),
+        ScalarType::Double => (8, 1.0),
     }
 }
 

@@ -14,8 +14,7 @@ use avln_geom::{Aabb, Point2, Point3};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Region, Scene, SceneError};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 const MAX_HOUSE_BYTES: u64 = 64 << 20;
 
@@ -211,12 +210,8 @@ impl HouseMesh {
         let number = *self.material_of.entry((name.clone(), color)).or_insert(next);
         if usize::from(number) == self.materials.len() {
             let [r, g, b] = color;
-            self.materials.push(Material {
-                name,
-                base_color: [r, g, b, 255],
-                texture: None,
-                alpha_cutoff: None,
-            });
+            let material = Material { name, base_color: [r, g, b, 255], texture: None, alpha_cutoff: None };
+            self.materials.push(material);
         }
         number
     }
@@ -231,22 +226,19 @@ impl HouseMesh {
     ) {
         let first = self.mesh.positions.len() as u32;
         self.mesh.positions.extend(corners);
-        self.mesh
-            .uvs
-            .extend(corners.iter().map(|corner| Point2::new(corner.x + corner.y, corner.z + corner.y)));
+        let uvs = corners.iter().map(|corner| Point2::new(corner.x + corner.y, corner.z + corner.y));
+        self.mesh.uvs.extend(uvs);
         self.mesh.colors.resize(self.mesh.positions.len(), [255; 3]);
         self.mesh.triangles.extend(triangles.iter().map(|triangle| triangle.map(|corner| corner + first)));
         self.mesh.material_of.resize(self.mesh.triangles.len(), material);
         self.mesh.instance_of.resize(self.mesh.triangles.len(), instance);
     }
 
-    /// Adds a quadrilateral; corners are in order.
     pub(super) fn add_quad(&mut self, corners: [Point3<f32>; 4], material: u16) {
         self.add(&corners, &[[0, 1, 2], [0, 2, 3]], material, InstanceId::NONE);
     }
 }
 
-/// Converts a point to the world frame.
 pub(super) fn world(point: &UnityVector) -> Point3<f32> {
     Point3::new(point.x, point.y, -point.z)
 }

@@ -10,9 +10,7 @@ use avln_scene::describe::{Meaning, Surfaces, meaning};
 use avln_scene::{Attributes, InstanceId, Object, SceneError};
 use nalgebra::Matrix3;
 use serde::Deserialize;
-use std::collections::BTreeMap;
-use std::f32::consts::PI;
-use std::path::Path;
+use std::{collections::BTreeMap, f32::consts::PI, path::Path};
 
 /// Objects in a house, including children.
 const MAX_OBJECTS: usize = 1 << 16;
@@ -189,10 +187,8 @@ impl AssetSizes {
         let bytes = read_regular(&path, MAX_DATABASE_BYTES)?;
         let kinds: BTreeMap<String, Vec<DatabaseAsset>> =
             serde_json::from_slice(&bytes).map_err(|error| {
-                malformed(
-                    &path,
-                    format!("it is no asset database of ProcTHOR ({error}); correct or remove it"),
-                )
+                let reason = format!("it is no asset database of ProcTHOR ({error}); correct or remove it");
+                malformed(&path, reason)
             })?;
         let assets = kinds.into_iter().flat_map(|(kind, assets)| {
             assets.into_iter().map(move |asset| {
@@ -218,10 +214,8 @@ impl AssetSizes {
 /// Returns a box's sides, if all are positive numbers.
 pub(super) fn usable(size: &UnityVector) -> Option<[f32; 3]> {
     let sides = [size.x, size.y, size.z];
-    sides
-        .iter()
-        .all(|side| side.is_finite() && *side > 0.0)
-        .then(|| sides.map(|side| side.clamp(SIDES_M.0, SIDES_M.1)))
+    let are_positive = sides.iter().all(|side| side.is_finite() && *side > 0.0);
+    are_positive.then(|| sides.map(|side| side.clamp(SIDES_M.0, SIDES_M.1)))
 }
 
 /// Common size in an mpcat40 category: medians over ProcTHOR's assets.

@@ -307,7 +307,6 @@ fn fill(opening: &Opening, is_door: bool, panel: &WallPanel<'_>, hole: &WallHole
     panel.add_rectangle(hole.from, hole.to, 0.0, material, builder);
 }
 
-/// Corners in an outline.
 pub(super) const MAX_CORNERS: usize = 256;
 
 /// Triangles for a simple outline, with the same winding; `None` if the outline crosses itself.
