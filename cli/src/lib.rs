@@ -34,7 +34,6 @@ pub struct Cli {
     pub(crate) command: TopCommand,
 }
 
-/// Exit codes in `avln --help`.
 const EXIT_CODES: &str = "Exit codes:
   0  success
   1  internal error
@@ -250,10 +249,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Runs a command line.
-///
-/// # Errors
-/// If the command fails. The failure contains exit code and hint.
+/// Runs a command line; a failure contains exit code and hint.
 pub fn run(cli: Cli) -> Result<(), Failure> {
     start_log(&cli.log)?;
     let data = cli.data.as_path();
@@ -330,12 +326,6 @@ pub(crate) struct ManualArgs {
     out: PathBuf,
 }
 
-const SHELLS: [Shell; 3] = [Shell::Bash, Shell::Zsh, Shell::Fish];
-
-/// Writes man pages and completions.
-///
-/// # Errors
-/// If the folder cannot be written.
 pub(crate) fn write_manual(args: &ManualArgs) -> Result<(), Failure> {
     let out = &args.out;
     write_pages(out)
@@ -349,7 +339,7 @@ fn write_pages(out: &Path) -> io::Result<()> {
     fs::create_dir_all(&pages)?;
     fs::create_dir_all(&completions)?;
     clap_mangen::generate_to(Cli::command(), &pages)?;
-    for shell in SHELLS {
+    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
         clap_complete::generate_to(shell, &mut Cli::command(), "avln", &completions)?;
     }
     Ok(())

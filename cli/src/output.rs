@@ -5,7 +5,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::{fmt, io::Write, num::NonZero, path::Path, thread};
 
-/// Prints a line to standard output.
 pub(crate) fn line(text: fmt::Arguments<'_>) {
     // The reader may have closed the pipe, as in `avln demo | head`: that is not an error.
     if writeln!(std::io::stdout().lock(), "{text}").is_err() {
@@ -19,7 +18,6 @@ macro_rules! say {
 }
 pub(crate) use say;
 
-/// Prints a value as indented JSON.
 pub(crate) fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::internal)?;
     say!("{text}");
@@ -38,7 +36,6 @@ pub(crate) fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Writes a file.
 pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
     std::fs::write(path, bytes).map_err(|error| cannot_write(path, error))
 }
@@ -48,7 +45,6 @@ pub(crate) fn cannot_write(path: &Path, error: impl fmt::Display) -> Failure {
     Failure::file("write", path, error).hinted("choose an existing folder with write access and free space")
 }
 
-/// Returns the number of processors.
 pub(crate) fn processors() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }

@@ -1,7 +1,7 @@
 //! The bundled agents.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind};
+use avln_arena::Failure;
 use avln_human::HumanError;
 use clap::Subcommand;
 
@@ -19,7 +19,6 @@ pub(crate) enum AgentCommand {
 }
 
 impl AgentCommand {
-    /// Returns the number of parallel episodes.
     pub(crate) fn slots(&self) -> u32 {
         match self {
             Self::Random(_) | Self::Human(_) => 1,
@@ -29,7 +28,6 @@ impl AgentCommand {
     }
 }
 
-/// Plays a run with an agent.
 pub(crate) async fn run(agent: AgentCommand) -> Result<(), Failure> {
     let summary = match agent {
         AgentCommand::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
@@ -42,9 +40,8 @@ pub(crate) async fn run(agent: AgentCommand) -> Result<(), Failure> {
 }
 
 fn human_failure(error: HumanError) -> Failure {
-    let kind = match error {
-        HumanError::Run(_) => FailureKind::Run,
-        HumanError::Open(_) | HumanError::Page { .. } => FailureKind::Address,
-    };
-    Failure::new(kind, error)
+    match error {
+        HumanError::Run(_) => Failure::run(error),
+        HumanError::Open(_) | HumanError::Page { .. } => Failure::address(error),
+    }
 }

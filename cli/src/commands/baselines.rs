@@ -67,7 +67,6 @@ pub(crate) struct BaselinesRunArgs {
     practice: bool,
 }
 
-/// Goal orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum OrderChoice {
     /// Both orders.
@@ -98,9 +97,8 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
         }
         BaselinesCommand::Report(args) => {
             let report = suite::report(&args.out)?;
-            for (path, text) in
-                [(args.to.clone(), report.page), (args.to.with_file_name("results.csv"), report.episodes)]
-            {
+            let table = args.to.with_file_name("results.csv");
+            for (path, text) in [(args.to, report.page), (table, report.episodes)] {
                 write_file(&path, text)?;
                 say!("written to {}", path.display());
             }
@@ -111,13 +109,9 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
 
 impl BaselinesRunArgs {
     fn options(&self) -> SuiteOptions {
-        let slots = || processors().min(16) as u32;
+        let (all, slots) = (AgentVariant::value_variants(), || processors().min(16) as u32);
         SuiteOptions {
-            agents: if self.agents.is_empty() {
-                AgentVariant::value_variants().to_vec()
-            } else {
-                self.agents.clone()
-            },
+            agents: if self.agents.is_empty() { all.to_vec() } else { self.agents.clone() },
             orders: match self.orders {
                 OrderChoice::Both => vec![Order::Ordered, Order::Unordered],
                 OrderChoice::Ordered => vec![Order::Ordered],
@@ -162,7 +156,6 @@ pub(crate) struct RolloutArgs {
     threads: Option<u16>,
 }
 
-/// Records demonstrations and prints their number.
 pub(crate) async fn roll_out(data: &Path, args: RolloutArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let (split, openness) = args.origin.open(&data, &args.split).await?;

@@ -3,7 +3,7 @@
 use crate::output::{print_json, say};
 use avln_arena::{
     Failure,
-    actions::{Attribution, disqualify, verify},
+    actions::{Attribution, disqualify, note, verify},
     challenge::{ChallengeChanges, ChallengeFile, PhaseFile, PlanError, Planner, actor, json as as_json},
     data::DataFolder,
     dataset::SplitFolder,
@@ -62,7 +62,6 @@ pub(crate) struct VerifyRevealArgs {
     split: Option<String>,
 }
 
-/// A published commitment with values.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PublishedCommitment {
@@ -82,8 +81,8 @@ struct PublishedValues {
 
 pub(crate) async fn run(data: &Path, command: ChallengeFileCommand) -> Result<(), Failure> {
     match command {
-        ChallengeFileCommand::Check { file } => check(data, &file).await,
-        ChallengeFileCommand::Apply { file, reason } => apply(data, &file, &reason).await,
+        ChallengeFileCommand::Check { file } => apply(data, &file, "", true).await,
+        ChallengeFileCommand::Apply { file, reason } => apply(data, &file, &reason, false).await,
         ChallengeFileCommand::Show { json } => show(data, json).await,
         ChallengeFileCommand::Audit { json } => audit(data, json).await,
         ChallengeFileCommand::Reveal { phase } => reveal(data, &phase).await,
@@ -91,26 +90,14 @@ pub(crate) async fn run(data: &Path, command: ChallengeFileCommand) -> Result<()
     }
 }
 
-async fn check(data: &Path, path: &Path) -> Result<(), Failure> {
+async fn apply(data: &Path, path: &Path, reason: &str, is_dry_run: bool) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
-    let planner = Planner { data: &data, store: &store, base: folder_of(path), reason: "" };
+    let base = path.parent().unwrap_or(Path::new(""));
+    let planner = Planner { data: &data, store: &store, base, reason };
     let plan = plan(&planner, path).await?;
-    print_changes(&plan, "would change");
-    Ok(())
-}
-
-async fn apply(data: &Path, path: &Path, reason: &str) -> Result<(), Failure> {
-    let data = DataFolder::open(data)?;
-    let store = data.store().await?;
-    let planner = Planner { data: &data, store: &store, base: folder_of(path), reason };
-    let plan = plan(&planner, path).await?;
-    print_changes(&plan, "changed");
-    planner.apply(plan).await
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().unwrap_or(Path::new(""))
+    print_changes(&plan, if is_dry_run { "would change" } else { "changed" });
+    if is_dry_run { Ok(()) } else { planner.apply(plan).await }
 }
 
 /// Largest accepted file, bytes: thousands of phases.
@@ -172,24 +159,15 @@ async fn audit(data: &Path, json: bool) -> Result<(), Failure> {
     for AuditLine { id, at_ms, actor, subject, what, before, after, reason } in lines {
         let words = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         let reason = if reason.is_empty() { reason } else { format!("  because {reason}") };
-        say!(
-            "{id:>5}  {}  {actor}  {subject}: {what}  {} -> {}{reason}",
-            rfc3339(at_ms),
-            words(before),
-            words(after)
-        );
+        let (at, before, after) = (rfc3339(at_ms), words(before), words(after));
+        say!("{id:>5}  {at}  {actor}  {subject}: {what}  {before} -> {after}{reason}");
     }
     Ok(())
 }
 
 async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
-    let note = AuditNote {
-        actor: actor(),
-        subject: format!("phase {phase}"),
-        what: "revealed".to_owned(),
-        ..AuditNote::default()
-    };
+    let note = note(&actor(), format!("phase {phase}"), "revealed", "");
     let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
     let CommitmentValues { pool, scorer, secret } = values;
     print_json(&PublishedCommitment {
@@ -219,11 +197,9 @@ fn verify_reveal(args: &VerifyRevealArgs) -> Result<(), Failure> {
     }
     if let (Some(dataset), Some(split)) = (&args.dataset, &args.split) {
         let found = digest_of(dataset, split)?;
-        if found != values.pool {
-            return Err(unfit(format!(
-                "split '{split}' has the pool {found}, phase '{phase}' had {}",
-                values.pool
-            )));
+        let pool = values.pool;
+        if found != pool {
+            return Err(unfit(format!("split '{split}' has the pool {found}, phase '{phase}' had {pool}")));
         }
         say!("the episodes of split {split} are those of phase {phase}");
     }
@@ -231,7 +207,6 @@ fn verify_reveal(args: &VerifyRevealArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns a split's digest as phase pool.
 fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {
     let folder = SplitFolder::open(dataset, split)?;
     let episodes = avln_arena::setup::phase_episodes(&folder)?;

@@ -45,7 +45,6 @@ pub(crate) struct DoctorArgs {
     json: bool,
 }
 
-/// Runs all checks and prints the findings.
 pub(crate) async fn diagnose(args: DoctorArgs) -> Result<(), Failure> {
     let options = DoctorOptions {
         server: args.server,
@@ -106,7 +105,6 @@ pub(crate) struct ConformanceArgs {
     client: Option<SocketAddr>,
 }
 
-/// Runs all checks and prints their results.
 pub(crate) async fn check_conformance(args: ConformanceArgs) -> Result<(), Failure> {
     let checks = match args.client {
         Some(address) => host(address).await?,
@@ -181,7 +179,6 @@ pub(crate) struct CalibrateArgs {
     write: Option<PathBuf>,
 }
 
-/// Team of the reference agents on the temporary server.
 const CALIBRATION_TEAM: &str = "calibration";
 
 /// Plays the reference agents and compares their observations and scores with the published ones.
@@ -199,7 +196,10 @@ pub(crate) async fn calibrate(data: &Path, args: CalibrateArgs) -> Result<(), Fa
     };
     found.runs.iter().for_each(print_means);
     if let Some(path) = &args.write {
-        return write_results(path, &found);
+        let json = serde_json::to_string_pretty(&found).map_err(Failure::internal)?;
+        write_file(path, json + "\n")?;
+        say!("written to {}", path.display());
+        return Ok(());
     }
     let lines = differences(&found, &calibration::published()?);
     for line in &lines {
@@ -226,7 +226,6 @@ async fn open_phase(data: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Hosts the phase in a temporary folder and plays it.
 async fn play_here(agents: &[ReferenceAgent]) -> Result<Calibration, Failure> {
     let folder = tempfile::tempdir().map_err(Failure::data)?;
     let data = DataFolder::open(folder.path())?;
@@ -252,15 +251,4 @@ async fn play(server: &CalibrationServer, agents: &[ReferenceAgent]) -> Result<C
 fn print_means(run: &CalibrationRun) {
     let means: Vec<_> = run.means.iter().map(|(name, mean)| format!("{name} {mean:.6}")).collect();
     say!("{:<8} {:<10} {}", run.agent, run.order, means.join("  "));
-}
-
-fn write_results(path: &Path, found: &Calibration) -> Result<(), Failure> {
-    let json = serde_json::to_string_pretty(found).map_err(Failure::internal)?;
-    write_file(
-        path,
-        json + "
-",
-    )?;
-    say!("written to {}", path.display());
-    Ok(())
 }

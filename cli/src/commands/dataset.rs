@@ -14,7 +14,6 @@ use avln_lab::dataset::{
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
-/// Limit for printed faults.
 const SHOWN_FAULTS: usize = 50;
 
 #[derive(Debug, Subcommand)]
@@ -220,7 +219,6 @@ fn take_frames(args: &FramesArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Limit for printed losses.
 const SHOWN_LOSSES: usize = 20;
 
 #[derive(Debug, Args)]
@@ -265,22 +263,16 @@ fn import(args: &ImportArgs) -> Result<(), Failure> {
     };
     let account = import.run(|scene| say!("scene {scene}"))?;
     let (read, kept) = (account.episodes, account.missions);
-    say!(
-        "read {read} episodes in {} files, kept {kept} missions in {} scenes",
-        account.files,
-        account.scenes
-    );
+    let (files, scenes) = (account.files, account.scenes);
+    say!("read {read} episodes in {files} files, kept {kept} missions in {scenes} scenes");
     account.notes.iter().for_each(|(note, times)| say!("  {times} x {note}"));
     show_losses(&account.losses);
     if !account.losses.is_empty() {
         say!("All of it      {}", import.report_path().display());
     }
-    say!("Data set       {}", args.out.display());
-    say!(
-        "Play it        avln challenge phase open ID --dataset {} --split {}",
-        args.out.display(),
-        args.split
-    );
+    let (out, split) = (args.out.display(), &args.split);
+    say!("Data set       {out}");
+    say!("Play it        avln challenge phase open ID --dataset {out} --split {split}");
     Ok(())
 }
 

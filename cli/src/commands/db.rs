@@ -6,7 +6,7 @@ use avln_arena::{
     backup::{self, Contents, PruneOptions, Pruned},
     now_unix_ms,
 };
-use avln_store::calendar::rfc3339;
+use avln_store::{Inventory, calendar::rfc3339};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,6 @@ pub(crate) struct PruneArgs {
     dry_run: bool,
 }
 
-/// Parses days such as 90d.
 fn days(text: &str) -> Result<u32, String> {
     const MOST: u32 = 36_500;
     let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
@@ -66,12 +65,14 @@ pub(crate) async fn run(data: &Path, command: DbCommand) -> Result<(), Failure> 
         }
         DbCommand::Prune(args) => {
             let now = now_unix_ms();
-            let rule = PruneOptions::from(&args);
-            let Pruned { runs, logs, bytes, records } = backup::prune(data, &rule, now).await?;
-            let would = if args.dry_run { "would be deleted" } else { "deleted" };
+            let PruneArgs { older_than, records, dry_run } = args;
+            let rule = PruneOptions { older_than_days: older_than, records, dry_run };
+            let pruned = backup::prune(data, &rule, now).await?;
+            let Pruned { runs, logs, bytes, records } = pruned;
+            let would = if dry_run { "would be deleted" } else { "deleted" };
             say!("{runs} runs ended before {}", rfc3339(rule.cutoff_ms(now)));
             say!("run logs  {logs} {would}, {:.1} MiB", bytes as f64 / f64::from(1 << 20));
-            if args.records {
+            if rule.records {
                 say!("records   {records} {would}");
             }
             say!("scores    unchanged");
@@ -85,26 +86,13 @@ fn show(contents: &Contents) {
     let open = inventory.runs.iter().filter(|run| !run.is_settled).count();
     let logs = manifest.files.keys().filter(|path| path.starts_with("runs/")).count();
     let mib = manifest.bytes() as f64 / f64::from(1 << 20);
-    say!(
-        "database  schema {}, {} teams, {} runs ({open} open), {} results",
-        inventory.schema,
-        inventory.teams,
-        inventory.runs.len(),
-        inventory.results
-    );
-    say!(
-        "files     {} with {logs} run logs, {mib:.1} MiB, each read back and compared by hash",
-        manifest.files.len()
-    );
+    let Inventory { schema, teams, results, runs, .. } = inventory;
+    let (runs, files) = (runs.len(), manifest.files.len());
+    say!("database  schema {schema}, {teams} teams, {runs} runs ({open} open), {results} results");
+    say!("files     {files} with {logs} run logs, {mib:.1} MiB, each read back and compared by hash");
     for path in left_out {
         let state = if path.exists() { "" } else { ", which does not exist" };
         say!("not in it {}{state}", path.display());
-    }
-}
-
-impl From<&PruneArgs> for PruneOptions {
-    fn from(prune: &PruneArgs) -> Self {
-        Self { older_than_days: prune.older_than, records: prune.records, dry_run: prune.dry_run }
     }
 }
 

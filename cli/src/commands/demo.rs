@@ -45,12 +45,10 @@ pub(crate) struct DemoArgs {
     once: bool,
 }
 
-/// Team for the bundled agents.
 const TEAM: &str = "LH-AVLN Arena";
 /// The agents, by their names in `avln agent`.
 const AGENTS: [&str; 2] = ["random", "pag-nav"];
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// Parallel runs.
 const RUNS_AT_ONCE: usize = 2;
 
 /// Builds houses and missions, runs two agents over gRPC, prints the table and continues to serve.
@@ -137,7 +135,6 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
     Ok(())
 }
 
-/// Starts an agent as a child process.
 fn spawn(
     agent: &str,
     order: Order,
@@ -204,10 +201,8 @@ impl DemoProgress {
         let isr_of = |run: &RunLine| Some(format!("{} {} {:.2}", run.method, run.order, run.isr?));
         let mut shares: Vec<_> = new.iter().filter_map(isr_of).collect();
         shares.sort();
-        self.bar.set_message(format!(
-            "ISR {}",
-            if shares.is_empty() { "-".to_owned() } else { shares.join(", ") }
-        ));
+        let shares = if shares.is_empty() { "-".to_owned() } else { shares.join(", ") };
+        self.bar.set_message(format!("ISR {shares}"));
         Ok(())
     }
 }

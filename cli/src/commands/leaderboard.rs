@@ -2,7 +2,7 @@
 
 use crate::output::say;
 use avln_arena::{
-    Failure, FailureKind,
+    Failure,
     data::DataFolder,
     now_unix_ms,
     runlog::{SigningKey, is_signed},
@@ -73,13 +73,8 @@ pub(crate) async fn run(data: &Path, command: LeaderboardCommand) -> Result<(), 
 /// The oracle's result; `-` for scores that the phase hides.
 fn oracle_line(order: Order, summary: &RunSummary) -> String {
     let mean = |name| summary.metric(name).map_or("-".to_owned(), |metric| format!("{:.3}", metric.value));
-    format!(
-        "{:<10} SR {}  SPL {}  {} episodes",
-        order.as_str(),
-        mean("sr"),
-        mean("spl"),
-        summary.progress.done
-    )
+    let (sr, spl, done) = (mean("sr"), mean("spl"), summary.progress.done);
+    format!("{:<10} SR {sr}  SPL {spl}  {done} episodes", order.as_str())
 }
 
 async fn freeze_copy(data: &Path, args: FreezeArgs) -> Result<(), Failure> {
@@ -101,19 +96,18 @@ async fn freeze_copy(data: &Path, args: FreezeArgs) -> Result<(), Failure> {
 }
 
 fn freeze_failure(error: FreezeError) -> Failure {
-    let kind = match error {
-        FreezeError::NoPhase(_) | FreezeError::File { .. } | FreezeError::Store(_) => FailureKind::Data,
-        FreezeError::Page { .. } | FreezeError::Clash { .. } => FailureKind::Internal,
-    };
-    let failure = Failure::new(kind, &error);
-    match error {
-        FreezeError::NoPhase(_) => failure.hinted("leave --phase out to copy all public phases"),
-        FreezeError::File { .. } => failure.hinted("make room, or choose another folder with --out"),
-        _ => failure,
+    match &error {
+        FreezeError::NoPhase(_) => {
+            Failure::data(&error).hinted("leave --phase out to copy all public phases")
+        }
+        FreezeError::File { .. } => {
+            Failure::data(&error).hinted("make room, or choose another folder with --out")
+        }
+        FreezeError::Store(_) => Failure::data(error),
+        FreezeError::Page { .. } | FreezeError::Clash { .. } => Failure::internal(error),
     }
 }
 
-/// A copy in a folder, with file digests.
 struct FrozenCopy {
     folder: PathBuf,
     sums: Vec<(String, String)>,
@@ -139,7 +133,6 @@ impl FrozenCopy {
         fs::write(path, bytes)
     }
 
-    /// Writes the digest list and a signature.
     fn sign(mut self, key: &SigningKey) -> io::Result<()> {
         self.sums.sort();
         let mut list = String::new();
@@ -152,13 +145,11 @@ impl FrozenCopy {
     }
 }
 
-/// Returns the signed text for a digest list.
 fn signed_statement(list: &str) -> String {
     // The prefix separates it from run logs, which the same key signs.
     format!("frozen board {}", sha256(list.as_bytes()))
 }
 
-/// SHA-256, hexadecimal.
 fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -185,7 +176,6 @@ fn check_copy(args: &CheckCopyArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the key that signed the list.
 fn signer(list: &str, signed: &str) -> Result<String, Failure> {
     let (key, signature) = signed.trim_end().split_once('\n').unwrap_or((signed, ""));
     if !is_signed(key, &signed_statement(list), signature) {

@@ -83,7 +83,6 @@ pub(crate) struct OpenPhaseArgs {
     max_side: u32,
 }
 
-/// An audience.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum VisibleTo {
     /// Everyone.
@@ -141,7 +140,6 @@ pub(crate) async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failur
     Ok(())
 }
 
-/// Changes a phase's schedule, with an audit entry.
 async fn reschedule(
     store: &Store,
     id: &str,

@@ -34,13 +34,13 @@ pub(crate) struct VerifyArgs {
 
 /// Checks the hash chain and the signature, replays all episodes and recomputes all metrics.
 pub(crate) async fn verify(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
-    let history = History::read(&args.file).map_err(refused)?;
+    let history = History::read(&args.file).map_err(Failure::run)?;
     let key = check_signature(&history, args.key.as_deref())?;
     let wrong =
-        |(line, what): (usize, String)| refused(format!("{}, line {line}: {what}", args.file.display()));
+        |(line, what): (usize, String)| Failure::run(format!("{}, line {line}: {what}", args.file.display()));
     let episodes = history.episodes().map_err(wrong)?;
     let Some(Entry::Run { run, phase, order, digests, .. }) = history.entries.first() else {
-        return Err(refused(format!("{} is empty", args.file.display())));
+        return Err(Failure::run(format!("{} is empty", args.file.display())));
     };
     // A participant without the data folder can still verify chain and signature.
     let why_not = match (args.log_only, data.join("avln.db").is_file()) {
@@ -83,40 +83,35 @@ fn print_replayed(replayed: &Result<Replayed, String>, episodes: &BTreeMap<Strin
     }
 }
 
-fn refused(what: impl std::fmt::Display) -> Failure {
-    Failure::run(what)
-}
-
 /// Returns the key that signed the log; `None` for a log without a signature.
 fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<String>, Failure> {
     let is_signature = |entry: &Entry| matches!(entry, Entry::Signed { .. });
     let (key, signature, head) = match history.entries.last() {
         Some(Entry::Signed { head, key, signature }) => (key, signature, head),
         _ if history.entries.iter().any(is_signature) => {
-            return Err(refused("lines come after the signature, so they are not signed")
+            return Err(Failure::run("lines come after the signature, so they are not signed")
                 .hinted("a server signs lines that it adds: download the log again"));
         }
         _ => {
             return match wanted {
                 None => Ok(None),
-                Some(wanted) => Err(refused(format!("the log is not signed by {wanted}")).hinted(
+                Some(wanted) => Err(Failure::run(format!("the log is not signed by {wanted}")).hinted(
                     "logs are signed at the end of the run; omit --key to check the log of an open run",
                 )),
             };
         }
     };
     if !is_signed(key, head, signature) {
-        return Err(refused(
+        return Err(Failure::run(
             "the signature does not fit the log: it was not written by the server of that key",
         ));
     }
     match wanted.filter(|wanted| wanted != key) {
-        Some(wanted) => Err(refused(format!("the log is signed by {key}, not by {wanted}"))),
+        Some(wanted) => Err(Failure::run(format!("the log is signed by {key}, not by {wanted}"))),
         None => Ok(Some(key.clone())),
     }
 }
 
-/// Counts of replayed and rescored items.
 #[derive(Default)]
 struct Replayed {
     episodes: usize,
@@ -124,7 +119,6 @@ struct Replayed {
     scored: usize,
 }
 
-/// Replays all episodes in parallel.
 fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) -> Result<Replayed, Failure> {
     let bar = ProgressBar::new(episodes.len() as u64);
     let left = Mutex::new(episodes.iter());
@@ -133,7 +127,7 @@ fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) 
         let mut done = Replayed::default();
         while let Some((handle, history)) = next() {
             let metrics =
-                replayer.replay(history).map_err(|why| refused(format!("episode {handle}: {why}")))?;
+                replayer.replay(history).map_err(|why| Failure::run(format!("episode {handle}: {why}")))?;
             done.episodes += 1;
             done.actions += history.actions.len();
             done.scored += usize::from(metrics.is_some());
@@ -165,7 +159,7 @@ fn check_metrics(handle: &str, history: &EpisodeHistory, again: Option<&Metrics>
     if recorded == again {
         return Ok(());
     }
-    Err(refused(format!("episode {handle}: the log contains {recorded}, the replay gives {again}")))
+    Err(Failure::run(format!("episode {handle}: the log contains {recorded}, the replay gives {again}")))
 }
 
 #[derive(Clone, Debug, clap::Args)]

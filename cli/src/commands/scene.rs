@@ -8,7 +8,7 @@ use crate::{
 use avln_arena::{Failure, cache::CacheFolder};
 use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
-use avln_lab::preview::{Picture, SceneRenderer, indoors, storeys};
+use avln_lab::preview::{SceneRenderer, indoors, storeys};
 use avln_scene::{Scene, Summary};
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::json;
@@ -67,7 +67,6 @@ pub(crate) struct FurnishedSceneArgs {
 }
 
 impl FurnishedSceneArgs {
-    /// Opens or builds the scene.
     pub(super) fn load(&self) -> Result<Scene, Failure> {
         open_or_build(self.scene.scene.as_deref(), self.scene.seed, self.pool)
     }
@@ -124,15 +123,8 @@ fn print_info(scene: &Scene) {
         let (at, words) = (object.bounds.center(), &object.attributes);
         let looks = [&words.size, &words.shape, &words.color, &words.material].map(String::as_str);
         let looks: Vec<_> = looks.into_iter().filter(|word| !word.is_empty()).collect();
-        say!(
-            "  {:>4} {:<18} {:>7.2} {:>6.2} {:>7.2}  {}",
-            object.id.0,
-            object.category,
-            at.x,
-            at.y,
-            at.z,
-            looks.join(" ")
-        );
+        let (id, category, looks) = (object.id.0, &object.category, looks.join(" "));
+        say!("  {id:>4} {category:<18} {:>7.2} {:>6.2} {:>7.2}  {looks}", at.x, at.y, at.z);
     }
 }
 
@@ -143,7 +135,6 @@ pub(crate) enum Semantics {
     Hm3d,
 }
 
-/// Writes a scene and, on request, the instance labels.
 fn export(scene: &Scene, out: &Path, semantics: Option<Semantics>) -> Result<(), Failure> {
     match semantics {
         None => write_file(out, &glb::export(scene))?,
@@ -156,10 +147,8 @@ fn export(scene: &Scene, out: &Path, semantics: Option<Semantics>) -> Result<(),
 fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
     let name = out.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let Some(stem) = name.strip_suffix(".glb").filter(|stem| !stem.is_empty()) else {
-        return Err(Failure::data(format!(
-            "{} does not end in .glb, which Habitat needs to find the labels",
-            out.display()
-        )));
+        let why = "does not end in .glb, which Habitat needs to find the labels";
+        return Err(Failure::data(format!("{} {why}", out.display())));
     };
     let beside = |suffix: &str| -> PathBuf { out.with_file_name(format!("{stem}{suffix}")) };
     let files = hm3d::export(scene);
@@ -194,14 +183,12 @@ pub(crate) struct ImportSceneArgs {
     json: bool,
 }
 
-/// An up axis.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum UpArg {
     Y,
     Z,
 }
 
-/// A length unit.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum UnitArg {
     M,
@@ -214,8 +201,10 @@ fn import(args: &ImportSceneArgs) -> Result<(), Failure> {
     let scene = open::open_as(&args.source, &import_options(args), &mut report).map_err(Failure::scene)?;
     let bytes = glb::export(&scene);
     output::write_file(&args.out, &bytes)?;
-    let cached = reopened(&scene, &bytes, args)?;
-    let summary = Summary::of(&cached);
+    // Reopened, so that the report describes the written contents.
+    let label = args.out.display().to_string();
+    let written = glb::from_bytes(&scene.name, &label, &bytes).map_err(Failure::internal)?;
+    let summary = Summary::of(&written);
     if args.json {
         say!("{}", as_json(args, &report, &summary));
     } else {
@@ -235,12 +224,6 @@ fn import_options(args: &ImportSceneArgs) -> ImportOptions {
         UnitArg::Mm => LengthUnit::Millimetre,
     });
     ImportOptions { up, unit }
-}
-
-/// Reopens the written file, so that the report describes the written contents.
-fn reopened(scene: &Scene, bytes: &[u8], args: &ImportSceneArgs) -> Result<Scene, Failure> {
-    let label = args.out.display().to_string();
-    glb::from_bytes(&scene.name, &label, bytes).map_err(Failure::internal)
 }
 
 fn as_json(args: &ImportSceneArgs, report: &ImportReport, summary: &Summary) -> serde_json::Value {
@@ -301,14 +284,11 @@ fn preview(data: &Path, args: &PreviewArgs) -> Result<(), Failure> {
     let name = scene.name.clone();
     pictures.extend(indoors(&SceneRenderer::new(scene, CacheFolder::of_data(data)), args.views));
     for picture in &pictures {
-        write_picture(picture, &args.out.join(format!("{}.png", picture.name)))?;
+        let path = args.out.join(format!("{}.png", picture.name));
+        let file = std::fs::File::create(&path).map_err(|error| cannot_write(&path, error))?;
+        picture.write_png(std::io::BufWriter::new(file)).map_err(|error| cannot_write(&path, error))?;
     }
     let names: Vec<&str> = pictures.iter().map(|picture| picture.name.as_str()).collect();
     say!("{name}: {} pictures in {}: {}", pictures.len(), args.out.display(), names.join(" "));
     Ok(())
-}
-
-fn write_picture(picture: &Picture, path: &Path) -> Result<(), Failure> {
-    let file = std::fs::File::create(path).map_err(|error| cannot_write(path, error))?;
-    picture.write_png(std::io::BufWriter::new(file)).map_err(|error| cannot_write(path, error))
 }

@@ -29,7 +29,6 @@ pub(crate) struct SceneStatsArgs {
     check: bool,
 }
 
-/// A measured scene.
 struct MeasuredScene {
     name: String,
     census: Census,
@@ -44,7 +43,6 @@ struct BandedNumber {
     real: &'static str,
 }
 
-/// Measures the scenes.
 pub(crate) fn run(args: &SceneStatsArgs) -> Result<(), Failure> {
     let seeds = args.seed.iter().copied().chain(args.seeds.clone().into_iter().flatten());
     let houses = seeds.map(|seed| {
@@ -91,6 +89,7 @@ fn measure(scene: &Scene) -> Result<MeasuredScene, Failure> {
 fn lines(measured: &MeasuredScene) -> Vec<BandedNumber> {
     let MeasuredScene { census, walk, .. } = measured;
     let most = f64::INFINITY;
+    let per_100_m2 = 100.0 * census.objects as f64 / walk.floor_m2.max(1.0);
     let line = |name, value, band, real| BandedNumber { name, value, band, real };
     vec![
         line("rooms", census.rooms as f64, [6.0, 24.0], "MP3D 24.5, Gibson 15.5, HM3D 14.4"),
@@ -101,7 +100,7 @@ fn lines(measured: &MeasuredScene) -> Vec<BandedNumber> {
         line("complexity of all pairs", walk.complexity_of_all, [2.0, most], "HM3D 13.3 (so measured)"),
         line("clutter", walk.clutter, [1.0, 4.0], "HM3D 3.9, Gibson 1.38 (median)"),
         line("objects", census.objects as f64, [20.0, most], "HM3D 660, MP3D 565"),
-        line("objects per 100 m2", per_100_m2(measured), [25.0, most], "HM3D 180"),
+        line("objects per 100 m2", per_100_m2, [25.0, most], "HM3D 180"),
         line("largest island", walk.largest_island, [0.95, 1.0], "-"),
         line("rooms reached (r 0.25)", walk.rooms_reached, [1.0, 1.0], "-"),
         divergence_line(divergence_from_matterport(&census.categories)),
@@ -110,10 +109,6 @@ fn lines(measured: &MeasuredScene) -> Vec<BandedNumber> {
 
 fn divergence_line(value: f64) -> BandedNumber {
     BandedNumber { name: "categories KL", value, band: [0.0, 1.0], real: "0 is Matterport3D" }
-}
-
-fn per_100_m2(measured: &MeasuredScene) -> f64 {
-    100.0 * measured.census.objects as f64 / measured.walk.floor_m2.max(1.0)
 }
 
 fn inside(line: &BandedNumber) -> bool {
@@ -125,7 +120,6 @@ fn print(measured: &MeasuredScene) {
     lines(measured).iter().for_each(print_line);
 }
 
-/// Prints a number with band and real values.
 fn print_line(line: &BandedNumber) {
     let band = match line.band[1].is_finite() {
         true => format!("{} to {}", line.band[0], line.band[1]),
@@ -151,7 +145,6 @@ fn summary(all: &[MeasuredScene]) -> serde_json::Value {
     json!({ "median": medians, "categories": categories, "divergence_from_matterport": divergence })
 }
 
-/// Medians over all scenes.
 fn medians(all: &[MeasuredScene]) -> Vec<BandedNumber> {
     let every: Vec<Vec<BandedNumber>> = all.iter().map(lines).collect();
     let median = |(index, line): (usize, BandedNumber)| {

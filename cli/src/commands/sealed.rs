@@ -181,7 +181,6 @@ async fn conclude(store: &Store, run: &str, ended: Result<AgentExit, Failure>) -
     }
 }
 
-/// The server during the run.
 enum SealedHost {
     Own(Box<RunningServers>),
     Other(SocketAddr),
@@ -217,7 +216,6 @@ impl SealedHost {
     }
 }
 
-/// Returns the sandbox for the arguments.
 fn choose_sandbox(data: &DataFolder, args: &SealedRunArgs) -> Result<SandboxKind, Failure> {
     let nowhere = PathBuf::new();
     let Some(image) = &args.image else {

@@ -19,7 +19,6 @@ use tokio::{
     time::timeout,
 };
 
-/// A kind of sandbox.
 pub(super) enum SandboxKind {
     /// A process. `folder` is not yet set.
     Process(SandboxPlan),
@@ -27,7 +26,6 @@ pub(super) enum SandboxKind {
     Container(Engine, Container),
 }
 
-/// An agent's exit.
 pub(super) enum AgentExit {
     /// With exit code 0.
     Well,
@@ -35,7 +33,6 @@ pub(super) enum AgentExit {
     Badly(String),
 }
 
-/// A prepared or running sandbox.
 pub(super) struct Sandbox {
     folder: TempDir,
     inside: Inside,
@@ -89,8 +86,7 @@ impl Sandbox {
         }
     }
 
-    /// Starts the sandboxed process and returns the enforced restrictions. A container starts only with its
-    /// run.
+    /// Starts the sandboxed process and returns the restrictions. A container starts only with its run.
     pub(super) async fn enter(&mut self) -> Result<SandboxReport, Failure> {
         match &mut self.inside {
             Inside::Process { control, plan, running } => {
@@ -114,7 +110,6 @@ impl Sandbox {
         }
     }
 
-    /// Stops the agent without a run.
     pub(super) async fn abandon(self) {
         if let Inside::Process { running: Some(running), .. } = self.inside {
             let (mut supervisor, child_socket) = *running;
@@ -134,9 +129,7 @@ impl Sandbox {
                 sent.map_err(|error| failed("the agent left before its run", error))?;
                 (supervisor, None)
             }
-            Inside::Process { .. } => {
-                return Err(Failure::internal("the sandbox is empty"));
-            }
+            Inside::Process { .. } => return Err(Failure::internal("the sandbox is empty")),
             Inside::Container(engine, container) => {
                 let container = Container { name: format!("avln-{run}"), ..container };
                 (spawn_container(engine, &container, token)?, Some((engine, container.name)))
@@ -193,7 +186,6 @@ fn listen(path: PathBuf) -> Result<UnixListener, Failure> {
     })
 }
 
-/// Forwards connections to the server.
 async fn pass(listener: UnixListener, server: SocketAddr) {
     let mut connections = JoinSet::new();
     loop {

@@ -29,29 +29,21 @@ pub(crate) struct AddressArgs {
 }
 
 impl AddressArgs {
-    /// Returns the addresses.
     pub(crate) fn addresses(&self) -> Addresses {
         Addresses { grpc: self.grpc, web: self.web }
     }
-}
-
-/// TLS files.
-#[derive(Clone, Debug, clap::Args)]
-pub(crate) struct TlsArgs {
-    /// PEM file with certificate and intermediates; agents and visitors then connect by TLS
-    #[arg(long, env = "AVLN_TLS_CERT", value_name = "FILE", requires = "tls_key")]
-    tls_cert: Option<PathBuf>,
-    /// PEM file with the certificate's private key
-    #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
-    tls_key: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct ServeArgs {
     #[command(flatten)]
     addresses: AddressArgs,
-    #[command(flatten)]
-    tls: TlsArgs,
+    /// PEM file with certificate and intermediates; agents and visitors then connect by TLS
+    #[arg(long, env = "AVLN_TLS_CERT", value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// PEM file with the certificate's private key
+    #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
     /// Address or network of a reverse proxy, repeatable: X-Forwarded-For from there contains the client, for
     /// the sign-in limit
     #[arg(long, value_name = "RANGE")]
@@ -83,13 +75,11 @@ pub(crate) struct AdminListener(pub(crate) Option<SocketAddr>);
 
 impl FromStr for AdminListener {
     type Err = String;
-
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = |_| "write an address like 127.0.0.1:50052, or off".to_owned();
-        if text == "off" {
-            Ok(Self(None))
-        } else {
-            text.parse().map(|address| Self(Some(address))).map_err(wrong)
+        match text {
+            "off" => Ok(Self(None)),
+            _ => text.parse().map(|address| Self(Some(address))).map_err(wrong),
         }
     }
 }
@@ -98,7 +88,7 @@ impl FromStr for AdminListener {
 pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     data.limit_cache(args.cache_size)?;
-    let security = Security { tls_cert: args.tls.tls_cert, tls_key: args.tls.tls_key };
+    let security = Security { tls_cert: args.tls_cert, tls_key: args.tls_key };
     // Before the phases are read, so that a used address fails at once.
     let mut servers = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
     servers = servers.with_trusted_proxies(args.trusted_proxy);

@@ -8,6 +8,7 @@ use avln_navmesh::{Body, NavMesh, NavMeshSettings};
 use clap::{Args, Subcommand};
 use serde::{Serialize, de::DeserializeOwned};
 use std::{
+    fmt::Display,
     path::{Path, PathBuf},
     str::FromStr,
 };
@@ -60,7 +61,6 @@ pub(crate) enum SimCommand {
     Listen(Box<sound::ListenArgs>),
 }
 
-/// Runs a simulator query.
 pub(crate) fn run(data: &Path, command: SimCommand) -> Result<(), Failure> {
     match command {
         SimCommand::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
@@ -104,17 +104,15 @@ pub(crate) struct GroundArgs {
 }
 
 impl GroundArgs {
-    /// Reads or builds the navmesh.
     fn mesh(&self) -> Result<NavMesh, Failure> {
-        let failed = |error: &dyn std::fmt::Display| Failure::scene(error);
         if let Some(file) = &self.navmesh {
-            let named = |error: &dyn std::fmt::Display| failed(&format!("{}: {error}", file.display()));
+            let named = |error: &dyn Display| Failure::scene(format!("{}: {error}", file.display()));
             let bytes = std::fs::read(file).map_err(|error| named(&error))?;
             return NavMesh::from_detour(&bytes).map_err(|error| named(&error));
         }
         let path = self.scene.clone().unwrap_or_default();
-        let scene = open::open(&path).map_err(|error| failed(&error))?;
-        NavMesh::build_with(&scene, &self.settings()).map_err(|error| failed(&error))
+        let scene = open::open(&path).map_err(Failure::scene)?;
+        NavMesh::build_with(&scene, &self.settings()).map_err(Failure::scene)
     }
 
     fn settings(&self) -> NavMeshSettings {
@@ -150,8 +148,7 @@ fn geodesic(ground: &GroundArgs, file: &Path, exact: bool, json: bool) -> Result
     Ok(())
 }
 
-/// Parses numbers between separators.
-fn numbers<T: FromStr<Err: std::fmt::Display>>(words: &str, separators: &[char]) -> Result<Vec<T>, String> {
+fn numbers<T: FromStr<Err: Display>>(words: &str, separators: &[char]) -> Result<Vec<T>, String> {
     let parse = |word: &str| word.trim().parse().map_err(|error| format!("'{word}': {error}"));
     words.split(separators).map(parse).collect()
 }
@@ -163,7 +160,7 @@ fn read<T: DeserializeOwned>(file: &Path, what: &str) -> Result<T, Failure> {
         .map_err(|error| unusable(file, error, format!("the file must contain {what}")))
 }
 
-fn unusable(file: &Path, why: impl std::fmt::Display, hint: impl std::fmt::Display) -> Failure {
+fn unusable(file: &Path, why: impl Display, hint: impl Display) -> Failure {
     Failure::data(format!("cannot use {}: {why}", file.display())).hinted(hint)
 }
 
@@ -187,7 +184,6 @@ pub(crate) struct MotionArgs {
     no_sliding: bool,
 }
 
-/// A start pose.
 #[derive(Clone, Debug)]
 pub(crate) struct StartPose {
     pub(super) position: Point3<f32>,
@@ -196,7 +192,6 @@ pub(crate) struct StartPose {
 
 impl FromStr for StartPose {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let values: Vec<f64> = numbers(words, &[','])?;
         match *values.as_slice() {
@@ -208,7 +203,6 @@ impl FromStr for StartPose {
     }
 }
 
-/// A finished walk.
 #[derive(Debug, Default, Serialize)]
 struct WalkResult {
     /// After each action: x, y, z in metres, heading in degrees from -180 (excluded) to 180.

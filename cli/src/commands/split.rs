@@ -89,7 +89,6 @@ pub(crate) struct ExportArgs {
     out: PathBuf,
 }
 
-/// An export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExportFormat {
     /// Gzipped JSON in the LH-AVLN authors' layout
@@ -172,7 +171,6 @@ fn seal(data: &DataFolder, args: &SealArgs) -> Result<(), Failure> {
 }
 
 impl SplitOrigin {
-    /// Opens the split and determines its publishable part.
     pub(super) async fn open(
         &self,
         data: &DataFolder,
@@ -208,13 +206,11 @@ const SCENE_BYTES: u64 = 4_000_000;
 /// Approximate size for a sound source in the cache, bytes.
 const SOURCE_BYTES: u64 = 1_200_000;
 
-/// A scene with sound source positions.
 struct PreparedScene {
     scene: SceneLine,
     positions: Vec<Point3<f32>>,
 }
 
-/// Fills the cache with a split's scenes and sound sources.
 fn prepare(data: &DataFolder, args: &PrepareArgs) -> Result<(), Failure> {
     let split = data.missions(&args.name)?;
     let rules = args.rules.as_deref().unwrap_or(split.rules());
@@ -266,7 +262,6 @@ fn cache_warning(scenes: usize, sources: usize, budget_bytes: u64) -> Option<Str
     ))
 }
 
-/// Removes duplicate positions.
 fn distinct(positions: Vec<Point3<f32>>) -> Vec<Point3<f32>> {
     let bits = |position: &Point3<f32>| [0, 1, 2].map(|axis| position[axis].to_bits());
     let by_bits: BTreeMap<_, _> = positions.into_iter().map(|position| (bits(&position), position)).collect();

@@ -58,7 +58,6 @@ pub(crate) enum TeamCommand {
     Member(MemberCommand),
 }
 
-/// A kind of reference team.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ReferenceKind {
     /// A baseline agent
@@ -118,12 +117,8 @@ pub(crate) async fn run(data: &Path, command: TeamCommand) -> Result<(), Failure
         TeamCommand::Approve { name, phase, withdraw } => approve(&store, &name, &phase, !withdraw).await?,
         TeamCommand::Grant { name, phase, runs, reason } => {
             let grant = NewGrant { phase: &phase, team: &name, runs, reason: &reason };
-            let after = Some(format!("{runs} runs"));
-            let note = AuditNote {
-                after,
-                reason: reason.clone(),
-                ..team_note(&name, format!("granted in phase {phase}"))
-            };
+            let granted = team_note(&name, format!("granted in phase {phase}"));
+            let note = AuditNote { after: Some(format!("{runs} runs")), reason: reason.clone(), ..granted };
             store.grant(&grant, note, now_unix_ms()).await?;
             say!("team {name} has {runs} more runs in phase {phase}");
         }

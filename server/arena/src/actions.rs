@@ -86,15 +86,10 @@ pub async fn admit(
         let words = format!("'{}' cannot be the name of a team", name.escape_debug());
         return Err(ActionFailure::refused(words, "use 1 to 64 bytes of printable text"));
     }
-    let secret = random_token(TokenScope::Participant)?;
+    let kind = TokenScope::Participant;
+    let secret = random_token(kind)?;
     store.create_team(name, reference, now_unix_ms).await?;
-    let token = NewToken {
-        secret: &secret,
-        kind: TokenScope::Participant,
-        name: "",
-        team: Some(name),
-        expires_unix_ms: None,
-    };
+    let token = NewToken { secret: &secret, kind, name: "", team: Some(name), expires_unix_ms: None };
     store.issue_token(&token, now_unix_ms).await?;
     Ok(secret)
 }
@@ -151,10 +146,7 @@ pub async fn reschedule(
     Ok(after)
 }
 
-/// Sets or removes the verified mark; returns a message.
-///
-/// # Errors
-/// If the run is unknown or open, or the database fails.
+/// Sets or removes an ended run's verified mark; returns a message.
 pub async fn verify(
     store: &Store,
     run: &str,

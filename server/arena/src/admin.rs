@@ -5,7 +5,7 @@ use crate::{
     metrics::{CONTENT_TYPE, metrics_text},
     now_unix_ms,
 };
-use avln_grpc::{Control, SlotState};
+use avln_grpc::SlotState;
 use avln_store::{Reader, Viewer};
 use axum::{
     Json, Router,
@@ -36,12 +36,6 @@ pub struct AdminState {
     pub arena: Arc<Arena>,
     /// Reader for tokens and counts.
     pub reader: Reader,
-}
-
-impl AdminState {
-    fn control(&self) -> &Control {
-        self.arena.control()
-    }
 }
 
 /// Live status.
@@ -120,10 +114,8 @@ impl From<JsonRejection> for AdminError {
     }
 }
 
-impl From<avln_store::StoreError> for AdminError {
-    fn from(error: avln_store::StoreError) -> Self {
-        Self(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
-    }
+fn internal(error: impl Display) -> AdminError {
+    AdminError(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
 }
 
 async fn organisers_only(
@@ -134,7 +126,7 @@ async fn organisers_only(
     let value = request.headers().get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
     let token = value.and_then(|value| value.strip_prefix("Bearer ")).map(str::to_owned);
     let viewer = match token {
-        Some(token) => state.reader.viewer(&token, now_unix_ms()).await?,
+        Some(token) => state.reader.viewer(&token, now_unix_ms()).await.map_err(internal)?,
         None => None,
     };
     match viewer {
@@ -147,9 +139,8 @@ async fn organisers_only(
 }
 
 async fn metrics(State(state): State<AdminState>) -> Result<Response, AdminError> {
-    let census = state.reader.census().await?;
-    let text = metrics_text(&state.arena, census)
-        .map_err(|error| AdminError(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    let census = state.reader.census().await.map_err(internal)?;
+    let text = metrics_text(&state.arena, census).map_err(internal)?;
     Ok(([(header::CONTENT_TYPE, CONTENT_TYPE)], text).into_response())
 }
 
@@ -183,11 +174,7 @@ async fn drain(
         return Err(AdminError(StatusCode::UNPROCESSABLE_ENTITY, words));
     }
     let patience = Duration::from_secs(60 * u64::from(minutes));
-    state
-        .arena
-        .drain(&reason, patience)
-        .await
-        .map_err(|failure| AdminError(StatusCode::INTERNAL_SERVER_ERROR, failure.to_string()))?;
+    state.arena.drain(&reason, patience).await.map_err(internal)?;
     tracing::warn!(reason, minutes, "draining");
     Ok(Json(status_of(&state.arena)))
 }
@@ -197,7 +184,7 @@ async fn notice(
     body: Result<Json<Notice>, JsonRejection>,
 ) -> Result<Json<Status>, AdminError> {
     let Json(Notice { text }) = body?;
-    state.control().announce(&printable("text", text.trim())?);
+    state.arena.control().announce(&printable("text", text.trim())?);
     Ok(Json(status_of(&state.arena)))
 }
 

@@ -220,7 +220,6 @@ fn sample_unit(bits: u32) -> f32 {
     1.0 / (1_u64 << bits.clamp(1, 32).saturating_sub(1)) as f32
 }
 
-/// Averages interleaved channels.
 fn mix(samples: &[f32], channels: usize, rate_hz: u32) -> Result<Recording, DecodeError> {
     if !samples.len().is_multiple_of(channels) {
         return Err(DecodeError::Torn);

@@ -33,7 +33,6 @@ impl Budget {
         (self.session_memory_mib as usize).saturating_mul(1 << 20)
     }
 
-    /// Rejects a size above the limit.
     fn check(&self, bytes: usize) -> Result<(), Refusal> {
         if bytes <= self.session_bytes() {
             return Ok(());
@@ -45,13 +44,11 @@ impl Budget {
         Err(Refusal::new(Reason::SimFault, message))
     }
 
-    /// Rejects a scene file above the limit.
     pub(crate) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
         self.check(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 }
 
-/// An open episode's memory use.
 #[derive(Clone)]
 pub(crate) struct MemoryUse {
     pub(crate) scene: Arc<SceneAssets>,

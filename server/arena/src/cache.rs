@@ -24,8 +24,7 @@ const LIMIT_FILE: &str = "limit_gib";
 /// Hash prefix length in sound files, bytes. Models contain a hash.
 const HASH_BYTES: usize = 32;
 
-/// A folder with render models and sound sources. Files are never modified: a complete file is renamed into
-/// place.
+/// A folder with render models and sound sources. Files are never modified, but renamed into place.
 pub struct CacheFolder {
     folder: PathBuf,
     budget_bytes: u64,
@@ -76,7 +75,6 @@ impl CacheFolder {
         self.folder.join(format!("{name}.sound"))
     }
 
-    /// Writes the file `path` with `bytes` bytes.
     fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
         // Before the write: the folder must never exceed the limit.
@@ -116,7 +114,6 @@ impl CacheFolder {
         Ok(paths.filter(is_ours).filter_map(CachedFile::at).collect())
     }
 
-    /// Warns about an unwritable folder, once.
     fn warn_once(&self, error: &io::Error) {
         if !self.warned.swap(true, Ordering::Relaxed) {
             let folder = self.folder.display();
@@ -125,7 +122,6 @@ impl CacheFolder {
     }
 }
 
-/// Reads the limit, GiB.
 fn limit_gib(folder: &Path) -> u32 {
     let path = folder.join(LIMIT_FILE);
     let Ok(text) = fs::read_to_string(&path) else { return BUDGET_GIB };
@@ -219,7 +215,6 @@ fn touch(path: &Path) {
     let _ = File::open(path).and_then(|file| file.set_modified(SystemTime::now()));
 }
 
-/// Deletes a damaged file.
 fn discard(path: &Path, error: &str) {
     let file = path.display();
     tracing::warn!(%file, %error, "cannot use a file in the cache; it is deleted and regenerated");

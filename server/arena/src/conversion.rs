@@ -6,10 +6,7 @@ use avln_episode::EndReason;
 use avln_grpc::{Reason, Refusal};
 use avln_scoring::{Metric, Summary};
 use avln_store::{EpisodeState, PhaseView, QuotaWindow, Run, RunView, StoreError, TokenState, Viewer};
-use std::{
-    collections::BTreeMap,
-    sync::atomic::{AtomicU64, Ordering},
-};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) fn viewer(account: &Account) -> Viewer {
     match account.scope {
@@ -20,7 +17,6 @@ pub(crate) fn viewer(account: &Account) -> Viewer {
     }
 }
 
-/// Returns a token's account.
 pub(crate) fn account_of(state: TokenState) -> Result<Account, Refusal> {
     match state {
         TokenState::Valid(token) if token.kind != TokenScope::Run => Ok(Account {
@@ -56,11 +52,11 @@ pub(crate) fn phase_info(phase: PhaseView) -> PhaseInfo {
     }
 }
 
-/// Returns a run's status for the team.
 pub(crate) fn status(view: RunView, charge: Charge) -> RunStatus {
     let sealed = view.digests.contains_key(Run::SEALED);
     let line = view.line;
     let running = view.episodes.iter().filter(|episode| episode.state == EpisodeState::Running);
+    let count = |end: EndReason| view.health.get(end.as_str()).map(|&count| (end, count));
     let ineligible = !view.eligible && line.finished_unix_ms.is_some();
     RunStatus {
         url: format!("/runs/{}", line.run),
@@ -77,7 +73,7 @@ pub(crate) fn status(view: RunView, charge: Charge) -> RunStatus {
         in_flight: running.count() as u32,
         created_unix_ms: line.created_unix_ms,
         updated_unix_ms: line.finished_unix_ms.unwrap_or(line.created_unix_ms),
-        ends: ends(&view.health),
+        ends: EndReason::ALL.into_iter().filter_map(count).collect(),
         metrics: view.summary.filter(|_| view.scores_visible).as_ref().map(columns),
         ineligible_because: ineligible.then(|| why_ineligible(line.disqualified)).into_iter().collect(),
     }
@@ -88,11 +84,6 @@ fn why_ineligible(disqualified: Option<String>) -> String {
         Some(reason) => format!("the organiser disqualified it: {reason}"),
         None => "only completed runs whose every episode counts are ranked".to_owned(),
     }
-}
-
-fn ends(health: &BTreeMap<&'static str, u32>) -> Vec<(EndReason, u32)> {
-    let count = |end: EndReason| health.get(end.as_str()).map(|&count| (end, count));
-    EndReason::ALL.into_iter().filter_map(count).collect()
 }
 
 fn columns(summary: &Summary) -> Vec<(String, f64)> {
@@ -126,7 +117,12 @@ pub(crate) fn refusal(error: StoreError) -> Refusal {
         }
     };
     let refusal = Refusal::new(reason, error.to_string());
-    match retry_at(&error) {
+    let retry_unix_ms = match error {
+        StoreError::PhaseNotOpen { opens_unix_ms, .. } => Some(opens_unix_ms),
+        StoreError::QuotaUsed(quota) => quota.next_increase_unix_ms,
+        _ => None,
+    };
+    match retry_unix_ms {
         Some(moment) => refusal.retry_after(seconds_until(moment, now_unix_ms())),
         None => refusal,
     }
@@ -141,22 +137,12 @@ fn quota_reason(window: QuotaWindow) -> Reason {
     }
 }
 
-/// Returns the time for a successful retry, Unix milliseconds.
-fn retry_at(error: &StoreError) -> Option<i64> {
-    match error {
-        StoreError::PhaseNotOpen { opens_unix_ms, .. } => Some(*opens_unix_ms),
-        StoreError::QuotaUsed(quota) => quota.next_increase_unix_ms,
-        _ => None,
-    }
-}
-
 /// Returns the seconds until `moment`, rounded up and at least 1.
 fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
     let seconds = (moment_unix_ms - now_unix_ms).max(0) / 1000 + 1;
     u32::try_from(seconds).unwrap_or(u32::MAX)
 }
 
-/// Returns the refusal for an unusable token.
 pub(crate) fn token_refusal(state: &TokenState) -> Refusal {
     let renew = "ask the organiser for a new one (avln challenge team add NAME)";
     match state {

@@ -96,10 +96,7 @@ impl DataFolder {
 
     /// Sets the cache limit in GiB; `None` changes nothing.
     pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
-        match gib {
-            Some(gib) => CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib),
-            None => Ok(()),
-        }
+        gib.map_or(Ok(()), |gib| CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib))
     }
 
     /// Opens the database, or creates it.
@@ -107,10 +104,7 @@ impl DataFolder {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
 
-    /// Stores a split as a data set under a free name.
-    ///
-    /// # Errors
-    /// If the name is used by other missions, or the folder is not writable.
+    /// Stores a split as a data set; fails if other missions use the name.
     pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
         let folder = self.split_folder(&split.name)?;
         if self.exists(&split.name)? && self.split(&split.name)? != *split {
@@ -119,10 +113,7 @@ impl DataFolder {
         DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Links a split from another data set; returns the derived name.
-    ///
-    /// # Errors
-    /// If the split is unknown, or the name is used by another split.
+    /// Links a split from another data set; returns the derived name. Fails if another split uses it.
     pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
         let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
@@ -130,10 +121,7 @@ impl DataFolder {
         Ok(name)
     }
 
-    /// Links a split from another data set as `name`.
-    ///
-    /// # Errors
-    /// If the split is unknown, or the name is used by another split.
+    /// Links a split from another data set as `name`; fails if another split uses the name.
     pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
         let root = dataset.canonicalize().map_err(|error| Failure::file("find data set", dataset, error))?;
         let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
@@ -204,10 +192,7 @@ fn taken(name: &str) -> Failure {
         .hinted("choose another name for the new split")
 }
 
-/// Checks that `name` has 1 to 64 letters, digits, `-` and `_`.
-///
-/// # Errors
-/// If it has not; `what` is the noun in the message.
+/// Checks that `name` has 1 to 64 letters, digits, `-` and `_`; `what` is the noun in the message.
 pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
     const LONGEST: usize = 64;
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');

@@ -5,8 +5,7 @@ use crate::{
     budget::MemoryUse,
     conversion::refusal,
     ids, now_unix_ms,
-    phases::HostedPhase,
-    phases::SceneCache,
+    phases::{HostedPhase, SceneCache},
     runlog::{Entry, RunLog, SlotLog},
 };
 use avln_challenge::EpisodeOutcome;
@@ -31,7 +30,6 @@ pub(crate) struct OpenEpisodes {
     pub(crate) issued: BTreeMap<u64, IssuedEpisode>,
 }
 
-/// An issued episode.
 pub(crate) struct IssuedEpisode {
     pub(crate) run: String,
     pub(crate) memory: MemoryUse,
@@ -45,7 +43,6 @@ pub(crate) struct IssuedEpisode {
 }
 
 impl OpenEpisodes {
-    /// Returns a run's memory use per open episode.
     pub(crate) fn memory_of(&self, run: &str) -> impl Iterator<Item = &MemoryUse> {
         self.issued.values().filter(move |issued| issued.run == run).map(|issued| &issued.memory)
     }
@@ -104,7 +101,6 @@ impl Arena {
         Ok(self.host_episode(assigned.handle, referee, issued))
     }
 
-    /// Opens a run's log for writing.
     pub(crate) fn log_of(&self, run: &Run, phase: &HostedPhase) -> Result<Arc<RunLog>, Refusal> {
         let first = || Entry::Run {
             format: Entry::FORMAT,
@@ -234,7 +230,6 @@ impl Arena {
         }
     }
 
-    /// Signs an ended run's log.
     pub(crate) async fn sign_if_over(&self, run: &Run) {
         if run.state.is_open() {
             return;
@@ -263,31 +258,6 @@ impl Arena {
         Ok(Some(StoredEnd { reason, steps, outcome: metrics.as_ref().map(outcome) }))
     }
 
-    pub(crate) fn open_episodes(&self) -> MutexGuard<'_, OpenEpisodes> {
-        self.open_episodes.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn pending_returns(&self) -> MutexGuard<'_, PendingReturns> {
-        self.pending_returns.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Rejects sensors beyond the phase's sensors.
-fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
-    let too_large = requested.width > most.width || requested.height > most.height;
-    let missing =
-        (requested.rgb && !most.rgb) || (requested.depth && !most.depth) || (requested.audio && !most.audio);
-    if !too_large && !missing {
-        return Ok(());
-    }
-    let words = |s: &Sensors| {
-        format!("{} x {}, rgb {}, depth {}, audio {}", s.width, s.height, s.rgb, s.depth, s.audio)
-    };
-    let message = format!("the phase allows at most {}; requested: {}", words(most), words(requested));
-    Err(Refusal::new(Reason::SensorNotAllowed, message))
-}
-
-impl Arena {
     /// Prepares the next episode for `run` in the background.
     pub(crate) fn prefetch(&self, run: &str, phase: &Arc<HostedPhase>) {
         let (run, phase, store) = (run.to_owned(), phase.clone(), self.store.clone());
@@ -309,6 +279,28 @@ impl Arena {
             }
         });
     }
+
+    pub(crate) fn open_episodes(&self) -> MutexGuard<'_, OpenEpisodes> {
+        self.open_episodes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn pending_returns(&self) -> MutexGuard<'_, PendingReturns> {
+        self.pending_returns.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
+    let too_large = requested.width > most.width || requested.height > most.height;
+    let missing =
+        (requested.rgb && !most.rgb) || (requested.depth && !most.depth) || (requested.audio && !most.audio);
+    if !too_large && !missing {
+        return Ok(());
+    }
+    let words = |s: &Sensors| {
+        format!("{} x {}, rgb {}, depth {}, audio {}", s.width, s.height, s.rgb, s.depth, s.audio)
+    };
+    let message = format!("the phase allows at most {}; requested: {}", words(most), words(requested));
+    Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 
 /// Prepares an episode's expensive parts; returns a new scene's map.
@@ -336,7 +328,6 @@ pub(crate) struct PreparedReferee {
     map: Option<Scene>,
 }
 
-/// Creates a mission's referee.
 pub(crate) fn prepare_referee(
     phase: &HostedPhase,
     scenes: &SceneCache,
@@ -365,7 +356,6 @@ fn time_account(time: &TimeSpent) -> TimeAccount {
     }
 }
 
-/// Seals and scores the record.
 fn seal_and_score(mut referee: Referee, phase: &HostedPhase) -> (EpisodeTruth, Record, Metrics) {
     // No effect on an ended episode. An episode without an end failed inside the server.
     referee.truncate(EndReason::ServerFault);

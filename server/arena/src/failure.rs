@@ -3,11 +3,13 @@
 use std::{fmt, path::Path, process::ExitCode};
 
 /// A failed command: message, next step and exit code.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{message}{hint}")]
 pub struct Failure {
     kind: FailureKind,
     message: String,
-    hint: Option<String>,
+    /// A line with the next step, after a line break; may be empty.
+    hint: String,
 }
 
 /// Failure kinds with exit codes.
@@ -28,7 +30,7 @@ pub enum FailureKind {
 impl Failure {
     /// Creates a failure without a next step.
     pub fn new(kind: FailureKind, message: impl fmt::Display) -> Self {
-        Self { kind, message: message.to_string(), hint: None }
+        Self { kind, message: message.to_string(), hint: String::new() }
     }
 
     /// Creates an internal failure.
@@ -63,7 +65,7 @@ impl Failure {
 
     /// Adds the next step.
     pub fn hinted(self, hint: impl fmt::Display) -> Self {
-        Self { hint: Some(hint.to_string()), ..self }
+        Self { hint: format!("\nhint: {hint}"), ..self }
     }
 
     /// Returns the exit code.
@@ -76,18 +78,6 @@ impl Failure {
         self.kind
     }
 }
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.message)?;
-        match &self.hint {
-            Some(hint) => write!(f, "\nhint: {hint}"),
-            None => Ok(()),
-        }
-    }
-}
-
-impl std::error::Error for Failure {}
 
 impl From<avln_store::StoreError> for Failure {
     fn from(error: avln_store::StoreError) -> Self {

@@ -12,7 +12,6 @@ const INTERVAL: Duration = Duration::from_secs(10);
 /// Largest clock deviation that counts as drift, milliseconds.
 const MAX_DRIFT_MS: i64 = 2000;
 
-/// Clock and last reading.
 pub(crate) struct Heartbeat {
     pub(crate) started: Instant,
     last: Mutex<Option<ClockReading>>,
@@ -27,7 +26,6 @@ struct ClockReading {
     recorded: Duration,
 }
 
-/// DueActions actions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct DueActions {
     record_alive: bool,
@@ -50,18 +48,14 @@ impl Heartbeat {
         let set_by_ms = (now_unix_ms - before.now_unix_ms).saturating_sub(passed_ms);
         let clock_set_by_ms = if set_by_ms.abs() > MAX_DRIFT_MS { set_by_ms } else { 0 };
         let record_alive = clock_set_by_ms != 0 || age.saturating_sub(before.recorded) >= INTERVAL;
-        *last = Some(ClockReading {
-            now_unix_ms,
-            age,
-            recorded: if record_alive { age } else { before.recorded },
-        });
+        let recorded = if record_alive { age } else { before.recorded };
+        *last = Some(ClockReading { now_unix_ms, age, recorded });
         DueActions { record_alive, clock_set_by_ms }
     }
 }
 
 impl Arena {
-    /// Returns the open runs past their deadline at wall clock `now_unix_ms` and uptime `age`. Deadlines follow
-    /// clock changes since the last call.
+    /// Returns the runs past their deadline at uptime `age`. Deadlines follow changes of the wall clock.
     pub async fn overdue_at(&self, now_unix_ms: i64, age: Duration) -> Result<Vec<String>, Refusal> {
         let due = self.heartbeat.read(now_unix_ms, age);
         if due.clock_set_by_ms != 0 {

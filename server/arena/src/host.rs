@@ -43,8 +43,7 @@ impl Host for Arena {
     }
 
     async fn account(&self, token: &str) -> Result<Account, Refusal> {
-        let state = self.store.find_token(token, now_unix_ms()).await.map_err(refusal)?;
-        account_of(state)
+        account_of(self.store.find_token(token, now_unix_ms()).await.map_err(refusal)?)
     }
 
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
@@ -75,8 +74,7 @@ impl Host for Arena {
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
-        let quotas = self.store.quotas(&account.team, phase, now_unix_ms()).await.map_err(refusal)?;
-        Ok(quotas)
+        self.store.quotas(&account.team, phase, now_unix_ms()).await.map_err(refusal)
     }
 
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
@@ -171,7 +169,6 @@ impl Arena {
         Ok(())
     }
 
-    /// Returns a run's status for the team.
     async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
         let run = self.store.run(&view.line.run).await.map_err(refusal)?;
@@ -179,7 +176,6 @@ impl Arena {
         Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
     }
 
-    /// Describes a run for the client.
     pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let phase = self.phase(&run.phase).await?;
         Ok(OpenRun {
@@ -207,18 +203,15 @@ impl Arena {
         })
     }
 
-    /// Returns the present phases.
     async fn now(&self) -> Result<PhaseList, Refusal> {
         self.phases.now(&self.store).await.map_err(Refusal::internal)
     }
 
-    /// Returns a run's phase.
     pub(crate) async fn phase(&self, phase: &str) -> Result<Arc<HostedPhase>, Refusal> {
         let found = find_phase(&self.now().await?, phase);
         found.ok_or_else(|| Refusal::internal(format!("phase '{phase}' is not hosted")))
     }
 
-    /// Returns the phase requested by a team.
     async fn stage_for(&self, phase: &str, account: &Account) -> Result<Arc<HostedPhase>, Refusal> {
         if let Some(found) = find_phase(&self.now().await?, phase) {
             return Ok(found);

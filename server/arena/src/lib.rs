@@ -64,7 +64,6 @@ pub struct Arena {
     scenes: Arc<SceneCache>,
     open_episodes: Mutex<OpenEpisodes>,
     logs: Arc<RunLogs>,
-    /// Signing key for ended runs.
     key: Arc<SigningKey>,
     /// Permit for prefetching, a single one.
     prefetching: Arc<Semaphore>,
@@ -81,8 +80,7 @@ pub struct Arena {
 type PendingReturns = BTreeSet<(String, String)>;
 
 impl Arena {
-    /// Reads a data folder's phases and splits. Prepared scenes use `scene_memory_mib` MiB; scenes in use may
-    /// exceed it.
+    /// Reads phases and splits. Prepared scenes use `scene_memory_mib` MiB; scenes in use may exceed it.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
@@ -116,22 +114,17 @@ impl Arena {
         Self { budget, ..self }
     }
 
-    /// Injects faults, for tests: calls `inject` on the simulator thread before every step, with the step
-    /// count.
+    /// Injects faults, for tests: calls `inject` on the simulator thread before a step, with the step count.
     pub fn with_fault_injection(self, inject: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { faults: Some(Arc::new(inject)), ..self }
     }
 
-    /// Adds an observer, for tests and tools: calls `watch` on the simulator thread before every observation,
-    /// with episode handle and referee.
+    /// Adds an observer, for tests and tools: called on the simulator thread before every observation.
     pub fn with_observer(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
         Self { observer: Some(Arc::new(watch)), ..self }
     }
 
     /// Stops new runs and allows open episodes `patience` to end. The next server extends deadlines by the downtime.
-    ///
-    /// # Errors
-    /// If the database fails; the server then continues.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
         self.store.record_drain(reason, now_unix_ms()).await?;
         self.control.drain(reason, patience);

@@ -27,8 +27,7 @@ impl<K: PartialEq, T> LruCache<K, T> {
         Self { budget_bytes, bytes_of, entries: Mutex::default() }
     }
 
-    /// Returns the value for `key`, and true if it was created now. The last value always stays; values in
-    /// use stay and count.
+    /// Returns the value for `key`, and true if it was created now. The last value always stays.
     pub(crate) fn get<E>(&self, key: K, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
         let slot = self.to_front(key);
         // Only the slot is locked meanwhile: creation takes seconds, and other keys stay available.
@@ -43,7 +42,6 @@ impl<K: PartialEq, T> LruCache<K, T> {
         lock(&self.entries).iter().map(|entry| entry.bytes(self.bytes_of)).sum()
     }
 
-    /// Moves the entry for `key` to the front.
     fn to_front(&self, key: K) -> SharedSlot<T> {
         let mut entries = lock(&self.entries);
         let found = entries.iter().position(|entry| entry.key == key).and_then(|index| entries.remove(index));
@@ -94,7 +92,6 @@ impl<K, T> CacheEntry<K, T> {
     }
 }
 
-/// Returns the existing or a created value.
 fn fill<T, E>(slot: &mut Option<Arc<T>>, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
     if let Some(ready) = slot {
         return Ok((ready.clone(), false));

@@ -18,14 +18,7 @@ use std::{fmt, sync::Arc, time::Duration};
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
-/// A running server's management.
-pub(crate) struct ArenaManagement(Arc<Arena>);
-
-impl ArenaManagement {
-    pub(crate) fn new(arena: Arc<Arena>) -> Self {
-        Self(arena)
-    }
-}
+pub(crate) struct ArenaManagement(pub(crate) Arc<Arena>);
 
 impl fmt::Debug for ArenaManagement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -77,7 +70,6 @@ fn done(words: String) -> Answer {
     Ok(ActionOutcome { message: words, secret: None })
 }
 
-/// Executes a team action.
 async fn act(arena: &Arena, member: &TeamCredential, action: TeamAction) -> Answer {
     let actor = format!("token {} of team {}", member.token, member.team);
     match action {
@@ -142,7 +134,6 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
     done(format!("Run {run} is cancelled."))
 }
 
-/// Executes an organiser action.
 async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction) -> Answer {
     let actor = format!("token {} of the organiser", origin.token);
     let by = Attribution { actor: &actor, reason: &origin.reason };
@@ -164,16 +155,13 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
             done(format!("Team {team} has {runs} more runs in phase {phase}."))
         }
         OrganiserAction::Verify { run, verified } => {
-            let words = actions::verify(&arena.store, &run, verified, by).await?;
-            done(sentence(&words))
+            done(sentence(&actions::verify(&arena.store, &run, verified, by).await?))
         }
         OrganiserAction::Disqualify(run) => {
-            let words = actions::disqualify(&arena.store, &run, true, by).await?;
-            done(sentence(&words))
+            done(sentence(&actions::disqualify(&arena.store, &run, true, by).await?))
         }
         OrganiserAction::Reinstate(run) => {
-            let words = actions::disqualify(&arena.store, &run, false, by).await?;
-            done(sentence(&words))
+            done(sentence(&actions::disqualify(&arena.store, &run, false, by).await?))
         }
         of_phase => rule_phase(arena, by, of_phase).await,
     }
@@ -182,16 +170,12 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     let (store, now) = (&arena.store, now_unix_ms());
     let secret = actions::admit(store, team, None, now).await?;
-    store
-        .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
-        .await?;
-    Ok(ActionOutcome {
-        message: format!("Team {team} is admitted, and has a new account token."),
-        secret: Some(secret),
-    })
+    let admitted = note(actor, format!("team {team}"), "admitted, token for account", reason);
+    store.add_audit_note(admitted, now).await?;
+    let message = format!("Team {team} is admitted, and has a new account token.");
+    Ok(ActionOutcome { message, secret: Some(secret) })
 }
 
-/// Converts a message to a sentence.
 fn sentence(words: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
@@ -226,7 +210,6 @@ async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction)
     }
 }
 
-/// Live status from the gRPC server.
 #[derive(Clone, Debug)]
 pub(crate) struct ControlStatus(pub(crate) Control);
 

@@ -24,10 +24,6 @@ struct Scrape {
     faults: u64,
 }
 
-/// Returns all metrics.
-///
-/// # Errors
-/// If a value cannot be encoded.
 pub(crate) fn metrics_text(arena: &Arena, census: Census) -> Result<String, fmt::Error> {
     let (control, watchdog) = (arena.control(), arena.control().watchdog());
     let scrape = Scrape {
@@ -61,12 +57,8 @@ impl Collector for Scrape {
         self.encode_live(&mut encoder)?;
         gauge(&mut encoder, "avln_scene_bytes", "Memory of prepared scenes.", &self.scene_bytes)?;
         gauge(&mut encoder, "avln_hanging", "Abandoned threads that still simulate.", &self.hanging)?;
-        counter(
-            &mut encoder,
-            "avln_given_up",
-            "Abandoned simulations since the server start.",
-            &self.given_up,
-        )?;
+        let given_up = "Abandoned simulations since the server start.";
+        counter(&mut encoder, "avln_given_up", given_up, &self.given_up)?;
         let faults = "Server faults, such as database failures, since the server start.";
         counter(&mut encoder, "avln_faults", faults, &self.faults)
     }

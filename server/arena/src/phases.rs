@@ -13,7 +13,6 @@ use avln_world::{Cache, SceneAssets};
 use std::{collections::BTreeMap, sync::Arc};
 use tokio::sync::Mutex;
 
-/// A phase with missions, sound clips and head model.
 pub(crate) struct HostedPhase {
     pub(crate) settings: Phase,
     pub(crate) split: Arc<SplitFolder>,
@@ -23,12 +22,10 @@ pub(crate) struct HostedPhase {
 /// All phases in the organiser's order.
 pub(crate) type PhaseList = Arc<Vec<Arc<HostedPhase>>>;
 
-/// Returns the phase `id`.
 pub(crate) fn find_phase(phases: &PhaseList, id: &str) -> Option<Arc<HostedPhase>> {
     phases.iter().find(|phase| phase.settings.id == id).cloned()
 }
 
-/// A data folder's current phases.
 pub(crate) struct PhaseCatalog {
     data: DataFolder,
     /// Newest audit entry at the last reading, and the phases.
@@ -36,7 +33,6 @@ pub(crate) struct PhaseCatalog {
 }
 
 impl PhaseCatalog {
-    /// Reads all phases.
     pub(crate) async fn open(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
         // Before the phases: a change during the reading leads to another reading.
         let change = store.newest_audit_id().await?;
@@ -174,7 +170,6 @@ impl HostedPhase {
         Err(format!("the run was played with {name} '{}'; here it is '{}'", word(then), word(&now)))
     }
 
-    /// Returns the digest over all rules.
     pub(crate) fn config_digest(&self) -> String {
         let rules = serde_json::to_vec(self.rules()).unwrap_or_default();
         blake3::hash(&rules).to_hex().to_string()
@@ -211,9 +206,6 @@ impl SceneCache {
     }
 
     /// Returns a scene, prepared for the rules' body, and true if it was prepared now, with much processor time.
-    ///
-    /// # Errors
-    /// If the scene is unreadable or changed, or no body can move in it.
     pub(crate) fn get(
         &self,
         scene: &SceneSpec,

@@ -2,8 +2,7 @@
 
 use crate::{
     episodes::prepare_referee,
-    phases::SceneCache,
-    phases::{HostedPhase, PhaseCatalog, find_phase},
+    phases::{HostedPhase, PhaseCatalog, SceneCache, find_phase},
 };
 use avln_episode::{Observation, Sensors};
 use avln_geom::{Vector3, angle};
@@ -18,7 +17,6 @@ use tokio::task::spawn_blocking;
 /// Memory limit for replayed scenes, bytes; the last scene always stays.
 const SCENE_BYTES: usize = 512 << 20;
 
-/// Renderer for visitors.
 pub(crate) struct SceneRenderer {
     store: Store,
     phases: Arc<PhaseCatalog>,
@@ -74,7 +72,6 @@ fn render_error(error: impl fmt::Display) -> RenderError {
     RenderError(error.to_string())
 }
 
-/// Replays the recorded actions with audio only.
 fn render_sound(
     phase: &HostedPhase,
     scenes: &SceneCache,
@@ -90,10 +87,8 @@ fn render_sound(
     for step in &record.steps {
         let observation = referee.step(step.action).map_err(render_error)?.observation;
         if referee.state_hash() != step.state_hash {
-            return Err(RenderError(format!(
-                "step {} leads to another state than recorded",
-                referee.steps()
-            )));
+            let step = referee.steps();
+            return Err(RenderError(format!("step {step} leads to another state than recorded")));
         }
         append(&mut sound, observation)?;
     }

@@ -1,8 +1,11 @@
 //! Recorded runs, replayed and rescored.
 
 use crate::{
-    BENCHMARK_VERSION, Failure, data::DataFolder, episodes::prepare_referee, phases::HostedPhase,
-    phases::SceneCache, runlog::EpisodeHistory,
+    BENCHMARK_VERSION, Failure,
+    data::DataFolder,
+    episodes::prepare_referee,
+    phases::{HostedPhase, SceneCache},
+    runlog::EpisodeHistory,
 };
 use avln_episode::{Order, Rules, Sensors};
 use avln_scoring::{Metrics, Summary, score};
@@ -55,11 +58,8 @@ impl Comparison {
     }
 }
 
-/// Rescores a run. The original scores stay; the new ones are stored under the scorer's version, unless that
-/// version scored the run first.
-///
-/// # Errors
-/// If facts were pruned, the phase is unknown, or the database fails.
+/// Rescores a run with unpruned facts. The original scores stay; the new ones are stored under the scorer's
+/// version, unless that version scored the run first.
 pub async fn rescore(
     store: &Store,
     run: &Run,
@@ -119,10 +119,7 @@ impl Replayer {
         })
     }
 
-    /// Compares a run's digests with the present ones.
-    ///
-    /// # Errors
-    /// If a digest that affects scores differs; the message names it.
+    /// Compares the digests that affect scores with the present ones; the error names the difference.
     pub fn check_digests(&self, then: &BTreeMap<String, String>) -> Result<(), Failure> {
         self.phase.check_digests(then, &["benchmark", "split", "config"]).map_err(|difference| {
             Failure::run(difference)
@@ -130,10 +127,7 @@ impl Replayer {
         })
     }
 
-    /// Replays an episode; returns the metrics if it has ended and counts.
-    ///
-    /// # Errors
-    /// If a state differs from the log.
+    /// Replays an episode; returns the metrics if it has ended and counts. Fails if a state differs.
     pub fn replay(&self, history: &EpisodeHistory) -> Result<Option<Metrics>, String> {
         let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
         let referee = prepare_referee(&self.phase, &self.scenes, &history.episode, self.order, blind);

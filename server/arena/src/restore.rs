@@ -35,7 +35,6 @@ impl Arena {
         Ok(runs.into_iter().collect())
     }
 
-    /// Reads a run's history from the log.
     async fn history(&self, run: &str) -> Result<(History, BTreeMap<String, EpisodeHistory>), Refusal> {
         let (logs, run) = (self.logs.clone(), run.to_owned());
         let read = spawn_blocking(move || {
@@ -52,7 +51,6 @@ impl Arena {
         self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
-    /// Restores a run's episodes.
     pub(crate) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
         let phase = self.phase(&row.phase).await?;

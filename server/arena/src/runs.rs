@@ -20,7 +20,6 @@ pub struct IssuedRun {
 }
 
 impl IssuedRun {
-    /// Returns a new id and token.
     pub(crate) fn random() -> Result<Self, getrandom::Error> {
         Ok(Self { run: format!("run_{}", ids::random_hex()?), token: ids::new_token("run")? })
     }
@@ -42,9 +41,6 @@ pub struct SealedRunRequest<'a> {
 }
 
 /// Starts a run and records the enforced and the missing restrictions; `missing` may be empty.
-///
-/// # Errors
-/// If the phase is not open, the team is not allowed, the quota is used up, or the database fails.
 pub async fn start_sealed_run(
     data: &DataFolder,
     store: &Store,

@@ -98,10 +98,7 @@ impl Servers {
         Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
     }
 
-    /// Adds the admin server.
-    ///
-    /// # Errors
-    /// If the address is reachable from other machines, or used.
+    /// Adds the admin server; its address must not be reachable from other machines.
     pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
         if !address.ip().is_loopback() {
             let message =
@@ -144,7 +141,7 @@ impl Servers {
             logs: Some(SignedLogs { folder: arena.logs.folder().to_owned(), key: arena.key.public() }),
             replay_renderer: Some(arena.replay_renderer.clone()),
             live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
-            management: Some(Arc::new(ArenaManagement::new(arena.clone()))),
+            management: Some(Arc::new(ArenaManagement(arena.clone()))),
             trusted_proxies: self.trusted_proxies,
         };
         let grpc_server = avln_grpc::serve(agents, arena, self.limits, until(stopped.clone()));
@@ -225,7 +222,6 @@ async fn until(mut stopped: watch::Receiver<bool>) {
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }
 
-/// Waits for Ctrl-C or the service manager's termination signal.
 async fn signalled() {
     #[cfg(unix)]
     {

@@ -107,7 +107,6 @@ pub async fn make_split(
     Ok(split)
 }
 
-/// Builds the scenes in order and draws their missions.
 fn build_split(
     new: &NewSplit,
     cache: &Arc<dyn Cache>,
@@ -285,13 +284,12 @@ pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure>
 }
 
 fn goal_text(goal: PublicGoal) -> GoalText {
-    match goal {
-        PublicGoal::Category(label) => GoalText { modality: Modality::Category, text: Some(label) },
-        PublicGoal::Description(sentence) => {
-            GoalText { modality: Modality::Description, text: Some(sentence) }
-        }
-        PublicGoal::Image => GoalText { modality: Modality::Image, text: None },
-    }
+    let (modality, text) = match goal {
+        PublicGoal::Category(label) => (Modality::Category, Some(label)),
+        PublicGoal::Description(sentence) => (Modality::Description, Some(sentence)),
+        PublicGoal::Image => (Modality::Image, None),
+    };
+    GoalText { modality, text }
 }
 
 /// Returns a split's rule set.

@@ -18,9 +18,7 @@ use std::time::Instant;
 const EYE_M: f32 = 1.0;
 /// Repetitions per picture; the fastest counts.
 const ROUNDS: usize = 5;
-/// Default picture sides, pixels.
 const SIDES_PX: [u32; 3] = [128, 256, 512];
-/// Seed for positions and headings.
 const SEED: u64 = 1;
 
 #[derive(Debug, Args)]
@@ -41,7 +39,6 @@ pub(crate) struct BenchArgs {
     json: bool,
 }
 
-/// Benchmark results.
 #[derive(Debug, Serialize)]
 struct BenchReport {
     scene: String,
@@ -76,20 +73,15 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         say!("{}", text(&report)?);
         return Ok(());
     }
+    let BenchReport { scene, triangles, textures, eyes, frames, hfov_deg, clock, .. } = &report;
     say!(
-        "{}: {} triangles, {} textures of {:.1} MB",
-        report.scene,
-        report.triangles,
-        report.textures,
+        "{scene}: {triangles} triangles, {textures} textures of {:.1} MB",
         report.texture_bytes as f64 / 1e6
     );
-    say!(
-        "ready in {:.0} ms, {:.1} MB resident, {:.0} bytes a triangle without textures",
-        report.prepare_s * 1e3,
-        report.resident_bytes as f64 / 1e6,
-        report.geometry_bytes_per_triangle
-    );
-    say!("{} pictures of {} degrees, {}; {}", report.frames, report.hfov_deg, report.eyes, report.clock);
+    let (ready_ms, resident_mb) = (report.prepare_s * 1e3, report.resident_bytes as f64 / 1e6);
+    let geometry = format!("{:.0} bytes a triangle without textures", report.geometry_bytes_per_triangle);
+    say!("ready in {ready_ms:.0} ms, {resident_mb:.1} MB resident, {geometry}");
+    say!("{frames} pictures of {hfov_deg} degrees, {eyes}; {clock}");
     for rate in &report.sizes {
         let Rate { width, height, frames_per_s, mean_ms } = rate;
         say!(
@@ -132,7 +124,6 @@ fn measure(args: &BenchArgs) -> Result<BenchReport, Failure> {
     })
 }
 
-/// Renders all pictures in turn, several times.
 fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     for _ in 0..ROUNDS {
@@ -149,10 +140,8 @@ fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
 
 /// Returns random level cameras, and a description of their positions.
 fn poses(scene: &Scene, count: usize) -> Result<(Vec<CameraPose>, &'static str), Failure> {
-    let middle = scene
-        .bounds()
-        .map(|bounds| bounds.center())
-        .ok_or_else(|| Failure::scene(format!("scene '{}' has no triangle to see", scene.name)))?;
+    let empty = || Failure::scene(format!("scene '{}' has no triangle to see", scene.name));
+    let middle = scene.bounds().ok_or_else(empty)?.center();
     let navmesh = NavMesh::build_with(scene, &Default::default()).ok();
     let mut rng = Rng::new(SEED);
     let mut pose = || {

@@ -39,13 +39,11 @@ pub(super) struct PictureSize {
     pub(super) height: u32,
 }
 
-/// Horizontal field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hfov {
     pub(super) degrees: f64,
 }
 
-/// Camera position and orientation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct CameraPose {
     pub(super) eye: Point3<f32>,
@@ -70,7 +68,6 @@ impl PictureSize {
 
 impl FromStr for PictureSize {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let sides = words.split_once(['x', 'X']);
         let sides = sides.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
@@ -91,7 +88,6 @@ impl Hfov {
 
 impl FromStr for Hfov {
     type Err = String;
-
     fn from_str(word: &str) -> Result<Self, String> {
         Self::new(word.parse().map_err(|_| "write degrees, such as 90")?)
     }
@@ -99,7 +95,6 @@ impl FromStr for Hfov {
 
 impl FromStr for MaxDepth {
     type Err = String;
-
     fn from_str(word: &str) -> Result<Self, String> {
         let metres = word.parse().ok().filter(|metres: &f32| *metres > 0.0 && metres.is_finite());
         metres.map(Self).ok_or_else(|| "write metres above 0, such as 10".to_owned())
@@ -108,7 +103,6 @@ impl FromStr for MaxDepth {
 
 impl FromStr for CameraPose {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let values: Vec<f64> = numbers(words, &[','])?;
         let (place, heading_deg, pitch_deg) = match *values.as_slice() {
@@ -203,7 +197,6 @@ pub(crate) struct RenderArgs {
     threads: Option<u16>,
 }
 
-/// A picture with output files.
 struct Shot {
     camera: Camera,
     files: PictureFiles,
@@ -215,7 +208,9 @@ pub(super) fn run(data: &Path, args: &RenderArgs) -> Result<(), Failure> {
     if let Some(folder) = &args.out_dir {
         std::fs::create_dir_all(folder).map_err(|error| cannot_write(folder, error))?;
     }
-    take(&scene_renderer.renderer, &shots, &args.noise(), args.threads())?;
+    let noise = Noise { depth: args.depth_noise, rgb: args.rgb_noise, seed: args.noise_seed };
+    let threads = args.threads.map_or_else(processors, usize::from);
+    take(&scene_renderer.renderer, &shots, &noise, threads)?;
     match (&args.out_dir, shots.as_slice()) {
         (Some(folder), _) => say!("{} pictures in {}", shots.len(), folder.display()),
         (None, shots) => {
@@ -235,7 +230,6 @@ impl RenderArgs {
         Ok(vec![Shot { camera: camera(pose, self.size, self.hfov, self.max_depth), files }])
     }
 
-    /// Reads pictures from a pose file.
     fn many(&self, file: &Path, folder: &Path) -> Result<Vec<Shot>, Failure> {
         let entries: Vec<Value> = read(file, "an array of poses")?;
         let digits = entries.len().saturating_sub(1).to_string().len().max(3);
@@ -249,14 +243,6 @@ impl RenderArgs {
             })
         };
         entries.iter().enumerate().map(shot).collect()
-    }
-
-    fn noise(&self) -> Noise {
-        Noise { depth: self.depth_noise, rgb: self.rgb_noise, seed: self.noise_seed }
-    }
-
-    fn threads(&self) -> usize {
-        self.threads.map_or_else(processors, usize::from)
     }
 }
 
@@ -293,7 +279,6 @@ fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> R
     })
 }
 
-/// A picture's output files.
 struct PictureFiles {
     rgb: Option<PathBuf>,
     depth: Option<PathBuf>,
@@ -301,7 +286,6 @@ struct PictureFiles {
 }
 
 impl PictureFiles {
-    /// Returns all files for picture `number`.
     fn numbered(folder: &Path, number: &str) -> Self {
         let file = |ending: &str| Some(folder.join(format!("{number}.{ending}")));
         Self { rgb: file("rgb.png"), depth: file("depth.npy"), ids: file("ids.npy") }
@@ -328,7 +312,6 @@ impl PictureFiles {
     }
 }
 
-/// Creates a file and fills it.
 fn written<E: Display>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
@@ -349,7 +332,6 @@ struct PoseEntry {
 }
 
 impl PoseEntry {
-    /// Parses an entry.
     fn from_json(entry: &Value) -> Result<Self, String> {
         let fields = entry.as_object().ok_or("it is no object")?;
         if let Some(name) = fields.keys().find(|name| !FIELDS.contains(&name.as_str())) {

@@ -25,7 +25,6 @@ use std::{
 /// Samples per step: 0.25 s.
 const STEP_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 4;
 
-/// Steps per walk.
 const MOST_STEPS: usize = 4000;
 
 #[derive(Debug, Args)]
@@ -56,7 +55,6 @@ pub(crate) struct ListenArgs {
     out: PathBuf,
 }
 
-/// A pose file.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum PoseFile {
@@ -78,10 +76,9 @@ pub(super) fn run_listen(args: &ListenArgs) -> Result<(), Failure> {
     let mut heard = [Vec::new(), Vec::new()];
     for (listener, sounding) in turns.chain(ringing) {
         let step = ears.hear(&listener, sounding);
-        heard
-            .iter_mut()
-            .zip(step.chunks_exact(STEP_SAMPLES))
-            .for_each(|(all, ear)| all.extend_from_slice(ear));
+        for (all, ear) in heard.iter_mut().zip(step.chunks_exact(STEP_SAMPLES)) {
+            all.extend_from_slice(ear);
+        }
     }
     let channels = heard.each_ref().map(Vec::as_slice);
     write_wav(&args.out, &channels[..usize::from(args.hearing.channels())])?;
@@ -96,20 +93,14 @@ impl ListenArgs {
         let (PoseFile::Walked { poses } | PoseFile::Plain(poses)) = read(&self.poses, what)?;
         if !(1..=MOST_STEPS).contains(&poses.len()) {
             let why = format!("it contains {} poses", poses.len());
-            return Err(unusable(
-                &self.poses,
-                why,
-                format!("write 1 to {MOST_STEPS} poses, one for each step"),
-            ));
+            let hint = format!("write 1 to {MOST_STEPS} poses, one for each step");
+            return Err(unusable(&self.poses, why, hint));
         }
         let head = |(index, pose): (usize, &[f64; 4])| {
             let [x, y, z, heading_deg] = *pose;
             if !pose.iter().all(|value| value.abs() < 1e6) {
-                return Err(unusable(
-                    &self.poses,
-                    format!("pose {index} is out of reach"),
-                    "write metres and degrees",
-                ));
+                let why = format!("pose {index} is out of reach");
+                return Err(unusable(&self.poses, why, "write metres and degrees"));
             }
             let base = Point3::new(x as f32, y as f32, z as f32);
             Ok(listener_at(&StartPose { position: base + Vector3::y() * self.ear_height, heading_deg }))
@@ -194,20 +185,17 @@ impl HearingArgs {
         Ok(audio::read_head(file)?.1)
     }
 
-    /// Returns the output channel count.
     pub(super) fn channels(&self) -> u16 {
         if self.omni { 1 } else { 2 }
     }
 }
 
-/// Returns the listener at a pose.
 pub(super) fn listener_at(start: &StartPose) -> Listener {
     Listener { position: start.position, heading_rad: (start.heading_deg % 360.0).to_radians() as f32 }
 }
 
 impl FromStr for Position {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let values: Vec<f32> = numbers(words, &[','])?;
         match *values.as_slice() {
@@ -219,7 +207,6 @@ impl FromStr for Position {
 
 impl FromStr for Seconds {
     type Err = String;
-
     fn from_str(word: &str) -> Result<Self, String> {
         let seconds = word.parse().ok().filter(|seconds| (0.01..=20.0).contains(seconds));
         seconds.map(Self).ok_or_else(|| "write seconds from 0.01 to 20".to_owned())
@@ -269,7 +256,6 @@ pub(crate) struct RirArgs {
     json: bool,
 }
 
-/// Impulse response measures.
 #[derive(Debug, Serialize)]
 struct RirReport {
     /// Until the first wave passes the head's centre.
@@ -289,7 +275,6 @@ struct RirReport {
     length_s: f32,
 }
 
-/// A number per octave band.
 #[derive(Debug)]
 struct ByBand([Option<f64>; SURFACE_BANDS]);
 
@@ -325,12 +310,7 @@ pub(super) fn run_rir(args: &RirArgs) -> Result<(), Failure> {
 }
 
 impl RirReport {
-    fn new(
-        source: &Source,
-        listener: &avln_acoustics::Listener,
-        response: &ImpulseResponse,
-        length_s: f32,
-    ) -> Self {
+    fn new(source: &Source, listener: &Listener, response: &ImpulseResponse, length_s: f32) -> Self {
         let first = source.first_wave(listener);
         let delay_s = first.as_ref().map(|first| first.delay_s);
         let measures = Measures::of(response, delay_s.unwrap_or(0.0), f64::from(length_s));
@@ -355,10 +335,8 @@ impl RirReport {
             value.map_or_else(|| format!("{:>9}", "-"), |value| format!("{value:>9.digits$}"))
         };
         say!("first wave       {} ms", shown(self.direct_delay_s.map(|delay_s| delay_s * 1e3), 3));
-        say!(
-            "  from           {} degrees to the left",
-            shown(self.first_arrival_azimuth_deg.map(f64::from), 1)
-        );
+        let azimuth_deg = self.first_arrival_azimuth_deg.map(f64::from);
+        say!("  from           {} degrees to the left", shown(azimuth_deg, 1));
         say!("  left ear leads {} us", shown(self.itd_us, 0));
         say!("direct over rest {} dB", shown(self.drr_db, 1));
         say!("{:<17}{}", "Hz", BANDS.map(|band| format!("{band:>9}")).concat());

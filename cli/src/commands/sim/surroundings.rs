@@ -13,7 +13,6 @@ use clap::Args;
 use serde::Deserialize;
 use std::{path::PathBuf, str::FromStr, sync::Arc};
 
-/// Default absorption and scattering.
 const USUAL_ABSORPTION: f32 = 0.1;
 const USUAL_SCATTERING: f32 = 0.1;
 
@@ -62,7 +61,6 @@ struct Shares([f32; SURFACE_BANDS]);
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shoebox([f32; 3]);
 
-/// A test room file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Polygon {
@@ -70,7 +68,6 @@ struct Polygon {
     height_m: f32,
 }
 
-/// A building or test room with surfaces.
 pub(super) struct Surroundings {
     scene: Scene,
     surfaces: Surfaces,
@@ -79,12 +76,11 @@ pub(super) struct Surroundings {
 }
 
 impl SurroundingsArgs {
-    /// Opens or builds the surroundings.
     pub(super) fn open(&self) -> Result<Surroundings, Failure> {
         let plan = self.choice.plan()?;
         let scene = match &plan {
             Some(plan) => plan.scene(),
-            None => self.choice.scene()?,
+            None => open_or_build(self.choice.scene.as_deref(), self.choice.seed, Pool::default())?,
         };
         let alike = plan.is_some() || self.absorption.is_some() || self.scattering.is_some();
         let surfaces = match alike {
@@ -94,7 +90,6 @@ impl SurroundingsArgs {
         Ok(Surroundings { scene, surfaces, plan })
     }
 
-    /// The uniform surface.
     fn surface(&self) -> Surface {
         let shares = |given: Option<Shares>, usual| given.map_or([usual; SURFACE_BANDS], |shares| shares.0);
         Surface {
@@ -106,7 +101,6 @@ impl SurroundingsArgs {
 }
 
 impl SurroundingsChoice {
-    /// Reads the test room plan, if chosen.
     fn plan(&self) -> Result<Option<RoomPlan>, Failure> {
         if let Some(Shoebox([x_m, z_m, y_m])) = self.shoebox {
             let named = |error| Failure::scene(format!("--shoebox: {error}"));
@@ -118,10 +112,6 @@ impl SurroundingsChoice {
         let plan = RoomPlan::new(&polygon.vertices, polygon.height_m);
         plan.map(Some)
             .map_err(|error| unusable(file, error, format!("the file holds {what}; corner 0 is the first")))
-    }
-
-    fn scene(&self) -> Result<Scene, Failure> {
-        open_or_build(self.scene.as_deref(), self.seed, Pool::default())
     }
 }
 
@@ -142,7 +132,6 @@ impl Surroundings {
         Err(Failure::scene(message).hinted(hint))
     }
 
-    /// The acoustic model.
     pub(super) fn acoustics(&self, settings: Settings) -> Acoustics {
         let rays = Arc::new(RayMesh::new(&self.scene.mesh.positions, &self.scene.mesh.triangles));
         Acoustics::new(&self.scene, rays, self.surfaces.clone(), settings)
@@ -151,7 +140,6 @@ impl Surroundings {
 
 impl FromStr for Shares {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let values: Vec<f32> = numbers(words, &[','])?;
         if let Some(value) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
@@ -160,10 +148,8 @@ impl FromStr for Shares {
         match *values.as_slice() {
             [all] => Ok(Self([all; SURFACE_BANDS])),
             _ => values.as_slice().try_into().map(Self).map_err(|_| {
-                format!(
-                    "{} shares; write one, or six for 125, 250, 500, 1000, 2000 and 4000 Hz",
-                    values.len()
-                )
+                let count = values.len();
+                format!("{count} shares; write one, or six for 125, 250, 500, 1000, 2000 and 4000 Hz")
             }),
         }
     }
@@ -171,7 +157,6 @@ impl FromStr for Shares {
 
 impl FromStr for Shoebox {
     type Err = String;
-
     fn from_str(words: &str) -> Result<Self, String> {
         let values = numbers(words, &['x', 'X'])?;
         let count = values.len();

@@ -42,7 +42,6 @@ pub struct ArchivedFile {
 }
 
 impl Manifest {
-    /// Returns an empty manifest.
     pub(super) fn new(schema: i64, made_ms: i64) -> Self {
         let server = env!("CARGO_PKG_VERSION").to_owned();
         Self { format: FORMAT, server, schema, made_ms, files: BTreeMap::new() }
@@ -54,7 +53,6 @@ impl Manifest {
     }
 }
 
-/// An archive writer.
 pub(super) struct Writer<W: Write> {
     archive: tar::Builder<W>,
     manifest: Manifest,
@@ -65,7 +63,6 @@ impl<W: Write> Writer<W> {
         Self { archive: tar::Builder::new(to), manifest }
     }
 
-    /// Adds a file with `bytes` bytes.
     pub(super) fn add(&mut self, path: &str, bytes: u64, from: impl Read) -> io::Result<()> {
         let mut from = Hashed::new(from.take(bytes));
         self.archive.append_data(&mut self.header(bytes), path, &mut from)?;
@@ -93,9 +90,6 @@ impl<W: Write> Writer<W> {
 }
 
 /// Reads and verifies an archive. Calls `take` with relative path and content for every file.
-///
-/// # Errors
-/// If the archive is not a backup, is modified or truncated, or `take` fails.
 pub(super) fn read_archive(
     from: impl Read,
     mut take: impl FnMut(&Path, &mut dyn Read) -> io::Result<()>,
@@ -130,7 +124,6 @@ pub(super) fn read_archive(
     }
 }
 
-/// Verifies an archive.
 pub(super) fn check(from: &File) -> io::Result<Manifest> {
     read_archive(io::BufReader::new(from), |_, _| Ok(()))
 }
@@ -166,7 +159,6 @@ fn read_manifest(entry: impl Read) -> io::Result<Manifest> {
     }
 }
 
-/// A reader with a byte count and hash.
 struct Hashed<R> {
     from: R,
     bytes: u64,

@@ -1,7 +1,7 @@
 //! Run logs in backups, and pruning.
 
 use crate::{
-    Failure,
+    Failure, actions,
     backup::{Out, cannot_back_up},
     challenge::actor,
     data::DataFolder,
@@ -15,7 +15,6 @@ use std::{
     path::Path,
 };
 
-/// Adds the runs' logs.
 pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Result<(), Failure> {
     for run in runs {
         let path = folder.join(format!("{}.log", run.id));
@@ -39,7 +38,6 @@ pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Resu
 }
 
 /// Returns the log length known to the database copy, bytes: up to the first episode issued after the copy.
-///
 /// The log is at least as new as the copy. For known episodes, more steps do no harm, as after a crash. An
 /// unknown episode would begin twice, because the restored server issues it again.
 fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usize, String)> {
@@ -107,11 +105,8 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
         pruned.records = store.old_records(cutoff).await?;
     }
     let note = |what: &str, number: u64| AuditNote {
-        actor: actor(),
-        subject: format!("runs before {}", rfc3339(cutoff)),
-        what: what.to_owned(),
         before: Some(number.to_string()),
-        ..AuditNote::default()
+        ..actions::note(&actor(), format!("runs before {}", rfc3339(cutoff)), what, "")
     };
     if pruned.logs > 0 && !options.dry_run {
         store.add_audit_note(note("logs pruned", u64::from(pruned.logs)), now_unix_ms).await?;

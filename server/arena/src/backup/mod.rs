@@ -17,7 +17,6 @@ use std::{
 mod archive;
 mod logs;
 
-/// Database file.
 const DATABASE: &str = "avln.db";
 /// Other files in a backup.
 const FILES: [&str; 1] = ["signing.key"];
@@ -37,10 +36,7 @@ pub struct Contents {
     pub left_out: Vec<PathBuf>,
 }
 
-/// Writes a snapshot of `data` to the new file `to` and verifies it.
-///
-/// # Errors
-/// If the data folder is missing, `to` exists, or a file is unreadable, unwritable or damaged.
+/// Writes a snapshot of the data folder `data` to the new file `to` and verifies it.
 pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let database = data.join(DATABASE);
     if !database.is_file() {
@@ -74,7 +70,6 @@ fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Creates a private temporary folder.
 fn work_folder(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(prefix);
@@ -118,7 +113,6 @@ fn write(
 
 type Out<'a> = Writer<BufWriter<&'a File>>;
 
-/// Adds the file name to an error.
 fn cannot_back_up(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
     move |error| Failure::data(format!("cannot back up {}: {error}", path.display()))
 }
@@ -154,9 +148,6 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 
 /// Creates the data folder `to` from a backup, completely or not at all. An existing empty folder, such as a
 /// container volume, receives the database last.
-///
-/// # Errors
-/// If `to` is not empty, the backup is damaged or too new, or the folder is not writable.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
     let failed = |error: io::Error| Failure::data(format!("cannot restore to {}: {error}", to.display()));
     if is_occupied(to).map_err(failed)? {
@@ -182,7 +173,6 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
     Ok(Contents { manifest, inventory, left_out: left_out(to) })
 }
 
-/// Moves the unpacked files into place.
 fn move_into_place(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
     if !to.is_dir() {
         fs::rename(work.path(), to)?;
@@ -236,7 +226,6 @@ fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-/// Lists data outside the backup.
 fn left_out(data: &Path) -> Vec<PathBuf> {
     let names =
         |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());

@@ -115,10 +115,7 @@ pub enum Sensor {
 pub(super) const KEPT: &str = "kept:";
 
 impl ChallengeFile {
-    /// Parses a file.
-    ///
-    /// # Errors
-    /// If it is not TOML, or a key is unknown, missing or invalid.
+    /// Parses a TOML file; fails for an unknown, missing or invalid key.
     pub fn parse(text: &str) -> Result<Self, Fault> {
         toml::from_str(text).map_err(|error| Fault::of_toml(text, &error))
     }
@@ -304,7 +301,6 @@ impl KeyPath<'_> {
 }
 
 impl Fault {
-    /// Converts a TOML error.
     pub(super) fn of_toml(text: &str, error: &toml::de::Error) -> Self {
         let span = error.span().unwrap_or(0..text.len().min(1));
         Self { span: Some(span), path: Vec::new(), problem: error.message().trim().to_owned() }
@@ -352,16 +348,12 @@ fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
     for step in path {
         let next = match here {
             DeValue::Table(table) => {
-                table.into_iter().find(|(key, _)| key.get_ref() == step).map(|(key, value)| {
-                    let inner = value.into_inner();
-                    (key.span(), inner)
-                })
+                let found = table.into_iter().find(|(key, _)| key.get_ref() == step);
+                found.map(|(key, value)| (key.span(), value.into_inner()))
             }
             DeValue::Array(items) => {
-                let index: Option<usize> = step.parse().ok();
-                index
-                    .and_then(|index| items.into_iter().nth(index))
-                    .map(|item| (item.span(), item.into_inner()))
+                let item = step.parse().ok().and_then(|index| items.into_iter().nth(index));
+                item.map(|item| (item.span(), item.into_inner()))
             }
             _ => None,
         };

@@ -68,11 +68,9 @@ fn flatten(above: &str, value: &Value, into: &mut BTreeMap<String, String>) {
                 flatten(&key, value, into);
             }
         }
-        Value::String(text) => {
-            into.insert(above.to_owned(), text.clone());
-        }
-        other => {
-            into.insert(above.to_owned(), other.to_string());
+        leaf => {
+            let text = leaf.as_str().map_or_else(|| leaf.to_string(), str::to_owned);
+            into.insert(above.to_owned(), text);
         }
     }
 }

@@ -95,7 +95,15 @@ impl Planner<'_> {
         plan.left_out = before.into_iter().map(|phase| phase.id).filter(|id| !named(id)).collect();
         let known = self.store.split_names().await?;
         plan.splits = file.splits.clone().into_iter().filter(|(name, _)| !known.contains(name)).collect();
-        plan.notes.extend(plan.splits.iter().map(|(name, source)| self.taken_in(name, source)));
+        let taken_in = |(name, source): &(String, SplitSource)| AuditNote {
+            actor: actor(),
+            subject: format!("split {name}"),
+            what: "taken in".to_owned(),
+            after: Some(source.split.clone()),
+            reason: self.reason.to_owned(),
+            ..AuditNote::default()
+        };
+        plan.notes.extend(plan.splits.iter().map(taken_in));
         Ok(plan)
     }
 
@@ -116,7 +124,6 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// Opens the splits named in the file.
     fn splits(&self, file: &ChallengeFile) -> Result<BTreeMap<String, SplitFolder>, Fault> {
         let mut open = BTreeMap::new();
         for (name, SplitSource { dataset, split }) in &file.splits {
@@ -151,20 +158,8 @@ impl Planner<'_> {
         }
         Ok(())
     }
-
-    fn taken_in(&self, name: &str, source: &SplitSource) -> AuditNote {
-        AuditNote {
-            actor: actor(),
-            subject: format!("split {name}"),
-            what: "taken in".to_owned(),
-            before: None,
-            after: Some(source.split.clone()),
-            reason: self.reason.to_owned(),
-        }
-    }
 }
 
-/// A file entry during conversion to a phase.
 struct PhaseConversion<'a> {
     planner: &'a Planner<'a>,
     /// Index in the file, from 0.
@@ -230,9 +225,8 @@ impl PhaseConversion<'_> {
 
     fn check_texts(&self) -> Result<(), Fault> {
         let title = self.entry.title.as_deref().unwrap_or("x");
-        for (key, text, least, most) in
-            [("title", title, 1, 200), ("description", self.entry.description.as_str(), 0, 2000)]
-        {
+        let description = self.entry.description.as_str();
+        for (key, text, least, most) in [("title", title, 1, 200), ("description", description, 0, 2000)] {
             let length = text.chars().count();
             let printable = text.chars().all(|letter| !letter.is_control() || letter == '\n');
             if !(least..=most).contains(&length) || !printable {
@@ -361,7 +355,6 @@ impl PhaseConversion<'_> {
     }
 }
 
-/// Rejects repeated ids.
 fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
     let mut seen = BTreeSet::new();
     for (index, entry) in file.phases.iter().enumerate() {
@@ -387,7 +380,6 @@ fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
     old.chain((next..).take(new.len())).collect()
 }
 
-/// Joins message and hint on one line.
 fn one_line(failure: &Failure) -> String {
     failure.to_string().replace('\n', "; ")
 }

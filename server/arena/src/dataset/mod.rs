@@ -80,7 +80,6 @@ impl DatasetFiles {
         self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
     }
 
-    /// Parses a scene list.
     fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
         let name = self.scenes_path(&split.name).display().to_string();
         let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
@@ -117,10 +116,7 @@ impl DatasetFiles {
         Ok(page)
     }
 
-    /// Seals missions, truth and scene list in place; sealed files stay unchanged.
-    ///
-    /// # Errors
-    /// If the split is unknown, a file is sealed with another passphrase, or a file is not writable.
+    /// Seals missions, truth and scene list in place. Sealed files stay; they need the same passphrase.
     pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
         let manifest = self.manifest()?;
         let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
@@ -180,10 +176,7 @@ pub struct Sealed {
     pub before: usize,
 }
 
-/// Checks a scene or split name: names become file names.
-///
-/// # Errors
-/// If it has other characters than letters, digits, `-`, `_` and `.`, or is too long.
+/// Checks that a scene or split name can be a file name: up to 100 letters, digits, `-`, `_` and `.`.
 pub fn check_plain(name: &str) -> Result<(), Failure> {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
     if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
@@ -225,7 +218,6 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         .map_err(|error| Failure::file("write", path, error))
 }
 
-/// Limit for scenes with cached missions.
 const CACHED_SCENES: usize = 16;
 
 /// A split on disk. Missions are read per scene on demand.
@@ -239,7 +231,6 @@ pub struct SplitFolder {
     missions: usize,
     scenes: Vec<SceneLine>,
     by_name: BTreeMap<String, usize>,
-    /// Missions by scene index.
     cache: LruCache<usize, Vec<EpisodeSpec>>,
 }
 

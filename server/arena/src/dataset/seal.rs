@@ -16,7 +16,6 @@ use std::{
     sync::{Mutex, OnceLock, PoisonError},
 };
 
-/// File prefix.
 const MAGIC: &[u8] = b"avln sealed 1\n";
 const SALT_BYTES: usize = 16;
 const NONCE_BYTES: usize = 24;
@@ -27,11 +26,9 @@ const LANES: u32 = 4;
 /// Fewest letters and fewest different letters in a passphrase.
 const LEAST_LETTERS: usize = 16;
 const LEAST_DIFFERENT: usize = 8;
-/// Common placeholders.
 const COMMON_WORDS: &str =
     "password passphrase changeme secret letmein qwerty admin default example 12345 abcdef test";
 
-/// Environment variable for the passphrase file.
 const KEY_FILE: &str = "AVLN_SEAL_KEY_FILE";
 const KEY: &str = "AVLN_SEAL_KEY";
 
@@ -39,10 +36,7 @@ const KEY: &str = "AVLN_SEAL_KEY";
 pub struct Passphrase(String);
 
 impl Passphrase {
-    /// Checks a passphrase; surrounding white space is removed.
-    ///
-    /// # Errors
-    /// If it is short, repetitive, or consists mostly of common words.
+    /// Trims a passphrase; rejects a short or repetitive one, or one that is mostly common words.
     pub fn new(words: &str) -> Result<Self, Failure> {
         let words = words.trim();
         let weak = |why: String| {
@@ -91,7 +85,6 @@ impl Passphrase {
         std::env::var(KEY).ok().map(|words| Self::new(&words)).transpose()
     }
 
-    /// Derives the key for a salt.
     fn key(&self, salt: &[u8]) -> Result<Key, Failure> {
         let failed = |error: argon2::Error| Failure::internal(error);
         let params = Params::new(MEMORY_KIB, PASSES, LANES, Some(32)).map_err(failed)?;
@@ -102,16 +95,13 @@ impl Passphrase {
     }
 }
 
-/// Returns true for a repeated shorter text.
 fn is_repeated(words: &str) -> bool {
     let letters: Vec<char> = words.chars().collect();
     (1..=letters.len() / 2).any(|period| letters.iter().zip(&letters[period..]).all(|(a, b)| a == b))
 }
 
-/// A passphrase with derived keys.
 pub(super) struct Keyring {
     passphrase: Option<Passphrase>,
-    /// Derived keys by salt.
     keys: Mutex<BTreeMap<Vec<u8>, Key>>,
 }
 
@@ -123,13 +113,11 @@ impl Keyring {
     /// Returns the keys for the environment's passphrase, read once.
     fn of_environment() -> Result<&'static Self, Failure> {
         static RING: OnceLock<Keyring> = OnceLock::new();
-        match RING.get() {
-            Some(ring) => Ok(ring),
-            None => {
-                let passphrase = Passphrase::of_environment()?;
-                Ok(RING.get_or_init(|| Self::new(passphrase)))
-            }
+        if let Some(ring) = RING.get() {
+            return Ok(ring);
         }
+        let passphrase = Passphrase::of_environment()?;
+        Ok(RING.get_or_init(|| Self::new(passphrase)))
     }
 
     /// Returns the key for a salt, derived once; `None` without a passphrase.
@@ -162,7 +150,6 @@ impl Keyring {
         plain.map_err(|_| refused("wrong passphrase, or a changed file"))
     }
 
-    /// Encrypts `plain` as the file `path`.
     pub(super) fn seal(&self, salt: &Salt, path: &Path, plain: &[u8]) -> Result<Vec<u8>, Failure> {
         let key = self.key(&salt.0)?;
         let key = key.ok_or_else(|| Failure::data("a passphrase is needed for sealing"))?;
@@ -200,7 +187,6 @@ fn place(path: &Path) -> String {
     format!("{}/{}", name(path.parent()), name(Some(path)))
 }
 
-/// Returns true for sealed bytes.
 pub(super) fn is_sealed(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }

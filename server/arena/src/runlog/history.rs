@@ -69,18 +69,12 @@ pub enum LogError {
 
 impl History {
     /// Reads a log and verifies the hash chain.
-    ///
-    /// # Errors
-    /// If it is unreadable, damaged or modified.
     pub fn read(path: &Path) -> Result<Self, LogError> {
         let bytes = std::fs::read(path).map_err(|source| LogError::File { path: path.to_owned(), source })?;
         Self::parse(&bytes).map_err(|(line, what)| LogError::Line { path: path.to_owned(), line, what })
     }
 
-    /// Parses a log and verifies the hash chain.
-    ///
-    /// # Errors
-    /// If it is damaged or modified; with the line number, from 1.
+    /// Parses a log and verifies the hash chain; an error contains the line number, from 1.
     pub fn parse(bytes: &[u8]) -> Result<Self, (usize, String)> {
         let mut history = Self::default();
         let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
@@ -112,10 +106,7 @@ impl History {
         Ok(())
     }
 
-    /// Returns the episodes by handle.
-    ///
-    /// # Errors
-    /// If entries contradict each other; with the line number, from 1.
+    /// Returns the episodes by handle; an error contains the number of the contradictory line, from 1.
     pub fn episodes(&self) -> Result<BTreeMap<String, EpisodeHistory>, (usize, String)> {
         let mut episodes = BTreeMap::new();
         let mut slots: BTreeMap<u32, String> = BTreeMap::new();
@@ -165,7 +156,6 @@ impl EpisodeHistory {
     }
 }
 
-/// Applies an entry to the episode.
 fn follow(
     entry: &Entry,
     episodes: &mut BTreeMap<String, EpisodeHistory>,
@@ -186,9 +176,8 @@ fn follow(
                 critical: CriticalPhase::None,
                 ended: None,
             };
-            match episodes.insert(handle.clone(), begun) {
-                None => Ok(()),
-                Some(_) => Err(format!("episode {handle} starts twice")),
+            if episodes.insert(handle.clone(), begun).is_some() {
+                return Err(format!("episode {handle} starts twice"));
             }
         }
         Entry::Acted { slot, step, action, state, bank_us, .. } => {
@@ -202,7 +191,6 @@ fn follow(
             episode.actions.push((*action, state));
             episode.bank_left = Some(Duration::from_micros(*bank_us));
             (episode.step_crashes, episode.critical) = (0, CriticalPhase::None);
-            Ok(())
         }
         Entry::RestoreStarted { slot, handle, .. } => {
             slots.insert(*slot, handle.clone());
@@ -210,7 +198,6 @@ fn follow(
                 episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.count_crash();
             episode.critical = CriticalPhase::Restore;
-            Ok(())
         }
         Entry::RestoreDone { slot, .. } | Entry::StepAttempted { slot, .. } => {
             let episode = slots.get(slot).and_then(|handle| episodes.get_mut(handle));
@@ -220,14 +207,13 @@ fn follow(
             } else {
                 (episode.restore_crashes, episode.critical) = (0, CriticalPhase::None);
             }
-            Ok(())
         }
         Entry::Ended { handle, end, metrics, .. } => {
             let episode =
                 episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.ended = Some((*end, metrics.clone()));
-            Ok(())
         }
-        Entry::Run { .. } | Entry::ClockRestarted { .. } | Entry::Signed { .. } => Ok(()),
+        Entry::Run { .. } | Entry::ClockRestarted { .. } | Entry::Signed { .. } => {}
     }
+    Ok(())
 }

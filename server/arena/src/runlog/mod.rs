@@ -15,7 +15,6 @@ pub use writer::{RunLog, RunLogs, SigningKey, SlotLog, is_signed};
 mod history;
 mod writer;
 
-/// Number of hash digits per line.
 const DIGITS: usize = 32;
 
 /// Returns a line's digits; `before` is empty for the first line.

@@ -138,9 +138,7 @@ impl RunLog {
     }
 
     /// Writes an entry. It survives a process crash, and after the next [`RunLog::sync`] a machine crash.
-    ///
-    /// # Errors
-    /// If it cannot be written; the log is then unchanged.
+    /// After an error the log is unchanged.
     pub fn write(&self, entry: &Entry) -> io::Result<()> {
         let json = serde_json::to_string(entry)?;
         let mut end = self.end.lock().unwrap_or_else(PoisonError::into_inner);
@@ -212,17 +210,14 @@ fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
 }
 
-/// Secret key size, bytes.
 const SEED_BYTES: usize = 32;
 
 /// The server's Ed25519 key (RFC 8032).
+#[derive(Debug)]
 pub struct SigningKey(Ed25519KeyPair);
 
 impl SigningKey {
-    /// Reads a key, or creates it, readable by the owner only.
-    ///
-    /// # Errors
-    /// If the file cannot be read or created, or does not contain exactly 32 bytes.
+    /// Reads a key of exactly 32 bytes, or creates it, readable by the owner only.
     pub fn at(path: &Path) -> io::Result<Self> {
         match std::fs::read(path) {
             Ok(seed) => Self::from_seed(&seed),
@@ -261,12 +256,6 @@ impl SigningKey {
     /// Returns the signature over `head`, a line's digits, hexadecimal.
     pub fn sign(&self, head: &str) -> String {
         hex::encode(self.0.sign(head.as_bytes()))
-    }
-}
-
-impl std::fmt::Debug for SigningKey {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("SigningKey").field(&self.public()).finish()
     }
 }
 
