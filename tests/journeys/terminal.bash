@@ -1,13 +1,15 @@
-# Stands in for the terminal of somebody who types what a document says, in a folder of his own.
+# The shell of a reader who types the commands of a document in a new folder.
 set -euo pipefail
 
-# Starts what stays up, in place of what was up before, and waits until it says so.
+# Starts a server in place of the previous one, and waits until it is ready.
 host() {
     if [ -n "${HOSTING:-}" ]; then
         kill "$HOSTING" 2>/dev/null || true
         wait "$HOSTING" || true
     fi
-    "$AVLN_BIN" "$@" >host.txt 2>&1 &
+    # Emptied here: the background job truncates the file later than the first grep may read it.
+    : >host.txt
+    "$AVLN_BIN" "$@" >>host.txt 2>&1 &
     HOSTING=$!
     until grep -q '^Stop with' host.txt; do
         kill -0 "$HOSTING" 2>/dev/null || { cat host.txt >&2; return 1; }
@@ -36,7 +38,7 @@ avln() {
     esac
 }
 
-# The bridge stays up until it is stopped; here, once it listens.
+# Stops the bridge as soon as it listens.
 avln-bridge() {
     command avln-bridge "$@" >bridge.txt 2>&1 &
     local bridge=$!
@@ -47,14 +49,14 @@ avln-bridge() {
     kill "$bridge"
 }
 
-# An example of the repository, which is compiled with all tests.
+# An example program, compiled with the tests.
 example() {
     local program="$EXAMPLES/$1"
     [ -x "$program" ] || { echo "there is no $program; cargo build --workspace --examples makes it" >&2; return 1; }
     "$program" "${@:2}"
 }
 
-# What the server signs logs with, as its status tells it.
+# The server's public log key.
 log_key() {
     curl -fsS "http://$AVLN_WEB/api/v1/status" | grep -o '"log_key":"[^"]*"' | cut -d '"' -f 4
 }
