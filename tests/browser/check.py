@@ -10,12 +10,13 @@ from __future__ import annotations
 import sys
 import time
 
+from playwright.sync_api import sync_playwright
+
 import account
 import keyboard
 import links
 import pages
 import replay_sound
-from playwright.sync_api import sync_playwright
 
 PAGES_OF_A_KIND = 2
 

@@ -76,14 +76,14 @@ mod browser {
     }
 
     #[test]
-    fn the_style_of_the_checks_is_kept() {
+    fn checks_follow_the_style() {
         let rules = ["--no-cache", "--config", "../../client-sdk/python/pyproject.toml"];
         run("ruff", &[&["check"][..], &rules].concat(), &["ruff"]);
         run("ruff", &[&["format", "--check"][..], &rules].concat(), &["ruff"]);
     }
 
     #[test]
-    fn the_types_of_the_checks_hold() {
+    fn check_types_hold() {
         let rules = ["--strict", "--cache-dir", "/dev/null", "--config-file="];
         run("mypy", &rules, &["mypy", "playwright"]);
     }

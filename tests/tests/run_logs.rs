@@ -130,7 +130,7 @@ mod verification {
                 }
             }
         });
-        played.refused(&worth, &[], "is recorded as worth");
+        played.refused(&worth, &[], "the log contains");
         let other = SigningKey::at(&played.files.path().join("other.key")).expect("a key");
         RunLogs::at(worth.parent().expect("a folder")).sign("forged", &other).expect("a signature");
         played.refused(&worth, &["--key", &played.key], "not by");
