@@ -16,7 +16,7 @@ macro_rules! texts {
 }
 
 /// Documents as path and Markdown, those for participants first.
-const PATHS: [(&str, &str); 42] = texts![
+const PATHS: [(&str, &str); 43] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
     "docs/results.md",
@@ -59,6 +59,7 @@ const PATHS: [(&str, &str); 42] = texts![
     "docs/decisions/0018-pages-without-a-library.md",
     "docs/decisions/0019-own-inference-engine.md",
     "docs/decisions/0020-scene-readers.md",
+    "docs/decisions/0021-golden-files.md",
 ];
 
 static DOCUMENTS: LazyLock<Vec<Document>> =
