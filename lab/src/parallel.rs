@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_item_is_done_once_on_any_number_of_threads() {
+    fn items_are_done_once_on_any_thread_count() {
         let items: Vec<usize> = (0..100).collect();
         for threads in [1, 2, 8, 200] {
             let mut doubled = vec![0; items.len()];

@@ -59,15 +59,15 @@ def train(server: str, token: str, phase: str, steps: int, **options: Any) -> Ba
     return model
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """The command line."""
     program = parser("sb3_ppo", "Trains PPO on a practice phase")
     add_connection(program)
     add_run(program, method="ppo")
     program.add_argument("--steps", type=int, default=2000, help="steps of training [2000]")
     program.add_argument("--out", default="ppo.zip", help="where the policy is written [ppo.zip]")
-    options = program.parse_args()
-    rest = {"method": options.method, "order": options.order, "link": connect_options(options)}
+    options = program.parse_args(arguments)
+    rest = {"method": options.method, "order": options.order, "connect_options": connect_options(options)}
     train(options.server, options.token, options.phase, options.steps, **rest).save(options.out)
     print(f"wrote {options.out}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Callable
 
 import avln
-from avln.options import add_connection, add_run, connect_options, parser
+from avln.options import add_connection, add_run, begin_from, parser
 
 
 def main(agent: Callable[[], Any]) -> None:
@@ -15,14 +15,7 @@ def main(agent: Callable[[], Any]) -> None:
     add_connection(program)
     add_run(program, method=f"example-{name}")
     options = program.parse_args()
-    client, run = avln.begin_run(
-        options.server,
-        options.token,
-        options.phase,
-        options.method,
-        options.order,
-        connect_options=connect_options(options),
-    )
+    client, run = begin_from(options)
     with client:
         player = agent()
         print(avln.evaluate(client, run, player, player.sensors, on_end=lambda end: print(end.reason.value, end.steps)))

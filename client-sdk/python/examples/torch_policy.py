@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 import avln
-from avln.options import add_connection, add_run, connect_options, parser
+from avln.options import add_connection, add_run, begin_from, parser
 
 if TYPE_CHECKING:
     from avln.play import Episode, Play
@@ -89,14 +89,7 @@ def main() -> None:
     add_run(program, method="torch-policy")
     program.add_argument("--slots", type=int, default=4, help="episodes at the same time [4]")
     options = program.parse_args()
-    client, run = avln.begin_run(
-        options.server,
-        options.token,
-        options.phase,
-        options.method,
-        options.order,
-        connect_options=connect_options(options),
-    )
+    client, run = begin_from(options)
     with client:
         print(play_slots(client.play_slots(run, options.slots, SENSORS), Policy().eval()))
 

@@ -68,12 +68,14 @@ def test_the_map_of_a_corridor_is_free_ahead_and_blocked_at_its_end() -> None:
     assert len(way) > 1
 
 
-def test_ppo_trains_on_practice(endpoint: Endpoint) -> None:
-    pytest.importorskip("stable_baselines3", reason="pip install 'avln[sb3]'")
-    from sb3_ppo import train  # noqa: PLC0415
+def test_ppo_trains_on_practice(endpoint: Endpoint, tmp_path: Path) -> None:
+    stable_baselines3 = pytest.importorskip("stable_baselines3", reason="pip install 'avln[sb3]'")
+    from sb3_ppo import main  # noqa: PLC0415
 
-    model = train(endpoint.url, endpoint.token, PHASE, 2000)
-    assert model.num_timesteps >= 2000
+    out = tmp_path / "ppo.zip"
+    connection = ["--server", endpoint.url, "--token", endpoint.token, "--phase", PHASE]
+    main([*connection, "--steps", "2000", "--out", str(out)])
+    assert stable_baselines3.PPO.load(out).num_timesteps >= 2000
 
 
 def test_a_torch_policy_plays_slots_in_one_batch(client: avln.Client) -> None:

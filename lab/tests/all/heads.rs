@@ -80,14 +80,20 @@ async fn reopened(data: &DataFolder, store: &Store) -> Result<(), String> {
     Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.map(drop).map_err(|failure| failure.to_string())
 }
 
-#[tokio::test]
-async fn a_phase_keeps_its_head() {
-    let (home, dataset) = (TempDir::new().expect("a folder"), TempDir::new().expect("a folder"));
+/// Returns an empty data folder with its database, and writes the data set of the recipe.
+async fn with_dataset(home: &TempDir, dataset: &TempDir) -> (DataFolder, Store) {
     let recipe = Recipe::from_json(RECIPE).expect("a recipe");
     let builder = Builder::open(DatasetFiles::at(dataset.path()), recipe).expect("a free folder");
     builder.run(Some(1), None, |_| {}).expect("built");
     let data = DataFolder::open(home.path()).expect("writable");
     let store = data.store().await.expect("a database");
+    (data, store)
+}
+
+#[tokio::test]
+async fn a_phase_keeps_its_head() {
+    let (home, dataset) = (TempDir::new().expect("a folder"), TempDir::new().expect("a folder"));
+    let (data, store) = with_dataset(&home, &dataset).await;
     let given = home.path().join("left.sofa");
     write_head(&given, [1.0, 0.01]);
 
@@ -130,11 +136,7 @@ async fn a_phase_keeps_its_head() {
 #[tokio::test]
 async fn invalid_heads_are_refused() {
     let (home, dataset) = (TempDir::new().expect("a folder"), TempDir::new().expect("a folder"));
-    let recipe = Recipe::from_json(RECIPE).expect("a recipe");
-    let builder = Builder::open(DatasetFiles::at(dataset.path()), recipe).expect("a free folder");
-    builder.run(Some(1), None, |_| {}).expect("built");
-    let data = DataFolder::open(home.path()).expect("writable");
-    let store = data.store().await.expect("a database");
+    let (data, store) = with_dataset(&home, &dataset).await;
     let text = home.path().join("notes.txt");
     fs::write(&text, "no head").expect("a file");
     for (path, named) in [(text, "SOFA"), (home.path().join("nowhere.sofa"), "nowhere.sofa")] {

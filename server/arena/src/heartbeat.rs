@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn heartbeat_is_due_at_start_and_every_ten_seconds() {
+    fn heartbeat_is_due_initially_and_every_ten_seconds() {
         let heartbeat = Heartbeat::new();
         let recorded = (0..31).filter(|&second| {
             heartbeat.read(1_000_000 + second * 1000, Duration::from_secs(second as u64)).record_alive

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Callable
 
 from avln import doctor, quickstart
 from avln.agent import evaluate_slots
-from avln.client import begin_run, connect
+from avln.client import connect
 from avln.errors import Error
-from avln.options import PRACTICE, add_camera, add_connection, add_run, connect_options, parser, sensors
+from avln.options import PRACTICE, add_camera, add_connection, add_run, begin_from, connect_options, parser, sensors
 from avln.player import UnknownAgentError, load_agent
 from avln.progress import Bar
 
@@ -139,15 +139,7 @@ def _run(options: argparse.Namespace) -> int:
     make = load_agent(options.agent)
     agents = [make() for _ in range(max(options.slots, 1))]
     wanted = _sensors(agents[0], options)
-    client, run = begin_run(
-        options.server,
-        options.token,
-        options.phase,
-        options.method,
-        options.order,
-        sensors=wanted,
-        connect_options=connect_options(options),
-    )
+    client, run = begin_from(options, wanted)
     try:
         with client, Bar(run.episodes) as bar:
             summary = evaluate_slots(client, run, agents, wanted, bar.tell)

@@ -6,8 +6,10 @@ import argparse
 import os
 
 from avln.action import Order
+from avln.client import Client, begin_run
 from avln.connect_options import ConnectOptions
 from avln.packing import Packing
+from avln.service import Run
 from avln.task import Sensors
 from avln.version import VERSION
 
@@ -56,3 +58,20 @@ def connect_options(options: argparse.Namespace) -> ConnectOptions:
 def sensors(options: argparse.Namespace) -> Sensors:
     """All sensors, at the size that was asked for."""
     return Sensors.square(options.usual_size if options.size is None else options.size)
+
+
+def begin_from(options: argparse.Namespace, sensors: Sensors | None = None) -> tuple[Client, Run]:
+    """Connects and begins a run with the options of `add_connection` and `add_run`.
+
+    Raises:
+        Error: as for `begin_run`.
+    """
+    return begin_run(
+        options.server,
+        options.token,
+        options.phase,
+        options.method,
+        options.order,
+        sensors=sensors,
+        connect_options=connect_options(options),
+    )

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn inner_corner_of_an_l_hides_the_area_behind() {
+    fn inner_corner_of_an_l_hides_floor() {
         // The corner is at (10, 10): visible from (5, 15), and nothing beyond it on the diagonal.
         assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
         assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));

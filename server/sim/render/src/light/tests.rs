@@ -127,7 +127,7 @@ fn endless_edges_stay_whole() {
 }
 
 #[test]
-fn white_room_is_bright_under_lamp_and_dark_in_corners() {
+fn white_room_is_brighter_under_lamp_than_corners() {
     let mut room = scene(vec![bulb(0.0, 2.2, 0.0)]);
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     let lit = light(&room);
@@ -157,7 +157,7 @@ fn floor_is_darker_under_a_table() {
 }
 
 #[test]
-fn floor_around_a_cupboard_is_no_darker_than_corners() {
+fn floor_by_cupboard_is_no_darker_than_corners() {
     let mut room = scene(vec![bulb(0.0, 2.2, 0.0)]);
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     add_box(&mut room.mesh, [-2.0, 0.0, -0.6], [-1.45, 1.8, 0.6], false);

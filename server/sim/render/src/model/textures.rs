@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn mipmaps_end_with_one_texel_and_blocks_are_padded() {
+    fn mipmaps_end_with_one_texel_in_padded_blocks() {
         let pixels = (0..5 * 3).flat_map(|i| [i, 0, 0, 255]).collect();
         let mut textures = Textures::new();
         assert_eq!(textures.add(&Texture { width: 5, height: 3, pixels }), 1 << LEVEL_BITS | 3);

@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn both_edge_directions_have_opposite_values_and_one_owner() {
+    fn opposite_edges_have_opposite_values_and_one_owner() {
         let mut rng = Rng::new(4);
         for round in 0..300 {
             let mut points = || [0, 0].map(|_: i32| Floats([0.0; LANES].map(|_| rng.range(-300.0, 300.0))));
