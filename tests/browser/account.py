@@ -1,4 +1,4 @@
-"""Pages after sign-in; forms are sent with the keyboard."""
+"""Checks of the pages after sign-in; forms are submitted with the keyboard."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 ORGANISERS = ["", "/teams", "/runs", "/audit", "/health"]
-"""Below the organiser's address."""
+"""Paths of the organiser pages, below `/organise`."""
 
 
 def submit(page: Page, button: str) -> None:
@@ -32,12 +32,12 @@ def sign_in(page: Page, origin: str, token: str) -> None:
 
 
 def expect(page: Page, words: str) -> list[str]:
-    """Words that a page shows."""
-    return [] if words in page.inner_text("main") else [f"{page.url} does not say '{words}'"]
+    """Returns a finding if the page does not contain `words`."""
+    return [] if words in page.inner_text("main") else [f"{page.url} does not contain '{words}'"]
 
 
 def team(page: Page, watch: Watch, origin: str) -> list[str]:
-    """A team makes a token, and signs out."""
+    """Issues a token as a team, and signs out."""
     found = visit(page, watch, [f"{origin}/me"]) + stops(page)
     page.goto(f"{origin}/me")
     tab_to(page, "input[name=name]")
@@ -48,7 +48,7 @@ def team(page: Page, watch: Watch, origin: str) -> list[str]:
     found += expect(page, "by keyboard")
     submit(page, "form[action='/sign-out'] button")
     page.goto(f"{origin}/me")
-    return found + ([] if "/sign-in" in page.url else ["one is not signed out"])
+    return found + ([] if "/sign-in" in page.url else ["the sign-out has no effect"])
 
 
 def organiser(page: Page, watch: Watch, origin: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Checks all pages of a server in a real browser and prints defects.
+"""Checks of all pages of a server in a real browser; prints the defects.
 
 python check.py CHROMIUM ORIGIN PAGE REPLAY TEAM ORGANISER: the browser, a server with runs and
 public replays, the play page before a run, a replay with sound, and the tokens of a team and an
@@ -26,7 +26,7 @@ def main(chromium: str, origin: str, page: str, replay: str, team: str, organise
     begun = time.monotonic()
     site = links.crawl(origin)
     addresses = site.pages(PAGES_OF_A_KIND)
-    print(f"{len(site.documents)} addresses, {len(addresses)} pages to look at", flush=True)
+    print(f"{len(site.documents)} addresses, {len(addresses)} pages to check", flush=True)
     found = site.broken
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium)
@@ -37,7 +37,7 @@ def main(chromium: str, origin: str, page: str, replay: str, team: str, organise
         found += keyboard.play(browser, page)
         found += replay_sound.check(browser, replay)
         browser.close()
-    print("\n".join(found) or "nothing is wrong", f"{time.monotonic() - begun:.0f} s", sep="\n")
+    print("\n".join(found) or "no defects", f"{time.monotonic() - begun:.0f} s", sep="\n")
     return 1 if found else 0
 
 

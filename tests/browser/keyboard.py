@@ -1,4 +1,4 @@
-"""Leaderboard, run, replay and play page with a keyboard only."""
+"""Checks of the leaderboard, run, replay and play pages with a keyboard only."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_STOPS = 400
 STEP = "#replay [data-tell=step]"
 
 FOCUS = """async () => {
-  // Where it brings the page to is seen in the next frame.
+  // The page scrolls to the focused element in the next frame.
   await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
   const e = document.activeElement;
   const style = getComputedStyle(e);
@@ -38,7 +38,7 @@ UNREACHED = """() => {
 
 
 def stops(page: Page) -> list[str]:
-    """Visits all Tab stops; every stop must be visible, and none may be missing."""
+    """Visits all Tab stops; returns invisible and missing stops."""
     page.evaluate("() => { window.stops = []; }")
     found = []
     for _ in range(MOST_STOPS):
@@ -69,14 +69,14 @@ def follow(page: Page, selector: str) -> None:
 
 
 def expect_step(page: Page, step: int, key: str) -> list[str]:
-    """Presses a key in a replay: which step is shown then."""
+    """Presses a key in a replay; returns a finding if another step than `step` is shown."""
     page.keyboard.press(key)
     shown = int(page.inner_text(STEP))
-    return [] if shown == step else [f"{key} leads to step {shown} of the replay, not to {step}"]
+    return [] if shown == step else [f"{key} in the replay: expected step {step}, got {shown}"]
 
 
 def replay(page: Page) -> list[str]:
-    """Moves a replay's clock."""
+    """Plays, pauses and seeks in a replay."""
     tab_to(page, "#replay #t")
     last = int(page.get_attribute("#replay", "data-last") or 0)
     found = []
@@ -88,11 +88,11 @@ def replay(page: Page) -> list[str]:
     page.keyboard.press("Space")
     halted = page.inner_text(STEP)
     page.wait_for_timeout(600)
-    return found + ([] if page.inner_text(STEP) == halted else ["Space does not halt the replay"])
+    return found + ([] if page.inner_text(STEP) == halted else ["Space does not pause the replay"])
 
 
 def journey(browser: Browser, origin: str, width: int) -> list[str]:
-    """From the leaderboards to a replay."""
+    """Follows links from a leaderboard to a replay, and plays it."""
     context = browser.new_context(viewport={"width": width, "height": HEIGHT_PX})
     page = context.new_page()
     page.goto(f"{origin}/leaderboard")
@@ -100,7 +100,7 @@ def journey(browser: Browser, origin: str, width: int) -> list[str]:
     skips = page.evaluate("() => document.activeElement.matches('.skip')")
     page.keyboard.press("Enter" if skips else "Tab")
     skipped = page.evaluate("() => document.activeElement.id === 'main'")
-    found = [] if skipped else ["the first stop of Tab does not skip to the content"]
+    found = [] if skipped else ["the first Tab stop does not skip to the content"]
     for link in ["main a[href$='order=unordered']", "main tbody th a[href^='/runs/']", "main a[href*='/episodes/']"]:
         follow(page, link)
         found += [f"{page.url}, {width} px: {stop}" for stop in stops(page)]
@@ -111,7 +111,7 @@ def journey(browser: Browser, origin: str, width: int) -> list[str]:
 
 
 def play(browser: Browser, address: str) -> list[str]:
-    """Plays some steps and a claim as a person; looks at the page before and meanwhile."""
+    """Plays some steps and a Submit as a person; checks the page before the run and during it."""
     context = browser.new_context(viewport={"width": WIDTHS_PX[0], "height": HEIGHT_PX})
     page = context.new_page()
     watch = Watch(page, address)
@@ -131,4 +131,4 @@ def play(browser: Browser, address: str) -> list[str]:
         found.append("Enter does not submit")
     found += look(page) + stops(page) + watch.take()
     context.close()
-    return [f"{address}: {trouble}" for trouble in found]
+    return [f"{address}: {finding}" for finding in found]

@@ -1,4 +1,4 @@
-"""All pages that can be reached from the front page, and whether every link on them leads somewhere."""
+"""A crawl of all pages linked from the front page, with a check of every link."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 READ_OF_A_KIND = 8
-"""Pages per kind whose links are followed; further pages are only requested."""
+"""Pages per kind with followed links; further pages are only requested."""
 NAMES = re.compile(r"(?<=/)(?P<route>runs|episodes|leaderboard|phases|embed|eyes|ears)/[^/]+|(?<=/)(?P<docs>docs)/.+")
 POINTERS = ("href", "src", "action")
 
 
 @dataclass
 class Document:
-    """Answer to a request."""
+    """The response to a request."""
 
     status: int
     is_page: bool = False
@@ -38,7 +38,7 @@ class Site:
     broken: list[str] = field(default_factory=list)
 
     def pages(self, of_a_kind: int) -> list[str]:
-        """Page addresses, some per kind."""
+        """Returns page addresses, at most `of_a_kind` per kind."""
         taken: Counter[str] = Counter()
         addresses = []
         for address, document in self.documents.items():
@@ -49,7 +49,7 @@ class Site:
 
 
 class Reader(HTMLParser):
-    """Collects a page's links and anchors."""
+    """A parser that collects a page's links and anchors."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -67,14 +67,14 @@ class Reader(HTMLParser):
 
 
 def kind(address: str) -> str:
-    """An address's route and sort order."""
+    """Returns the route and sort order of an address."""
     parts = urlsplit(address)
     route = NAMES.sub(lambda match: f"{match['route'] or match['docs']}/*", parts.path)
     return " ".join([route, *parse_qs(parts.query).get("order", [])])
 
 
 def read(address: str) -> Document:
-    """Requests an address."""
+    """Requests an address and parses the page."""
     try:
         with urlopen(address, timeout=60) as answer:
             body = answer.read()
@@ -90,7 +90,7 @@ def read(address: str) -> Document:
 
 
 def targets(address: str, document: Document) -> Iterator[tuple[str, str]]:
-    """A page's links to the same origin, with anchors."""
+    """Yields a page's links to the same origin, with anchors."""
     for link in document.links:
         target, anchor = urldefrag(urljoin(address, link))
         if urlsplit(target)[:2] == urlsplit(address)[:2]:
@@ -117,11 +117,11 @@ def crawl(origin: str) -> Site:
 
 
 def lost_anchors(site: Site) -> list[str]:
-    """Links to missing anchors."""
+    """Returns the links to missing anchors."""
     lost = []
     for address, document in site.documents.items():
         for target, anchor in targets(address, document):
             there = site.documents.get(target)
             if anchor and there is not None and there.is_page and anchor not in there.anchors:
-                lost.append(f"{target}#{anchor}: no such place, linked from {address}")
+                lost.append(f"{target}#{anchor}: missing anchor, linked from {address}")
     return lost

@@ -1,4 +1,4 @@
-"""Requirements for every page, in both themes, wide and narrow."""
+"""Checks of every page, in both themes, wide and narrow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VIOLATIONS = f"""async () => {{
   return violations.map(({{ id, nodes }}) =>
     `${{id}}, ${{nodes.length}} times, first ${{nodes[0].html.slice(0, 160)}}: ${{nodes[0].failureSummary}}`);
 }}"""
-"""WCAG rules that axe finds broken."""
+"""Violations of WCAG rules, found by axe."""
 WIDTHS_PX = (1280, 360)
 THEMES: dict[int, tuple[Literal["light", "dark"], ...]] = {1280: ("light", "dark"), 360: ("dark",)}
 """Themes per width; the style sheet has no rule for a combination of both."""
@@ -44,28 +44,28 @@ COLOUR_ALONE = """() => {
   const right = signs(".submit.right path");
   const claims = [...signs(".submit:not(.right) path")].some((sign) => right.has(sign));
   const words = [...document.querySelectorAll(".good, .bad")].filter((e) => e.textContent.trim() === "");
-  return lines.concat(claims ? ["right and wrong claims with the same sign"] : [],
-    words.map((e) => `no words or sign: ${e.outerHTML.slice(0, 80)}`));
+  return lines.concat(claims ? ["correct and wrong Submits with the same sign"] : [],
+    words.map((e) => `no text or sign: ${e.outerHTML.slice(0, 80)}`));
 }"""
 """Elements distinguished only by colour."""
 
 
 class Watch:
-    """Records requests and console errors of a page."""
+    """A recorder for a page's requests to other origins, console errors and script errors."""
 
     def __init__(self, page: Page, origin: str) -> None:
         self.found: list[str] = []
-        page.on("request", lambda request: self._asked(request.url, origin))
-        page.on("console", lambda line: self._told(line.type, line.text))
-        page.on("pageerror", lambda error: self.found.append(f"error of a script: {error}"))
+        page.on("request", lambda request: self._on_request(request.url, origin))
+        page.on("console", lambda line: self._on_console(line.type, line.text))
+        page.on("pageerror", lambda error: self.found.append(f"script error: {error}"))
 
-    def _asked(self, url: str, origin: str) -> None:
+    def _on_request(self, url: str, origin: str) -> None:
         if urlsplit(url)[:2] != urlsplit(origin)[:2] and not url.startswith(("data:", "blob:")):
-            self.found.append(f"asks another origin: {url}")
+            self.found.append(f"request to another origin: {url}")
 
-    def _told(self, severity: str, text: str) -> None:
+    def _on_console(self, severity: str, text: str) -> None:
         if severity in ("error", "warning"):
-            self.found.append(f"the browser tells: {text}")
+            self.found.append(f"console {severity}: {text}")
 
     def take(self) -> list[str]:
         """Returns and clears the findings."""
@@ -74,36 +74,36 @@ class Watch:
 
 
 def look(page: Page) -> list[str]:
-    """Looks at the page that is shown, in both themes, wide and narrow."""
-    found = [f"by colour alone: {what}" for what in cast("list[str]", page.evaluate(COLOUR_ALONE))]
+    """Checks the current page in both themes, wide and narrow."""
+    found = [f"distinguished only by colour: {what}" for what in cast("list[str]", page.evaluate(COLOUR_ALONE))]
     page.evaluate(AXE)
     for width in WIDTHS_PX:
         page.set_viewport_size({"width": width, "height": HEIGHT_PX})
         for theme in THEMES[width]:
             page.emulate_media(color_scheme=theme)
             found += [f"{theme}, {width} px: {broken}" for broken in cast("list[str]", page.evaluate(VIOLATIONS))]
-        found += [f"{width} px: scrolls sideways: {what}" for what in cast("list[str]", page.evaluate(SIDEWAYS))]
+        found += [f"{width} px: horizontal scrolling: {what}" for what in cast("list[str]", page.evaluate(SIDEWAYS))]
     return found
 
 
 def check(browser: Browser, origin: str, addresses: list[str]) -> list[str]:
-    """Opens each address and looks at it."""
+    """Checks the page at every address, and the page for unknown addresses."""
     context = browser.new_context(viewport={"width": WIDTHS_PX[0], "height": HEIGHT_PX})
     page = context.new_page()
     found = visit(page, Watch(page, origin), addresses)
-    found += [f"a page that is not there: {trouble}" for trouble in missing(page, origin)]
+    found += [f"unknown address: {finding}" for finding in missing(page, origin)]
     context.close()
     return found
 
 
 def visit(page: Page, watch: Watch, addresses: list[str]) -> list[str]:
-    """Opens each address in a tab and looks at it."""
+    """Opens every address in a tab and checks the page."""
     found = []
     for address in addresses:
         page.goto(address)
         page.evaluate("() => document.querySelectorAll('details').forEach((e) => (e.open = true))")
-        troubles = watch.take() + look(page) + watch.take()
-        found += [f"{address}: {trouble}" for trouble in troubles]
+        findings = watch.take() + look(page) + watch.take()
+        found += [f"{address}: {finding}" for finding in findings]
     return found
 
 
@@ -111,4 +111,4 @@ def missing(page: Page, origin: str) -> list[str]:
     """Checks the page for unknown addresses."""
     answer = page.goto(f"{origin}/nowhere")
     status = answer.status if answer else None
-    return look(page) + ([] if status == 404 else [f"status {status}"])
+    return look(page) + ([] if status == 404 else [f"expected status 404, got {status}"])

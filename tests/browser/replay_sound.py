@@ -1,4 +1,4 @@
-"""Replay sound: levels without a click, quiet playback on request, synchronous with the clock."""
+"""Checks of replay sound: levels without a click, quiet playback on request, synchronous with the clock."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ SOUND = """(audio) => ({ paused: audio.paused, volume: audio.volume, time: audio
 
 
 def sound(page: Page) -> dict[str, object]:
-    """Sound state and clock."""
+    """Returns the state of the sound and the clock."""
     return cast("dict[str, object]", page.eval_on_selector(AUDIO, SOUND))
 
 
 def plays(page: Page) -> list[str]:
-    """Has the sound played with the clock, from the start."""
+    """Plays the replay with sound from the start; returns differences between sound and clock."""
     before = sound(page)
-    found = [] if before["paused"] else ["something sounds by itself"]
+    found = [] if before["paused"] else ["the sound starts without a click"]
     if cast("float", before["volume"]) > 0.3:
-        found.append(f"the first volume is {before['volume']}")
+        found.append(f"initial volume: expected at most 0.3, got {before['volume']}")
     page.press("#t", "Home")
     page.check("#ears [data-act=sound]")
     page.click("[data-act=play]")
@@ -36,14 +36,14 @@ def plays(page: Page) -> list[str]:
     if during["paused"] or during["error"]:
         found.append(f"the sound does not play: {during}")
     if abs(cast("float", during["time"]) / 0.25 - cast("int", during["step"])) > 2:
-        found.append(f"the clock does not go by the sound: {during}")
+        found.append(f"the clock differs from the sound: {during}")
     if not halted["paused"]:
-        found.append("the sound goes on when the clock halts")
+        found.append("the sound continues after a pause")
     return found
 
 
 def check(browser: Browser, address: str) -> list[str]:
-    """Looks at a replay with ears, and listens."""
+    """Checks the page and the sound of a replay."""
     context = browser.new_context(viewport={"width": WIDTHS_PX[0], "height": HEIGHT_PX})
     page = context.new_page()
     watch = Watch(page, address)
@@ -54,4 +54,4 @@ def check(browser: Browser, address: str) -> list[str]:
     page.wait_for_selector("#ears [data-level=left]", timeout=60_000)
     found += stops(page) + watch.take()
     context.close()
-    return [f"{address}: {trouble}" for trouble in found]
+    return [f"{address}: {finding}" for finding in found]

@@ -270,3 +270,95 @@ mod commands {
         assert!(refusal(&["admin".into(), "status".into()]).is_none());
     }
 }
+
+/// The table of source files in ARCHITECTURE.md.
+mod source_files {
+    use avln_tests::repository::{files, root, shown, text};
+    use std::path::Path;
+
+    const PAGE: &str = "docs/ARCHITECTURE.md";
+    const HEAD: &str = "| file | content |\n|---|---|\n";
+    /// Folders with sources, outermost first.
+    const FOLDERS: [&str; 14] = [
+        "cli/src",
+        "lab/src",
+        "server/arena/src",
+        "server/io",
+        "server/benchmark",
+        "server/sim",
+        "proto",
+        "client-sdk/rust/src",
+        "client-sdk/python/src",
+        "client-sdk/conformance/src",
+        "agents",
+        "server/io/web/assets",
+        "agents/human/assets",
+        "tests/src",
+    ];
+
+    fn is_source(path: &str) -> bool {
+        let is_test = path.ends_with("tests.rs") || path.contains("/tests/") || path.contains("/benches/");
+        let is_made = path.contains("/v1/") && path.ends_with(".py") || path.ends_with("/build.rs");
+        !is_test && !is_made
+    }
+
+    /// First sentence of a file's documentation.
+    fn purpose(text: &str) -> String {
+        let marks = ["//! ", "/// ", "// ", "\"\"\""];
+        let mark_of = |line: &str| marks.into_iter().find(|mark| line.trim_start().starts_with(mark));
+        let mut lines = text.lines().skip_while(|line| mark_of(line).is_none()).peekable();
+        let mark = lines.peek().and_then(|line| mark_of(line)).unwrap_or_default();
+        let words = |line: &str| line.trim().trim_start_matches(mark.trim_end()).trim().to_owned();
+        let is_part = |line: &&str| mark == "\"\"\"" || line.trim_start().starts_with(mark.trim_end());
+        let paragraph: Vec<_> =
+            lines.take_while(is_part).map(words).take_while(|words| !words.is_empty()).collect();
+        let paragraph = paragraph.join(" ");
+        let sentence = paragraph.split(". ").next().unwrap_or_default().split("\"\"\"").next();
+        sentence.unwrap_or_default().trim_end_matches('.').replace('|', "\\|")
+    }
+
+    fn rows() -> Vec<String> {
+        let mut rows = Vec::new();
+        for folder in FOLDERS {
+            let endings = [".rs", ".py", ".proto", ".js"];
+            let mut paths: Vec<_> = endings
+                .iter()
+                .flat_map(|ending| files(&root().join(folder), ending))
+                .map(|path| shown(&path))
+                .collect();
+            paths.sort();
+            for path in paths.into_iter().filter(|path| is_source(path)) {
+                let row = format!("| `{path}` | {} |\n", purpose(&text(Path::new(&path))));
+                if !rows.contains(&row) {
+                    rows.push(row);
+                }
+            }
+        }
+        rows
+    }
+
+    #[test]
+    fn purpose_is_the_first_sentence() {
+        assert_eq!(purpose("//! Ids and\n//! tokens. More.\n"), "Ids and tokens");
+        assert_eq!(purpose("use std::fs;\n\n/// A `path`.\nfn a() {}\n"), "A `path`");
+        assert_eq!(purpose("\"\"\"Errors.\"\"\"\n\nimport os\n"), "Errors");
+        assert_eq!(purpose(""), "");
+    }
+
+    #[test]
+    fn architecture_lists_every_source_file() {
+        let page = text(PAGE);
+        let (before, rest) = page.split_once(HEAD).expect("the table of source files");
+        let after = rest.lines().skip_while(|line| line.starts_with('|')).collect::<Vec<_>>().join("\n");
+        let rows = rows();
+        assert!(rows.len() > 300, "{}", rows.len());
+        let unexplained: Vec<_> = rows.iter().filter(|row| row.ends_with("|  |\n")).collect();
+        assert!(unexplained.is_empty(), "files without documentation: {unexplained:?}");
+        let expected = format!("{before}{HEAD}{}{after}\n", rows.concat());
+        if std::env::var_os("AVLN_BLESS").is_some() {
+            std::fs::write(root().join(PAGE), &expected).expect("the page can be written");
+        }
+        let hint = "run AVLN_BLESS=1 cargo test -p avln-tests --test documents";
+        assert!(text(PAGE) == expected, "the table of source files is out of date; {hint}");
+    }
+}

@@ -1,5 +1,8 @@
 //! Real web pages.
 
+/// Separates the test of event rates from the browser, which uses all cores.
+static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
+
 /// Pages in a real browser: light and dark, wide and narrow, with a keyboard only.
 mod browser {
     use avln_client::Order;
@@ -45,6 +48,7 @@ mod browser {
         let needed = ["playwright", "axe_playwright_python"];
         let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
         let Some(chromium) = chromium() else { return };
+        let _alone = super::ALONE.lock().await;
         let server = TestServer::open(&TestSetup::default()).await;
         for method in ["stroller", "wanderer"] {
             play_script(&server.agents_url(), &server.token, method).await;
@@ -176,6 +180,7 @@ mod live_run {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn live_events_show_progress_and_waiting() {
+        let _alone = super::ALONE.lock().await;
         let server = TestServer::open(&TestSetup::default()).await;
         let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
         let run = client.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");

@@ -9,20 +9,21 @@
 //! | audio memories A_int, A_bear | `avln_kit::map::IntensityMemory` and `SourceBelief`, one of each per sounding target |
 //! | spatial frame, occupancy | `avln_kit::map::Occupancy`, one per storey (`Storeys`); `Elevation` detects stairs |
 //! | room memory R_t, P_room, P_obj, P_ctx | `ObjectMemory::context`: rooms inferred from typical objects |
-//! | s_vis | `Recognition::fit`; by default probability of the category, colour, size and shape words; for images similarity of embeddings and views |
+//! | s_vis | `Recognition::fit`; by default probability of the category, colour, size and shape words; for image goals, similarity of embeddings and views |
 //! | S_search, S_ground | `decide.rs`, `candidate::Evidence::score` |
 //! | Search, Ground, Verify | `candidate::Stage` |
 //! | V, Submit gate | `candidate::VerificationDemand` and the comparison of goals in `goals::GoalPairing`; `candidate::SubmitGate` |
 //!
 //! Three additions to the paper:
-//! - V relaxes with the search time of a source and near the end of the episode (`VerificationDemand::after`).
+//! - V becomes less strict the longer a source has been sought, and near the end of the episode (`VerificationDemand::after`).
 //! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`).
-//! - Without verdicts, an open gate waits until the target sounds again: only silence after the Submit is evidence.
+//! - If the phase returns no feedback to a Submit, the agent waits at an open gate until the target sounds again: only silence after the
+//!   Submit is evidence.
 //!
 //! [`Weights`] are the tunable numbers, documented in `pag-nav.toml`. [`Ablation`] disables parts of the agent;
 //! [`PagNav::hinted`] measures the value of perfect hearing, for privileged variants only.
 //!
-//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations (except [`PagNav::hinted`]).
+//! This crate links no server crate other than `avln-simd` and uses no information beyond observations (except [`PagNav::hinted`]).
 
 mod agent;
 mod candidate;

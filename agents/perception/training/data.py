@@ -1,4 +1,4 @@
-"""Batches of labelled images that `avln data dataset frames` took in training houses."""
+"""Batches of labelled images, rendered in training houses by `avln data dataset frames`."""
 
 import json
 from pathlib import Path

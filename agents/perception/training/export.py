@@ -64,10 +64,10 @@ def example(net, record, with_depth):
     height = heights(record.reshape(1), depth[None])
     x = [torch.from_numpy(rgb.astype(np.float32) / 255).permute(2, 0, 1)[None]]
     x += [torch.from_numpy(values.astype(np.float32))[None] for values in (depth[None], height)]
-    told = net(channels(*x))[0].permute(1, 2, 0)[::OUTPUT_STEP, ::OUTPUT_STEP]
+    predicted = net(channels(*x))[0].permute(1, 2, 0)[::OUTPUT_STEP, ::OUTPUT_STEP]
     camera = [float(record[field]) for field in ("hfov_rad", "height_m", "pitch_rad")]
     head = struct.pack("<I3f", len(rgb), *camera)
-    return head + rgb.tobytes() + depth.tobytes() + told.contiguous().numpy().astype("<f4").tobytes()
+    return head + rgb.tobytes() + depth.tobytes() + predicted.contiguous().numpy().astype("<f4").tobytes()
 
 
 def main():

@@ -39,17 +39,17 @@ def mean_by(values, index, sizes):
 
 
 def offset_loss(offsets, things, index, sizes):
-    """Distance between predicted and true offsets to the centre of the visible part of the instance."""
+    """Returns the distance between predicted and true offsets to the centre of the visible part of the instance."""
     rows = torch.arange(things.shape[1])[None, :, None].expand(things.shape)
     columns = torch.arange(things.shape[2])[None, None, :].expand(things.shape)
     places = torch.stack([columns[things], rows[things]], 1).float()
     wanted = (mean_by(places, index, sizes)[index] - places) / OFFSET_PX
-    told = offsets.permute(0, 2, 3, 1)[things]
-    return F.smooth_l1_loss(told, wanted, beta=0.25)
+    predicted = offsets.permute(0, 2, 3, 1)[things]
+    return F.smooth_l1_loss(predicted, wanted, beta=0.25)
 
 
 def embedding_loss(embeddings, things, index, sizes, keys, categories, houses):
-    """Contrastive loss between an instance and others of its category (van den Oord 2018)."""
+    """Returns the contrastive loss between an instance and others of its category (van den Oord 2018)."""
     means = F.normalize(mean_by(embeddings.permute(0, 2, 3, 1)[things], index, sizes), dim=1)
     kind = mean_by(categories[things].float()[:, None], index, sizes)[:, 0].round()
     owner = houses[keys // INSTANCES] * INSTANCES + keys % INSTANCES
@@ -62,5 +62,5 @@ def embedding_loss(embeddings, things, index, sizes, keys, categories, houses):
     if not counted.any():
         return means.sum() * 0
     likeness = (means @ means.T / TEMPERATURE).masked_fill(~rival, -1e9)
-    told = likeness.log_softmax(1)
-    return -(told * same).sum(1)[counted].div(same.sum(1)[counted]).mean()
+    predicted = likeness.log_softmax(1)
+    return -(predicted * same).sum(1)[counted].div(same.sum(1)[counted]).mean()

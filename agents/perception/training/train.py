@@ -50,15 +50,15 @@ def measure(net, frames, houses, drop):
     for house in houses:
         views = [(house, view) for view in range(min(MEASURED_VIEWS, len(frames.houses[house])))]
         rgb, depth, height, categories, instances, _ = batch(frames, views, rng, LARGE_PX, False, drop)
-        told = net.split(net(channels(rgb, depth, height)))[0].argmax(1)
+        predicted = net.split(net(channels(rgb, depth, height)))[0].argmax(1)
         known = categories != UNKNOWN
-        pairs = categories[known] * count + told[known]
+        pairs = categories[known] * count + predicted[known]
         table += torch.bincount(pairs, minlength=count * count).view(count, count)
         for picture in range(len(views)):
             for instance in instances[picture].unique():
                 mask = (instances[picture] == instance) & (categories[picture] >= BUILDING) & known[picture]
                 if instance > 0 and mask.sum() >= 25:
-                    right += int(told[picture][mask].mode().values == categories[picture][mask][0])
+                    right += int(predicted[picture][mask].mode().values == categories[picture][mask][0])
                     all_ += 1
     net.train()
     union = table.sum(0) + table.sum(1) - table.diagonal()
@@ -103,11 +103,11 @@ def main():
         parts.append(part)
         last = step + 1 == given.steps or bool(stop)
         if (step + 1) % given.every == 0 or last:
-            told = [f"{value:.4f}" for value in np.mean(parts, 0)]
+            means = [f"{value:.4f}" for value in np.mean(parts, 0)]
             seen = [f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop)]
-            rows.writerow([step + 1, f"{time.process_time() - began_s:.0f}", side, *told, *seen])
+            rows.writerow([step + 1, f"{time.process_time() - began_s:.0f}", side, *means, *seen])
             curve.flush()
-            print(step + 1, side, *told, *seen, flush=True)
+            print(step + 1, side, *means, *seen, flush=True)
             parts = []
             kept = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}
             about = {"categories": frames.categories, "recipe": frames.recipe, "seed": given.seed}

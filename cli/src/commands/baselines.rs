@@ -99,7 +99,8 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
             let report = suite::report(&args.out)?;
             let table = args.to.with_file_name("results.csv");
             for (path, text) in [(args.to, report.page), (table, report.episodes)] {
-                write_file(&path, text)?;
+                write_file(&path, text)
+                    .map_err(|failure| failure.hinted("choose another file with --to FILE"))?;
                 say!("written to {}", path.display());
             }
             Ok(())

@@ -1,4 +1,4 @@
-"""Turns towards the sound and walks there, around obstacles in the depth image; submits at loud positions.
+"""An agent that walks towards the sound, around obstacles in the depth image, and submits at loud positions.
 
 python examples/audio_follower.py --token TOKEN
 """
@@ -39,7 +39,7 @@ def delay_s(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
 def bearing_rad(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
     """Returns the sound bearing, radians, -pi/2 to pi/2, left positive; rear directions are folded to the front."""
     lead_s = -delay_s(audio, sample_rate_hz)
-    # Woodworth: a sphere's ears hear with a difference of r / c (angle + sin angle).
+    # Woodworth: the delay between the ears of a sphere is r / c (angle + sin angle).
     angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
     leads_s = HEAD_RADIUS_M / SOUND_M_PER_S * (angles + np.sin(angles))
     return float(np.interp(lead_s, leads_s, angles))
@@ -51,14 +51,14 @@ class AudioFollower:
     sensors = avln.Sensors.square(64)
 
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
-        """Forgets the last episode."""
+        """Resets the agent for an episode."""
         self.task = task
         self.loudest = 0.0
         self.steps_since_louder = 0
         self.goals_left = len(mission.goals)
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """Submits if the sound has not become louder for a while, otherwise continues."""
+        """Submits if the sound has not become louder for some steps, otherwise continues."""
         assert seen.audio is not None
         assert seen.depth is not None
         if seen.remaining_steps == 1:

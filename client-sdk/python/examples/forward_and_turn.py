@@ -1,4 +1,4 @@
-"""Moves forward and turns right at obstacles; submits at regular intervals. Uses the pose only.
+"""An agent that moves forward, turns right at obstacles, and submits at regular intervals. It uses the pose only.
 
 python examples/forward_and_turn.py --token TOKEN
 """
@@ -16,12 +16,12 @@ BLOCKED = 0.5
 
 
 class ForwardAndTurn:
-    """Plays exactly as `avln agent baseline forward-and-turn`."""
+    """An agent with the same actions as `avln agent baseline forward-and-turn`."""
 
     sensors = avln.Sensors(rgb=False, depth=False, audio=False)
 
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
-        """Forgets the last episode."""
+        """Resets the agent for an episode."""
         self.blocked_m = BLOCKED * task.forward_m
         self.share_steps = max(task.max_steps // len(mission.goals), 1)
         self.submits = 0
@@ -39,7 +39,7 @@ class ForwardAndTurn:
         return self.onward(seen.pose)
 
     def onward(self, pose: avln.Pose) -> avln.Action:
-        """Turns after a step forward that hit something."""
+        """Returns a turn after a collision, otherwise a step forward."""
         before, self.walked_from = self.walked_from, None
         if before and math.hypot(pose.x_m - before.x_m, pose.z_m - before.z_m) < self.blocked_m:
             return avln.Action.TURN_RIGHT

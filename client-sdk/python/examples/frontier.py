@@ -1,4 +1,4 @@
-"""Explores the nearest unseen area on a map from depth and pose; ignores the goals.
+"""An agent that explores the nearest unseen area, on a map from depth and pose; it ignores the goals.
 
 python examples/frontier.py --token TOKEN
 """
@@ -38,7 +38,7 @@ class Map:
         self.down = (np.arange(task.height) + 0.5 - task.height / 2) / focal
 
     def cell(self, x_m: float, z_m: float) -> Cell:
-        """A place's cell."""
+        """Returns the cell of a position."""
         middle = SIDE_CELLS // 2
         return round(z_m / CELL_M) + middle, round(x_m / CELL_M) + middle
 
@@ -94,12 +94,12 @@ def _way(came_from: dict[Cell, Cell], cell: Cell) -> list[Cell]:
 
 
 class Frontier:
-    """Explores."""
+    """An agent that explores the nearest unseen area."""
 
     sensors = avln.Sensors(rgb=False, audio=False, width=64, height=64)
 
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
-        """Forgets the last house."""
+        """Resets the map for an episode."""
         self.map = Map(task)
         self.turn_rad = task.turn_rad
         self.last: tuple[avln.Action, avln.Pose] | None = None
@@ -126,7 +126,7 @@ class Frontier:
             self.map.cells[self.map.cell(pose.x_m + x_m, pose.z_m + z_m)] = BLOCKED
 
     def follow(self, pose: avln.Pose) -> avln.Action:
-        """Turns to the next cell and walks, or looks around without a path."""
+        """Returns a turn or move towards the frontier; without a path, a turn."""
         here = self.map.cell(pose.x_m, pose.z_m)
         way = self.map.path_to_frontier(here)
         if not way:

@@ -1,4 +1,4 @@
-"""Walks at random: the floor of every leaderboard.
+"""An agent with random actions: the lower bound of every leaderboard.
 
 python examples/random_walk.py --token TOKEN
 """

@@ -1,8 +1,8 @@
-"""Trains PPO of Stable-Baselines3 on a practice phase, on the CPU.
+"""Training of PPO (Stable-Baselines3) in a practice phase, on the CPU.
 
 python examples/sb3_ppo.py --token TOKEN --steps 2000
 
-The reward is new ground only, so the agent learns to move; it needs no hidden data.
+The only reward is for unvisited cells, so the agent learns to move; it needs no hidden data.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ SIDE = 64
 
 
 class NewGround:
-    """1 for each cell of half a metre that an episode enters first, and a little less for each step."""
+    """A reward of 1 for every new cell of half a metre in an episode, minus 0.01 per step."""
 
     def __init__(self) -> None:
         self.seen: set[tuple[int, int]] = set()
 
     def __call__(self, before: avln.Observation, _action: avln.Action, after: avln.Observation) -> float:
-        """Step reward."""
+        """Returns the reward of a step."""
         if before.step == 0:
             self.seen = set()
         cell = round(after.pose.x_m / CELL_M), round(after.pose.z_m / CELL_M)
@@ -52,7 +52,7 @@ def train(server: str, token: str, phase: str, steps: int, **options: Any) -> Ba
         reward=NewGround(),
         **options,
     )
-    torch.set_num_threads(1)  # the network is small: more threads wait for one another
+    torch.set_num_threads(1)  # a small network is slower with several threads
     model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=64, device="cpu", seed=None)
     model.learn(total_timesteps=steps)
     env.close()
@@ -60,12 +60,12 @@ def train(server: str, token: str, phase: str, steps: int, **options: Any) -> Ba
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command line."""
-    program = parser("sb3_ppo", "Trains PPO on a practice phase")
+    """Runs the command line."""
+    program = parser("sb3_ppo", "Train PPO in a practice phase")
     add_connection(program)
     add_run(program, method="ppo")
-    program.add_argument("--steps", type=int, default=2000, help="steps of training [2000]")
-    program.add_argument("--out", default="ppo.zip", help="where the policy is written [ppo.zip]")
+    program.add_argument("--steps", type=int, default=2000, help="training steps [2000]")
+    program.add_argument("--out", default="ppo.zip", help="file for the policy [ppo.zip]")
     options = program.parse_args(arguments)
     rest = {"method": options.method, "order": options.order, "connect_options": connect_options(options)}
     train(options.server, options.token, options.phase, options.steps, **rest).save(options.out)

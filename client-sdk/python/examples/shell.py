@@ -1,4 +1,4 @@
-"""The examples' command line."""
+"""Command line of the examples."""
 
 from __future__ import annotations
 

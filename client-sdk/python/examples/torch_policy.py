@@ -1,4 +1,4 @@
-"""A PyTorch policy over all slots of a run in a batch: a template for custom networks.
+"""A PyTorch policy with a batch over all slots of a run: a template for custom networks.
 
 python examples/torch_policy.py --token TOKEN --slots 4
 """
@@ -22,7 +22,7 @@ SENSORS = avln.Sensors(audio=False, width=SIDE, height=SIDE)
 
 
 class Policy(nn.Module):
-    """Pictures of colour and depth to a score for each action; it is not trained."""
+    """An untrained network: colour and depth images to a score per action."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -32,13 +32,13 @@ class Policy(nn.Module):
         self.head = nn.Linear(32 * 6 * 6, len(avln.Action))
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
-        """[slots, 4, 64, 64] to [slots, 5]."""
+        """Maps images [slots, 4, 64, 64] to scores [slots, 5]."""
         scores: torch.Tensor = self.head(self.eyes(pictures))
         return scores
 
 
 def batch(episodes: list[Episode]) -> torch.Tensor:
-    """Returns red, green, blue and depth from 0 to 1, an image per slot."""
+    """Returns an image per slot with red, green, blue and depth from 0 to 1."""
     pictures = []
     for episode in episodes:
         seen, far_m = episode.observation, episode.task.depth_max_m
@@ -49,7 +49,7 @@ def batch(episodes: list[Episode]) -> torch.Tensor:
 
 
 def choose(policy: Policy, episodes: list[Episode], generator: torch.Generator) -> list[avln.Action]:
-    """An action for each slot, drawn by the policy's scores; Stop as the last step."""
+    """Draws an action per slot from the policy's scores; the last step is Stop."""
     with torch.inference_mode():
         chances = policy(batch(episodes)).softmax(dim=1)
     drawn = torch.multinomial(chances, 1, generator=generator)[:, 0].tolist()
@@ -74,7 +74,7 @@ def play_slots(plays: list[Play], policy: Policy, seed: int = 0) -> avln.RunSumm
 
 
 def begin_episodes(idle: list[Play]) -> None:
-    """Starts as many episodes as remain."""
+    """Begins the remaining episodes, at most one per idle slot."""
     asking = idle[: idle[0].progress.waiting] if idle else []
     for play in asking:
         play.request_episode()
@@ -83,11 +83,11 @@ def begin_episodes(idle: list[Play]) -> None:
 
 
 def main() -> None:
-    """The command line."""
-    program = parser("torch_policy", "Plays a run with one policy for all slots")
+    """Runs the command line."""
+    program = parser("torch_policy", "Play a run with a single policy for all slots")
     add_connection(program)
     add_run(program, method="torch-policy")
-    program.add_argument("--slots", type=int, default=4, help="episodes at the same time [4]")
+    program.add_argument("--slots", type=int, default=4, help="episodes to play in parallel [4]")
     options = program.parse_args()
     client, run = begin_from(options)
     with client:

@@ -1,4 +1,4 @@
-"""A client of the authors' protocol, written from its description: lock-step, MessagePack maps, arrays in frames."""
+"""Client of the authors' protocol, written from its description: lock-step, MessagePack maps, arrays in frames."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class AuthorsClient:
 
 
 class EpisodeObject:
-    """Their client turns all episode keys into attributes."""
+    """The authors' client converts all episode keys to attributes."""
 
     def __init__(self, *, episode_id: str, scene_id: str, goal_inputs: list[Any], **more: Any) -> None:
         assert episode_id

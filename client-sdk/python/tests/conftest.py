@@ -1,4 +1,4 @@
-"""Shared fixtures: a furnished data folder, and a server for tests that do not kill it."""
+"""Shared fixtures: a data folder with phases, and a server for tests that do not kill it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """With AVLN_SKIP=never, skipped tests are failures."""
+    """Fails the session after a skipped test if AVLN_SKIP is `never`."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if os.environ.get("AVLN_SKIP") == "never" and reporter is not None and reporter.stats.get("skipped"):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
@@ -34,14 +34,14 @@ class Endpoint:
 
 
 class Furnished:
-    """A data folder without a running server, and a team token."""
+    """A data folder with phases and a team token, without a running server."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder
         self.token = Server(binary, folder).furnish()
 
     def copy(self, to: Path) -> Server:
-        """A stopped server on a copy of the folder."""
+        """Returns a stopped server on a copy of the folder."""
         shutil.copytree(self.folder, to)
         return Server(self.binary, to)
 

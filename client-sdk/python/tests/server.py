@@ -12,13 +12,13 @@ import time
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[3]
-WHAT_TO_DO = "the server's program is not here; `cargo build --release` makes it, or set AVLN_BIN to it"
+WHAT_TO_DO = "the server program is missing; build it with `cargo build --release`, or set AVLN_BIN to its path"
 PHASE = "practice"
 CHALLENGE = "challenge"
 
 
 def program() -> Path | None:
-    """The server program: AVLN_BIN, otherwise this repository's build."""
+    """Returns the path of the server program: AVLN_BIN, otherwise this repository's build."""
     if "AVLN_BIN" in os.environ:
         return Path(os.environ["AVLN_BIN"])
     built = (REPOSITORY / "target" / profile / "avln" for profile in ("release", "debug"))
@@ -26,7 +26,7 @@ def program() -> Path | None:
 
 
 def free_port() -> int:
-    """A free port below the ephemeral range, so that no connection takes it before the server does."""
+    """Returns a free port below the ephemeral range, so that no outgoing connection uses it first."""
     for port in random.sample(range(10_000, 32_000), 100):
         with contextlib.suppress(OSError), socket.socket() as probe:
             probe.bind(("127.0.0.1", port))
@@ -35,7 +35,7 @@ def free_port() -> int:
 
 
 class Server:
-    """A data folder with two phases on the same missions, and the program that hosts it."""
+    """The server program on a data folder, with two phases on the same missions."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder
@@ -62,14 +62,14 @@ class Server:
         return found.group()
 
     def command(self, *arguments: str) -> str:
-        """Runs a program command and returns the output."""
+        """Runs a command of the program and returns the output."""
         command = [str(self.binary), "--data", str(self.folder), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 
     def start(self, *more: str) -> None:
-        """Starts it and waits until it answers."""
+        """Starts the server and waits until it answers."""
         ports = ["--grpc", f"127.0.0.1:{self.grpc}", "--web", f"127.0.0.1:{self.web}", "--admin", "off"]
         with (self.folder / "server.log").open("ab") as log:
             command = [str(self.binary), "--data", str(self.folder), "serve", *ports, *more]
@@ -86,7 +86,7 @@ class Server:
         raise AssertionError(f"the server does not answer within 30 s ({self._process.poll()}); its log:\n{log_text}")
 
     def kill(self) -> None:
-        """Ends it as a crash would: SIGKILL, without a word."""
+        """Kills the server with SIGKILL, as in a crash."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()

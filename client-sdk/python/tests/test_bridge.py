@@ -1,4 +1,4 @@
-"""A client of the authors' protocol plays over the bridge without hidden data."""
+"""Tests of the bridge with a client of the authors' protocol."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STOP, FORWARD, LEFT, RIGHT, SUBMIT = range(5)
 
 
 class Bridge:
-    """The program `avln-bridge` and a client."""
+    """A process with `avln-bridge`, and a client."""
 
     def __init__(self, endpoint: Endpoint, phase: str) -> None:
         arguments = ["--server", endpoint.url, "--token", endpoint.token, "--phase", phase, "--size", "64"]
@@ -41,7 +41,7 @@ class Bridge:
         )
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        found = re.search(r"(run_\w+): waiting at (tcp://\S+)", line)
+        found = re.search(r"(run_\w+): listening on (tcp://\S+)", line)
         assert found, line
         self.run, address = found.groups()
         self.context = zmq.Context()
@@ -61,7 +61,7 @@ def bridge(endpoint: Endpoint, request: pytest.FixtureRequest) -> Iterator[Bridg
     bridge.close()
 
 
-def test_whole_episodes_are_played(bridge: Bridge, client: avln.Client) -> None:
+def test_bridge_client_plays_whole_run(bridge: Bridge, client: avln.Client) -> None:
     authors = bridge.client
     assert authors.ask("ping") == {"op": "pong", "episodes_total": 3}
     lasts = authors.play([LEFT, FORWARD, SUBMIT, RIGHT, STOP])
@@ -74,7 +74,7 @@ def test_whole_episodes_are_played(bridge: Bridge, client: avln.Client) -> None:
     assert (status.state, status.ends) == ("completed", [(avln.EndReason.STOPPED, 3)])
 
 
-def test_observations_have_the_authors_shapes(bridge: Bridge) -> None:
+def test_bridge_observations_have_authors_shapes(bridge: Bridge) -> None:
     seen = bridge.client.ask("start")["observations"]
     shapes = {key: (value.shape, value.dtype.name) for key, value in seen.items()}
     assert shapes == {
@@ -90,11 +90,11 @@ def test_observations_have_the_authors_shapes(bridge: Bridge) -> None:
     np.testing.assert_allclose(turned, [0, 0, 0, 0, np.sin(half), 0, np.cos(half)], atol=1e-6)
 
 
-def test_mistakes_are_told_and_the_episode_goes_on(bridge: Bridge) -> None:
+def test_invalid_requests_get_error_and_episode_continues(bridge: Bridge) -> None:
     ask = bridge.client.ask
     assert ask("action", action=LEFT) == {
         "op": "error",
-        "message": "take an action: no episode is open; send reset first",
+        "message": "take a step: no episode is open; send reset first",
     }
     ask("reset")
     for choice, complaint in [(9, "0 STOP"), ("fly", "fly"), (None, "missing")]:
@@ -108,14 +108,14 @@ def test_mistakes_are_told_and_the_episode_goes_on(bridge: Bridge) -> None:
 
 
 def keys_of(value: Any) -> set[str]:
-    """Every key anywhere in an answer."""
+    """Returns all keys in an answer, at any depth."""
     if isinstance(value, dict):
         return set(value).union(*map(keys_of, value.values()))
     return set().union(*map(keys_of, value)) if isinstance(value, list) else set()
 
 
 @pytest.mark.parametrize("bridge", [CHALLENGE], indirect=True)
-def test_nothing_hidden_is_sent(bridge: Bridge) -> None:
+def test_bridge_hides_ground_truth(bridge: Bridge) -> None:
     started = bridge.client.ask("reset")
     answers = [started, *(bridge.client.ask("action", action=action) for action in (FORWARD, SUBMIT, STOP))]
     assert answers[-1]["done"]
@@ -132,7 +132,7 @@ def test_nothing_hidden_is_sent(bridge: Bridge) -> None:
         assert len(goal) == 2 or (goal["modality"] == "image" and goal["detected_objects"] == [])
 
 
-def test_frames_carry_arrays_anywhere() -> None:
+def test_nested_arrays_round_trip() -> None:
     message: dict[Any, Any] = {
         "a": [np.arange(6, dtype=np.float64).reshape(2, 3), (1, None)],
         3: {"b": np.int64(4)},
@@ -143,11 +143,11 @@ def test_frames_carry_arrays_anywhere() -> None:
     back = unpack(frames)
     np.testing.assert_array_equal(back["a"][0], message["a"][0])
     assert (back["a"][1], back["3"], back["c"]) == ([1, None], {"b": 4}, b"\0")
-    with pytest.raises(ValueError, match="no MessagePack"):
+    with pytest.raises(ValueError, match="not MessagePack"):
         unpack([])
 
 
-def test_a_lost_server_is_an_error_answer() -> None:
+def test_lost_server_becomes_error_reply() -> None:
     class Lost:
         task = avln.TaskSpec()
 

@@ -1,4 +1,4 @@
-"""The program avln-py."""
+"""Tests of the command line `avln-py`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Mute:
 
 
 class Program:
-    """Runs commands against a server; returns exit code and output."""
+    """The program with a server's address and a token; a call returns exit code and output."""
 
     def __init__(self, endpoint: Endpoint, captured: pytest.CaptureFixture[str]) -> None:
         self.captured = captured
@@ -45,8 +45,8 @@ class Program:
 
     def __call__(self, command: str, *more: Any) -> tuple[int, str]:
         code = main([command, *self.connection, *map(str, more)])
-        told = self.captured.readouterr()
-        return code, told.out + told.err
+        output = self.captured.readouterr()
+        return code, output.out + output.err
 
 
 @pytest.fixture
@@ -54,109 +54,107 @@ def program(endpoint: Endpoint, capsys: pytest.CaptureFixture[str]) -> Program:
     return Program(endpoint, capsys)
 
 
-def test_account_phases_and_quota_are_told(program: Program) -> None:
-    assert program("whoami") == (0, "team Python, token without a name (participant), for ever\n")
+def test_commands_print_account_phases_and_quota(program: Program) -> None:
+    assert program("whoami") == (0, "team Python, token without a name (participant), no expiry\n")
     code, phases = program("phases")
     assert code == 0
     assert f"{PHASE}: open, 3 episodes, ordered, unordered, lh-avln-v1" in phases
     assert f"{CHALLENGE}, total: " in program("quota", "--phase", CHALLENGE)[1]
 
 
-def test_an_agent_of_a_file_plays_a_run(program: Program, tmp_path: Path) -> None:
+def test_agent_from_file_plays_run(program: Program, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(AGENT)
-    code, told = program("run", file, "--phase", PHASE, "--slots", 2, "--order", "ordered")
+    code, output = program("run", file, "--phase", PHASE, "--slots", 2, "--order", "ordered")
     assert code == 0
-    assert "episode 3 of 3: stopped after 1 steps" in told
-    assert "3 of 3 episodes, complete; 3 stopped" in told
+    assert "episode 3 of 3: stopped after 1 steps" in output
+    assert "3 of 3 episodes, complete; 3 stopped" in output
 
 
-def test_names_that_lead_to_no_agent_say_why(program: Program, tmp_path: Path) -> None:
+def test_unknown_agent_error_gives_reason(program: Program, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(AGENT)
     for name, problem in [
         ("nowhere.py", "there is no file nowhere.py"),
         (f"{file}:Walker", "there is no class Walker"),
-        (f"{file}:Mute", "Mute has no method begin and act"),
+        (f"{file}:Mute", "class Mute has no method begin or act"),
         ("no_such_module:Agent", "No module named"),
     ]:
-        code, told = program("run", name)
+        code, output = program("run", name)
         assert code == 1
-        assert problem in told
+        assert problem in output
     assert load_agent("random_walk:RandomWalk").__name__ == "RandomWalk"
 
 
-def test_the_doctor_finds_a_good_server_good_and_tells_what_is_wrong(program: Program) -> None:
-    code, told = program("doctor", "--episodes", 1, "--steps", 5, "--size", 64)
+def test_doctor_passes_healthy_server_and_reports_problems(program: Program) -> None:
+    code, output = program("doctor", "--episodes", 1, "--steps", 5, "--size", 64)
     assert code == 0
-    assert f"phase: {PHASE}: 3 episodes" in told
-    assert "5 steps, without a fault" in told
-    assert "ok       run time: at most" in told
-    code, told = program("doctor", "--phase", CHALLENGE, "--json")
-    checks = {check["name"]: check for check in json.loads(told)["checks"]}
+    assert f"phase: {PHASE}: 3 episodes" in output
+    assert "5 steps, no errors" in output
+    assert "ok       run time: at most" in output
+    code, output = program("doctor", "--phase", CHALLENGE, "--json")
+    checks = {check["name"]: check for check in json.loads(output)["checks"]}
     assert code == 0
     assert checks["practice"]["verdict"] == "warning"
     assert "--practice" in checks["practice"]["next"]
-    code, told = program("doctor", "--phase", "no-such-phase", "--practice", PHASE, "--episodes", 1, "--steps", 2)
+    code, output = program("doctor", "--phase", "no-such-phase", "--practice", PHASE, "--episodes", 1, "--steps", 2)
     assert code == 6
-    assert "there is no phase 'no-such-phase'" in told
+    assert "there is no phase 'no-such-phase'" in output
 
 
-def test_the_doctor_leaves_no_run_open_and_plays_more_than_one_episode(program: Program, endpoint: Endpoint) -> None:
-    code, told = program("doctor", "--phase", PHASE, "--episodes", 2, "--steps", 4, "--size", 64)
-    assert (code, "8 steps, without a fault" in told) == (0, True), told
+def test_doctor_plays_several_episodes_and_cancels_run(program: Program, endpoint: Endpoint) -> None:
+    code, output = program("doctor", "--phase", PHASE, "--episodes", 2, "--steps", 4, "--size", 64)
+    assert (code, "8 steps, no errors" in output) == (0, True), output
     with endpoint.connect() as client:
         runs = [run for run in client.runs(PHASE) if run.method == "avln-py doctor"]
     assert runs
     assert all(run.state == "cancelled" for run in runs), runs
 
 
-def test_the_doctor_does_not_play_the_only_episode(program: Program, endpoint: Endpoint) -> None:
+def test_doctor_does_not_play_only_episode(program: Program, endpoint: Endpoint) -> None:
     endpoint.server.command("data", "split", "make", "single", "--houses", "1", "--missions", "1")
     endpoint.server.command("challenge", "phase", "open", "single", "--split", "single")
-    code, told = program("doctor", "--phase", "single")
-    assert (code, "single has one episode, which a run would complete" in told) == (0, True), told
+    code, output = program("doctor", "--phase", "single")
+    assert (code, "'single', whose only episode would complete a run" in output) == (0, True), output
 
 
-def test_the_doctor_warns_of_a_token_that_ends_soon(program: Program, endpoint: Endpoint) -> None:
+def test_doctor_warns_before_token_expires(program: Program, endpoint: Endpoint) -> None:
     made = endpoint.server.command("challenge", "token", "new", "--team", "Python", "--expires", "2d")
     token = next(word for word in made.split() if word.startswith("avln_"))
-    code, told = program("doctor", "--phase", CHALLENGE, "--token", token)
-    assert (code, "warning  token: of team 'Python'" in told) == (0, True), told
-    assert "hours; ask the organiser" in told
+    code, output = program("doctor", "--phase", CHALLENGE, "--token", token)
+    assert (code, "warning  token: of team 'Python'" in output) == (0, True), output
+    assert "hours; ask the organiser" in output
 
 
-def test_the_doctor_of_a_silent_server_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_doctor_fails_without_server(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "--server", "http://127.0.0.1:1", "--token", "x"]) == 6
     assert "failure  server: cannot reach" in capsys.readouterr().out
 
 
-def test_quickstart_writes_an_agent_that_plays(program: Program, tmp_path: Path, monkeypatch: Any) -> None:
+def test_quickstart_writes_agent_but_keeps_edited_file(program: Program, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr("avln.quickstart.AGENT", AGENT)
     file = tmp_path / "agent.py"
-    code, told = program("quickstart", "--out", file, "--phase", PHASE)
+    code, output = program("quickstart", "--out", file, "--phase", PHASE)
     assert code == 0
-    assert "complete" in told
+    assert "complete" in output
     file.write_text("# changed")
-    code, told = program("quickstart", "--out", file)
-    assert (code, "that file is there already" in told) == (1, True)
+    code, output = program("quickstart", "--out", file)
+    assert (code, "the file exists already" in output) == (1, True)
 
 
-def test_the_agent_that_quickstart_writes_plays_a_run(program: Program, tmp_path: Path) -> None:
-    code, told = program("quickstart", "--out", tmp_path / "written.py", "--phase", PHASE, "--size", 64)
+def test_quickstart_agent_plays_run(program: Program, tmp_path: Path) -> None:
+    code, output = program("quickstart", "--out", tmp_path / "written.py", "--phase", PHASE, "--size", 64)
     assert code == 0
-    assert "3 of 3 episodes, complete" in told
+    assert "3 of 3 episodes, complete" in output
 
 
-def test_places_where_no_agent_can_be_written_are_named(program: Program, tmp_path: Path) -> None:
+def test_quickstart_reports_unwritable_path(program: Program, tmp_path: Path) -> None:
     for place in (tmp_path, tmp_path / "no" / "agent.py"):
-        code, told = program("quickstart", "--out", place)
-        assert (code, f"write an agent to {place}: " in told, "--out" in told) == (1, True, True)
+        code, output = program("quickstart", "--out", place)
+        assert (code, f"write an agent to {place}: " in output, "--out" in output) == (1, True, True)
 
 
-def test_agents_import_what_lies_beside_them_and_shadow_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_agent_imports_neighbours_without_shadowing_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "beside_the_agent.py").write_text(AGENT)
     (tmp_path / "random.py").write_text("from beside_the_agent import Agent")
@@ -170,32 +168,32 @@ def test_agents_import_what_lies_beside_them_and_shadow_nothing(
     assert load_agent("in_this_folder:Agent").__module__ == "in_this_folder"
 
 
-def test_a_size_that_was_given_counts_before_the_agents_own(program: Program, tmp_path: Path) -> None:
+def test_size_option_overrides_agent_sensors(program: Program, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(AGENT)
-    code, told = program("run", file, "--phase", PHASE, "--size", 63)
-    assert (code, "63 x 63" in told) == (1, True)
+    code, output = program("run", file, "--phase", PHASE, "--size", 63)
+    assert (code, "63 x 63" in output) == (1, True)
 
 
-def test_runs_are_listed_and_cancelled(program: Program, endpoint: Endpoint) -> None:
+def test_runs_can_be_listed_and_cancelled(program: Program, endpoint: Endpoint) -> None:
     with endpoint.connect() as client:
         run = client.start_run(PHASE, "left alone").id
     assert f"{run}: {PHASE}, created, 0 of 3 episodes, left alone\n" in program("runs", "--phase", PHASE)[1]
     assert program("cancel", run) == (0, f"{run}: cancelled\n")
     assert f"{run}: {PHASE}, cancelled" in program("runs")[1]
-    code, told = program("cancel", "run_of_nobody")
-    assert (code, "RUN_UNKNOWN" in told) == (1, True)
+    code, output = program("cancel", "run_of_nobody")
+    assert (code, "RUN_UNKNOWN" in output) == (1, True)
 
 
-def test_a_run_that_breaks_off_is_named(program: Program, tmp_path: Path) -> None:
+def test_failed_run_prints_cancel_command(program: Program, tmp_path: Path) -> None:
     file = tmp_path / "breaks.py"
     file.write_text(AGENT.replace("return avln.Action.STOP", "raise avln.Error('no idea')"))
-    code, told = program("run", file, "--phase", PHASE)
-    assert (code, "no idea" in told) == (1, True)
-    assert "avln-py cancel run_" in told
+    code, output = program("run", file, "--phase", PHASE)
+    assert (code, "no idea" in output) == (1, True)
+    assert "avln-py cancel run_" in output
 
 
-def test_the_agent_of_quickstart_chooses_by_depth(tmp_path: Path) -> None:
+def test_quickstart_agent_avoids_walls(tmp_path: Path) -> None:
     import numpy as np  # noqa: PLC0415
 
     import avln  # noqa: PLC0415
@@ -212,7 +210,7 @@ def test_the_agent_of_quickstart_chooses_by_depth(tmp_path: Path) -> None:
     assert agent.act(avln.Observation(depth=free, remaining_steps=1)) is avln.Action.STOP
 
 
-def test_it_is_a_module_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_package_runs_as_module(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", ["avln", "--version"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_module("avln", run_name="__main__")

@@ -1,4 +1,4 @@
-"""Decoding as defined in PROTOCOL.md."""
+"""Tests of decoding as defined in PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ RAW, PACKED = v1.ENCODING_RAW, v1.ENCODING_PACKED
 
 
 def fold(difference: int) -> int:
-    """Numbers that are small near zero: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
+    """Maps differences to small numbers: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
     return 2 * difference if difference >= 0 else -2 * difference - 1
 
 
 def pack(numbers: list[int]) -> bytes:
-    """Blocks of 16, written straight from the page: number by number, bit by bit."""
+    """Packs blocks of 16 by the definition in PROTOCOL.md: number by number, bit by bit."""
     numbers = numbers + [0] * (-len(numbers) % 16)
     widths, body = [], b""
     for first in range(0, len(numbers), 16):
@@ -41,7 +41,7 @@ def bits_of(number: float) -> int:
     return int(struct.unpack("<I", struct.pack("<f", number))[0])
 
 
-def test_blocks_are_laid_out_as_the_protocol_page_says() -> None:
+def test_block_layout_matches_protocol() -> None:
     golden = bytes([3, 1, 0b0001_0101, 0, 0, 0, 0, 0b1110_0000, 1, 0])
     numbers = [5, 2] + [0] * 13 + [7, 1]
     assert pack(numbers) == golden
@@ -49,7 +49,7 @@ def test_blocks_are_laid_out_as_the_protocol_page_says() -> None:
 
 
 @pytest.mark.parametrize("width", range(33))
-def test_numbers_of_every_width_come_back(width: int) -> None:
+def test_every_width_round_trips(width: int) -> None:
     most = (1 << width) - 1
     numbers = [most >> (index % (width + 1)) for index in range(45)]
     assert codec.unpack_blocks(pack(numbers), 45, width).tolist() == numbers
@@ -59,12 +59,12 @@ def test_numbers_of_every_width_come_back(width: int) -> None:
     ("data", "complaint"),
     [(b"", "widths"), (b"\x09\x00", "9 bits"), (b"\x08\x00\x00", "announce"), (b"\0\0", "announce")],
 )
-def test_bytes_that_lie_about_themselves_are_refused(data: bytes, complaint: str) -> None:
+def test_inconsistent_bytes_are_rejected(data: bytes, complaint: str) -> None:
     with pytest.raises(codec.CodecError, match=complaint):
         codec.unpack_blocks(data, 16, 8)
 
 
-def test_packed_colours_of_two_rows() -> None:
+def test_packed_colours_use_row_differences() -> None:
     picture = np.array([[[10, 20, 30], [255, 0, 1]], [[12, 19, 30], [0, 255, 255]]], np.uint8)
     planes = [picture[..., 1], picture[..., 0] - picture[..., 1], picture[..., 2] - picture[..., 1]]
     numbers = [
@@ -73,15 +73,15 @@ def test_packed_colours_of_two_rows() -> None:
         for row in range(2)
         for column in range(2)
     ]
-    # Green 20, 0, then 19 - 20 = -1 and 255 - 0 = -1; red less green is 246 = -10 …
+    # Green 20, 0, then 19 - 20 = -1 and 255 - 0 = -1; red minus green is 246 = -10 …
     assert numbers[:5] == [40, 0, 1, 1, 19]
     np.testing.assert_array_equal(codec.decode_rgb(PACKED, pack(numbers), 2, 2), picture)
 
 
-def test_packed_depth_predicts_the_third_row_from_the_two_above() -> None:
+def test_packed_depth_is_predicted_from_two_rows() -> None:
     depth = np.array([[1.0, 2.0], [2.0, 0.0], [5.0, 3.0], [7.0, 0.0]], np.float32)
-    # Third row: a = 2, b = 1 results in 2 / (1 + 1 - 2), not finite, so 2; a = 0, b = 2 gives 0, not above 0, so 0.
-    # Fourth row: a = 5, b = 2 gives 10 / (2 + 2 - 5) = -10, so 5; a = 3, b = 0 gives 0 / -3, so 3.
+    # Third row: a = 2, b = 1: 2 / (1 + 1 - 2) is not finite, so 2; a = 0, b = 2: 0 is not positive, so 0.
+    # Fourth row: a = 5, b = 2: 10 / (2 + 2 - 5) = -10, so 5; a = 3, b = 0: 0 / -3, so 3.
     predicted = [[0.0, 1.0], [1.0, 2.0], [2.0, 0.0], [5.0, 3.0]]
     differences = [
         signed(bits_of(own) - bits_of(prediction), 32)
@@ -91,8 +91,8 @@ def test_packed_depth_predicts_the_third_row_from_the_two_above() -> None:
     np.testing.assert_array_equal(codec.decode_depth(PACKED, packed, 4, 2), depth)
 
 
-def test_a_plane_along_a_column_is_predicted_exactly() -> None:
-    column = [2.0, 3.0, 6.0]  # 1/d falls by a sixth a row: 6 = 3 · 2 / (2 + 2 - 3)
+def test_plane_depth_is_predicted_exactly() -> None:
+    column = [2.0, 3.0, 6.0]  # 1/d decreases by a sixth per row: 6 = 3 · 2 / (2 + 2 - 3)
     differences = [bits_of(2.0), bits_of(3.0) - bits_of(2.0), 0]
     packed = pack([fold(difference) for difference in differences])
     assert codec.decode_depth(PACKED, packed, 3, 1).reshape(-1).tolist() == column
@@ -107,13 +107,13 @@ def test_millimetres_are_predicted_from_three_neighbours() -> None:
     np.testing.assert_allclose(plain, millimetres / 10_000, rtol=1e-6)
 
 
-def test_sound_of_16_bits_has_its_full_scale_at_one() -> None:
+def test_16_bit_sound_has_full_scale_one() -> None:
     samples = struct.pack("<4h", 32767, -32767, 0, 16384)
     audio = codec.decode_audio(v1.ENCODING_AUDIO_I16, samples, 2)
     np.testing.assert_allclose(audio, [[1.0, -1.0], [0.0, 16384 / 32767]], rtol=1e-6)
 
 
-def test_raw_arrays_are_views_of_the_message() -> None:
+def test_raw_arrays_are_views_of_message() -> None:
     data = bytes(range(24))
     picture = codec.decode_rgb(RAW, data, 2, 4)
     assert np.shares_memory(picture, np.frombuffer(data, np.uint8))
@@ -122,8 +122,8 @@ def test_raw_arrays_are_views_of_the_message() -> None:
     assert depth.tolist() == [[1.5, 0.0]]
 
 
-def test_other_lengths_and_foreign_encodings_are_refused() -> None:
-    with pytest.raises(codec.CodecError, match="11 bytes, agreed were 12"):
+def test_wrong_lengths_and_encodings_are_rejected() -> None:
+    with pytest.raises(codec.CodecError, match="expected 12 bytes, got 11"):
         codec.decode_rgb(RAW, bytes(11), 2, 2)
     with pytest.raises(codec.CodecError, match="ENCODING_PNG is not an encoding of sound"):
         codec.decode_audio(v1.ENCODING_PNG, b"", 4)
@@ -133,7 +133,7 @@ def test_other_lengths_and_foreign_encodings_are_refused() -> None:
         codec.decode_depth(v1.ENCODING_QOI, b"", 2, 2)
 
 
-def test_raw_is_always_wished_for_and_rounding_only_where_asked_for() -> None:
+def test_raw_is_always_requested_and_rounding_optional() -> None:
     rounding = {v1.ENCODING_DEPTH_U16_MM, v1.ENCODING_DEPTH_U16_MM_PACKED, v1.ENCODING_AUDIO_I16}
     for kind in (v1.SENSOR_KIND_RGB, v1.SENSOR_KIND_DEPTH, v1.SENSOR_KIND_AUDIO):
         for packing in Packing:
@@ -143,6 +143,6 @@ def test_raw_is_always_wished_for_and_rounding_only_where_asked_for() -> None:
             assert bool(rounding & set(wishes)) == rounds
 
 
-def test_this_machine_is_told_from_others() -> None:
+def test_loopback_addresses_are_local() -> None:
     assert all(map(is_this_machine, ["localhost", "127.0.0.1", "127.8.0.1", "[::1]"]))
     assert not any(map(is_this_machine, ["arena.example", "10.0.0.1", "[2001:db8::1]", "localhost.example"]))

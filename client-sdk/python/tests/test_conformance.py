@@ -1,4 +1,4 @@
-"""The server's program checks this client: streams break, answers are lost, frames make no sense."""
+"""Conformance of this client: broken streams, lost answers, invalid frames, produced by the server program."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def connect() -> avln.Client:
     return avln.connect(f"http://{ADDRESS[0]}:{ADDRESS[1]}", "any-token")
 
 
-def test_this_client_keeps_the_protocol(host: subprocess.Popen[str]) -> None:
+def test_client_conforms_to_protocol(host: subprocess.Popen[str]) -> None:
     with connect() as client, client.play(client.start_run("any", "python"), avln.Sensors.square(64)) as run:
         for episode in run:
             while not episode.is_over:
                 episode.act(avln.Action.MOVE_FORWARD)
-    told, _ = host.communicate(timeout=60)
-    assert host.returncode == 0, told
+    output, _ = host.communicate(timeout=60)
+    assert host.returncode == 0, output

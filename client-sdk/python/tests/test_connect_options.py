@@ -1,4 +1,4 @@
-"""Addresses, TLS and what goes wrong on the way: every text says what to do next."""
+"""Tests of addresses, TLS and connection errors; every error contains the next step."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("address", ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:relative.sock"])
-def test_addresses_that_cannot_work_say_how_to_write_them(address: str) -> None:
+def test_invalid_address_error_shows_syntax(address: str) -> None:
     with pytest.raises(avln.AddressError) as refused:
         avln.connect(address)
     assert address in str(refused.value)
@@ -37,36 +37,36 @@ def test_addresses_that_cannot_work_say_how_to_write_them(address: str) -> None:
         ("unix:/run/arena.sock", "unix:/run/arena.sock", False, True),
     ],
 )
-def test_addresses_are_taken_apart(text: str, target: str, *, is_secure: bool, is_local: bool) -> None:
+def test_addresses_are_parsed(text: str, target: str, *, is_secure: bool, is_local: bool) -> None:
     address = parse_address(text)
     assert (address.target, address.is_secure, address.is_local) == (target, is_secure, is_local)
 
 
-def test_a_silent_address_names_the_option() -> None:
+def test_unreachable_server_error_names_option() -> None:
     with pytest.raises(avln.UnreachableError, match="--server or AVLN_SERVER"):
         avln.connect(f"http://127.0.0.1:{free_port()}")
 
 
-def test_the_port_of_the_pages_is_not_the_agents_door(endpoint: Endpoint) -> None:
+def test_web_port_error_mentions_grpc_port(endpoint: Endpoint) -> None:
     with pytest.raises((avln.UnreachableError, avln.NotArenaError), match="gRPC port"):
         avln.connect(f"http://127.0.0.1:{endpoint.server.web}")
 
 
-def test_plain_text_and_tls_are_told_apart(endpoint: Endpoint) -> None:
-    with pytest.raises(avln.TlsError, match="write http://"):
+def test_missing_tls_error_suggests_http(endpoint: Endpoint) -> None:
+    with pytest.raises(avln.TlsError, match="use http://"):
         avln.connect(endpoint.url.replace("http:", "https:"))
 
 
-def test_files_of_authorities_that_are_no_use_are_named(tmp_path: Path) -> None:
+def test_unusable_authority_file_error_has_path(tmp_path: Path) -> None:
     with pytest.raises(avln.TlsError, match=r"no-such-file.*--ca"):
         avln.connect("https://arena.example", connect_options=avln.ConnectOptions(ca=tmp_path / "no-such-file.pem"))
     empty = tmp_path / "empty.pem"
     empty.write_text("nothing")
-    with pytest.raises(avln.TlsError, match="holds no certificate"):
+    with pytest.raises(avln.TlsError, match="contains no certificate"):
         avln.connect("https://arena.example", connect_options=avln.ConnectOptions(ca=empty))
 
 
-def test_a_token_with_a_line_break_is_never_sent(endpoint: Endpoint) -> None:
+def test_token_with_line_break_is_rejected(endpoint: Endpoint) -> None:
     with pytest.raises(avln.TokenError, match="TOKEN_MALFORMED"):
         avln.connect(endpoint.url, "avln_a\nb")
 
@@ -87,7 +87,7 @@ def test_faults_become_errors_with_reason_and_delay() -> None:
     assert (newer.reason, newer.retry_after_s) == ("", None)
 
 
-def test_words_of_newer_servers_are_other() -> None:
+def test_unknown_enum_values_are_other() -> None:
     assert word(task_pb2.PoseFrame, task_pb2.POSE_FRAME_WORLD) == "world"
     assert word(task_pb2.SoundClip, 0) == "unspecified"
     assert word(task_pb2.SoundClip, 77) == "other"
@@ -95,22 +95,22 @@ def test_words_of_newer_servers_are_other() -> None:
     assert avln.Feedback.from_wire(77) is avln.Feedback.NONE
 
 
-def test_a_task_with_which_no_agent_could_calculate_is_refused() -> None:
-    with pytest.raises(avln.ProtocolError, match=r"forward_m is 0.0"):
+def test_task_with_zero_length_is_rejected() -> None:
+    with pytest.raises(avln.ProtocolError, match=r"forward_m: expected a positive number, got 0.0"):
         avln.TaskSpec.from_wire(task_pb2.TaskSpec())
 
 
-def test_a_run_shows_no_token() -> None:
+def test_run_repr_hides_token() -> None:
     assert "secret" not in repr(avln.Run.from_token("avln_run_secret"))
 
 
-def test_actions_have_the_numbers_of_action_spaces_and_of_the_wire() -> None:
+def test_wire_numbers_are_index_plus_one() -> None:
     assert [action.to_wire() for action in avln.Action] == [index + 1 for index in range(5)]
     assert [order.to_wire() for order in avln.Order] == [common_pb2.ORDER_ORDERED, common_pb2.ORDER_UNORDERED]
 
 
 class Reset(grpc.RpcError):
-    """gRPC's error for an ended call."""
+    """gRPC's error after the end of a call."""
 
     def __init__(self, code: grpc.StatusCode, message: str, reason: str = "") -> None:
         self._code, self._message = code, message
@@ -126,7 +126,7 @@ class Reset(grpc.RpcError):
         return self._trailers
 
 
-def test_streams_that_a_proxy_gave_up_and_calls_without_an_answer_are_lost() -> None:
+def test_proxy_reset_and_timeout_are_lost_connections() -> None:
     reset = "Received RST_STREAM with error code 2"
     assert is_passing(from_call("play", Reset(grpc.StatusCode.INTERNAL, reset)))
     assert is_passing(from_call("ask", Reset(grpc.StatusCode.DEADLINE_EXCEEDED, "Deadline Exceeded")))

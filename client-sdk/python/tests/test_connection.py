@@ -1,4 +1,4 @@
-"""Every waiting slot receives the end, for any cause."""
+"""Tests of the connection's end: every waiting slot receives it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Call:
-    """A stream that ends by what gRPC does not say."""
+    """A stream that ends with an undocumented exception."""
 
     def __iter__(self) -> Iterator[Any]:
         raise ValueError("a frame from nowhere")
@@ -26,7 +26,7 @@ class Call:
         pass
 
 
-def test_what_nobody_foresaw_reaches_who_waits() -> None:
+def test_unexpected_error_reaches_all_slots() -> None:
     dialler = Dialler(lambda *_, **__: Call(), "token", play_pb2.Hello())
     connection = Connection(dialler, Stream(Call(), SimpleQueue()), 2, 0.0, Progress(0, 0, 0, None))
     for slot in range(2):
@@ -35,10 +35,10 @@ def test_what_nobody_foresaw_reaches_who_waits() -> None:
         with pytest.raises(LostError, match="ValueError: a frame from nowhere"):
             raise event.because("wait")
     connection.close()
-    assert connection._stream.call is None, "the interpreter's end waits for calls that live on"
+    assert connection._stream.call is None, "a remaining call would block the interpreter's exit"
 
 
-def test_the_end_is_told_as_often_as_it_is_asked_for() -> None:
+def test_closed_connection_repeats_end_event() -> None:
     dialler = Dialler(lambda *_, **__: Call(), "token", play_pb2.Hello())
     connection = Connection(dialler, Stream(Call(), SimpleQueue()), 1, 0.0, Progress(0, 0, 0, None))
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Other ways to the same server: a Unix socket, as in sealed runs, and TLS."""
+"""Tests of other addresses: a Unix socket, as in sealed runs, and TLS."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def pipe(source: socket.socket, sink: socket.socket) -> None:
 
 @pytest.fixture
 def unix(endpoint: Endpoint, tmp_path: Path) -> Iterator[str]:
-    """Unix socket forwarded to the server's port."""
+    """A Unix socket that is forwarded to the server's port."""
     path = tmp_path / "arena.sock"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
@@ -50,7 +50,7 @@ def unix(endpoint: Endpoint, tmp_path: Path) -> Iterator[str]:
         thread.join(timeout=5)
 
 
-def test_a_run_is_played_by_its_token_through_a_unix_socket(client: avln.Client, unix: str) -> None:
+def test_run_token_plays_over_unix_socket(client: avln.Client, unix: str) -> None:
     run = client.start_run(PHASE, "socket")
     with avln.begin(unix, run.token, "", "", sensors=avln.Sensors.square(64)) as play:
         for episode in play:
@@ -64,10 +64,10 @@ SUBJECT = "subjectAltName=DNS:localhost,IP:127.0.0.1\nbasicConstraints=CA:FALSE\
 
 @pytest.fixture
 def certificate(tmp_path: Path) -> Path:
-    """A folder with `ca.pem`, and `server.pem` and `server.key` that it vouches for."""
+    """A folder with `ca.pem`, and with `server.pem` and `server.key` signed by it."""
     openssl = shutil.which("openssl")
     if openssl is None:
-        pytest.skip("no openssl to make a certificate with; install it")
+        pytest.skip("openssl is missing; install it to create certificates")
     (tmp_path / "names").write_text(SUBJECT)
     for command in (
         "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=test",
@@ -78,7 +78,7 @@ def certificate(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_server_that_speaks_tls_is_trusted_by_its_authority(furnished: Furnished, certificate: Path) -> None:
+def test_tls_server_needs_its_authority(furnished: Furnished, certificate: Path) -> None:
     server = furnished.copy(certificate / "data")
     server.start("--tls-cert", str(certificate / "server.pem"), "--tls-key", str(certificate / "server.key"))
     try:

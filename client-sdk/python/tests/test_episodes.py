@@ -1,4 +1,4 @@
-"""Whole episodes at the lower layers: frames, episodes, agents on slots."""
+"""Tests of whole episodes: frames, observations, agents on slots."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def begin(
     return avln.begin(endpoint.url, endpoint.token, PHASE, method, sensors=sensors, connect_options=connect_options)
 
 
-def test_the_server_its_phases_and_the_account_are_told(client: avln.Client) -> None:
+def test_client_reads_server_phases_and_account(client: avln.Client) -> None:
     assert not client.server_info().draining
     assert client.whoami().team == "Python"
     phase = next(phase for phase in client.phases() if phase.id == PHASE)
@@ -33,7 +33,7 @@ def test_the_server_its_phases_and_the_account_are_told(client: avln.Client) -> 
     assert all(isinstance(window, str) for window in concurrent)
 
 
-def test_a_run_is_played_to_its_end(endpoint: Endpoint, client: avln.Client) -> None:
+def test_run_plays_all_episodes(endpoint: Endpoint, client: avln.Client) -> None:
     with begin(endpoint, "two loops") as run:
         played = 0
         for episode in run:
@@ -54,7 +54,7 @@ def test_a_run_is_played_to_its_end(endpoint: Endpoint, client: avln.Client) -> 
     assert run.run in [status.id for status in client.runs(PHASE)]
 
 
-def test_observations_are_arrays_in_the_units_that_are_promised(endpoint: Endpoint) -> None:
+def test_observation_arrays_have_documented_shapes_and_units(endpoint: Endpoint) -> None:
     with begin(endpoint, "arrays") as run:
         episode = run.next_episode()
         assert episode is not None
@@ -74,7 +74,7 @@ def test_observations_are_arrays_in_the_units_that_are_promised(endpoint: Endpoi
         assert (turned.step, turned.remaining_steps) == (1, run.task.max_steps - 1)
 
 
-def test_sensors_that_were_not_asked_for_are_none(endpoint: Endpoint) -> None:
+def test_unrequested_sensors_are_none(endpoint: Endpoint) -> None:
     with begin(endpoint, "blind", avln.Sensors(rgb=False, depth=False, audio=False)) as run:
         episode = run.next_episode()
         assert episode is not None
@@ -90,7 +90,7 @@ def senses(endpoint: Endpoint, packing: avln.Packing) -> list[avln.Observation]:
         return [episode.observation, *(episode.act(move) for move in moves)]
 
 
-def test_packed_observations_are_the_same_numbers(endpoint: Endpoint) -> None:
+def test_lossless_observations_equal_raw(endpoint: Endpoint) -> None:
     raw = senses(endpoint, avln.Packing.RAW)
     for one, other in zip(raw, senses(endpoint, avln.Packing.LOSSLESS)):
         np.testing.assert_array_equal(one.rgb, other.rgb)
@@ -99,7 +99,7 @@ def test_packed_observations_are_the_same_numbers(endpoint: Endpoint) -> None:
         assert one.pose == other.pose
 
 
-def test_rounded_observations_are_near_where_the_phase_allows_them(endpoint: Endpoint) -> None:
+def test_rounded_observations_are_close_to_raw(endpoint: Endpoint) -> None:
     for one, other in zip(senses(endpoint, avln.Packing.RAW), senses(endpoint, avln.Packing.ROUNDED)):
         assert one.depth is not None
         assert other.depth is not None
@@ -107,7 +107,7 @@ def test_rounded_observations_are_near_where_the_phase_allows_them(endpoint: End
         np.testing.assert_allclose(one.depth, other.depth, atol=0.51e-3)
 
 
-def test_goals_come_in_words_and_pictures(endpoint: Endpoint) -> None:
+def test_goals_have_either_text_or_image(endpoint: Endpoint) -> None:
     with begin(endpoint, "goals") as run:
         goals = [goal for episode in run for goal in episode.mission.goals]
     for goal in goals:
@@ -117,11 +117,11 @@ def test_goals_come_in_words_and_pictures(endpoint: Endpoint) -> None:
         assert goal.image is None or (goal.image.dtype == np.uint8 and goal.image.ndim == 3)
 
 
-def test_what_an_agent_does_wrong_is_told_and_costs_nothing(endpoint: Endpoint) -> None:
+def test_invalid_actions_raise_and_cost_no_step(endpoint: Endpoint) -> None:
     with begin(endpoint, "wrong") as run:
         episode = run.next_episode()
         assert episode is not None
-        with pytest.raises(avln.UnknownActionError, match=r"take the action 7.*Action.STOP \(4\)"):
+        with pytest.raises(avln.UnknownActionError, match=r"invalid action 7.*Action.STOP \(4\)"):
             episode.act(7)  # type: ignore[arg-type]
         assert episode.observation.step == 0
         with pytest.raises(avln.Error, match="no action was taken"):
@@ -132,7 +132,7 @@ def test_what_an_agent_does_wrong_is_told_and_costs_nothing(endpoint: Endpoint) 
             episode.act(avln.Action.STOP)
 
 
-def test_an_episode_that_is_left_open_is_abandoned(endpoint: Endpoint) -> None:
+def test_next_episode_abandons_open_episode(endpoint: Endpoint) -> None:
     with begin(endpoint, "abandon") as run:
         first = run.next_episode()
         assert first is not None
@@ -143,7 +143,7 @@ def test_an_episode_that_is_left_open_is_abandoned(endpoint: Endpoint) -> None:
         assert first.end.reason is avln.EndReason.ABANDONED
 
 
-def test_an_exception_leaves_the_run_open_for_its_token(endpoint: Endpoint, client: avln.Client) -> None:
+def test_exception_leaves_run_open(endpoint: Endpoint, client: avln.Client) -> None:
     run = client.start_run(PHASE, "comes back")
 
     def crash() -> None:
@@ -159,7 +159,7 @@ def test_an_exception_leaves_the_run_open_for_its_token(endpoint: Endpoint, clie
         assert play.next_episode() is not None
 
 
-def test_refusals_have_the_servers_reason(endpoint: Endpoint, client: avln.Client) -> None:
+def test_refusals_contain_server_reason(endpoint: Endpoint, client: avln.Client) -> None:
     with pytest.raises(avln.RefusedError, match="PHASE_UNKNOWN") as refused:
         client.start_run("no-such-phase", "method")
     assert refused.value.reason == "PHASE_UNKNOWN"
@@ -169,7 +169,7 @@ def test_refusals_have_the_servers_reason(endpoint: Endpoint, client: avln.Clien
         client.play(client.start_run(PHASE, "tiny"), avln.Sensors.square(63))
 
 
-def test_frames_go_in_and_out_of_the_raw_connection(client: avln.Client) -> None:
+def test_raw_connection_sends_and_receives_frames(client: avln.Client) -> None:
     connection, agreement = client.connection(client.start_run(PHASE, "frames"), 2, SMALL)
     for slot in range(agreement.slots):
         connection.send(play_pb2.Ready(slot=slot))
@@ -187,7 +187,7 @@ def test_frames_go_in_and_out_of_the_raw_connection(client: avln.Client) -> None
 
 
 class Turner:
-    """Turns for some steps and stops."""
+    """An agent that turns for some steps and stops."""
 
     def begin(self, _task: avln.TaskSpec, _mission: avln.Mission) -> None:
         self.steps = 0
@@ -197,7 +197,7 @@ class Turner:
         return avln.Action.STOP if self.steps == 5 else avln.Action.TURN_RIGHT
 
 
-def test_agents_play_slots_at_the_same_time(client: avln.Client) -> None:
+def test_agents_play_slots_in_parallel(client: avln.Client) -> None:
     ends: list[avln.EpisodeEnd] = []
     run = client.start_run(PHASE, "slots")
     summary = avln.evaluate_slots(client, run, [Turner(), Turner()], SMALL, ends.append)
@@ -206,7 +206,7 @@ def test_agents_play_slots_at_the_same_time(client: avln.Client) -> None:
 
 
 class Failing(Turner):
-    """Raises after some steps."""
+    """An agent that raises an exception after some steps."""
 
     def act(self, observation: avln.Observation) -> avln.Action:
         if observation.step == 2:
@@ -214,7 +214,7 @@ class Failing(Turner):
         return avln.Action.TURN_LEFT
 
 
-def test_an_agent_that_fails_ends_the_evaluation_and_not_the_run(client: avln.Client) -> None:
+def test_failing_agent_leaves_run_open(client: avln.Client) -> None:
     run = client.start_run(PHASE, "fails")
     with pytest.raises(RuntimeError, match="out of memory"):
         avln.evaluate_slots(client, run, [Failing(), Failing()], SMALL)
@@ -222,7 +222,7 @@ def test_an_agent_that_fails_ends_the_evaluation_and_not_the_run(client: avln.Cl
     assert client.cancel_run(run.id).state == "cancelled"
 
 
-def test_a_run_can_be_watched_until_it_is_over(client: avln.Client) -> None:
+def test_watch_yields_states_until_run_ends(client: avln.Client) -> None:
     run = client.start_run(PHASE, "watched")
     states = client.watch(run.id)
     assert next(states).state == "created"

@@ -1,4 +1,4 @@
-"""The examples play, and their maps and bearings are right."""
+"""Tests of the examples: runs, maps, bearings."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from server import PHASE
 import avln
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from conftest import Endpoint
 
 RATE_HZ = 16_000
@@ -35,19 +37,19 @@ class Short:
 
 
 @pytest.mark.parametrize("agent", [RandomWalk, AudioFollower, Frontier])
-def test_an_example_plays_a_run(client: avln.Client, agent: Any) -> None:
+def test_example_plays_run(client: avln.Client, agent: Any) -> None:
     run = client.start_run(PHASE, agent.__name__)
     summary = avln.evaluate(client, run, Short(agent(), 30), agent.sensors)
     assert summary.complete
 
 
 def heard(lead_samples: int) -> Any:
-    """Noise with a lead at the left ear, in samples."""
+    """Returns noise that reaches the left ear `lead_samples` earlier."""
     noise = np.random.default_rng(1).normal(size=4100).astype(np.float32)
     return np.stack([noise[50 + lead_samples : 4050 + lead_samples], noise[50:4050]])
 
 
-def test_what_reaches_the_left_ear_first_comes_from_the_left() -> None:
+def test_bearing_follows_ear_delay() -> None:
     assert delay_s(heard(4), RATE_HZ) == pytest.approx(-4 / RATE_HZ, abs=1e-5)
     # 4 samples are 0.25 ms: 0.0875 / 343 (a + sin a) = 0.00025 for a = 0.4973.
     assert bearing_rad(heard(4), RATE_HZ) == pytest.approx(0.497, abs=0.01)
@@ -55,7 +57,7 @@ def test_what_reaches_the_left_ear_first_comes_from_the_left() -> None:
     assert bearing_rad(heard(0), RATE_HZ) == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_map_of_a_corridor_is_free_ahead_and_blocked_at_its_end() -> None:
+def test_map_is_free_up_to_wall() -> None:
     task = avln.TaskSpec(width=64, height=64)
     drawn = Map(task)
     drawn.see(avln.Pose(heading_rad=math.pi / 2), np.full((64, 64), 2.0, np.float32))
@@ -78,7 +80,7 @@ def test_ppo_trains_on_practice(endpoint: Endpoint, tmp_path: Path) -> None:
     assert stable_baselines3.PPO.load(out).num_timesteps >= 2000
 
 
-def test_a_torch_policy_plays_slots_in_one_batch(client: avln.Client) -> None:
+def test_torch_policy_plays_slots_in_one_batch(client: avln.Client) -> None:
     pytest.importorskip("torch", reason="pip install 'avln[torch]'")
     from torch_policy import SENSORS, Policy, play_slots  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""Gymnasium's own checks, with every warning an error, and what they do not look at."""
+"""Tests of the Gymnasium environments, with Gymnasium's checker and warnings as errors."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def env(endpoint: Endpoint) -> Iterator[LHAVLNEnv]:
     env.close()
 
 
-def test_the_environment_passes_gymnasiums_check(endpoint: Endpoint) -> None:
+def test_environment_passes_gymnasium_check(endpoint: Endpoint) -> None:
     env = gymnasium.make(
         ENV_ID,
         server=endpoint.url,
@@ -58,14 +58,14 @@ def test_the_environment_passes_gymnasiums_check(endpoint: Endpoint) -> None:
 
 
 @pytest.mark.parametrize("last", ["env.close()", "avln.connection._close_connections()"])
-def test_programs_that_make_the_environment_end(endpoint: Endpoint, last: str) -> None:
+def test_program_with_environment_exits(endpoint: Endpoint, last: str) -> None:
     code = f"""
 import avln.connection, gc, grpc, gymnasium
 gc.disable()
 env = gymnasium.make("avln/LHAVLN-v1", server={endpoint.url!r}, token={endpoint.token!r})
 print(sorted(env.reset()[0]))
 {last}
-# The interpreter's end waits for ever for calls that outlive their threads.
+# The interpreter's exit waits forever for calls that outlive the gRPC threads.
 assert not [known for known in gc.get_objects() if isinstance(known, grpc.RpcError)]
 """
     command = [sys.executable, "-W", "error", "-c", code]
@@ -74,7 +74,7 @@ assert not [known for known in gc.get_objects() if isinstance(known, grpc.RpcErr
     assert "'rgb'" in done.stdout
 
 
-def test_spaces_are_finite_and_hold_what_is_observed(env: LHAVLNEnv) -> None:
+def test_observations_fit_finite_spaces(env: LHAVLNEnv) -> None:
     for name, space in env.observation_space.spaces.items():  # type: ignore[attr-defined]
         if isinstance(space, gymnasium.spaces.Box):
             assert space.is_bounded(), name
@@ -88,7 +88,7 @@ def test_spaces_are_finite_and_hold_what_is_observed(env: LHAVLNEnv) -> None:
         assert (reward, terminated, truncated, info) == (0.0, False, False, {})
 
 
-def test_an_episode_ends_terminated_with_its_reason_and_metrics(env: LHAVLNEnv) -> None:
+def test_last_step_has_end_reason_and_metrics(env: LHAVLNEnv) -> None:
     env.reset()
     *_, terminated, truncated, info = env.step(STOP)
     assert (terminated, truncated) == (True, False)
@@ -98,7 +98,7 @@ def test_an_episode_ends_terminated_with_its_reason_and_metrics(env: LHAVLNEnv) 
         env.step(STOP)
 
 
-def test_practice_goes_on_without_end_and_a_seed_begins_it_anew(env: LHAVLNEnv) -> None:
+def test_practice_repeats_and_seed_restarts_it(env: LHAVLNEnv) -> None:
     firsts = [env.reset(seed=3)[0]["rgb"]]
     firsts += [env.reset()[0]["rgb"] for _ in range(3)]
     np.testing.assert_array_equal(firsts[3], firsts[0])
@@ -106,11 +106,11 @@ def test_practice_goes_on_without_end_and_a_seed_begins_it_anew(env: LHAVLNEnv) 
     np.testing.assert_array_equal(env.reset(seed=4)[0]["rgb"], firsts[0])
 
 
-def test_a_runs_own_token_needs_no_phase(endpoint: Endpoint, client: avln.Client) -> None:
+def test_run_token_needs_no_phase(endpoint: Endpoint, client: avln.Client) -> None:
     run = client.start_run(PHASE, "given")
     env = gymnasium.make(ENV_ID, server=endpoint.url, token=run.token, sensors=SMALL, goal_side=32)
     env.reset()
-    with pytest.raises(avln.RunOverError, match=f"run {run.id} gives no episode: reset was called with seed 7, and"):
+    with pytest.raises(avln.RunOverError, match=f"run {run.id}: reset was called with seed 7, and"):
         env.reset(seed=7)
     env.close()
 
@@ -127,7 +127,7 @@ def test_counted_runs_refuse_seeds_and_end(endpoint: Endpoint) -> None:
     env.close()
 
 
-def test_keys_rewards_and_words_are_checked(endpoint: Endpoint) -> None:
+def test_environment_checks_keys_and_options(endpoint: Endpoint) -> None:
     env = make(endpoint, keys=["depth", "pose"], reward=lambda before, action, after: after.step - before.step + action)
     assert list(env.reset()[0]) == ["depth", "pose"]
     assert env.step(LEFT)[1] == 1 + LEFT
@@ -148,7 +148,7 @@ def test_goals_become_arrays_of_fixed_shapes() -> None:
     assert arrays["goal_text"].shape == (4, GOAL_TEXT_BYTES)
     assert bytes(arrays["goal_text"][0]).rstrip(b"\0") == b"bed"
     assert not arrays["goal_text"][1].any()
-    # Pixels 1 and 3 of each side: the middles of its halves lie at 1 and 3.
+    # Pixels 1 and 3 per side: the centres of the halves.
     np.testing.assert_array_equal(arrays["goal_image"][1], picture[1::2, 1::2])
     assert layout.space.contains(layout.observation(avln.Observation(), arrays))
 
@@ -168,7 +168,7 @@ def vector(endpoint: Endpoint, num_envs: int = 2, phase: str = PHASE) -> LHAVLNV
     return envs.unwrapped
 
 
-def test_slots_step_together_and_begin_the_next_episode_by_themselves(endpoint: Endpoint) -> None:
+def test_slots_step_together_and_start_next_episode(endpoint: Endpoint) -> None:
     envs = vector(endpoint)
     observations, infos = envs.reset(seed=1)
     assert observations in envs.observation_space
@@ -180,21 +180,21 @@ def test_slots_step_together_and_begin_the_next_episode_by_themselves(endpoint: 
     assert truncated.tolist() == [False, False]
     assert observations["pose"][0, 3] == pytest.approx(np.radians(30), abs=1e-6)
     observations, *_, infos = envs.step(np.array([LEFT, LEFT]))
-    assert infos["_order"].tolist() == [False, True], "the second slot began its next episode"
+    assert infos["_order"].tolist() == [False, True], "the second slot began the next episode"
     assert observations["remaining"][:, 0].tolist() == [998, 1000]
     envs.close()
 
 
-def test_slots_without_an_episode_are_idle_until_the_run_begins_anew(endpoint: Endpoint) -> None:
+def test_slots_without_episode_are_idle_until_restart(endpoint: Endpoint) -> None:
     envs = vector(endpoint)
     envs.reset(seed=1)
     idle = [envs.step(np.array([STOP, STOP]))[4]["idle"].tolist() for _ in range(4)]
-    # Both stop; of two slots one begins the third episode; that one stops; a new run begins.
+    # Both slots stop; one begins the third episode and stops; a new run begins.
     assert idle == [[False, False], [False, True], [False, True], [False, False]]
     envs.close()
 
 
-def test_a_vector_over_counted_runs_ends(endpoint: Endpoint) -> None:
+def test_vector_ends_after_counted_run(endpoint: Endpoint) -> None:
     envs = vector(endpoint, 3, CHALLENGE)
     envs.reset()
     envs.step(np.array([STOP] * 3))
@@ -203,6 +203,6 @@ def test_a_vector_over_counted_runs_ends(endpoint: Endpoint) -> None:
     envs.close()
 
 
-def test_more_slots_than_the_phase_grants_are_refused(endpoint: Endpoint) -> None:
+def test_too_many_slots_are_rejected(endpoint: Endpoint) -> None:
     with pytest.raises(avln.Error, match="num_envs=4"):
         vector(endpoint, 5)

@@ -1,4 +1,4 @@
-"""Observations as Habitat and SoundSpaces have them, with numbers worked out by hand."""
+"""Tests of Habitat and SoundSpaces observations, with values calculated by hand."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def at(x_m: float, z_m: float, heading_deg: float) -> avln.Observation:
     return avln.Observation(step=7, pose=avln.Pose(x_m, 0.1, z_m, math.radians(heading_deg)))
 
 
-def test_depth_goes_from_0_to_1_between_its_ends() -> None:
+def test_depth_is_normalized_between_limits() -> None:
     depth = np.array([[0.0, 0.5, 1.0, 5.0, 7.0]], np.float32)
     seen = avln.Observation(depth=depth)
     plain = sense("depth", seen)
@@ -48,13 +48,13 @@ def test_depth_goes_from_0_to_1_between_its_ends() -> None:
     np.testing.assert_allclose(metres[0, :, 0], [5.0, 0.5, 1.0, 5.0, 5.0])
 
 
-def test_gps_is_ahead_and_right_of_the_start() -> None:
-    # Two metres ahead (-Z) and half a metre to the right (+X) of a start that looks along -Z.
+def test_gps_is_forward_and_right_of_start() -> None:
+    # Two metres ahead (-Z) and half a metre to the right (+X) of a start that faces -Z.
     np.testing.assert_allclose(sense("gps", at(0.5, -2.0, 0)), [2.0, 0.5])
 
 
-def test_gps_and_compass_turn_with_a_start_in_the_frame_of_the_world() -> None:
-    # A start at (10, 20) that looks left, along -X. Three metres along -X is 3 ahead; one along -Z is 1 to the right.
+def test_gps_and_compass_are_relative_to_start() -> None:
+    # A start at (10, 20) that faces -X. Three metres towards -X are 3 ahead; a metre towards -Z is 1 to the right.
     start = avln.Pose(10.0, 0.0, 20.0, math.pi / 2)
     seen = at(7.0, 19.0, 120)
     np.testing.assert_allclose(sense("gps", seen, start), [3.0, 1.0], atol=1e-6)
@@ -62,19 +62,19 @@ def test_gps_and_compass_turn_with_a_start_in_the_frame_of_the_world() -> None:
     np.testing.assert_allclose(sense("pose", seen, start), [3.0, 1.0, math.radians(30), 7.0], atol=1e-6)
 
 
-def test_the_compass_stays_between_minus_pi_and_pi() -> None:
+def test_compass_wraps_at_pi() -> None:
     start = avln.Pose(heading_rad=math.radians(-170))
     np.testing.assert_allclose(sense("compass", at(0, 0, 170), start), [math.radians(-20)], atol=1e-6)
 
 
-def test_the_full_pose_is_a_place_and_a_quaternion() -> None:
+def test_full_pose_is_position_and_quaternion() -> None:
     half = math.sqrt(0.5)
     np.testing.assert_allclose(
         sense("full_pose_sensor", at(1.0, 2.0, 90)), [1.0, 0.1, 2.0, 0.0, half, 0.0, half], atol=1e-6
     )
 
 
-def test_sound_is_filled_up_to_a_second() -> None:
+def test_audiogoal_is_padded_to_one_second() -> None:
     audio = np.ones((2, 4000), np.float32)
     audio[1] = 0.5
     filled = sense("audiogoal", avln.Observation(audio=audio))
@@ -84,13 +84,13 @@ def test_sound_is_filled_up_to_a_second() -> None:
     assert sense("audiogoal", avln.Observation(audio=audio), audio_samples=2000).shape == (2, 2000)
 
 
-def test_the_spectrogram_of_a_click() -> None:
-    """A click at sample 8000 is the middle of frame 50.
+def test_click_spectrogram_matches_hand_calculation() -> None:
+    """A click at sample 8000, the middle of frame 50.
 
-    A click is as strong at every frequency as the window is where it falls: 1 in frame 50, and 160 samples from the
-    middle, in frames 49 and 51, 0.5 + 0.5 cos(144 degrees) = 0.0954915; 320 samples away it is not seen. Frames 48 to
-    51 are one block: (0.0954915 + 1 + 0.0954915) / 4 = 0.2977457, log(1.2977457) = 0.2606288. Of the 257 frequencies
-    the last block holds one and three zeros: log(1 + 0.2977457 / 4) = 0.0717963.
+    The magnitude of a click is the window value at its sample, for all frequencies: 1 in frame 50, and 160 samples
+    from the middle, in frames 49 and 51, 0.5 + 0.5 cos(144 degrees) = 0.0954915; other frames do not contain it.
+    Frames 48 to 51 are a block: (0.0954915 + 1 + 0.0954915) / 4 = 0.2977457, log(1.2977457) = 0.2606288. The last
+    block contains the last of 257 frequencies and three zeros: log(1 + 0.2977457 / 4) = 0.0717963.
     """
     audio = np.zeros((2, 16000), np.float32)
     audio[0, 8000] = 1.0
@@ -102,10 +102,10 @@ def test_the_spectrogram_of_a_click() -> None:
     assert not np.delete(seen[..., 0], 12, axis=1).any()
 
 
-def test_what_lies_before_the_first_sample_is_a_choice() -> None:
-    """A click at sample 80 is seen by frames 0 and 1, and mirrored at -80 by frame 0 once more.
+def test_spectrogram_padding_is_selectable() -> None:
+    """A click at sample 80: frames 0 and 1 contain it, and frame 0 also the mirrored click at -80.
 
-    Between the middles of frames 0 and 1, at 80 samples from each, the window is 0.5 + 0.5 cos(72 degrees) = 0.6545085.
+    The click is 80 samples from the middle of both frames: the window value is 0.5 + 0.5 cos(72 degrees) = 0.6545085.
     """
     audio = np.zeros((2, 16000), np.float32)
     audio[:, 80] = 1.0
@@ -113,13 +113,13 @@ def test_what_lies_before_the_first_sample_is_a_choice() -> None:
     far = 0.0  # 240 samples away
     constant = spectrogram(audio, "constant")[:64, 0, 0]
     np.testing.assert_allclose(constant, np.log1p((2 * w + far) / 4), rtol=1e-5)
-    # In frame 0 both clicks add up to 2w |cos(80 · 2 pi k / 512)|: most at k = 0, whose block holds k = 0 to 3.
+    # The sum of both clicks in frame 0 is 2w |cos(80 · 2 pi k / 512)|; the first block contains k = 0 to 3.
     mirrored = spectrogram(audio, "reflect")[0, 0, 0]
     frame_0 = np.mean([2 * w * abs(math.cos(80 * 2 * math.pi * k / 512)) for k in range(4)])
     np.testing.assert_allclose(mirrored, np.log1p((frame_0 + w) / 4), rtol=1e-5)
 
 
-def test_goals_are_told_as_the_authors_tell_them() -> None:
+def test_goals_have_authors_format() -> None:
     goals = sense("goals", avln.Observation())
     assert goals[0] == {"modality": "object", "category": "bed"}
     assert goals[1] == {"modality": "description", "text": "the red lamp"}
@@ -127,10 +127,10 @@ def test_goals_are_told_as_the_authors_tell_them() -> None:
     assert goals[2]["image"].shape == (2, 2, 3)
 
 
-def test_entries_that_are_not_there_are_named() -> None:
-    with pytest.raises(ValueError, match=r"give the agent \['semantic'\]"):
+def test_errors_name_unknown_keys_and_missing_sensors() -> None:
+    with pytest.raises(ValueError, match=r"unknown keys \['semantic'\]"):
         Senses(TASK, ("rgb", "semantic"))
-    with pytest.raises(ValueError, match="begun without audio"):
+    with pytest.raises(ValueError, match="has no audio"):
         sense("spectrogram", avln.Observation())
 
 
@@ -149,7 +149,7 @@ def test_choices_become_actions(choice: Any, action: avln.Action) -> None:
     assert to_action(choice) is action
 
 
-def test_numbers_of_training_differ_and_foreign_choices_are_refused() -> None:
+def test_action_orders_differ_and_unknown_choices_fail() -> None:
     assert [to_action(number, TRAINING_ACTIONS).name for number in range(3)] == ["STOP", "SUBMIT", "MOVE_FORWARD"]
     assert [to_action(number).name for number in range(5)] == [action.name for action in EVALUATION_ACTIONS]
     for choice in (5, -1, "look_up", None, {"action": 9}, float("inf"), float("nan")):
@@ -158,7 +158,7 @@ def test_numbers_of_training_differ_and_foreign_choices_are_refused() -> None:
 
 
 class FakeHabitatAgent:
-    """A `habitat.Agent` that inspects all observations."""
+    """A `habitat.Agent` that checks all observations."""
 
     def __init__(self, keys: list[str]) -> None:
         self.keys, self.resets = keys, 0
@@ -176,7 +176,7 @@ class FakeHabitatAgent:
 
 
 @pytest.mark.parametrize("stop_submits", [False, True])
-def test_a_habitat_agent_plays_as_it_is(endpoint: Endpoint, *, stop_submits: bool) -> None:
+def test_unmodified_habitat_agent_plays_run(endpoint: Endpoint, *, stop_submits: bool) -> None:
     keys = ["rgb", "depth", "audiogoal", "spectrogram", "gps", "compass", "pose", "full_pose_sensor", "goals"]
     agent, ends = FakeHabitatAgent(keys), list[avln.EpisodeEnd]()
     with avln.begin(endpoint.url, endpoint.token, PHASE, "habitat", sensors=avln.Sensors.square(64)) as run:

@@ -1,4 +1,4 @@
-"""The package is what the repository's protocol and this folder say."""
+"""Tests of the package: protocol messages, wheel, versions, documentation."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ PROTO = PACKAGE.parents[1] / "proto"
 MODULES = {"common": common_pb2, "info": info_pb2, "play": play_pb2, "run": run_pb2, "task": task_pb2}
 
 
-def test_there_is_a_module_for_each_proto_file() -> None:
+def test_every_proto_file_has_module() -> None:
     assert {path.stem for path in (PROTO / "avln" / "v1").glob("*.proto")} == set(MODULES)
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))
-def test_messages_are_those_of_the_proto_files(name: str, tmp_path: Path) -> None:
+def test_messages_match_proto_files(name: str, tmp_path: Path) -> None:
     pytest.importorskip("grpc_tools", reason="pip install grpcio-tools")
     out = tmp_path / "set"
     command = [sys.executable, "-m", "grpc_tools.protoc", f"-I{PROTO}", f"--descriptor_set_out={out}"]
     subprocess.run([*command, str(PROTO / "avln" / "v1" / f"{name}.proto")], check=True, timeout=120)
-    told = descriptor_pb2.FileDescriptorSet.FromString(out.read_bytes()).file[0]
-    kept = descriptor_pb2.FileDescriptorProto.FromString(MODULES[name].DESCRIPTOR.serialized_pb)
-    for file in (told, kept):
+    expected = descriptor_pb2.FileDescriptorSet.FromString(out.read_bytes()).file[0]
+    generated = descriptor_pb2.FileDescriptorProto.FromString(MODULES[name].DESCRIPTOR.serialized_pb)
+    for file in (expected, generated):
         for message in file.message_type:
             for field in message.field:
                 field.ClearField("json_name")
-    assert told == kept, "run tools/generate.py"
+    assert expected == generated, "run tools/generate.py"
 
 
-def test_wheel_and_source_hold_the_package_and_its_licences(tmp_path: Path) -> None:
+def test_wheel_and_sdist_contain_package_and_licences(tmp_path: Path) -> None:
     for needed in ("build", "hatchling"):
         pytest.importorskip(needed, reason=f"pip install {needed}")
-    # The source is built first and the wheel out of it.
+    # The build makes the source archive first, then the wheel from it.
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(PACKAGE)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=250)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -76,7 +76,7 @@ def fields_of(messages: Iterable[Any]) -> dict[str, set[str]]:
 
 
 @pytest.mark.parametrize(("module", "needed"), [("avln.gym", "gymnasium"), ("avln.bridge", "msgpack")])
-def test_what_is_missing_is_named_with_its_extra(module: str, needed: str) -> None:
+def test_missing_dependency_error_names_extra(module: str, needed: str) -> None:
     code = f"import sys; sys.modules[{needed!r}] = None; import {module}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
     assert f"{module} needs {needed}; pip install 'avln[{module.split('.')[1]}]'" in done.stderr
@@ -87,7 +87,7 @@ def annotated(node: ast.ClassDef) -> list[ast.AnnAssign]:
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))
-def test_types_of_messages_name_every_field(name: str) -> None:
+def test_type_stubs_have_all_message_fields(name: str) -> None:
     tree = ast.parse((PACKAGE / "src" / "avln" / "v1" / f"{name}_pb2.pyi").read_text())
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     typed = {node.name: {ast.unparse(item.target) for item in annotated(node)} for node in classes}
@@ -96,15 +96,15 @@ def test_types_of_messages_name_every_field(name: str) -> None:
 
 
 def test_versions_agree() -> None:
-    told = re.search(r'^version = "(.+)"$', (PACKAGE / "pyproject.toml").read_text(), re.MULTILINE)
-    assert told is not None
-    assert told.group(1) == avln.__version__
+    version = re.search(r'^version = "(.+)"$', (PACKAGE / "pyproject.toml").read_text(), re.MULTILINE)
+    assert version is not None
+    assert version.group(1) == avln.__version__
     minor = re.search(r"API_MINOR: u32 = (\d+)", (PROTO / "src" / "lib.rs").read_text())
     assert minor is not None
     assert int(minor.group(1)) == avln.version.API_MINOR
 
 
-def test_files_and_functions_stay_short() -> None:
+def test_files_and_functions_are_short() -> None:
     for path in PACKAGE.rglob("*.py"):
         if "_pb2" in path.name or any(part.startswith((".", "build")) for part in path.relative_to(PACKAGE).parts):
             continue
@@ -115,7 +115,7 @@ def test_files_and_functions_stay_short() -> None:
                 assert (node.end_lineno or 0) - node.lineno < 70, f"{path}: {node.name}"
 
 
-def test_the_core_needs_no_extras() -> None:
+def test_core_needs_no_extras() -> None:
     hidden = "import sys; sys.modules.update(dict.fromkeys(['gymnasium', 'zmq', 'msgpack', 'tqdm', 'torch']))"
     code = f"{hidden}; import avln, avln.habitat, avln.cli; print(avln.__version__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
@@ -126,7 +126,7 @@ PAGES = [PACKAGE / "README.md", PACKAGE.parents[1] / "docs" / "python.md"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_and_commands_of_the_documentation_are_there(page: Path) -> None:
+def test_documented_code_and_commands_exist(page: Path) -> None:
     pytest.importorskip("avln.gym", reason="pip install 'avln[gym]'", exc_type=ImportError)
     text = page.read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
@@ -141,6 +141,6 @@ def test_code_and_commands_of_the_documentation_are_there(page: Path) -> None:
         assert ended.value.code == 0, command
 
 
-def test_everything_that_is_exported_is_there() -> None:
+def test_exported_names_exist() -> None:
     assert set(avln.__all__) <= set(dir(avln))
     assert (PACKAGE / "src" / "avln" / "py.typed").is_file()

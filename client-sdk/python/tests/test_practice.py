@@ -1,4 +1,4 @@
-"""Where a run is begun that names no phase."""
+"""Tests of the default phase of runs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PHASES = [phase("val"), phase("test"), phase("practice"), phase("old", CLOSED)]
 COUNTED = quota("test", run_pb2.QUOTA_WINDOW_DAY, 5)
 
 
-def test_no_run_is_spent() -> None:
+def test_default_phase_spends_no_quota() -> None:
     side_by_side = quota("val", run_pb2.QUOTA_WINDOW_CONCURRENT, 2)
     assert phase_to_practise(PHASES[:2], [COUNTED, side_by_side]) == "val"
     assert phase_to_practise(PHASES, [COUNTED]) == "practice"
@@ -39,18 +39,16 @@ def test_no_run_is_spent() -> None:
 @pytest.mark.parametrize(
     ("phases", "quotas", "problem"),
     [
-        (PHASES[:2], [], "several to practise in, val, test; name one by phase= or --phase"),
-        (PHASES[1:2] + PHASES[3:], [COUNTED], "cannot begin in all of them, which are test, old; name one"),
-        ([], [], "shows your team none"),
+        (PHASES[:2], [], "several phases have no quota: val, test; name one with phase= or --phase"),
+        (PHASES[1:2] + PHASES[3:], [COUNTED], "no phase without a quota is open, among test, old; name one"),
+        ([], [], "no phase for your team"),
     ],
 )
-def test_where_none_is_meant_the_phases_are_told(
-    phases: list[avln.Phase], quotas: list[avln.Quota], problem: str
-) -> None:
+def test_ambiguous_phase_error_lists_phases(phases: list[avln.Phase], quotas: list[avln.Quota], problem: str) -> None:
     with pytest.raises(avln.PhaseError, match=re.escape(problem)):
         phase_to_practise(phases, quotas)
 
 
-def test_a_run_without_a_phase_is_practice(endpoint: Endpoint, client: avln.Client) -> None:
+def test_run_without_phase_is_practice(endpoint: Endpoint, client: avln.Client) -> None:
     with avln.begin(endpoint.url, endpoint.token, "", "unnamed") as play:
         assert client.run(play.run).phase == PHASE

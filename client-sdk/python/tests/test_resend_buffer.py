@@ -1,4 +1,4 @@
-"""Frames repeated after a lost connection."""
+"""Tests of the frames resent after a lost connection."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ def begun() -> ResendBuffer:
     return resend_buffer
 
 
-def test_an_action_is_sent_again_where_the_server_did_not_take_it() -> None:
+def test_only_untaken_actions_are_resent() -> None:
     resend_buffer = begun()
     resend_buffer.sending(act(1))
     assert resend_buffer.to_repeat(at(0)) == [act(1)]
-    assert resend_buffer.to_repeat(at(1)) == [], "its result is on its way"
-    assert resend_buffer.to_repeat([]) == [], "the episode is over, and its end on its way"
+    assert resend_buffer.to_repeat(at(1)) == [], "the result is on its way"
+    assert resend_buffer.to_repeat([]) == [], "the episode is over, and the end is on its way"
     assert resend_buffer.arrived(seen(1))
     assert resend_buffer.to_repeat(at(1)) == []
     assert resend_buffer.known() == at(1)
 
 
-def test_what_arrived_before_is_told_from_what_is_new() -> None:
+def test_duplicates_and_new_frames_are_distinguished() -> None:
     resend_buffer = begun()
     assert not resend_buffer.arrived(seen(0))
     assert resend_buffer.arrived(seen(1))
     assert not resend_buffer.arrived(seen(1))
 
 
-def test_ready_is_sent_again_where_no_episode_began() -> None:
+def test_ready_is_resent_without_episode_start() -> None:
     ready = play_pb2.Ready(slot=1)
     resend_buffer = begun()
     resend_buffer.sending(ready)
@@ -51,7 +51,7 @@ def test_ready_is_sent_again_where_no_episode_began() -> None:
     assert resend_buffer.to_repeat(both) == []
 
 
-def test_a_refused_action_is_not_sent_again_and_an_end_frees_the_slot() -> None:
+def test_refused_actions_are_not_resent() -> None:
     resend_buffer = begun()
     resend_buffer.sending(act(1))
     resend_buffer.arrived(play_pb2.Fault(slot=0, episode="ep_a", recoverable=True))

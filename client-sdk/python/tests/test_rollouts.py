@@ -1,4 +1,4 @@
-"""Demonstrations and exported splits, as the program writes them, are read back."""
+"""Tests of demonstrations and exported splits, written by the program."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def record(server: Server, out: Path, *more: str) -> str:
     return server.command("lab", "rollout", *arguments)
 
 
-def test_episodes_and_steps_are_read(folder: Path) -> None:
+def test_rollouts_contain_episodes_and_steps(folder: Path) -> None:
     rollouts = Rollouts(folder)
     assert len(rollouts) == 2
     assert rollouts.manifest["sensors"] == ["rgb", "depth", "pose", "audio"]
@@ -56,7 +56,7 @@ def test_episodes_and_steps_are_read(folder: Path) -> None:
         assert rollout.rgb.shape == (len(steps), SIDE, SIDE, 3)
 
 
-def test_observations_are_what_an_agent_would_have_sensed(folder: Path) -> None:
+def test_rollout_observations_match_agent_sensors(folder: Path) -> None:
     rollout = Rollouts(folder)[0]
     seen = [observation for observation, _ in rollout]
     first, last = seen[0], seen[-1]
@@ -78,23 +78,23 @@ def test_observations_are_what_an_agent_would_have_sensed(folder: Path) -> None:
     assert np.abs(heard).max() > 0
 
 
-def test_goals_are_words_or_pictures(furnished: Furnished, folder: Path) -> None:
+def test_rollout_goals_match_split(furnished: Furnished, folder: Path) -> None:
     missions = {}
     for path in (furnished.folder / "splits" / "trial" / "trial" / "missions").glob("*.jsonl"):
         for line in path.read_text().splitlines()[1:]:
             mission = json.loads(line)
             missions[mission["id"]] = mission["goals"]
     for rollout in Rollouts(folder):
-        for goal, told in zip(rollout.mission.goals, missions[rollout.id]):
-            if told == "image":
+        for goal, cue in zip(rollout.mission.goals, missions[rollout.id]):
+            if cue == "image":
                 assert goal.modality is Modality.IMAGE
                 assert goal.image is not None
                 assert goal.image.shape[2] == 3
             else:
-                assert told == {goal.modality.name.lower(): goal.text}
+                assert cue == {goal.modality.name.lower(): goal.text}
 
 
-def test_what_is_there_is_not_played_again(copied: Server, folder: Path) -> None:
+def test_recorded_episodes_are_not_repeated(copied: Server, folder: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in (folder / "episodes").iterdir()}
     first = min(before)
     kept = first.read_bytes()
@@ -116,7 +116,7 @@ def test_other_sensors_need_another_folder(copied: Server, folder: Path, tmp_pat
     assert only.mission.order is Order.ORDERED
 
 
-def test_hidden_splits_are_refused(furnished: Furnished, tmp_path: Path) -> None:
+def test_hidden_splits_are_rejected(furnished: Furnished, tmp_path: Path) -> None:
     server = furnished.copy(tmp_path / "data")
     server.command("challenge", "phase", "open", "finals", "--split", "trial", "--replays", "organiser")
     for command in (("lab", "rollout", "--split", "trial"), ("data", "split", "export", "trial")):
@@ -125,7 +125,7 @@ def test_hidden_splits_are_refused(furnished: Furnished, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
-def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
+def test_damaged_rollout_error_names_file(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(RolloutsError, match="avln lab rollout --split"):
         Rollouts(tmp_path)
     (tmp_path / "rollouts.json").write_text('{"format": "avln-rollouts", "version": 2}')
@@ -140,7 +140,7 @@ def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
             Rollouts(tmp_path)
 
 
-def test_tables_are_read_by_another_reader(copied: Server, tmp_path: Path) -> None:
+def test_pyarrow_reads_exported_tables(copied: Server, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pip install pyarrow")
     copied.command("data", "split", "export", "trial", "--out", str(tmp_path))
     tables = {path.stem: parquet.read_table(path) for path in (tmp_path / "trial").glob("*.parquet")}
@@ -163,5 +163,5 @@ def test_tables_are_read_by_another_reader(copied: Server, tmp_path: Path) -> No
 
 
 def counts(goals: list[dict[str, Any]], missions: list[str]) -> list[int]:
-    told = [row["mission"] for row in goals]
-    return [told.count(mission) for mission in missions]
+    ids = [row["mission"] for row in goals]
+    return [ids.count(mission) for mission in missions]

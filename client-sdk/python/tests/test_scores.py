@@ -1,4 +1,4 @@
-"""The same actions are worth the same, whatever client sends them and whatever happens on the way."""
+"""Tests of equal scores for equal actions, for both clients and after server crashes."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ METHOD = "forward-and-turn"
 
 
 def facts(server: Server, run: str) -> list[dict[str, Any]]:
-    """Public episode results: steps, metres, collisions, distances, scores."""
+    """Returns the public episode results: steps, metres, collisions, distances, scores."""
     with urllib.request.urlopen(f"http://127.0.0.1:{server.web}/api/v1/runs/{run}") as answer:
-        told = json.load(answer)
-    return [episode["metrics"] for episode in sorted(told["episodes"], key=lambda episode: episode["episode"])]
+        results = json.load(answer)
+    return [episode["metrics"] for episode in sorted(results["episodes"], key=lambda episode: episode["episode"])]
 
 
 @pytest.mark.parametrize("order", list(avln.Order))
-def test_python_scores_as_rust_does(endpoint: Endpoint, client: avln.Client, order: avln.Order) -> None:
-    told = ["--server", endpoint.url, "--token", endpoint.token, "--phase", PHASE, "--order", order.value]
+def test_python_and_rust_scores_are_equal(endpoint: Endpoint, client: avln.Client, order: avln.Order) -> None:
+    options = ["--server", endpoint.url, "--token", endpoint.token, "--phase", PHASE, "--order", order.value]
     known = {run.id for run in client.runs(PHASE)}
-    endpoint.server.command("agent", "baseline", METHOD, *told, "--size", "64")
+    endpoint.server.command("agent", "baseline", METHOD, *options, "--size", "64")
     rust = next(run.id for run in client.runs(PHASE) if run.id not in known)
     run = client.start_run(PHASE, "python", order)
     assert avln.evaluate(client, run, ForwardAndTurn(), ForwardAndTurn.sensors).complete
@@ -52,7 +52,7 @@ def mortal(furnished: Furnished, tmp_path: Path) -> Iterator[Server]:
 
 
 def poses(play: avln.Play, agent: ForwardAndTurn, killer: Killer | None) -> list[avln.Pose]:
-    """Plays all episodes; returns every pose that was seen."""
+    """Plays all episodes; returns all observed poses."""
     seen = []
     for episode in play:
         agent.begin(play.task, episode.mission)
@@ -65,7 +65,7 @@ def poses(play: avln.Play, agent: ForwardAndTurn, killer: Killer | None) -> list
 
 
 class Killer:
-    """Kills the server at some steps, and starts it again a moment later."""
+    """A failure injector: it kills the server after some steps and restarts it 0.3 s later."""
 
     def __init__(self, server: Server, at: set[int]) -> None:
         self.server, self.at = server, at
@@ -78,7 +78,7 @@ class Killer:
 
 
 @pytest.mark.parametrize("sensors", [ForwardAndTurn.sensors, avln.Sensors.square(64)], ids=["blind", "all senses"])
-def test_a_server_that_is_killed_costs_nothing(mortal: Server, furnished: Furnished, sensors: avln.Sensors) -> None:
+def test_killed_server_changes_no_result(mortal: Server, furnished: Furnished, sensors: avln.Sensors) -> None:
     with avln.connect(mortal.url, furnished.token) as client:
         calm = client.start_run(PHASE, "calm")
         with client.play(calm, sensors) as play:

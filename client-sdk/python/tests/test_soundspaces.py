@@ -1,4 +1,4 @@
-"""A policy with the shape of SoundSpaces' actor-critics plays as it is."""
+"""Tests of a policy with the interface of SoundSpaces actor-critics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class CountingPolicy:
-    """Turns left twice and stops; counts steps in its hidden state, which masks set back."""
+    """A policy that turns left twice and stops; the hidden state counts steps, and a mask of 0 resets it."""
 
     net = SimpleNamespace(num_recurrent_layers=1)
 
@@ -40,7 +40,7 @@ class CountingPolicy:
         return None, torch.tensor([[action]]), None, hidden
 
 
-def test_a_recurrent_policy_gets_back_what_it_gave(endpoint: Endpoint) -> None:
+def test_recurrent_policy_receives_its_state(endpoint: Endpoint) -> None:
     policy = CountingPolicy()
     agent = PolicyAgent(policy, hidden_size=4, deterministic=True)
     with avln.begin(endpoint.url, endpoint.token, PHASE, "soundspaces", sensors=avln.Sensors.square(64)) as run:

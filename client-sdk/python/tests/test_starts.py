@@ -1,4 +1,4 @@
-"""Runs start once despite lost answers, and no unusable run remains."""
+"""Tests of run starts: once despite lost answers, and without unusable runs after errors."""
 
 from __future__ import annotations
 
@@ -21,15 +21,13 @@ def open_runs(client: avln.Client, method: str) -> list[str]:
     return [run.id for run in client.runs(PHASE) if run.method == method and run.state in ("created", "running")]
 
 
-def test_sensors_that_no_run_could_have_begin_none(endpoint: Endpoint, client: avln.Client) -> None:
+def test_invalid_sensors_start_no_run(endpoint: Endpoint, client: avln.Client) -> None:
     with pytest.raises(SensorsError, match="63 x 63"):
         avln.begin(endpoint.url, endpoint.token, PHASE, "too small", sensors=TOO_SMALL)
     assert not [run for run in client.runs(PHASE) if run.method == "too small"]
 
 
-def test_a_run_whose_stream_cannot_be_opened_is_cancelled(
-    endpoint: Endpoint, client: avln.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_stream_cancels_run(endpoint: Endpoint, client: avln.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise avln.Error("this stream is refused by the test")
 
@@ -41,9 +39,7 @@ def test_a_run_whose_stream_cannot_be_opened_is_cancelled(
     assert not open_runs(client, "unopened")
 
 
-def test_a_lost_answer_is_asked_for_again_and_begins_one_run(
-    client: avln.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_answer_is_retried_with_one_run(client: avln.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     ask = client._ask_once
     asked: list[str] = []
 
@@ -63,7 +59,7 @@ def test_a_lost_answer_is_asked_for_again_and_begins_one_run(
     client.cancel_run(run.id)
 
 
-def test_patience_ends(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_retries_stop_after_patience(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
     with avln.connect(endpoint.url, endpoint.token, avln.ConnectOptions(patience_s=0.2)) as client:
         asked: list[str] = []
 
@@ -72,17 +68,17 @@ def test_patience_ends(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> N
             raise LostError(attempted, "UNAVAILABLE")
 
         monkeypatch.setattr(client, "_ask_once", lose)
-        with pytest.raises(LostError, match="whose token"):
+        with pytest.raises(LostError, match="token's account"):
             client.whoami()
         assert len(asked) > 1
 
 
-def test_words_that_are_no_order_begin_nothing(endpoint: Endpoint) -> None:
+def test_unknown_order_starts_no_run(endpoint: Endpoint) -> None:
     with pytest.raises(ValueError, match="sideways"):
         begin_run(endpoint.url, endpoint.token, PHASE, "sideways", "sideways")  # type: ignore[arg-type]
 
 
-def test_a_play_tells_the_token_that_plays_it_on(endpoint: Endpoint) -> None:
+def test_play_token_continues_run(endpoint: Endpoint) -> None:
     play = avln.begin(endpoint.url, endpoint.token, PHASE, "crashed", sensors=avln.Sensors.square(64))
     token = play.token
     play.close()

@@ -1,7 +1,7 @@
-"""Writes `src/avln/v1` from the repository's `proto/avln/v1/*.proto`.
+"""Generation of `src/avln/v1` from the repository's `proto/avln/v1/*.proto`.
 
-Run `python tools/generate.py` with grpcio-tools 1.62: what that version writes is loaded by every protobuf from 4.25
-on, while newer ones write files that refuse an older protobuf.
+Run `python tools/generate.py` with grpcio-tools 1.62: its output works with protobuf 4.25 and later. Newer
+versions generate code that rejects older protobuf versions.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ GENERATOR = "1.62"
 
 
 def main() -> int:
-    """Writes messages and their types; returns the generator's exit code."""
+    """Generates messages and type stubs; returns the generator's exit code."""
     found = version("grpcio-tools")
     if not found.startswith(GENERATOR):
         print(
-            f"grpcio-tools {found} would write files that older protobufs refuse; install grpcio-tools=={GENERATOR}.*"
+            f"grpcio-tools {found} generates code that older protobuf versions reject; "
+            f"install grpcio-tools=={GENERATOR}.*"
         )
         return 1
     files = sorted(str(file) for file in (PROTO / "avln" / "v1").glob("*.proto"))

@@ -227,11 +227,11 @@ fn token_hint(reason: Reason) -> &'static str {
 
 fn what_phases(free: &[String], known: &[String]) -> String {
     match (free, known) {
-        ([], []) => "this server shows your team none".to_owned(),
+        ([], []) => "the server has no phase for your team".to_owned(),
         ([], known) => {
-            format!("runs are counted or cannot begin in all of them, which are {}", known.join(", "))
+            format!("no phase without a quota is open, among {}", known.join(", "))
         }
-        (free, _) => format!("there are several to practise in, {}", free.join(", ")),
+        (free, _) => format!("several phases have no quota: {}", free.join(", ")),
     }
 }
 

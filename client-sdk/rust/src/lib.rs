@@ -80,6 +80,28 @@
 //! [`Client::connect_with`] takes a certificate authority for `https://` servers, the encoding and the
 //! reconnection time; [`Client::phases`] lists the server's phases.
 //!
+//! ```no_run
+//! use avln_client::{Client, ConnectOptions, Error};
+//! use std::time::Duration;
+//!
+//! # #[tokio::main]
+//! # async fn main() -> Result<(), Error> {
+//! let options = ConnectOptions {
+//!     ca: Some("authority.pem".into()),
+//!     patience: Some(Duration::from_secs(600)),
+//!     ..ConnectOptions::default()
+//! };
+//! let client = Client::connect_with("https://arena.example:50051", "my-account-token", &options).await?;
+//! for phase in client.phases().await? {
+//!     println!("{}: {}", phase.id, phase.title);
+//! }
+//! for quota in client.quota().await? {
+//!     println!("{}: {} runs used", quota.phase, quota.used);
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Failures
 //!
 //! - A lost stream is reconnected, and open episodes continue at their step: [`Episode::step`] only takes longer.

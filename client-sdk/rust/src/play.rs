@@ -236,6 +236,23 @@ type NextEpisode = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, E
 ///
 /// It ends with the run or after an error. The next episode starts after the previous one was dropped; a drop before
 /// the episode's end abandons it.
+///
+/// ```no_run
+/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
+/// use tokio_stream::StreamExt;
+///
+/// # async fn play(client: Client) -> Result<(), Error> {
+/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
+/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
+/// while let Some(mut episode) = episodes.try_next().await? {
+///     while !episode.is_over() {
+///         episode.step(Action::MoveForward).await?;
+///     }
+/// }
+/// println!("{}", episodes.finish().await?);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Episodes {
     play: Arc<Mutex<Play>>,
     task: TaskSpec,

@@ -398,9 +398,12 @@ mod tests {
         assert_eq!(meant(2, &[day("test"), side_by_side]).as_deref(), Ok("val"));
         assert_eq!(meant(4, &[day("test")]).as_deref(), Ok("practice"));
         let several = meant(2, &[]).unwrap_err();
-        assert!(several.contains("several to practise in, val, test; name one with --phase"), "{several}");
+        assert!(
+            several.contains("several phases have no quota: val, test; name one with --phase"),
+            "{several}"
+        );
         let counted = meant(2, &[day("test"), day("val")]).unwrap_err();
-        assert!(counted.contains("which are val, test; name one"), "{counted}");
-        assert!(meant(0, &[]).unwrap_err().contains("shows your team none"));
+        assert!(counted.contains("is open, among val, test; name one"), "{counted}");
+        assert!(meant(0, &[]).unwrap_err().contains("no phase for your team"));
     }
 }

@@ -41,7 +41,7 @@ pub(super) fn record(
 
 impl Recording<'_> {
     fn record(&self) -> Result<Recorded, Failure> {
-        // An array's header contains the length. A first pass without sensors, which takes microseconds per step, finds the
+        // An array's header contains the length. A first pass without sensors, which cost almost all of a step, finds the
         // length, so that the second pass can compress every observation at once instead of storing a whole episode.
         let actions = self.rehearse()?;
         let mut tape = Tape::new(self.plan, actions.len()).map_err(internal)?;

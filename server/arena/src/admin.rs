@@ -19,7 +19,7 @@ use axum::{
 use http_body_util::{BodyExt, Full, Limited};
 use hyper_util::{client::legacy::Client, rt::TokioExecutor};
 use serde::{Deserialize, Serialize};
-use std::{fmt::Display, sync::Arc, time::Duration};
+use std::{error::Error, fmt::Display, iter::successors, sync::Arc, time::Duration};
 use tokio::time::timeout;
 
 /// Largest request, bytes.
@@ -234,10 +234,30 @@ pub async fn ask(
         let response = Client::builder(TokioExecutor::new()).build_http().request(request).await?;
         let status = response.status();
         let body = Limited::new(response.into_body(), MAX_REPLY_BYTES).collect().await?.to_bytes();
-        Ok::<_, Box<dyn std::error::Error + Send + Sync>>(AdminReply { status, body })
+        Ok::<_, Box<dyn Error + Send + Sync>>(AdminReply { status, body })
     });
     match reply.await {
-        Ok(reply) => reply.map_err(|error| failed(&error)),
+        Ok(reply) => reply.map_err(|error| failed(&with_causes(&*error))),
         Err(_) => Err(failed(&"no reply within ten seconds")),
+    }
+}
+
+/// Returns the messages of an error and its causes: hyper's own message only names the failed phase.
+fn with_causes(error: &dyn Error) -> String {
+    let chain = successors(Some(error), |error: &&dyn Error| Error::source(*error));
+    chain.map(ToString::to_string).collect::<Vec<_>>().join(": ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    #[tokio::test]
+    async fn unreachable_server_is_reported_with_cause() {
+        let free = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("an address");
+        let failure =
+            ask(&format!("http://{free}"), "/v1/status", "", None).await.err().expect("nothing listens");
+        assert!(failure.to_string().contains("refused"), "{failure}");
     }
 }

@@ -163,5 +163,8 @@ mod tests {
             assert!(text.lines().any(|written| written == line), "{line} is missing in {text}");
         }
         assert!(text.contains("avln_info{version="), "{text}");
+        let end = "le=\"+Inf\"} 7\navln_step_seconds_sum{part=\"queue\"} 250.5\navln_step_seconds_count{part=\"queue\"} 7\n";
+        assert!(text.contains(end), "the last bucket precedes sum and count: {text}");
+        assert_eq!(text.matches("le=\"+Inf\"").count(), 1, "{text}");
     }
 }

@@ -1,4 +1,4 @@
-"""The Python client of LH-AVLN Arena: connection, episodes, Gymnasium.
+"""Python client of LH-AVLN Arena: connection, episodes, Gymnasium.
 
 Start with `Client`, `Play` and `Episode`:
 
@@ -12,7 +12,7 @@ Start with `Client`, `Play` and `Episode`:
 `avln.gym` contains Gymnasium environments, `avln.habitat` plays Habitat agents, and
 `avln.bridge` serves clients of the authors' protocol.
 
-*Never*: contains a target, a place or a score hidden by the server.
+The package contains no targets, positions or scores that the server hides.
 """
 
 from contextlib import suppress
@@ -47,7 +47,7 @@ from avln.summary import EpisodeEnd, Metric, Notice, Progress, RunSummary
 from avln.task import Sensors, TaskSpec
 from avln.version import VERSION
 
-with suppress(ImportError):  # where there is no Gymnasium, there is nobody to register environments with
+with suppress(ImportError):  # Gymnasium is optional
     from avln import gym as gym
 
 __version__ = VERSION

@@ -9,7 +9,7 @@ from avln.v1 import common_pb2 as v1
 
 
 class Action(enum.IntEnum):
-    """Agent actions; the value is the index in action spaces. Every action uses a step."""
+    """An agent's action; the value is the index in action spaces. Every action uses a step."""
 
     MOVE_FORWARD = 0
     """Move forward by `TaskSpec.forward_m`, sliding at walls."""
@@ -18,9 +18,9 @@ class Action(enum.IntEnum):
     TURN_RIGHT = 2
     """Turn right by `TaskSpec.turn_rad` on the spot."""
     SUBMIT = 3
-    """Claim that a target is here. A mission's last Submit is final."""
+    """Report a goal at this position. A mission's last Submit is final."""
     STOP = 4
-    """Claim the last target and end the episode."""
+    """Report the last goal and end the episode."""
 
     def to_wire(self) -> v1.Action:
         """Returns the wire number: the index plus 1."""
@@ -31,17 +31,17 @@ class Order(enum.Enum):
     """Goal order."""
 
     ORDERED = "ordered"
-    """Goals count only in mission order."""
+    """Goals count only in the given order."""
     UNORDERED = "unordered"
     """Goals count in any order."""
 
     def to_wire(self) -> v1.Order:
-        """The number on the wire."""
+        """Returns the wire number."""
         return cast("v1.Order", v1.Order.Value(f"ORDER_{self.name}"))
 
 
 class EndReason(enum.Enum):
-    """Why an episode ended."""
+    """Cause of an episode's end."""
 
     STOPPED = "stopped"
     """The agent chose Stop."""
@@ -52,17 +52,17 @@ class EndReason(enum.Enum):
     TIME_BUDGET = "time budget"
     """The run's time budget or wall time was used up."""
     ABANDONED = "abandoned"
-    """The agent gave the episode up."""
+    """The agent abandoned the episode."""
     DISCONNECTED = "disconnected"
     """The agent disconnected and did not resume in time."""
     SERVER_FAULT = "server fault"
     """The server failed; the episode does not count."""
     OTHER = "another reason"
-    """A reason that this client does not know."""
+    """A reason unknown to this client."""
 
     @classmethod
     def from_wire(cls, number: int) -> EndReason:
-        """Reason for a wire number."""
+        """Returns the reason for a wire number."""
         if number in v1.EndReason.values():
             name = v1.EndReason.Name(number).replace("END_REASON_", "", 1)
             return cls.__members__.get(name, cls.OTHER)

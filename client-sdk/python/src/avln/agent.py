@@ -1,4 +1,4 @@
-"""Agents that need no loop of their own."""
+"""Agents, and their evaluation on a run."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Agent(Protocol):
     """A policy. An agent plays a single episode at a time."""
 
     def begin(self, task: TaskSpec, mission: Mission) -> None:
-        """Starts an episode; forget the previous one."""
+        """Starts an episode and resets the agent's state."""
 
     def act(self, observation: Observation) -> Action:
-        """Selects an action for an observation."""
+        """Returns the action for an observation."""
 
 
 def evaluate(
@@ -71,13 +71,13 @@ def evaluate_slots(
 
 
 class _SlotThreads:
-    """Threads playing a run's slots."""
+    """Threads for a run's slots."""
 
     def __init__(self, on_end: OnEnd | None) -> None:
         self._on_end = on_end
         self._lock = threading.Lock()
         self.failed: BaseException | None = None
-        """First failed thread's exception."""
+        """The first failed thread's exception."""
 
     def play(self, play: Play, agent: Agent) -> None:
         """Plays until no episode remains or a thread has failed."""

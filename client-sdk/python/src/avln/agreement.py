@@ -1,4 +1,4 @@
-"""Connection agreement from Welcome: task and observation decoding."""
+"""Agreement between client and server: task, and decoding of observations."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _DTYPES = {v1.SENSOR_KIND_RGB: v1.DTYPE_U8, v1.SENSOR_KIND_DEPTH: v1.DTYPE_F32, 
 
 
 class Agreement:
-    """A connection's agreement."""
+    """Settings agreed between client and server in Welcome."""
 
     def __init__(self, welcome: play_pb2.Welcome, wanted: Sensors, packing: Packing) -> None:
         """Checks that Welcome provides the `wanted` sensors in decodable form.
 
         Raises:
-            ProtocolError: if it does not.
+            ProtocolError: if a value is missing or invalid.
         """
         self.task = TaskSpec.from_wire(welcome.task)
         self.run = welcome.run
@@ -53,7 +53,7 @@ class Agreement:
             ProtocolError: if it violates the agreement.
         """
         if not seen.HasField("pose"):
-            raise ProtocolError(f"observation {seen.step} came without a pose")
+            raise ProtocolError(f"observation {seen.step} has no pose")
         tensors: dict[str, Any] = {}
         for tensor in seen.tensors:
             spec = self._tensors.get(tensor.id)
@@ -61,7 +61,7 @@ class Agreement:
                 tensors[_NAMES[spec.kind]] = self._unpack_tensor(spec, tensor, seen.step)
         for spec in self._tensors.values():
             if _NAMES[spec.kind] not in tensors:
-                raise ProtocolError(f"observation {seen.step} came without its tensor {spec.name}")
+                raise ProtocolError(f"observation {seen.step} has no tensor {spec.name}")
         pose = seen.pose
         return Observation(
             step=seen.step,
@@ -92,31 +92,31 @@ class Agreement:
 
 def _check_limits(welcome: play_pb2.Welcome) -> None:
     if welcome.api_minor > API_MINOR:
-        raise ProtocolError(f"the server speaks avln.v1 minor {welcome.api_minor}, the agreed maximum is {API_MINOR}")
+        raise ProtocolError(f"expected avln.v1 minor {API_MINOR} or lower, got minor {welcome.api_minor}")
     if welcome.slots == 0:
         raise ProtocolError("Welcome grants no slot")
     if welcome.max_message_bytes > MAX_MESSAGE_BYTES:
         raise ProtocolError(
-            f"messages of {welcome.max_message_bytes} bytes are announced, this client reads {MAX_MESSAGE_BYTES}; "
-            "ask for smaller pictures"
+            f"message size: expected at most {MAX_MESSAGE_BYTES} bytes, got {welcome.max_message_bytes}; "
+            "request smaller images"
         )
 
 
 def _check_size(task: TaskSpec, wanted: Sensors) -> None:
     if (task.width, task.height) != (wanted.width, wanted.height):
         raise ProtocolError(
-            f"asked for {wanted.width} x {wanted.height} pixels and was granted {task.width} x {task.height}"
+            f"Welcome: expected {wanted.width} x {wanted.height} pixels, got {task.width} x {task.height}"
         )
 
 
 def _wanted_tensors(
     welcome: play_pb2.Welcome, wanted: Sensors, packing: Packing, task: TaskSpec
 ) -> list[task_pb2.TensorSpec]:
-    """Checked layouts for the wanted sensors."""
+    """Returns the checked layouts of the requested sensors."""
     offered = {spec.kind: spec for spec in welcome.tensors}
     for kind in wanted.kinds():
         if kind not in offered:
-            raise ProtocolError(f"Welcome lists no tensor of {_NAMES[kind]}")
+            raise ProtocolError(f"Welcome lists no tensor for {_NAMES[kind]}")
         _check_spec(offered[kind], packing, task)
     return [offered[kind] for kind in wanted.kinds()]
 
@@ -130,14 +130,19 @@ def _check_spec(spec: task_pb2.TensorSpec, packing: Packing, task: TaskSpec) -> 
     wished = packing.wishes(spec.kind)
     if spec.dtype != _DTYPES[spec.kind] or list(spec.shape) != shape or spec.encoding not in wished:
         raise ProtocolError(
-            f"tensor {spec.name} is announced as type {spec.dtype} {list(spec.shape)} in encoding {spec.encoding}, "
-            f"asked for was type {_DTYPES[spec.kind]} {shape} in one of {wished}"
+            f"tensor {spec.name}: expected {_enum_name(v1.Dtype, _DTYPES[spec.kind])} {shape} "
+            f"{' or '.join(_enum_name(v1.Encoding, encoding) for encoding in wished)}, "
+            f"got {_enum_name(v1.Dtype, spec.dtype)} {list(spec.shape)} {_enum_name(v1.Encoding, spec.encoding)}"
         )
 
 
 def _check_tensor(spec: task_pb2.TensorSpec, tensor: v1.Tensor) -> None:
     if (tensor.dtype, tensor.encoding) != (spec.dtype, spec.encoding) or tensor.shape != spec.shape:
         raise ProtocolError(
-            f"tensor {spec.name} came with shape {list(tensor.shape)} in encoding {tensor.encoding}, "
-            f"announced were {list(spec.shape)} in {spec.encoding}"
+            f"tensor {spec.name}: expected {list(spec.shape)} as {_enum_name(v1.Encoding, spec.encoding)}, "
+            f"got {list(tensor.shape)} as {_enum_name(v1.Encoding, tensor.encoding)}"
         )
+
+
+def _enum_name(enum: Any, number: int) -> str:
+    return str(enum.Name(number)) if number in enum.values() else str(number)

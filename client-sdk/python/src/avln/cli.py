@@ -1,4 +1,4 @@
-"""The program `avln-py`, also as `python -m avln`."""
+"""Command line of `avln-py` and `python -m avln`."""
 
 from __future__ import annotations
 
@@ -51,61 +51,63 @@ def bridge() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    program = parser("avln-py", "Plays on LH-AVLN Arena servers")
+    program = parser("avln-py", "Play runs on LH-AVLN Arena servers")
     commands = program.add_subparsers(dest="name", required=True, metavar="COMMAND")
 
     def add(name: str, about: str, command: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
-        added = commands.add_parser(name, help=about, description=about)
+        added = commands.add_parser(name, help=about, description=about[0].upper() + about[1:])
         added.set_defaults(command=command)
         return added
 
-    add_connection(add("whoami", "tell whose token it is", _whoami))
-    add_connection(add("phases", "list the phases", _phases), needs_token=False)
-    quota = add("quota", "tell how many runs are left", _quota)
+    add_connection(add("whoami", "print the token's team, name, scope and expiry", _whoami))
+    add_connection(add("phases", "list phases", _phases), needs_token=False)
+    quota = add("quota", "print the team's remaining runs", _quota)
     add_connection(quota)
-    quota.add_argument("--phase", default="", help="of one phase alone")
+    quota.add_argument("--phase", default="", help="phase to print [all]")
     runs = add("runs", "list the team's runs, newest first", _runs)
     add_connection(runs)
-    runs.add_argument("--phase", default="", help="of one phase alone")
-    cancel = add("cancel", "end a run of the team", _cancel)
+    runs.add_argument("--phase", default="", help="phase to list [all]")
+    cancel = add("cancel", "cancel a run of the team", _cancel)
     add_connection(cancel)
-    cancel.add_argument("run", help="id of the run, as runs tells it")
-    _add_run(add("run", "play a run with an agent of yours", _run))
-    _add_doctor(add("doctor", "tell before a run whether it will go well", _doctor))
+    cancel.add_argument("run", help="run id, as printed by the command runs")
+    _add_run(add("run", "play a run with your agent", _run))
+    about = "check before a run that it will succeed: token, clock, versions, quota, speed, and practice episodes"
+    _add_doctor(add("doctor", about, _doctor))
     _add_quickstart(add("quickstart", "write an agent of 20 lines and play a run with it", _quickstart))
     return program
 
 
 def _add_run(to: argparse.ArgumentParser) -> None:
-    to.add_argument("agent", help="FILE.py, FILE.py:CLASS or MODULE:CLASS; the class is Agent unless it is named")
+    to.add_argument("agent", help="FILE.py, FILE.py:CLASS or MODULE:CLASS; the default class is Agent")
     add_connection(to)
     add_run(to, method="python-agent")
     add_camera(to, size=256)
-    to.add_argument("--slots", type=int, default=1, help="episodes at the same time, each with an agent of its own [1]")
+    to.add_argument("--slots", type=int, default=1, help="episodes to play in parallel, each with a separate agent [1]")
 
 
 def _add_doctor(to: argparse.ArgumentParser) -> None:
     add_connection(to)
-    to.add_argument("--phase", default="", help=f"the phase that is to be played {PRACTICE}")
-    to.add_argument("--practice", help="a phase to practise in, by default the phase itself")
-    to.add_argument("--episodes", type=int, default=5, help="episodes to practise [5]")
-    to.add_argument("--steps", type=int, default=100, help="actions in each of them, at most [100]")
+    to.add_argument("--phase", default="", help=f"phase of the planned run {PRACTICE}")
+    practice = "phase for the practice episodes; phases that count runs are not played [--phase]"
+    to.add_argument("--practice", help=practice)
+    to.add_argument("--episodes", type=int, default=5, help="practice episodes [5]")
+    to.add_argument("--steps", type=int, default=100, help="action limit per practice episode [100]")
     add_camera(to, size=256)
-    to.add_argument("--json", action="store_true", help="as JSON")
+    to.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _add_quickstart(to: argparse.ArgumentParser) -> None:
     add_connection(to)
     add_run(to, method="quickstart")
     add_camera(to, size=128)
-    to.add_argument("--out", type=Path, default=Path("agent.py"), help="where the agent is written [agent.py]")
+    to.add_argument("--out", type=Path, default=Path("agent.py"), help="file for the agent [agent.py]")
 
 
 def _whoami(options: argparse.Namespace) -> int:
     with connect(options.server, options.token, connect_options(options)) as client:
         account = client.whoami()
-        until = "for ever" if account.expires_unix_s == 0 else f"until {_date(account.expires_unix_s)}"
-        print(f"team {account.team}, token {account.token_name or 'without a name'} ({account.scope}), {until}")
+        expiry = "no expiry" if account.expires_unix_s == 0 else f"expires {_date(account.expires_unix_s)}"
+        print(f"team {account.team}, token {account.token_name or 'without a name'} ({account.scope}), {expiry}")
     return 0
 
 
@@ -126,9 +128,9 @@ def _quota(options: argparse.Namespace) -> int:
 
 def _left(quota: Quota) -> str:
     if quota.remaining is None:
-        return f"any number of runs, {quota.used} counted"
+        return f"unlimited runs, {quota.used} counted"
     again = f", more from {_date(quota.next_increase_unix_s)}" if quota.next_increase_unix_s else ""
-    return f"{quota.remaining} of {quota.limit} runs left{again}"
+    return f"{quota.remaining} of {quota.limit} runs remain{again}"
 
 
 def _date(unix_s: int) -> str:
@@ -144,14 +146,14 @@ def _run(options: argparse.Namespace) -> int:
         with client, Bar(run.episodes) as bar:
             summary = evaluate_slots(client, run, agents, wanted, bar.tell)
     except BaseException:
-        print(f"run {run.id} may still be open: avln-py runs tells, avln-py cancel {run.id} ends it", file=sys.stderr)
+        print(f"run {run.id} may still be open; to cancel it: avln-py cancel {run.id}", file=sys.stderr)
         raise
     print(summary)
     return 0
 
 
 def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
-    """The agent's sensors, if any; a given size has priority."""
+    """Returns the agent's sensors, if any; `--size` overrides their image size."""
     wanted: Sensors | None = getattr(agent, "sensors", None)
     if wanted is None:
         return sensors(options)
@@ -184,19 +186,19 @@ def _doctor(options: argparse.Namespace) -> int:
         steps=options.steps,
         sensors=sensors(options),
     )
-    told: list[Any] = []
+    found: list[Any] = []
     for check in checks:
-        told.append(check.as_dict())
+        found.append(check.as_dict())
         if not options.json:
             print(check)
     if options.json:
-        print(json.dumps({"checks": told}, indent=2))
-    return WOULD_FAIL if any(check["verdict"] == doctor.FAILS for check in told) else 0
+        print(json.dumps({"checks": found}, indent=2))
+    return WOULD_FAIL if any(check["verdict"] == doctor.FAILS for check in found) else 0
 
 
 def _quickstart(options: argparse.Namespace) -> int:
     quickstart.write(options.out)
-    print(f"wrote {options.out}; change its method act, and play again:")
+    print(f"wrote {options.out}; edit the method act and play again:")
     named = f" --phase {options.phase}" if options.phase else ""
     print(f"  avln-py run {options.out}{named}")
     options.agent, options.slots = str(options.out), 1

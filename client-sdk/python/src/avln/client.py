@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 RUN_TOKEN = "avln_run_"
 """Run token prefix."""
 _PATIENCE_S = 10.0
-"""Retry time after a lost answer, unless the link has less patience."""
+"""Retry time after a lost answer, seconds; `ConnectOptions.patience_s` if shorter."""
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -65,7 +65,7 @@ class Client:
         Raises:
             AddressError: if the address is invalid.
             UnreachableError: if no server answers within ten seconds.
-            NotArenaError: if it is a different server.
+            NotArenaError: if the answer is not from an Arena server.
             TokenError: if the server rejects the token.
         """
         connect_options = connect_options or ConnectOptions()
@@ -97,7 +97,7 @@ class Client:
         Raises:
             Error: if the connection is lost.
         """
-        answer = self._ask("ask what the server is", "InfoService/GetServerInfo", info_pb2.GetServerInfoRequest())
+        answer = self._ask("request server information", "InfoService/GetServerInfo", info_pb2.GetServerInfoRequest())
         return ServerInfo.from_wire(answer)
 
     def phases(self) -> list[Phase]:
@@ -127,7 +127,7 @@ class Client:
             TokenError: if the server rejects the token.
             Error: if the connection is lost.
         """
-        answer = self._ask("ask whose token this is", "RunService/WhoAmI", run_pb2.WhoAmIRequest())
+        answer = self._ask("request the token's account", "RunService/WhoAmI", run_pb2.WhoAmIRequest())
         return Account.from_wire(answer)
 
     def start_run(
@@ -149,7 +149,7 @@ class Client:
             order: order of the goals.
             version: version of the method, at most 40 characters.
             description: text for people, at most 2000 characters.
-            code_url: http(s) address of the code.
+            code_url: address of the code, http(s).
             request_id: idempotency key, at most 64 characters; a repeated key returns the same run. The default is a
                 random key, so a lost answer does not start a second run.
 
@@ -177,7 +177,7 @@ class Client:
             RefusedError: if the run is unknown.
             Error: if the connection is lost.
         """
-        answer = self._ask("look at a run", "RunService/GetRun", run_pb2.GetRunRequest(run=run))
+        answer = self._ask("request a run's state", "RunService/GetRun", run_pb2.GetRunRequest(run=run))
         return RunStatus.from_wire(answer.run)
 
     def watch(self, run: str) -> Iterator[RunStatus]:
@@ -230,7 +230,7 @@ class Client:
         Raises:
             Error: if the connection is lost.
         """
-        answer = self._ask("ask for the quota", "RunService/GetQuota", run_pb2.GetQuotaRequest(phase=phase))
+        answer = self._ask("request the quota", "RunService/GetQuota", run_pb2.GetQuotaRequest(phase=phase))
         return [Quota.from_wire(quota) for quota in answer.quotas]
 
     def play(self, run: Run, sensors: Sensors | None = None) -> Play:
@@ -255,7 +255,7 @@ class Client:
         return [Play(connection, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
 
     def connection(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Connection, Agreement]:
-        """Opens the run's raw connection: frames of `avln.v1` in and out, with reconnecting and resuming done.
+        """Opens the run's raw connection for `avln.v1` frames; it resumes the run after a loss.
 
         Raises:
             Error: as for `play`.
@@ -268,7 +268,7 @@ class Client:
         stream = dialler.dial()
         try:
             if stream.welcome is None:
-                raise ProtocolError("the run ended before it was welcomed")
+                raise ProtocolError("the run ended before Welcome")
             agreement = Agreement(stream.welcome, sensors, self._packing)
         except BaseException:
             stream.close()
@@ -288,12 +288,12 @@ class Client:
         """Checks the range of sensor settings.
 
         Raises:
-            SensorsError: if no server can offer them.
+            SensorsError: if they are out of range for any server.
         """
         (sensors or Sensors()).to_wire(self._packing)
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        """Makes an idempotent call, repeated while the answer is lost."""
+        """Makes an idempotent call, and retries it after a lost answer."""
         patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
         until = time.monotonic() + patience_s
         backoff = Backoff()
@@ -323,7 +323,8 @@ class Client:
         if not self._token:
             return ()
         if not (self._token.isascii() and self._token.isprintable()):
-            raise TokenError("send the token", "TOKEN_MALFORMED", "it holds characters that no token has")
+            detail = "it contains characters that are not allowed in tokens"
+            raise TokenError("send the token", "TOKEN_MALFORMED", detail)
         return (("authorization", f"Bearer {self._token}"),)
 
     def close(self) -> None:
@@ -408,7 +409,7 @@ def begin_run(
 
 @contextmanager
 def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]:
-    """Closes the connection if the block fails, and cancels our own run, which has no player."""
+    """Closes the connection if the block fails, and cancels a run started by this client."""
     try:
         yield
     except BaseException:
@@ -416,7 +417,7 @@ def undone_on_error(client: Client, run: Run, *, is_own: bool) -> Iterator[None]
             if is_own:
                 client.cancel_run(run.id)
         except Error:
-            pass  # what failed first is told
+            pass  # the first error is raised
         finally:
             client.close()
         raise

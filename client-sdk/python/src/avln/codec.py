@@ -1,4 +1,4 @@
-"""Sensor data decoding; PROTOCOL.md defines the layouts.
+"""Decoding of sensor data; PROTOCOL.md defines the layouts.
 
 Arrays of RAW tensors are read-only views of the received message.
 """
@@ -34,7 +34,7 @@ def decode_rgb(encoding: int, data: bytes, height: int, width: int) -> NDArray[n
         return _view(data, _U8, shape)
     if encoding == v1.ENCODING_PACKED:
         return _unpack_rgb(data, height, width)
-    raise _foreign(encoding, "colours")
+    raise _foreign(encoding, "colour images")
 
 
 def decode_depth(encoding: int, data: bytes, height: int, width: int, unit_m: float = 1.0) -> NDArray[np.float32]:
@@ -53,7 +53,7 @@ def decode_depth(encoding: int, data: bytes, height: int, width: int, unit_m: fl
     elif encoding == v1.ENCODING_DEPTH_U16_MM_PACKED:
         millimetres = _unpack_millimetres(data, height, width)
     else:
-        raise _foreign(encoding, "distances")
+        raise _foreign(encoding, "depth images")
     return millimetres.astype(np.float32) / np.float32(1000.0 * unit_m)
 
 
@@ -73,13 +73,13 @@ def decode_audio(encoding: int, data: bytes, samples: int) -> NDArray[np.float32
 def _foreign(encoding: int, what: str) -> CodecError:
     known = encoding in v1.Encoding.values()
     name = v1.Encoding.Name(encoding) if known else f"encoding {encoding}"
-    return CodecError(f"{name} is not an encoding of {what} that this client unpacks")
+    return CodecError(f"{name} is not an encoding of {what} supported by this client")
 
 
 def _view(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     expected = dtype.itemsize * int(np.prod(shape))
     if len(data) != expected:
-        raise CodecError(f"{len(data)} bytes, agreed were {expected}")
+        raise CodecError(f"expected {expected} bytes, got {len(data)}")
     return np.frombuffer(data, dtype).reshape(shape)
 
 
@@ -92,18 +92,18 @@ def unpack_blocks(data: bytes, count: int, most_bits: int) -> NDArray[np.uint32]
     blocks = -(-count // _BLOCK)
     packed = np.frombuffer(data, _U8)
     if len(packed) < blocks:
-        raise CodecError(f"{len(packed)} bytes cannot hold the widths of {blocks} blocks")
+        raise CodecError(f"{len(packed)} bytes cannot contain the widths for {blocks} blocks")
     widths, body = packed[:blocks].astype(np.intp), packed[blocks:]
     if blocks and widths.max() > most_bits:
-        raise CodecError(f"a block of {widths.max()} bits a number, {most_bits} are the most")
+        raise CodecError(f"a block has {widths.max()} bits per number, the maximum is {most_bits}")
     expected = 2 * int(widths.sum())
     if len(body) != expected:
-        raise CodecError(f"{len(body)} bytes of blocks, their widths announce {expected}")
+        raise CodecError(f"the widths announce {expected} bytes of blocks, got {len(body)}")
     return _pull(widths, body)[:count]
 
 
 def _pull(widths: NDArray[np.intp], body: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Numbers of all blocks; each is in the 64 bits from the 32-bit word of its lowest bit."""
+    """Unpacks all blocks. A number is inside the 64 bits that start at the 32-bit word with the lowest bit."""
     padded = np.zeros(len(body) // 4 * 4 + 12, _U8)
     padded[: len(body)] = body
     words = padded.view(_U32).astype(np.uint64)
@@ -118,7 +118,7 @@ def _pull(widths: NDArray[np.intp], body: NDArray[np.uint8]) -> NDArray[np.uint3
 
 
 def _unfold(folded: NDArray[Any]) -> NDArray[Any]:
-    """Unfolds signed differences modulo the range of their type."""
+    """Converts folded differences to signed ones, modulo the range of the type."""
     one = folded.dtype.type(1)
     differences: NDArray[Any] = (folded >> one) ^ -(folded & one)
     return differences

@@ -15,7 +15,7 @@ from avln.packing import Packing, is_this_machine
 from avln.version import VERSION
 
 MAX_MESSAGE_BYTES = 16 << 20
-"""Largest message that either side may send."""
+"""Maximum message size in both directions."""
 CONNECT_TIMEOUT_S = 10.0
 _KEEP_ALIVE_MS = 30_000
 _KEEP_ALIVE_TIMEOUT_MS = 20_000
@@ -31,7 +31,7 @@ class ConnectOptions:
     """Connection options."""
 
     ca: str | Path | None = None
-    """PEM file with authorities for `https://` servers; None for the system's."""
+    """PEM file with certificate authorities for `https://` servers; None for the system's."""
     packing: Packing | None = None
     """Image and sound encoding; None: raw on this machine, lossless otherwise."""
     patience_s: float | None = None
@@ -42,7 +42,7 @@ class ConnectOptions:
 
 @dataclass(frozen=True)
 class Address:
-    """A server's address, taken apart."""
+    """A parsed server address."""
 
     text: str
     target: str
@@ -52,20 +52,20 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Takes apart `http://host:port`, `https://host:port` or `unix:/path`.
+    """Parses `http://host:port`, `https://host:port` or `unix:/path`.
 
     Raises:
-        AddressError: when it is none of these.
+        AddressError: if the address is invalid.
     """
     if text.startswith(_UNIX):
         if not text[len(_UNIX) :].startswith("/"):
-            raise AddressError(text, "the path of the socket is not absolute")
+            raise AddressError(text, "the socket path is not absolute")
         return Address(text, text, is_secure=False, is_local=True)
     scheme, separator, _ = text.partition("://")
     if not separator:
         raise AddressError(text, "the scheme is missing")
     if scheme not in ("http", "https"):
-        raise AddressError(text, f"the scheme '{scheme}' is unknown")
+        raise AddressError(text, f"unknown scheme '{scheme}'")
     return _host_address(text, is_secure=scheme == "https")
 
 
@@ -76,14 +76,14 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
     except ValueError as error:
         raise AddressError(text, str(error)) from None
     if not host or " " in text:
-        raise AddressError(text, "the host is missing or holds a space")
+        raise AddressError(text, "the host is missing or contains a space")
     host = f"[{host}]" if ":" in host else host
     default = 443 if is_secure else 80
     return Address(text, f"{host}:{port or default}", is_secure, is_this_machine(host))
 
 
 def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Channel:
-    """Creates a channel, which connects with the first call.
+    """Creates a channel that connects at the first call.
 
     Raises:
         TlsError: if the authority file is invalid.
@@ -98,7 +98,7 @@ def open_channel(address: Address, connect_options: ConnectOptions) -> grpc.Chan
 
 
 def unreachable(address: str, detail: str) -> Error:
-    """Network error with a next step for known causes."""
+    """Returns the error for a failed connection, with a next step for known causes."""
     for word, advice in _ADVICE.items():
         if word in detail:
             return TlsError(address, f"{advice} ({detail})")
@@ -106,14 +106,14 @@ def unreachable(address: str, detail: str) -> Error:
 
 
 _ADVICE = {
-    "WRONG_VERSION_NUMBER": "nothing there speaks TLS; write http:// in the address",
-    "CERTIFICATE_VERIFY_FAILED": "its certificate comes from an authority that is not known here, or is for another "
-    "name; give that authority's PEM file with --ca or AVLN_CA, and the name that it was issued for in the address",
+    "WRONG_VERSION_NUMBER": "the server does not use TLS; use http:// in the address",
+    "CERTIFICATE_VERIFY_FAILED": "unknown certificate authority, or a certificate for another name; "
+    "use the authority's PEM file with --ca or AVLN_CA, and the certificate's name in the address",
 }
 
 
 def _options(address: Address) -> list[tuple[str, Any]]:
-    # Of a socket's path gRPC would make a name for the server that is none to HTTP/2, and it would be refused.
+    # gRPC derives the authority from the socket path, which is invalid in HTTP/2; servers reject it.
     named = [("grpc.default_authority", "localhost")] if address.target.startswith(_UNIX) else []
     return [
         *named,
@@ -133,15 +133,16 @@ def _options(address: Address) -> list[tuple[str, Any]]:
 
 
 def _authorities(address: Address, connect_options: ConnectOptions) -> bytes | None:
-    """Authority certificates; None for gRPC's own, if the system has none."""
+    """Returns the certificate authorities in PEM; None for gRPC's own if the system has none."""
     if connect_options.ca is None:
         system = ssl.get_default_verify_paths().cafile
         return Path(system).read_bytes() if system and Path(system).is_file() else None
     try:
         pem = Path(connect_options.ca).read_bytes()
     except OSError as error:
-        problem = f"cannot read the authorities in {connect_options.ca}: {error.strerror}"
-        raise TlsError(address.text, f"{problem}; give a PEM file with --ca or AVLN_CA") from None
+        problem = f"cannot read the certificate authorities in {connect_options.ca}: {error.strerror}"
+        raise TlsError(address.text, f"{problem}; use a PEM file with --ca or AVLN_CA") from None
     if _BEGIN not in pem:
-        raise TlsError(address.text, f"{connect_options.ca} holds no certificate; give a PEM file with --ca or AVLN_CA")
+        problem = f"{connect_options.ca} contains no certificate"
+        raise TlsError(address.text, f"{problem}; use a PEM file with --ca or AVLN_CA")
     return pem

@@ -1,6 +1,6 @@
 """A run's connection.
 
-A thread reads the stream, answers pings, passes frames to slots, and reconnects after a loss.
+A thread reads the stream, replies to pings, passes frames to slots, and reconnects after a loss.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ _PATIENCE_S = 180.0
 
 @dataclass(frozen=True)
 class Closed:
-    """No further frames."""
+    """The end of a connection: no further frames."""
 
     error: Error | None
-    """Stream end; None for success."""
+    """The stream's error; None for success."""
 
     def because(self, attempted: str) -> Error:
         """Returns the pending call's error."""
@@ -53,25 +53,25 @@ class Stream:
     """A run's open stream."""
 
     call: Any
-    """The gRPC call, which yields `play_pb2.PlayResponse`; None once it is forgotten."""
+    """gRPC call that yields `play_pb2.PlayResponse`; None after `forget`."""
     requests: SimpleQueue[play_pb2.PlayRequest | None]
     """Frames to send; None ends the stream."""
     welcome: play_pb2.Welcome | None = None
-    """Server answer; None if the run has ended."""
+    """The server's Welcome; None if the run has ended."""
     first: tuple[Arrived, ...] = ()
     """Frames received instead of a Welcome."""
 
     def close(self) -> None:
-        """Cancels it, without a Goodbye."""
+        """Cancels the stream without a Goodbye."""
         self.requests.put(None)
         if self.call is not None:
             self.call.cancel()
 
     def forget(self) -> None:
-        """Releases the call when it has no reader.
+        """Releases the call after the last reader.
 
         A call that survives until interpreter exit waits for a lock of a possibly dead gRPC
-        thread. As an exception it is also referenced by the frames of its traceback.
+        thread. The call is also an exception, and the frames of the traceback reference it.
         """
         if isinstance(self.call, grpc.RpcError):
             self.call.__traceback__ = None
@@ -85,14 +85,14 @@ class Dialler:
     open_call: Callable[..., Any]
     """`PlayService.Play` of a channel."""
     token: str
-    """The run's."""
+    """Run token."""
     hello: play_pb2.Hello
     """The first stream's Hello."""
     patience_s: float | None = None
     """Reconnection time; None: as permitted by the server, at least three minutes."""
 
     def dial(self, *, known: list[play_pb2.SlotPosition] | None = None) -> Stream:
-        """Opens a stream and waits for Welcome; with `known` it resumes a lost stream.
+        """Opens a stream and waits for Welcome; resumes a lost stream if `known` is given.
 
         Raises:
             Error: if the server refuses, does not answer within 30 seconds, or the connection is lost.
@@ -132,7 +132,7 @@ def _await_welcome(stream: Stream) -> Stream:
 
 
 def _frames(call: Any) -> Iterator[Any]:
-    """A stream's frames, without unknown ones."""
+    """Yields a stream's frames, without unknown ones."""
     for response in call:
         kind = response.WhichOneof("frame")
         if kind is not None:
@@ -140,7 +140,7 @@ def _frames(call: Any) -> Iterator[Any]:
 
 
 class Connection:
-    """The connection shared by a run's slots: frames in, frames out, whatever happens to the stream below."""
+    """The connection shared by a run's slots. It sends and receives frames, and resumes after a lost stream."""
 
     def __init__(self, dialler: Dialler, stream: Stream, slots: int, may_be_away_s: float, progress: Progress) -> None:
         self._dialler = dialler
@@ -187,19 +187,19 @@ class Connection:
         try:
             event = queue.get(timeout=timeout_s)
         except Empty:
-            raise LostError("wait for the server", f"nothing came within {timeout_s:g} s") from None
+            raise LostError("wait for the server", f"no frame within {timeout_s:g} s") from None
         if isinstance(event, Closed):
             queue.put(event)
         return event
 
     def take_notices(self) -> list[Notice]:
-        """Takes the notices that arrived since the last call; at most 64 are kept."""
+        """Returns and clears the received notices, at most 64."""
         with self._lock:
             notices, self._notices = self._notices, []
         return notices
 
     def close(self) -> None:
-        """Leaves without a Goodbye: open episodes wait for a client that resumes, for as long as the server allows."""
+        """Closes without a Goodbye: open episodes can be resumed within the server's time limit."""
         self._closing.set()
         with self._lock:
             self._stream.close()
@@ -210,7 +210,7 @@ class Connection:
         self.on_close()
 
     def _read(self) -> None:
-        """Reads to the end. Every failure must reach the waiting callers, because no other thread reports it."""
+        """Reads until the end. Every failure must reach the waiting callers, because no other thread reports it."""
         try:
             self._read_streams()
         except Exception as unforeseen:
@@ -236,7 +236,7 @@ class Connection:
         return None
 
     def _come_back(self, error: Error | None) -> bool:
-        """Reconnects until the server answers; False if there is no reason to."""
+        """Reconnects until the server answers; returns False if the run needs no other stream."""
         is_lost = (error is None or is_passing(error)) and not self._resend_buffer.is_over
         if self._patience_s is None or not is_lost:
             return False
@@ -253,7 +253,7 @@ class Connection:
         return False
 
     def _dial(self) -> bool:
-        """Opens the next stream and resends unanswered frames; False if the run has ended in the meantime."""
+        """Opens the next stream and resends unanswered frames; returns False if the run has ended meanwhile."""
         with self._lock:
             known = self._resend_buffer.known()
         stream = self._dialler.dial(known=known)
@@ -293,8 +293,7 @@ class Connection:
         if isinstance(frame, play_pb2.RunEnd):
             self._to_all(frame)
         elif isinstance(frame, play_pb2.Fault) and not frame.HasField("slot"):
-            # For a stopping server, the end of the stream reports it, and the next stream
-            # continues.
+            # A stopping server also ends the stream, and the next stream continues.
             if frame.reason != common_pb2.REASON_DRAINING or self._patience_s is None:
                 self._to_all(frame)
         elif isinstance(frame, play_pb2.Fault) and is_gone:
@@ -327,7 +326,7 @@ def _close_connections() -> None:
 
 
 def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
-    """Reconnection time after a loss; None disables reconnection."""
+    """Returns the reconnection time after a loss; None disables reconnection."""
     if may_be_away_s == 0:
         return None
     return max(may_be_away_s, _PATIENCE_S) if wanted_s is None else wanted_s
@@ -344,7 +343,7 @@ def _request(frame: Sent | play_pb2.Goodbye) -> play_pb2.PlayRequest:
 
 
 def _lost_by_the_server(fault: play_pb2.Fault) -> play_pb2.EpisodeEnd:
-    """Episode end that the server could not restore; it is reissued."""
+    """Returns the end of an episode that the server could not restore and will reissue."""
     return play_pb2.EpisodeEnd(
         slot=fault.slot, episode=fault.episode, step=fault.step, reason=common_pb2.END_REASON_SERVER_FAULT
     )

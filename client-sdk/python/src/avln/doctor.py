@@ -32,7 +32,7 @@ class Check:
     """A check and the result."""
 
     name: str
-    """Subject."""
+    """Name of the check."""
     verdict: str
     """`ok`, `warning`, or `failure`: a run would fail."""
     found: str
@@ -41,7 +41,7 @@ class Check:
     """Next step; may be empty."""
 
     def as_dict(self) -> dict[str, str]:
-        """For programs."""
+        """Returns the fields by name."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -77,9 +77,9 @@ def examine(
     steps: int,
     sensors: Sensors,
 ) -> Iterator[Check]:
-    """Checks a server before a run, and plays some episodes of `practice` if it counts no runs.
+    """Checks a server before a run, and plays episodes of the phase `practice` if it counts no runs.
 
-    An empty `phase` is `Client.practice_phase`; without `practice` the phase itself is played.
+    An empty `phase` is `Client.practice_phase`; the default for `practice` is `phase`.
     """
     try:
         client = connect(server, token, connect_options)
@@ -106,15 +106,16 @@ def _server(client: Client, address: str) -> Iterator[Check]:
         info = client.server_info()
         took_s.append(time.monotonic() - begun_s)
     yield Check("server", OK, f"{info.name or 'LH-AVLN Arena'} answers at {address}")
-    versions = f"server {info.version} speaks avln.v1 minor {info.api_minor}, this client {VERSION} minor {API_MINOR}"
-    yield Check("versions", OK, versions)
+    own = f"this client {VERSION} with minor {API_MINOR}"
+    yield Check("versions", OK, f"server {info.version} with avln.v1 minor {info.api_minor}, {own}")
     if info.draining:
-        yield Check("state", FAILS, "the server is about to stop", "begin a run when it is back")
-    yield Check("round trip", OK, f"{1000 * statistics.median(took_s):.1f} ms, at worst {1000 * max(took_s):.1f} ms")
+        yield Check("state", FAILS, "the server is shutting down and begins no runs", "wait until the server is back")
+    trip_ms = [1000 * trip_s for trip_s in took_s]
+    yield Check("round trip", OK, f"{statistics.median(trip_ms):.1f} ms, maximum {max(trip_ms):.1f} ms")
     ahead_s = info.time_unix_ms / 1000 - time.time()
-    found = f"the server's is {abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} this machine's"
+    found = f"the server's clock is {abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} this machine's"
     differs = abs(ahead_s) > _CLOCK_MAY_DIFFER_S
-    advice = "set this machine's clock; runs are not harmed, dates that you compare are" if differs else ""
+    advice = "set this machine's clock; phases and tokens expire by the server's clock" if differs else ""
     yield Check("clock", WARNS if differs else OK, found, advice)
 
 
@@ -122,35 +123,36 @@ def _token(client: Client) -> Check:
     account = client.whoami()
     whose = f"of team {account.team!r} ({account.scope})"
     if account.expires_unix_s == 0:
-        return Check("token", OK, f"{whose}, for ever")
+        return Check("token", OK, f"{whose}, without expiry")
     left_s = account.expires_unix_s - time.time()
     if left_s > _SOON_S:
-        return Check("token", OK, f"{whose}, for {left_s / _DAY_S:.0f} days")
-    return Check("token", WARNS, f"{whose}, for {left_s / 3600:.0f} hours", "ask the organiser for a new one in time")
+        return Check("token", OK, f"{whose}, valid for {left_s / _DAY_S:.0f} days")
+    found = f"{whose}, valid for {left_s / 3600:.0f} hours"
+    return Check("token", WARNS, found, "ask the organiser for a new token in time")
 
 
 def _phase(client: Client, wanted: str) -> Check:
     phases = {phase.id: phase for phase in client.phases()}
     if wanted not in phases:
-        return Check("phase", FAILS, f"there is no phase {wanted!r}", f"choose among {', '.join(phases) or 'none'}")
+        return Check("phase", FAILS, f"there is no phase {wanted!r}", f"choose one of: {', '.join(phases) or 'none'}")
     phase = phases[wanted]
     found = f"{phase.id}: {phase.episodes} episodes by {phase.rules}, up to {phase.max_slots} slots, {phase.state}"
     return Check("phase", OK if phase.state == "open" else FAILS, found, _reopens(phase))
 
 
 def _reopens(phase: Phase) -> str:
-    return "" if phase.state == "open" else phase.state_reason or "ask the organiser when runs can begin"
+    return "" if phase.state == "open" else phase.state_reason or "runs start only in open phases"
 
 
 def _quota(client: Client, phase: str) -> Check:
     limited = [quota for quota in _quotas(client, phase) if quota.remaining is not None]
     if not limited:
-        return Check("quota", OK, "any number of runs")
+        return Check("quota", OK, "unlimited runs")
     least = min(limited, key=lambda quota: quota.remaining or 0)
-    found = f"{least.remaining} of {least.limit} runs left ({least.window})"
-    return Check(
-        "quota", OK if least.remaining else FAILS, found, "" if least.remaining else "wait, or ask for a grant"
-    )
+    found = f"{least.remaining} of {least.limit} runs remain ({least.window})"
+    if least.remaining:
+        return Check("quota", OK, found)
+    return Check("quota", FAILS, found, "wait for the next window, or ask the organiser for more runs")
 
 
 def _quotas(client: Client, phase: str) -> list[Quota]:
@@ -162,30 +164,30 @@ def _quotas(client: Client, phase: str) -> list[Quota]:
 
 def _practice(client: Client, wanted: str, place: str, tries: Tries) -> Iterator[Check]:
     if any(quota.is_counted for quota in _quotas(client, place)):
-        advice = "name a phase that counts none with --practice"
-        yield Check("practice", WARNS, f"nothing was played: {place} counts runs", advice)
+        advice = "name a phase without quotas with --practice PHASE"
+        yield Check("practice", WARNS, f"no practice in phase {place!r}, which counts runs", advice)
         return
     phases = {phase.id: phase for phase in client.phases()}
     if place in phases and phases[place].episodes < 2:
-        found = f"nothing was played: {place} has one episode, which a run would complete"
-        yield Check("practice", WARNS, found, "name another phase with --practice")
+        found = f"no practice in phase {place!r}, whose only episode would complete a run"
+        yield Check("practice", WARNS, found, "name another phase with --practice PHASE")
         return
     try:
         played = _play(client, place, _order(phases.get(place)), tries)
     except Error as error:
         yield Check("practice", FAILS, str(error))
         return
-    yield from _told(played, phases.get(wanted))
+    yield from _measured(played, phases.get(wanted))
 
 
 def _order(phase: Phase | None) -> Order:
-    """An order that the phase has."""
+    """Returns an order available in the phase."""
     orders = phase.orders if phase else []
     return Order.UNORDERED if Order.UNORDERED in orders or not orders else orders[0]
 
 
 def _play(client: Client, phase: str, order: Order, tries: Tries) -> Played:
-    """Plays some episodes; the run is given up whatever happens, so that it is on no board and in no quota."""
+    """Plays some episodes and always cancels the run, so that it counts on no leaderboard and in no quota."""
     run = client.start_run(phase, "avln-py doctor", order)
     with undone_on_error(client, run, is_own=True), client.play(run, tries.sensors) as play:
         played = _played(play, tries)
@@ -195,7 +197,7 @@ def _play(client: Client, phase: str, order: Order, tries: Tries) -> Played:
 
 def _played(play: Play, tries: Tries) -> Played:
     played = Played(play.task.max_steps)
-    # An episode always remains, so that the run is never complete.
+    # The last episode is never played: a complete run would appear on leaderboards.
     few = min(tries.episodes, play.progress.total - 1)
     before_s = time.monotonic()
     for episode in play:
@@ -213,24 +215,24 @@ def _played(play: Play, tries: Tries) -> Played:
     return played
 
 
-def _told(played: Played, phase: Phase | None) -> Iterator[Check]:
+def _measured(played: Played, phase: Phase | None) -> Iterator[Check]:
     if not played.steps_s:
-        yield Check("practice", WARNS, "nothing was played: there was no episode", "name another phase with --practice")
+        yield Check("practice", WARNS, "the server assigned no episode", "name another phase with --practice PHASE")
         return
     per_s = len(played.steps_s) / sum(played.steps_s)
     step_ms = 1000 * statistics.median(played.steps_s)
-    yield Check("practice", OK, f"{len(played.steps_s)} steps, without a fault")
-    yield Check("speed", OK, f"{per_s:.1f} steps/s in one slot; a step takes {step_ms:.1f} ms")
+    yield Check("practice", OK, f"{len(played.steps_s)} steps, no errors")
+    yield Check("speed", OK, f"{per_s:.1f} steps/s in one slot; median step {step_ms:.1f} ms")
     if phase is None:
         return
     longest_s = phase.episodes * (statistics.median(played.begins_s) + played.max_steps / per_s)
     slots = max(phase.max_slots, 1)
     found = f"at most {_span(longest_s)} with one slot, {_span(longest_s / slots)} at best with {slots}"
-    yield Check("run time", OK, f"{found}; what the agent thinks comes on top")
+    yield Check("run time", OK, f"{found}, plus the agent's own time")
 
 
 def _span(seconds: float) -> str:
-    """Formats a duration for people."""
+    """Formats a duration in seconds, minutes or hours."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NoReturn, cast
+from typing import TYPE_CHECKING, cast
 
 import grpc
 
 from avln.v1 import common_pb2
+from avln.version import VERSION
 
 if TYPE_CHECKING:
     from avln.v1 import play_pb2
@@ -26,16 +27,16 @@ _NEW_TOKEN = {"TOKEN_EXPIRED", "TOKEN_REVOKED"}
 
 
 class Error(Exception):
-    """Whatever this package raises by itself."""
+    """Base class of this package's errors."""
 
     reason: str = ""
     """Reason from the closed list of PROTOCOL.md, such as `QUOTA_DAY`; may be empty."""
     retry_after_s: int | None = None
-    """Delay before a retry, seconds; None: waiting does not help."""
+    """The server's requested delay before a retry, seconds; None: not given."""
 
 
 class AddressError(Error):
-    """The server's address makes no sense."""
+    """Invalid server address."""
 
     def __init__(self, address: str, problem: str) -> None:
         super().__init__(f"server address '{address}': {problem}; write it like http://127.0.0.1:50051")
@@ -46,25 +47,25 @@ class UnreachableError(Error):
 
     def __init__(self, address: str, detail: str) -> None:
         super().__init__(
-            f"cannot reach {address}: {detail}; is the server running there, is this its gRPC port, and does it speak "
+            f"cannot reach {address}: {detail}; is the server running there, is this its gRPC port, and does it use "
             "TLS (https://) or not (http://)? Set the address with --server or AVLN_SERVER"
         )
 
 
 class TlsError(Error):
-    """The server cannot be spoken to in private."""
+    """No secure connection to the server."""
 
     def __init__(self, address: str, problem: str) -> None:
         super().__init__(f"{address}: {problem}")
 
 
 class NotArenaError(Error):
-    """Something answers, but not in `avln.v1`."""
+    """No Arena server at the address."""
 
     def __init__(self, address: str, detail: str) -> None:
         super().__init__(
-            f"{address} answers, but not as an LH-AVLN Arena gRPC server ({detail}); use its gRPC port, not that of "
-            "its web pages, and https:// where it speaks TLS"
+            f"{address} is not an LH-AVLN Arena gRPC server ({detail}); "
+            "use the gRPC port instead of the web port, and https:// for a server with TLS"
         )
 
 
@@ -73,18 +74,18 @@ class LostError(Error):
 
     def __init__(self, attempted: str, detail: str) -> None:
         super().__init__(
-            f"{attempted}: the connection to the server was lost ({detail}); what it has stored is safe, "
-            "try again when it answers"
+            f"{attempted}: the connection to the server was lost ({detail}); stored episodes are safe; "
+            "play the run again for the others"
         )
 
 
 class ProtocolError(Error):
-    """The server said something that `avln.v1` does not allow."""
+    """The server violated `avln.v1`."""
 
     def __init__(self, detail: str) -> None:
         super().__init__(
-            f"the server broke the protocol: {detail}; this client and the server may not fit together, "
-            "compare `avln-py doctor` with the organiser's version"
+            f"the server violated the protocol: {detail}; client {VERSION} may be incompatible with the server; "
+            "compare the versions with avln-py doctor"
         )
 
 
@@ -93,8 +94,8 @@ class SensorsError(Error, ValueError):
 
     def __init__(self, width: int, height: int, hfov_rad: float) -> None:
         super().__init__(
-            f"camera of {width} x {height} pixels with hfov {hfov_rad} rad: sides go from 64 to 1024 pixels, "
-            "hfov from 0.35 to 2.4 rad"
+            f"invalid camera of {width} x {height} pixels with hfov {hfov_rad} rad; "
+            "use 64 to 1024 pixels and 0.35 to 2.4 rad"
         )
 
 
@@ -103,31 +104,31 @@ class PhaseError(Error):
 
     def __init__(self, free: list[str], known: list[str]) -> None:
         if free:
-            found = f"there are several to practise in, {', '.join(free)}"
+            found = f"several phases have no quota: {', '.join(free)}"
         elif known:
-            found = f"runs are counted or cannot begin in all of them, which are {', '.join(known)}"
+            found = f"no phase without a quota is open, among {', '.join(known)}"
         else:
-            found = "this server shows your team none"
-        super().__init__(f"start a run without naming a phase: {found}; name one by phase= or --phase")
+            found = "the server has no phase for your team"
+        super().__init__(f"start a run without naming a phase: {found}; name one with phase= or --phase")
 
 
 class EpisodeOverError(Error):
-    """A step was asked for in an episode that is over."""
+    """A step after the end of the episode."""
 
     def __init__(self) -> None:
-        super().__init__("the episode is over; begin another with Play.next_episode")
+        super().__init__("the episode is over; call Play.next_episode for the next")
 
 
 class RunOverError(Error):
-    """An episode was asked for in a run that has none left."""
+    """A request for an episode in a run without remaining episodes."""
 
-    def __init__(self, run: str, phase: str, because: str = "none is left") -> None:
+    def __init__(self, run: str, phase: str, because: str = "no episode remains") -> None:
         where = f" in phase {phase}" if phase else ""
-        super().__init__(f"run {run}{where} gives no episode: {because}; start another run")
+        super().__init__(f"begin an episode of run {run}{where}: {because}; start another run")
 
 
 class RefusedError(Error):
-    """A refusal by the server; see `reason`."""
+    """The server refused a request; see `reason`."""
 
     def __init__(self, attempted: str, reason: str, message: str, retry_after_s: int | None = None) -> None:
         hint = "" if retry_after_s is None else f"; try again in {retry_after_s} s"
@@ -137,7 +138,7 @@ class RefusedError(Error):
 
 
 class TokenError(Error):
-    """The server rejects the token; see `reason`."""
+    """The server refused the token; see `reason`."""
 
     def __init__(self, attempted: str, reason: str, message: str) -> None:
         super().__init__(f"{attempted}: the server refused the token ({reason}): {message}{_token_hint(reason)}")
@@ -145,18 +146,18 @@ class TokenError(Error):
 
 
 class UnknownActionError(Error, ValueError):
-    """An agent chose something that is no action."""
+    """An invalid action."""
 
     def __init__(self, choice: object, known: str) -> None:
-        super().__init__(f"take the action {choice!r}: it is none; use {known}")
+        super().__init__(f"take a step: invalid action {choice!r}; use {known}")
 
 
 def _token_hint(reason: str) -> str:
     if reason in _NEW_TOKEN:
-        return "; ask the organiser for a new one and give it with --token or AVLN_TOKEN"
+        return "; ask the organiser for a new one and use it with --token or AVLN_TOKEN"
     if reason == "TOKEN_SCOPE":
         return "; account tokens start runs, run tokens play them"
-    return "; give the account's token with --token or AVLN_TOKEN"
+    return "; use the account's token with --token or AVLN_TOKEN"
 
 
 def is_passing(error: Error) -> bool:
@@ -165,14 +166,14 @@ def is_passing(error: Error) -> bool:
 
 
 def reason_word(number: int) -> str:
-    """`common_pb2.Reason` word without prefix; empty for unknown reasons."""
+    """Returns the name of a `common_pb2.Reason` without prefix; empty for unknown reasons."""
     if number == common_pb2.REASON_UNSPECIFIED or number not in common_pb2.Reason.values():
         return ""
     return str(common_pb2.Reason.Name(cast("common_pb2.Reason", number))).replace("REASON_", "", 1)
 
 
 def from_call(attempted: str, error: grpc.RpcError) -> Error:
-    """Error for a gRPC call that failed during `attempted`."""
+    """Returns the error for a gRPC call that failed during `attempted`."""
     call = cast("grpc.Call", error)
     code, message = call.code(), call.details() or ""
     trailers = {key: value for key, value in call.trailing_metadata() or () if isinstance(value, str)}
@@ -185,7 +186,7 @@ def from_call(attempted: str, error: grpc.RpcError) -> Error:
 
 
 def from_fault(attempted: str, fault: play_pb2.Fault) -> Error:
-    """Error for a fault on a stream during `attempted`."""
+    """Returns the error for a fault on a stream during `attempted`."""
     code = next((code.name for code in grpc.StatusCode if code.value[0] == fault.code), "UNKNOWN")
     message = f"{fault.message} (server log {fault.id})" if fault.id else fault.message
     retry_after_s = fault.retry_after_s if fault.HasField("retry_after_s") else None
@@ -197,8 +198,3 @@ def _refused(attempted: str, code: str, reason: str, message: str, retry_after_s
     if code == "UNAUTHENTICATED" or reason == "TOKEN_SCOPE":
         return TokenError(attempted, reason, message)
     return RefusedError(attempted, reason, message, retry_after_s)
-
-
-def raise_call(attempted: str, error: grpc.RpcError) -> NoReturn:
-    """Raises the error for a gRPC call that failed during `attempted`."""
-    raise from_call(attempted, error) from None

@@ -1,9 +1,9 @@
-"""Agents that were written for Habitat or SoundSpaces play episodes as they are: `reset()` and `act(observations)`.
+"""Adapter for unmodified Habitat and SoundSpaces agents with `reset()` and `act(observations)`.
 
     with avln.begin(server, token, phase, "my-habitat-agent") as run:
         avln.habitat.play(run, agent, keys=["rgb", "depth", "gps", "compass"])
 
-`avln` does not need Habitat for it.
+Habitat itself is not required.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class HabitatAgent(Protocol):
     """The `habitat.Agent` interface."""
 
     def reset(self) -> Any:
-        """An episode begins."""
+        """Starts an episode."""
 
     def act(self, observations: dict[str, Any]) -> Any:
         """Returns an action: a number, a name, or a dictionary with the key `action`."""
@@ -49,7 +49,7 @@ class HabitatAgent(Protocol):
 
 @dataclass(frozen=True)
 class Senses:
-    """Observations in the form of Habitat's and SoundSpaces' sensors.
+    """Observations in the formats of Habitat and SoundSpaces.
 
     | key | type and shape | content |
     | --- | --- | --- |
@@ -67,7 +67,7 @@ class Senses:
     task: TaskSpec
     """Task rules."""
     keys: tuple[str, ...]
-    """The entries that are wanted."""
+    """Requested entries."""
     min_depth_m: float = 0.0
     """Depth mapped to 0."""
     max_depth_m: float = 10.0
@@ -83,14 +83,14 @@ class Senses:
         """Checks the keys.
 
         Raises:
-            ValueError: when a key is no entry.
+            ValueError: if a key is unknown.
         """
         unknown = [key for key in self.keys if key not in _ENTRIES]
         if unknown:
-            raise ValueError(f"give the agent {unknown}: there are {sorted(_ENTRIES)}; choose keys among them")
+            raise ValueError(f"select observations: unknown keys {unknown}; use {', '.join(sorted(_ENTRIES))}")
 
     def observations(self, seen: Observation, start: Pose, mission: Mission) -> dict[str, Any]:
-        """Returns an observation; `start` is the episode's start pose."""
+        """Converts an observation; `start` is the episode's start pose."""
         view = _View(self, seen, start, mission)
         return {key: _ENTRIES[key](view) for key in self.keys}
 
@@ -136,7 +136,7 @@ def _gps(view: _View) -> NDArray[np.float32]:
     here, start = view.seen.pose, view.start
     right_m, back_m = here.x_m - start.x_m, here.z_m - start.z_m
     sine, cosine = math.sin(start.heading_rad), math.cos(start.heading_rad)
-    # Turned back by the heading at the start, about +Y.
+    # Rotated about +Y by the negative start heading.
     x_m, z_m = cosine * right_m - sine * back_m, sine * right_m + cosine * back_m
     return np.array([-z_m, x_m], np.float32)
 
@@ -175,12 +175,12 @@ _ENTRIES: dict[str, Callable[[_View], Any]] = {
 
 def _sensed(array: Any, sensor: str) -> Any:
     if array is None:
-        raise ValueError(f"this run was begun without {sensor}; ask for it with avln.Sensors({sensor}=True)")
+        raise ValueError(f"the run has no {sensor}; request it with avln.Sensors({sensor}=True)")
     return array
 
 
 def goal_input(goal: Goal) -> dict[str, Any]:
-    """A goal in the authors' evaluation format."""
+    """Returns a goal in the authors' evaluation format."""
     if goal.modality is Modality.CATEGORY:
         return {"modality": "object", "category": goal.text}
     if goal.modality is Modality.DESCRIPTION:
@@ -189,10 +189,12 @@ def goal_input(goal: Goal) -> dict[str, Any]:
 
 
 def to_action(choice: Any, actions: Sequence[Action] = EVALUATION_ACTIONS) -> Action:
-    """The action that an agent chose: a number by `actions`, a name in any case, or a dictionary with the key `action`.
+    """Converts an agent's choice to an action.
+
+    A choice is an index in `actions`, a name in any case, or a dictionary with the key `action`.
 
     Raises:
-        UnknownActionError: when it is none.
+        UnknownActionError: if the choice is no action.
     """
     named = choice["action"] if isinstance(choice, dict) and "action" in choice else choice
     if isinstance(named, str) and named.upper() in _NAMES:
@@ -203,7 +205,7 @@ def to_action(choice: Any, actions: Sequence[Action] = EVALUATION_ACTIONS) -> Ac
         number = -1
     if not 0 <= number < len(actions):
         numbers = ", ".join(f"{index} {action.name}" for index, action in enumerate(actions))
-        raise UnknownActionError(choice, f"{numbers}, or one of these names")
+        raise UnknownActionError(choice, f"{numbers}, or a name")
     return actions[number]
 
 
@@ -224,7 +226,7 @@ def play(
         agent: object with `reset()` and `act(observations)`.
         keys: observation entries.
         actions: the agent's action numbers.
-        stop_submits: True to treat STOP as a Submit, for single-goal agents; the last one ends the episode.
+        stop_submits: True to treat STOP as a Submit, for single-goal agents; the last Submit ends the episode.
         on_end: callback for every ended episode.
         **senses: further `Senses` arguments, such as `min_depth_m=0.5`.
 

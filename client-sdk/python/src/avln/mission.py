@@ -21,26 +21,26 @@ _ORDERS = {common_pb2.ORDER_ORDERED: Order.ORDERED, common_pb2.ORDER_UNORDERED: 
 
 
 class Modality(enum.IntEnum):
-    """Cue modality."""
+    """Kind of a goal cue."""
 
     CATEGORY = 1
-    """By the target's category label."""
+    """The target's category label."""
     DESCRIPTION = 2
     """A sentence that matches only the target."""
     IMAGE = 3
-    """By a target image."""
+    """A target image."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal and the cue."""
+    """A goal, described by a cue."""
 
     modality: Modality
-    """Cue modality."""
+    """Kind of the cue."""
     text: str = ""
-    """The category's label or the sentence; empty for a picture."""
+    """Category label or sentence; empty for an image."""
     image: NDArray[np.uint8] | None = None
-    """The picture, u8 [height, width, 3], RGB, first row on top, read-only; None for words."""
+    """Image, u8 [height, width, 3], RGB, first row on top, read-only; None for text."""
 
     @classmethod
     def from_wire(cls, goal: task_pb2.Goal) -> Goal:
@@ -66,7 +66,7 @@ class Mission:
     order: Order = Order.UNORDERED
     """Goal order."""
     goals: list[Goal] = field(default_factory=list)
-    """The goals, 2 to 4."""
+    """2 to 4 goals."""
 
     @classmethod
     def from_wire(cls, mission: task_pb2.Mission) -> Mission:
@@ -84,8 +84,8 @@ def _picture(tensor: common_pb2.Tensor) -> NDArray[np.uint8]:
     shape = tuple(tensor.shape)
     is_raw = tensor.encoding == common_pb2.ENCODING_RAW and tensor.dtype == common_pb2.DTYPE_U8
     if len(shape) != 3 or shape[2] != 3 or not is_raw:
-        raise ProtocolError(f"a goal image has shape {shape}, not raw bytes of [height, width, 3]")
+        raise ProtocolError(f"goal image: expected raw bytes with shape [height, width, 3], got {shape}")
     try:
         return decode_rgb(tensor.encoding, tensor.data, shape[0], shape[1])
     except CodecError as error:
-        raise ProtocolError(f"a goal image of {shape[1]} x {shape[0]} pixels: {error}") from None
+        raise ProtocolError(f"goal image of {shape[1]} x {shape[0]} pixels: {error}") from None

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pose:
-    """Position and heading of the body base. Right-handed, Y up; heading 0 looks along -Z."""
+    """Position and heading of the body's base. Right-handed, Y up; heading 0 faces -Z."""
 
     x_m: float = 0.0
     """Metres to the right of the frame's origin."""
     y_m: float = 0.0
-    """Metres above it."""
+    """Metres above the origin."""
     z_m: float = 0.0
-    """Metres behind it."""
+    """Metres behind the origin."""
     heading_rad: float = 0.0
     """Radians about +Y, -pi to pi; positive is a left turn."""
 
@@ -35,13 +35,13 @@ class Feedback(enum.IntEnum):
     ACCEPTED = 1
     """The Submit was counted; the verdict is hidden."""
     CORRECT = 2
-    """It completed a goal."""
+    """The Submit completed a goal."""
     WRONG = 3
-    """It completed none."""
+    """The Submit completed no goal."""
 
     @classmethod
     def from_wire(cls, number: int) -> Feedback:
-        """Feedback for a wire number; NONE if unknown."""
+        """Returns the feedback for a wire number; NONE if unknown."""
         return cls(number) if number in play_pb2.SubmitFeedback.values() else cls.NONE
 
 
@@ -56,11 +56,11 @@ class Observation:
     depth: NDArray[np.float32] | None = None
     """Planar depth, f32 [height, width], metres, first row on top; 0 without a hit in range."""
     audio: NDArray[np.float32] | None = None
-    """Sound pressure during the step, f32 [2, `TaskSpec.audio_samples`], the left ear's first."""
+    """Sound pressure during the step, f32 [2, `TaskSpec.audio_samples`], left ear first."""
     pose: Pose = Pose()
-    """Body base, in the frame that `TaskSpec.pose_frame` names."""
+    """Base pose in the frame `TaskSpec.pose_frame`."""
     remaining_steps: int = 0
-    """Steps that are left."""
+    """Remaining steps."""
     remaining_submits: int = 0
     """Remaining Submits before the final Submit."""
     feedback: Feedback = Feedback.NONE

@@ -1,24 +1,27 @@
-"""Options shared by this package's programs."""
+"""Command line options shared by this package's programs."""
 
 from __future__ import annotations
 
 import argparse
 import os
+from typing import TYPE_CHECKING
 
 from avln.action import Order
 from avln.client import Client, begin_run
 from avln.connect_options import ConnectOptions
 from avln.packing import Packing
-from avln.service import Run
 from avln.task import Sensors
 from avln.version import VERSION
 
-PRACTICE = "[the one to practise in, where runs are not counted]"
+if TYPE_CHECKING:
+    from avln.service import Run
+
+PRACTICE = "[the practice phase, which does not limit runs]"
 """Default for `--phase` in help texts."""
 
 
 def parser(name: str, about: str) -> argparse.ArgumentParser:
-    """A program's command line."""
+    """Creates a program's argument parser."""
     program = argparse.ArgumentParser(prog=name, description=about)
     program.add_argument("--version", action="version", version=f"{name} {VERSION}")
     return program
@@ -27,27 +30,28 @@ def parser(name: str, about: str) -> argparse.ArgumentParser:
 def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> None:
     """Adds the options for server and token."""
     server = os.environ.get("AVLN_SERVER", "http://127.0.0.1:50051")
-    to.add_argument("--server", default=server, help="address of the server's gRPC port [AVLN_SERVER]")
+    to.add_argument("--server", default=server, help="server URL: http://, https:// or unix:/path [AVLN_SERVER]")
     token = os.environ.get("AVLN_TOKEN", "")
     required = needs_token and not token
-    to.add_argument("--token", default=token, required=required, help="the account's token [AVLN_TOKEN]")
+    to.add_argument("--token", default=token, required=required, help="account token [AVLN_TOKEN]")
     ca = os.environ.get("AVLN_CA")
-    to.add_argument("--ca", default=ca, help="PEM file of the authorities of an https server [AVLN_CA]")
+    to.add_argument("--ca", default=ca, help="PEM file with certificate authorities for https [AVLN_CA]")
     packings = [packing.value for packing in Packing]
-    to.add_argument("--packing", choices=packings, help="how pictures and sound travel [by the server's address]")
+    usual = "[raw on this machine, otherwise lossless]"
+    to.add_argument("--packing", choices=packings, help=f"encoding of images and sound {usual}")
 
 
 def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
     """Adds the options for the run."""
     to.add_argument("--phase", default="", help=f"phase to play in {PRACTICE}")
-    to.add_argument("--order", type=Order, default=Order.UNORDERED, help="ordered or unordered [unordered]")
-    to.add_argument("--method", default=method, help=f"name on the leaderboard [{method}]")
+    to.add_argument("--order", type=Order, default=Order.UNORDERED, help="goal order: ordered or unordered [unordered]")
+    to.add_argument("--method", default=method, help=f"method name on the leaderboard [{method}]")
 
 
 def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
     """Adds the options for the camera."""
     to.set_defaults(usual_size=size)
-    to.add_argument("--size", type=int, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
+    to.add_argument("--size", type=int, help=f"image side in pixels, 64 to 1024 [{size}]")
 
 
 def connect_options(options: argparse.Namespace) -> ConnectOptions:
@@ -56,7 +60,7 @@ def connect_options(options: argparse.Namespace) -> ConnectOptions:
 
 
 def sensors(options: argparse.Namespace) -> Sensors:
-    """All sensors, at the size that was asked for."""
+    """Returns all sensors with the requested image size."""
     return Sensors.square(options.usual_size if options.size is None else options.size)
 
 

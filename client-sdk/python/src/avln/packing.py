@@ -25,12 +25,12 @@ class Packing(enum.Enum):
     RAW = "raw"
     """Raw: fastest on the same machine."""
     LOSSLESS = "lossless"
-    """In fewer bytes, and the same numbers: the quickest across a network."""
+    """Compressed without loss: fastest across a network."""
     ROUNDED = "rounded"
     """Depth in millimetres and sound in 16 bits if the phase permits it, otherwise LOSSLESS."""
 
     def wishes(self, kind: v1.SensorKind) -> list[v1.Encoding]:
-        """The encodings to wish for, best first; RAW is always among them."""
+        """Returns the encodings to request, best first; always with RAW."""
         if self is Packing.RAW:
             return [v1.ENCODING_RAW]
         if self is Packing.LOSSLESS:
@@ -39,7 +39,7 @@ class Packing(enum.Enum):
 
 
 def is_this_machine(host: str) -> bool:
-    """Returns True if a host name is this machine."""
+    """Returns True if a host name is a loopback address."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

@@ -31,7 +31,7 @@ _FAREWELL_S = 60.0
 _BEGIN, _STEP, _ABANDON, _FINISH = (
     "begin an episode",
     "take a step",
-    "give an episode up",
+    "abandon an episode",
     "finish the run",
 )
 
@@ -41,27 +41,27 @@ class TimeLeft:
     """Remaining time for the next action."""
 
     step_s: float | None
-    """Free thinking time, seconds; None: unlimited."""
+    """Thinking time that does not use the time bank, seconds; None: unlimited."""
     bank_s: float
-    """Remaining episode bank beyond `step_s`, seconds."""
+    """Remaining time bank of the episode, in addition to `step_s`, seconds."""
 
 
 class Episode:
     """An episode in progress. Iterating yields observations until the end.
 
-    The body of the loop takes one action: `for observation in episode:
+    The body of the loop takes an action: `for observation in episode:
     episode.act(policy(observation))`.
     """
 
     def __init__(self, play: Play, start: play_pb2.EpisodeStart) -> None:
         if not start.HasField("observation"):
-            raise ProtocolError("an episode began without an observation")
+            raise ProtocolError("EpisodeStart has no observation")
         self._play = play
         self._connection = play.connection
         self._agreement = play.agreement
         self._awaits = False
         self.id: str = start.episode
-        """Random handle, good for this run only."""
+        """Random episode handle, valid in this run only."""
         self.ordinal: int = start.ordinal
         """Episode number in start order, from 1."""
         self.mission: Mission = Mission.from_wire(start.mission)
@@ -91,9 +91,7 @@ class Episode:
             step = self.observation.step
             yield self.observation
             if not self.is_over and self.observation.step == step:
-                raise Error(
-                    f"no action was taken after observation {step}; call Episode.act once in each turn of the loop"
-                )
+                raise Error(f"no action was taken after observation {step}; call Episode.act once per observation")
 
     def act(self, action: Action) -> Observation:
         """Takes a step and returns the next observation.
@@ -110,7 +108,7 @@ class Episode:
         return self.receive()
 
     def send(self, action: Action) -> None:
-        """Sends an action without waiting; `receive` returns the result. So slots can play in parallel.
+        """Sends an action without waiting, so that slots play in parallel; `receive` returns the result.
 
         Raises:
             EpisodeOverError: after the end.
@@ -140,7 +138,7 @@ class Episode:
         return self.observation
 
     def abandon(self) -> None:
-        """Abandons the episode, which counts with its present result. No effect after the end.
+        """Abandons the episode, which counts with the current result. No effect after the end.
 
         Raises:
             Error: if the protocol is violated or the connection is lost.
@@ -152,7 +150,7 @@ class Episode:
 
     def _take(self, seen: play_pb2.Observation, step: int) -> None:
         if seen.step != step:
-            raise ProtocolError(f"step {step} was answered by the observation of step {seen.step}")
+            raise ProtocolError(f"observation: expected step {step}, got {seen.step}")
         self._see(seen)
         self._awaits = False
         if seen.terminated or seen.truncated:
@@ -168,7 +166,7 @@ class Episode:
             self._settle(attempted, self._connection.next(self._play.slot))
 
     def _settle(self, attempted: str, event: Event) -> None:
-        """Handles an event while an answer is pending; frames of the previous episode are ignored."""
+        """Handles an event while a reply is pending; ignores frames of the previous episode."""
         if isinstance(event, play_pb2.EpisodeEnd) and event.episode == self.id:
             self._awaits = False
             self.end = EpisodeEnd.from_wire(event)
@@ -177,7 +175,7 @@ class Episode:
         elif isinstance(event, Closed):
             raise event.because(attempted)
         elif isinstance(event, (play_pb2.RunEnd, play_pb2.EpisodeStart)):
-            raise ProtocolError(f"{event.DESCRIPTOR.name} came while an episode was open")
+            raise ProtocolError(f"{event.DESCRIPTOR.name} arrived while an episode was open")
 
     def _weigh(self, attempted: str, fault: play_pb2.Fault) -> None:
         """Stores a fault that ends this episode, because EpisodeEnd follows; others are stale."""
@@ -193,20 +191,20 @@ class Episode:
 class Play:
     """A run slot, which plays episodes in sequence. Iterating yields every episode of the run.
 
-    A lost connection is opened again, and its episodes continue, within the server's time limit.
-    As a context manager it sends Goodbye at the end; an exception leaves the run open for its
-    token.
+    After a lost connection, the slot reconnects and resumes its episode within the server's time
+    limit. As a context manager it sends Goodbye at the end; after an exception the run stays open
+    and can be continued with the run token.
     """
 
     def __init__(self, connection: Connection, agreement: Agreement, slot: int) -> None:
         self.connection: Connection = connection
-        """The connection below, which the slots of a run share."""
+        """Connection shared by the run's slots."""
         self.agreement: Agreement = agreement
         """Settings agreed between client and server."""
         self.slot: int = slot
-        """Number of this slot, 0 or more."""
+        """Slot number, from 0."""
         self.episode: Episode | None = None
-        """The episode that began last; None before the first."""
+        """Latest episode; None before the first."""
         self.summary: RunSummary | None = None
         """Run result; None before its end."""
 
@@ -222,7 +220,7 @@ class Play:
 
     @property
     def token(self) -> str:
-        """The run's token: given to `begin` instead of the account's, it plays the run on after this program."""
+        """Run token; as the token of `begin` it continues the run after this program."""
         return self.connection.token
 
     @property
@@ -231,7 +229,7 @@ class Play:
         return self.connection.progress
 
     def take_notices(self) -> list[Notice]:
-        """Takes the server's notices that arrived since the last call; at most 64 are kept."""
+        """Returns and clears the received notices, at most 64."""
         return self.connection.take_notices()
 
     def __iter__(self) -> Iterator[Episode]:
@@ -241,7 +239,7 @@ class Play:
     def next_episode(self) -> Episode | None:
         """Begins the next episode; None if no episode remains. Abandons an open episode first.
 
-        The time limit of its first action starts now: load models before.
+        The time limit for the first action starts immediately: load models before.
 
         Raises:
             Error: if the server rejects the request, violates the protocol, or the connection is lost.
@@ -300,13 +298,13 @@ class Play:
             self.close()
 
     def _settle_farewell(self, event: Event) -> None:
-        """Handles an event after Goodbye; faults of a slot belong to an episode ended by Goodbye."""
+        """Handles an event after Goodbye; ignores slot faults, because Goodbye has ended the episode."""
         if isinstance(event, play_pb2.Fault) and (event.HasField("slot") or event.recoverable):
             return
         self._settle(_FINISH, event)
 
     def close(self) -> None:
-        """Closes the connection of all slots without Goodbye: the run stays open for its token."""
+        """Closes the connection of all slots without Goodbye; the run token can continue the run."""
         self.connection.close()
 
     def __enter__(self) -> Play:

@@ -1,4 +1,4 @@
-"""Agents that are named on a command line."""
+"""Agent classes named on the command line."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ CLASS = "Agent"
 
 
 class UnknownAgentError(ValueError):
-    """A name that leads to no agent."""
+    """An agent name without a usable class."""
 
     def __init__(self, name: str, problem: str) -> None:
-        super().__init__(f"play with {name}: {problem}; name it FILE.py, FILE.py:CLASS or MODULE:CLASS")
+        super().__init__(f"load agent {name}: {problem}; use FILE.py, FILE.py:CLASS or MODULE:CLASS")
 
 
 def load_agent(name: str) -> Callable[[], Any]:
@@ -34,7 +34,7 @@ def load_agent(name: str) -> Callable[[], Any]:
         raise UnknownAgentError(name, f"there is no class {named} in {place}")
     missing = [method for method in ("begin", "act") if not callable(getattr(agent, method, None))]
     if missing:
-        raise UnknownAgentError(name, f"{named} has no method {' and '.join(missing)}")
+        raise UnknownAgentError(name, f"class {named} has no method {' or '.join(missing)}")
     made: Callable[[], Any] = agent
     return made
 
@@ -47,7 +47,7 @@ def _module(name: str, place: str) -> ModuleType:
         except ModuleNotFoundError as error:
             raise UnknownAgentError(name, str(error)) from None
     path = Path(place)
-    own = f"_avln_agent_{path.stem}"  # a file may be called as a module that others import
+    own = f"_avln_agent_{path.stem}"  # the file may have the name of an installed module
     spec = importlib.util.spec_from_file_location(own, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise UnknownAgentError(name, f"there is no file {place}")
@@ -59,6 +59,6 @@ def _module(name: str, place: str) -> ModuleType:
 
 
 def _import_from(folder: Path) -> None:
-    """Lets an agent import modules from its folder; installed modules have priority."""
+    """Adds an agent's folder to the import path; installed modules have priority."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))

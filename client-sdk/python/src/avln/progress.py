@@ -18,7 +18,7 @@ class Bar:
         self._bar = _tqdm(episodes) if sys.stderr.isatty() else None
 
     def tell(self, end: EpisodeEnd) -> None:
-        """An episode ended."""
+        """Reports an ended episode."""
         if self._bar is not None:
             self._bar.set_postfix_str(end.reason.value)
             self._bar.update()
@@ -38,7 +38,7 @@ class Bar:
 
 def _tqdm(episodes: int) -> Any:
     try:
-        from tqdm.auto import tqdm  # noqa: PLC0415, it need not be installed
+        from tqdm.auto import tqdm  # noqa: PLC0415, an optional dependency
     except ImportError:
         return None
     return tqdm(total=episodes or None, unit="episode")

@@ -1,4 +1,4 @@
-"""An agent to begin with."""
+"""The agent written by `avln-py quickstart`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 AGENT = '''\
-"""Walks forward while depth shows room, turns otherwise, and stops with the last step."""
+"""Walks forward if the way is free, otherwise turns; stops with the last step."""
 
 import avln
 
@@ -20,7 +20,7 @@ class Agent:
 
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
         self.reach_m = 3 * task.forward_m
-        print([goal.text or "a picture" for goal in mission.goals])
+        print([goal.text or "an image" for goal in mission.goals])
 
     def act(self, seen: avln.Observation) -> avln.Action:
         if seen.remaining_steps == 1:
@@ -36,11 +36,11 @@ def write(path: Path) -> None:
     """Writes the agent's file.
 
     Raises:
-        Error: if another file has this name, or the file cannot be written.
+        Error: if a different file exists at this path, or the file cannot be written.
     """
     try:
         if path.exists() and path.read_bytes() != AGENT.encode():
-            raise Error(f"write an agent to {path}: that file is there already; name another with --out")
+            raise Error(f"write an agent to {path}: the file exists already; choose another path with --out")
         path.write_text(AGENT)
     except OSError as error:
-        raise Error(f"write an agent to {path}: {error.strerror}; name another place with --out") from None
+        raise Error(f"write an agent to {path}: {error.strerror}; choose another path with --out") from None

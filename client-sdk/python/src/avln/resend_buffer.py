@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 Sent = Union[play_pb2.Ready, play_pb2.Act, play_pb2.Abandon]
-"""Answered frames in a slot."""
+"""Frames to which the server replies."""
 Arrived = Union[play_pb2.EpisodeStart, play_pb2.Observation, play_pb2.EpisodeEnd, play_pb2.Fault, play_pb2.RunEnd]
-"""Frames that answer them."""
+"""Replies to `Sent` frames, and ends."""
 
 
 @dataclass
@@ -36,14 +36,14 @@ class ResendBuffer:
         self.is_over = False
         """True if the run has ended."""
         self.said_goodbye = False
-        """True if the client ended it."""
+        """True if the client has ended the run."""
 
     def sending(self, frame: Sent) -> None:
-        """Notes a frame that is about to be sent."""
+        """Records a frame before it is sent."""
         self._slots[frame.slot].open = frame
 
     def arrived(self, frame: Arrived) -> bool:
-        """Notes a frame that arrived; False when it had arrived before."""
+        """Records a received frame; returns False for a duplicate."""
         if isinstance(frame, play_pb2.RunEnd):
             self.is_over = True
             return True

@@ -81,7 +81,7 @@ class Rollout:
 
     @functools.cached_property
     def actions(self) -> NDArray[np.uint8]:
-        """The actions as their indices, u8 [steps]."""
+        """Action indices, u8 [steps]."""
         return self._array("action")
 
     @functools.cached_property
@@ -131,10 +131,10 @@ class Rollout:
         )
 
     def _goal(self, goal: dict[str, str]) -> Goal:
-        ((kind, told),) = goal.items()
+        ((kind, value),) = goal.items()
         if kind == "image":
-            return Goal(Modality.IMAGE, image=self._array(told))
-        return Goal(Modality[kind.upper()], text=told)
+            return Goal(Modality.IMAGE, image=self._array(value))
+        return Goal(Modality[kind.upper()], text=value)
 
     def _sense(self, name: str) -> NDArray[Any] | None:
         return self._array(name) if name in self._has else None
@@ -170,7 +170,7 @@ class Rollouts(Sequence[Rollout]):
     @overload
     def __getitem__(self, index: slice) -> list[Rollout]: ...
     def __getitem__(self, index: int | slice) -> Rollout | list[Rollout]:
-        """An episode by number, or several by slice."""
+        """Returns the episode at an index, or the episodes of a slice."""
         if isinstance(index, slice):
             return [Rollout(path, self.manifest) for path in self._paths[index]]
         return Rollout(self._paths[index], self.manifest)
@@ -181,11 +181,12 @@ def _manifest(path: Path) -> dict[str, Any]:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise RolloutsError(
-            f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR"
+            f"read {path}: {error}; record rollouts with avln lab rollout --split SPLIT --out DIR"
         ) from None
-    told = (manifest.get("format"), manifest.get("version"))
-    if told != (FORMAT, VERSION):
+    found = (manifest.get("format"), manifest.get("version"))
+    if found != (FORMAT, VERSION):
         raise RolloutsError(
-            f"read {path}: it is {told[0]} of version {told[1]}, this reads {FORMAT} of version {VERSION}"
+            f"read {path}: expected {FORMAT} version {VERSION}, got {found[0]} version {found[1]}; "
+            "record the rollouts again"
         )
     return manifest

@@ -23,13 +23,13 @@ class ServerInfo:
     """Server information."""
 
     name: str
-    """Name that the organiser gave it."""
+    """Server name, chosen by the organiser."""
     version: str
     """Server program version."""
     api_minor: int
     """Highest supported minor number in `avln.v1`."""
     benchmark: str
-    """Benchmark version: changes whenever a score could change."""
+    """Benchmark version; changes if scores may change."""
     draining: bool
     """True if the server is stopping and accepts no new runs."""
     notice: str
@@ -54,16 +54,16 @@ class ServerInfo:
 
 @dataclass(frozen=True)
 class Phase:
-    """Episodes that are played under the same conditions."""
+    """A phase: episodes under equal conditions."""
 
     id: str
-    """Id by which runs are started."""
+    """Id for `Client.start_run`."""
     title: str
     """Name for people."""
     description: str
     """Text for people."""
     orders: list[Order]
-    """Orders that a run can choose from."""
+    """Orders available to a run."""
     episodes: int
     """Episodes in a run."""
     max_slots: int
@@ -104,7 +104,7 @@ def _orders(numbers: Iterable[int]) -> list[Order]:
 
 @dataclass(frozen=True)
 class Run:
-    """A run that can be played."""
+    """A run with its token."""
 
     id: str
     """Id; empty when only the token is known."""
@@ -119,17 +119,17 @@ class Run:
 
     @classmethod
     def from_token(cls, token: str) -> Run:
-        """A run known only by its token, as in a sealed container."""
+        """Creates a run from its token, as in a sealed container."""
         return cls("", token)
 
     @classmethod
     def from_wire(cls, started: run_pb2.StartRunResponse) -> Run:
-        """The run that began."""
+        """Converts a message."""
         run = started.run
         return cls(run.id, started.run_token, run.progress.total, started.max_slots, run.phase)
 
     def __repr__(self) -> str:
-        return f"Run({self.id or 'by its token'}, {self.episodes} episodes)"
+        return f"Run({self.id or 'unknown id'}, {self.episodes} episodes)"
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class RunStatus:
     state: str
     """`created`, `running`, `draining`, `completed`, `failed`, `cancelled` or `expired`."""
     state_reason: str
-    """Why it is in that state, for people."""
+    """Reason for the state, for people."""
     progress: Progress
     """Progress."""
     ends: list[tuple[EndReason, int]]
@@ -155,7 +155,7 @@ class RunStatus:
     charged: bool
     """True if the run counts against the quota."""
     charge_reason: str
-    """Why it does or does not, for people."""
+    """Reason for charging or not charging, for people."""
     url: str
     """Web page; may be empty."""
 
@@ -199,11 +199,11 @@ class Quota:
     next_increase_unix_s: int
     """Time when `remaining` next increases, seconds since 1970 UTC; 0: never."""
     charges: list[tuple[str, str]]
-    """The runs that were counted and why, the oldest first."""
+    """Counted runs and reasons, oldest first."""
 
     @property
     def is_counted(self) -> bool:
-        """True if it limits the number of started runs, in total or per time."""
+        """True if the quota limits the number of started runs, in total or per time."""
         return self.limit is not None and self.window not in _UNCOUNTED
 
     @classmethod
@@ -222,7 +222,7 @@ class Quota:
 
 @dataclass(frozen=True)
 class Account:
-    """Token owner."""
+    """A token and its owner."""
 
     team: str
     """Team name."""

@@ -30,7 +30,7 @@ class Policy(Protocol):
 
 
 class PolicyAgent:
-    """An agent with a recurrent policy; it stores the state between calls of `act`.
+    """An agent with a recurrent policy and its state between steps.
 
     Observations become float32 tensors with a single row, as in SoundSpaces batches.
     """
@@ -53,17 +53,19 @@ class PolicyAgent:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the last episode."""
+        """Resets the recurrent state before an episode."""
         self._hidden = torch.zeros(self._shape, device=self._device)
         self._previous = torch.zeros(1, 1, dtype=torch.long, device=self._device)
         self._mask = torch.zeros(1, 1, device=self._device)
 
     def act(self, observations: Mapping[str, Any]) -> int:
-        """The policy's action number."""
+        """Returns the policy's action number."""
         batch = {key: self._tensor(value) for key, value in observations.items() if isinstance(value, np.ndarray)}
         with torch.inference_mode():
-            told = self._policy.act(batch, self._hidden, self._previous, self._mask, deterministic=self._deterministic)
-        self._previous, self._hidden = told[1], told[3]
+            chosen = self._policy.act(
+                batch, self._hidden, self._previous, self._mask, deterministic=self._deterministic
+            )
+        self._previous, self._hidden = chosen[1], chosen[3]
         self._mask = torch.ones(1, 1, device=self._device)
         return int(self._previous.item())
 

@@ -1,4 +1,4 @@
-"""Spectrograms as SoundSpaces makes them."""
+"""Spectrograms in the SoundSpaces format."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _window() -> NDArray[np.float64]:
 
 
 def _magnitudes(samples: NDArray[np.float32], padding: Padding) -> NDArray[np.float64]:
-    """Magnitudes, [frequencies, frames]."""
+    """Returns magnitudes, [frequencies, frames]."""
     padded = np.pad(samples.astype(np.float64), N_FFT // 2, mode=padding)
     starts = np.arange(0, len(padded) - N_FFT + 1, HOP)
     frames = padded[starts[:, None] + np.arange(N_FFT)]

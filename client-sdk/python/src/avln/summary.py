@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Run progress."""
+    """Run progress in episodes."""
 
     total: int = 0
     """Episodes in the run."""
     done: int = 0
-    """Episodes that ended and are stored."""
+    """Stored episodes."""
     in_flight: int = 0
-    """Episodes that are being played."""
+    """Open episodes."""
     eta_s: int | None = None
     """Estimated seconds to the end; None until an episode has ended."""
 
     @property
     def waiting(self) -> int:
-        """Episodes that did not begin."""
+        """Episodes not started yet."""
         return max(self.total - self.done - self.in_flight, 0)
 
     @classmethod
@@ -40,7 +40,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Metric:
-    """A number that a phase shows."""
+    """A public metric."""
 
     name: str
     """Name, lower snake case: sr, isr, osr, spl, soft_spl …"""
@@ -56,12 +56,12 @@ class Metric:
 
 @dataclass(frozen=True)
 class EpisodeEnd:
-    """Episode end."""
+    """An episode's result."""
 
     episode: str
     """Random episode handle, valid in this run only."""
     reason: EndReason
-    """Why it ended."""
+    """End reason."""
     terminated: bool
     """True if the task ended the episode; otherwise it was truncated."""
     steps: int
@@ -81,7 +81,7 @@ class EpisodeEnd:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """Run end, printable."""
+    """A run's result, printable."""
 
     run: str = ""
     """Run id."""
@@ -97,7 +97,7 @@ class RunSummary:
     """Result web page; may be empty."""
 
     def metric(self, name: str) -> Metric | None:
-        """The metric `name`, if public."""
+        """Returns the metric `name`, if public."""
         return next((metric for metric in self.metrics or () if metric.name == name), None)
 
     @classmethod
@@ -116,10 +116,10 @@ class RunSummary:
 
 @dataclass(frozen=True)
 class Notice:
-    """News from the server that needs no answer, for people: it drains, time runs low, maintenance is announced."""
+    """An announcement for people, for example of a server stop, low time or maintenance."""
 
     message: str
-    """The text."""
+    """Text."""
     effective_unix_ms: int
     """Effective time, milliseconds since 1970 UTC; 0: now."""
 
@@ -134,5 +134,5 @@ def _interval(metric: common_pb2.Metric) -> tuple[float, float] | None:
 
 
 def ends(counts: Iterable[play_pb2.EndCount]) -> list[tuple[EndReason, int]]:
-    """Episode count by end reason."""
+    """Converts episode counts by end reason."""
     return [(EndReason.from_wire(count.reason), count.episodes) for count in counts]

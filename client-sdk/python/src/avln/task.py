@@ -49,7 +49,7 @@ class Sensors:
         return cls(width=side, height=side)
 
     def kinds(self) -> list[common_pb2.SensorKind]:
-        """The sensors that are wanted."""
+        """Returns the requested sensor kinds."""
         wanted = [
             (self.rgb, common_pb2.SENSOR_KIND_RGB),
             (self.depth, common_pb2.SENSOR_KIND_DEPTH),
@@ -61,7 +61,7 @@ class Sensors:
         """Returns the subscription message.
 
         Raises:
-            SensorsError: if the camera is out of range for any server.
+            SensorsError: if the camera settings are out of range for any server.
         """
         sides_fit = self.width in _SIDES and self.height in _SIDES
         if not (sides_fit and _HFOV_RAD[0] <= self.hfov_rad <= _HFOV_RAD[1]):
@@ -74,7 +74,7 @@ class Sensors:
 class TaskSpec:
     """Rules, fixed for a run.
 
-    Named rules contain the lower-case word of `avln/v1/task.proto`, such as `start` or
+    Rules with names contain the lower-case word of `avln/v1/task.proto`, such as `start` or
     `camera_to_box`; `unspecified` if missing, `other` if unknown to this client.
     """
 
@@ -129,7 +129,7 @@ class TaskSpec:
     source_lift_m: float = 0.0
     """Source height above the target centre, metres."""
     depth_noise: str = "none"
-    """Depth noise: `none` or `redwood`. The server judges without noise, and goal images have none."""
+    """Depth noise: `none` or `redwood`. The referee and goal images use depth without noise."""
     rgb_noise: str = "none"
     """Colour noise: `none` or `gaussian`."""
     head: str = ""
@@ -147,12 +147,12 @@ class TaskSpec:
         """Converts a task message.
 
         Raises:
-            ProtocolError: if a number is unusable.
+            ProtocolError: if a number is not positive.
         """
         for name in (*_POSITIVE, "depth_divisor"):
             value = float(getattr(task, name))
             if not (math.isfinite(value) and value > 0):
-                raise ProtocolError(f"Welcome.task.{name} is {value}, not a positive number")
+                raise ProtocolError(f"Welcome.task.{name}: expected a positive number, got {value}")
         facts: dict[str, Any] = {field.name: _fact(task, field.name) for field in fields(cls)}
         return cls(**facts)
 
@@ -175,7 +175,7 @@ def _fact(task: task_pb2.TaskSpec, name: str) -> object:
 
 
 def word(enum: object, number: int) -> str:
-    """Lower-case enum word for a number without prefix; `other` if unknown."""
+    """Returns the lower-case enum word for a number, without prefix; `other` if unknown."""
     values = {value: name for name, value in enum.items()}  # type: ignore[attr-defined]
     prefix = values[0][: -len("UNSPECIFIED")]
     return values[number][len(prefix) :].lower() if number in values else "other"

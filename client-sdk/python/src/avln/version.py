@@ -11,5 +11,5 @@ API_MINOR = 0
 
 
 def client_info() -> common_pb2.ClientInfo:
-    """Client information for the server."""
+    """Returns the client information for the server."""
     return common_pb2.ClientInfo(name="avln-python", version=VERSION, api_minor=API_MINOR)

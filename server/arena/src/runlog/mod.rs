@@ -33,7 +33,10 @@ fn link(before: &str, json: &str) -> String {
 /// - `thought_us`, `bank_us`, `away_us`: thinking time, remaining time bank, disconnection time.
 /// - `head`: digits of the previous line. `key`, `signature`: server's public key and Ed25519 signature over
 ///   `head`, hexadecimal.
-#[allow(missing_docs, reason = "fields with the same name mean the same in all entries and are listed above")]
+#[expect(
+    missing_docs,
+    reason = "fields with the same name mean the same in all entries and are listed above"
+)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Entry {

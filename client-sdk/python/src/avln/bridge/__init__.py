@@ -1,4 +1,4 @@
-"""A server for clients with the LH-AVLN authors' protocol; `pip install 'avln[bridge]'`.
+"""Bridge for clients with the LH-AVLN authors' protocol; `pip install 'avln[bridge]'`.
 
 avln-bridge zmq --bind tcp://127.0.0.1:5555 --server URL --token TOKEN --phase PHASE
 """

@@ -1,4 +1,4 @@
-"""The authors' message format: MessagePack in the first frame, array bytes in the following frames."""
+"""Message format of the authors: MessagePack in the first frame, array bytes in the following frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def pack(message: dict[str, Any]) -> list[bytes]:
 
 
 def unpack(frames: Sequence[bytes]) -> Any:
-    """Returns the message of frames; its arrays are read-only views.
+    """Unpacks a message; the arrays are read-only views of the frames.
 
     Raises:
         ValueError: if the frames are not a valid message.
@@ -29,7 +29,7 @@ def unpack(frames: Sequence[bytes]) -> Any:
     try:
         tree = msgpack.unpackb(frames[0], raw=False)
     except (msgpack.exceptions.UnpackException, ValueError, IndexError) as error:
-        raise ValueError(f"the first frame is no MessagePack: {error}") from None
+        raise ValueError(f"the first frame is not MessagePack: {error}") from None
     return _with_arrays(tree, frames[1:])
 
 

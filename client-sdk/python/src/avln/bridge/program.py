@@ -1,4 +1,4 @@
-"""The program `avln-bridge`."""
+"""Command line of `avln-bridge`."""
 
 from __future__ import annotations
 
@@ -39,10 +39,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> Any:
-    program = parser("avln-bridge", "Lets clients of the LH-AVLN authors' release play on an LH-AVLN Arena server")
+    program = parser("avln-bridge", "Connect clients of the LH-AVLN authors' release to an LH-AVLN Arena server")
     protocols = program.add_subparsers(dest="protocol", required=True)
-    protocol = protocols.add_parser("zmq", help="their protocol: MessagePack over ZeroMQ")
-    protocol.add_argument("--bind", default="tcp://127.0.0.1:5555", help="where their client connects")
+    protocol = protocols.add_parser("zmq", help="the authors' protocol: MessagePack over ZeroMQ")
+    address = "tcp://127.0.0.1:5555"
+    protocol.add_argument("--bind", default=address, help=f"ZeroMQ address for the client [{address}]")
     add_connection(protocol)
     add_run(protocol, method="bridge")
     add_camera(protocol, size=512)
@@ -56,9 +57,9 @@ def _serve(run: Play, address: str) -> int:
             socket.bind(address)
         except zmq.ZMQError as error:
             run.finish()
-            print(f"listen at {address}: {error}; choose another address with --bind", file=sys.stderr)
+            print(f"listen on {address}: {error}; choose another address with --bind", file=sys.stderr)
             return 1
-        print(f"run {run.run}: waiting at {socket.getsockopt_string(zmq.LAST_ENDPOINT)}", flush=True)
+        print(f"run {run.run}: listening on {socket.getsockopt_string(zmq.LAST_ENDPOINT)}", flush=True)
         try:
             answer_all(RequestHandler(run), socket)
         except KeyboardInterrupt:
@@ -77,4 +78,4 @@ def _answer(request_handler: RequestHandler, frames: list[bytes]) -> dict[str, A
     try:
         return request_handler.answer(unpack(frames))
     except (ValueError, KeyError, IndexError, TypeError) as error:
-        return {"op": "error", "message": f"read a request: {error}; send MessagePack, arrays in frames after it"}
+        return {"op": "error", "message": f"read a request: {error}; send MessagePack, with arrays in further frames"}

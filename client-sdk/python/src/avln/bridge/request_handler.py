@@ -1,4 +1,4 @@
-"""Answers to the authors' requests."""
+"""Replies to the authors' requests."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from avln.play import Episode, Play
 
 KEYS = ("rgb", "depth", "audiogoal", "spectrogram", "full_pose_sensor")
-"""Entries of their observations that an agent may know; instance ids and the way to the goal are not among them."""
+"""Observation entries sent to the agent: no instance ids, no path to the goal."""
 _HIDDEN = "hidden"
 _METRICS = {"sr": "success", "spl": "spl", "soft_spl": "softspl", "sna": "na"}
 
 
 class RequestHandler:
-    """Answers requests in sequence by playing a run.
+    """A handler for the authors' requests; it plays a run.
 
     | request | answer |
     | --- | --- |
@@ -45,7 +45,7 @@ class RequestHandler:
         """True after the client has closed the session."""
 
     def answer(self, request: Any) -> dict[str, Any]:
-        """The answer to a request."""
+        """Returns the reply to a request."""
         try:
             return self._answerer(request)()
         except (Error, ValueError) as error:
@@ -61,7 +61,7 @@ class RequestHandler:
             "close": self._close,
         }
         if op not in answerers:
-            raise ValueError(f"answer the request {op!r}: it is none; use {', '.join(sorted(answerers))}")
+            raise ValueError(f"read a request: unknown op {op!r}; use {', '.join(sorted(answerers))}")
         return answerers[op]
 
     def _reset(self) -> dict[str, Any]:
@@ -73,14 +73,14 @@ class RequestHandler:
         return {
             "op": "episode_start",
             "episode_index": episode.ordinal - 1,
-            "episode": self._told(episode),
+            "episode": self._episode_fields(episode),
             "observations": self._observations(episode),
             "scene": _HIDDEN,
             "step_index": 0,
         }
 
-    def _told(self, episode: Episode) -> dict[str, Any]:
-        """Episode fields in the authors' format; scene names are opaque."""
+    def _episode_fields(self, episode: Episode) -> dict[str, Any]:
+        """Returns the episode fields in the authors' format; scene names are opaque."""
         pose = self._senses.observations(episode.observation, self._start, episode.mission)["full_pose_sensor"]
         return {
             "episode_id": episode.id,
@@ -99,9 +99,9 @@ class RequestHandler:
     def _act(self, choice: Any) -> dict[str, Any]:
         episode = self._episode
         if episode is None or episode.is_over:
-            raise ValueError("take an action: no episode is open; send reset first")
+            raise ValueError("take a step: no episode is open; send reset first")
         if choice is None:
-            raise ValueError("take an action: the field action is missing; send an integer from 0 to 4")
+            raise ValueError("take a step: the field action is missing; send an integer from 0 to 4")
         action = to_action(choice)
         seen = episode.act(action)
         self._submits += action is Action.SUBMIT
@@ -133,7 +133,7 @@ class RequestHandler:
 
     def _ending(self, episode: Episode) -> dict[str, Any]:
         return {
-            "episode": self._told(episode),
+            "episode": self._episode_fields(episode),
             "episode_metrics": _metrics(episode),
             "summary": self._summary(),
         }
@@ -148,17 +148,17 @@ class RequestHandler:
 
 
 def _goal(goal: Goal) -> dict[str, Any]:
-    told = goal_input(goal)
-    return {**told, "detected_objects": []} if "image" in told else told
+    fields = goal_input(goal)
+    return {**fields, "detected_objects": []} if "image" in fields else fields
 
 
 def _verdict(feedback: Feedback) -> bool | None:
-    """True if a Submit completed a goal; None if the rules hide it."""
+    """Returns True if a Submit completed a goal; None if the rules hide it."""
     return feedback is Feedback.CORRECT if feedback in (Feedback.CORRECT, Feedback.WRONG) else None
 
 
 def _metrics(episode: Episode) -> dict[str, Any]:
-    """Public metrics by the authors' names; empty if the phase hides them."""
+    """Returns public metrics with the authors' names; empty if the phase hides them."""
     shown = (episode.end.metrics if episode.end else None) or []
     named = {_METRICS[metric.name]: metric.value for metric in shown if metric.name in _METRICS}
     found = next((metric.value for metric in shown if metric.name == "isr"), None)

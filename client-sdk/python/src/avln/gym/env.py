@@ -70,7 +70,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
             token: account token or run token.
             phase: id of the phase; empty for `Client.practice_phase`.
             method: name on the leaderboard.
-            order: `avln.Order`, or its word.
+            order: goal order, `avln.Order` or its value.
             sensors: sensors and their settings; by default all at 256 x 256 pixels.
             keys: observation entries; by default all.
             goal_side: side of goal images, pixels.
@@ -94,7 +94,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
 
     @property
     def episode(self) -> Episode | None:
-        """The present episode with mission, time and end; None before the first reset."""
+        """The current episode with mission, time and end; None before the first reset."""
         return self._episode
 
     def reset(
@@ -102,7 +102,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Starts the next episode, or with a seed the first episode of another run.
 
-        The info contains the mission: order, and per goal the modality with words or image.
+        The info contains the mission: order, and per goal the modality with text or image.
 
         Raises:
             RunOverError: in counted runs, if no episode remains or a seed is given.
@@ -114,7 +114,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
             self._runs.begin_anew(f"reset was called with seed {seed}")
         episode = self._next_episode()
         if episode is None:
-            self._runs.begin_anew("its episodes are played")
+            self._runs.begin_anew("all episodes are played")
             episode = self._next_episode()
         if episode is None:
             raise RunOverError(self._runs.plays[0].run, self._runs.phase)
@@ -174,7 +174,7 @@ def end_info(episode: Episode) -> dict[str, Any]:
 
 
 def mission_info(mission: Mission) -> dict[str, Any]:
-    """Returns the info of a reset: the mission with words and unscaled images."""
+    """Returns the info of a reset: the mission with texts and unscaled images."""
     goals = [
         {"modality": goal.modality.name.lower()}
         | ({"image": goal.image} if goal.modality is Modality.IMAGE else {"text": goal.text})
@@ -187,7 +187,7 @@ def refuse_options(options: dict[str, Any] | None) -> None:
     """Rejects options of `reset`.
 
     Raises:
-        ValueError: if there are any.
+        ValueError: if options are given.
     """
     if options:
-        raise ValueError(f"reset with options {sorted(options)}: there are none; leave them out")
+        raise ValueError(f"reset the environment: unsupported options {sorted(options)}; call reset without options")

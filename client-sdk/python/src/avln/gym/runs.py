@@ -1,4 +1,4 @@
-"""Consecutive runs."""
+"""Consecutive runs of an environment."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Runs:
             raise
 
     def begin_episode_of(self, play: Play) -> None:
-        """Records that a slot requests an episode."""
+        """Requests an episode for a slot."""
         play.request_episode()
         self.is_fresh = False
 
@@ -74,7 +74,7 @@ class Runs:
         if self.is_fresh:
             return
         if self.is_counted:
-            raise RunOverError(self.plays[0].run, self.phase, f"{because}, and runs that count are not begun anew")
+            raise RunOverError(self.plays[0].run, self.phase, f"{because}, and counted runs cannot restart")
         self.plays[0].finish()
         self._run = self._client.start_run(self.phase, self._method, self._order)
         with undone_on_error(self._client, self._run, is_own=True):
@@ -93,6 +93,7 @@ class Runs:
         if len(plays) < self._slots:
             plays[0].finish()
             raise Error(
-                f"play {self._slots} slots in phase {self.phase}: it grants {len(plays)}; ask for num_envs={len(plays)}"
+                f"play {self._slots} slots in phase {self.phase}: the phase grants {len(plays)}; "
+                f"use num_envs={len(plays)}"
             )
         return plays

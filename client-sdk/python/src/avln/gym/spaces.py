@@ -22,49 +22,49 @@ if TYPE_CHECKING:
     from avln.task import Sensors, TaskSpec
 
 MAX_GOALS = 4
-"""Most goals per mission; goals that a mission does not have are zeros."""
+"""Most goals per mission; missing goals are zeros."""
 GOAL_TEXT_BYTES = 256
-"""Bytes of UTF-8 that are kept of a goal's words, filled up with zeros."""
+"""UTF-8 bytes per goal text, truncated or padded with zeros."""
 _FARTHEST_M = 10_000.0
 _LOUDEST = 1e6
 
 
 class ObservationSpace:
-    """Which entries an observation has, their spaces, and how they are filled.
+    """The layout of observations: entries and their spaces.
 
     | key | type and shape | content |
     | --- | --- | --- |
     | `rgb` | u8 [height, width, 3] | colours, first row on top |
-    | `depth` | f32 [height, width] | metres along the optical axis; 0: nothing within range |
-    | `audio` | f32 [2, samples] | sound pressure of the step, the left ear's first |
+    | `depth` | f32 [height, width] | metres on the optical axis; 0: no surface in range |
+    | `audio` | f32 [2, samples] | sound pressure of the step, left ear first |
     | `pose` | f32 [4] | x right, y up, z back in metres, heading in radians, left positive |
-    | `remaining` | i32 [2] | steps that are left, Submits that are left before one is final |
+    | `remaining` | i32 [2] | remaining steps, remaining Submits before the final Submit |
     | `feedback` | 0 to 3 | `avln.Feedback` of the last step |
-    | `order` | 0 or 1 | 1: goals count in their order only |
-    | `goal_modality` | 0 to 3, [4] | `avln.Modality` of each goal; 0: no goal |
+    | `order` | 0 or 1 | 1: goals count only in the given order |
+    | `goal_modality` | 0 to 3, [4] | `avln.Modality` per goal; 0: no goal |
     | `goal_text` | u8 [4, 256] | UTF-8 of category or description |
-    | `goal_image` | u8 [4, side, side, 3] | picture of each goal, shrunk or stretched to the side; zeros: none |
+    | `goal_image` | u8 [4, side, side, 3] | image per goal, scaled to `side`; zeros: no image |
     """
 
     def __init__(
         self, task: TaskSpec, sensors: Sensors, keys: Sequence[str] | None = None, goal_side: int = 128
     ) -> None:
-        """The entries `keys`, or all that the sensors deliver.
+        """Creates a layout with the entries `keys`, by default all entries of the sensors.
 
         Raises:
-            ValueError: when a key is none of these entries.
+            ValueError: if a key is unknown.
         """
         self._goal_side = goal_side
         known = _known(task, sensors, goal_side)
         wanted = list(known) if keys is None else list(keys)
         unknown = [key for key in wanted if key not in known]
         if unknown:
-            raise ValueError(f"observe {unknown}: these sensors deliver {sorted(known)}; choose keys among them")
+            raise ValueError(f"select observations: unknown keys {unknown}; use {', '.join(sorted(known))}")
         self.space = spaces.Dict({key: known[key] for key in wanted})
-        """Space of observations; every bound is finite."""
+        """Observation space with finite bounds."""
 
     def mission(self, mission: Mission) -> dict[str, Any]:
-        """The entries that stay the same during an episode."""
+        """Returns the entries that are constant during an episode."""
         goals = mission.goals[:MAX_GOALS]
         missing = MAX_GOALS - len(goals)
         modalities = [int(goal.modality) for goal in goals] + [0] * missing
@@ -80,7 +80,7 @@ class ObservationSpace:
         return entries
 
     def observation(self, seen: Observation, mission: dict[str, Any]) -> dict[str, Any]:
-        """Returns an observation with a copy of the `mission` entries; sensor arrays may be read-only."""
+        """Converts an observation and copies the `mission` entries; sensor arrays may be read-only."""
         pose = seen.pose
         entries = {
             "rgb": seen.rgb,

@@ -56,13 +56,13 @@ class _Slot:
 
 
 class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
-    """A run's slots: all take a step, and the server works in parallel.
+    """A run's slots, which step together; the server simulates them in parallel.
 
-    Episodes follow each other by `AutoresetMode.NEXT_STEP`: the step after an end ignores its
+    Episodes follow each other by `AutoresetMode.NEXT_STEP`: the step after an end ignores the
     action and returns the first observation of the next episode. A slot without a remaining
-    episode is idle: `info["idle"]` is True, its action is ignored and its observation stays. If
-    all slots are idle, the next step starts another run if the phase does not limit them, and
-    raises `RunOverError` otherwise. Arguments are those of `LHAVLNEnv`.
+    episode is idle: `info["idle"]` is True, actions are ignored and the observation is constant.
+    If all slots are idle, the next step starts another run if the phase does not limit runs, and
+    raises `RunOverError` otherwise. For the other arguments see `LHAVLNEnv`.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012, as its base has it
@@ -85,11 +85,11 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         """Connects and begins a run with `num_envs` slots.
 
         Raises:
-            Error: when the server refuses, grants fewer slots or the connection is lost.
-            ValueError: when a key is no entry.
+            Error: if the server refuses, grants fewer slots or the connection is lost.
+            ValueError: if a key is unknown.
         """
         super().__init__()
-        self.closed = True  # until there is something to close
+        self.closed = True  # until the run is open
         sensors = sensors or Sensors()
         self._runs = Runs(
             server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, connect_options=connect_options
@@ -129,7 +129,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
             if slot.is_playing and slot.episode is not None:
                 slot.episode.abandon()
         if self._runs.plays[0].progress.waiting == 0:
-            self._begin_anew("its episodes are played")
+            self._begin_anew("all episodes are played")
         return self._begin_all()
 
     def _begin_anew(self, because: str) -> None:
@@ -163,7 +163,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._received(taken, acting)
 
     def _ask_for_episodes(self) -> None:
-        """Requests the remaining episodes in idle slots; an excess request would stay unanswered for a long time."""
+        """Requests the remaining episodes for idle slots; a further request would wait for the end of the run."""
         waiting = self._runs.plays[0].progress.waiting
         idle = [slot for slot in self._slots if not slot.is_playing]
         for slot in idle[:waiting]:
@@ -192,7 +192,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
     def _step_into_another_run(self) -> Stepped:
         if self._runs.is_counted:
             raise RunOverError(self._runs.plays[0].run, self._runs.phase)
-        self._begin_anew("its episodes are played")
+        self._begin_anew("all episodes are played")
         observations, infos = self._begin_all()
         nothing = np.zeros(self.num_envs, np.bool_)
         return observations, np.zeros(self.num_envs), nothing, nothing.copy(), infos
