@@ -1,4 +1,3 @@
-# syntax=docker/dockerfile:1
 # The bundled agents: docker build --file docker/agents.Dockerfile --tag avln-agents .
 FROM rust:1.95-slim-trixie AS build
 WORKDIR /source
@@ -8,13 +7,11 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     docker/build.sh /built
 
 FROM debian:trixie-slim
+RUN useradd --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin avln
 # Certificate authorities, for servers with TLS.
-RUN apt-get update \
-    && apt-get install --yes --no-install-recommends ca-certificates \
-    && rm -rf /var/lib/apt/lists/* \
-    && useradd --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin avln
+COPY --from=build /etc/ssl/certs/ca-certificates.crt /etc/ssl/certs/ca-certificates.crt
 COPY --from=build /built/avln /usr/local/bin/avln
-COPY docker/with-token.sh /usr/local/lib/avln/
+COPY --chmod=755 docker/with-token.sh /usr/local/lib/avln/
 USER 10001:10001
 WORKDIR /tmp
 ENTRYPOINT ["/usr/local/lib/avln/with-token.sh"]

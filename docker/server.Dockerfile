@@ -1,4 +1,3 @@
-# syntax=docker/dockerfile:1
 # The server: docker build --file docker/server.Dockerfile --tag avln-server .
 FROM rust:1.95-slim-trixie AS build
 WORKDIR /source
@@ -12,7 +11,7 @@ FROM debian:trixie-slim
 RUN useradd --uid 10001 --home-dir /data --shell /usr/sbin/nologin avln \
     && install --directory --owner avln --group avln --mode 700 /data /backups /token
 COPY --from=build /built/avln /usr/local/bin/avln
-COPY docker/trial.sh docker/backup.sh /usr/local/lib/avln/
+COPY --chmod=755 docker/trial.sh docker/backup.sh docker/isolation.sh /usr/local/lib/avln/
 USER 10001:10001
 ENV AVLN_DATA=/data
 WORKDIR /data

@@ -8,7 +8,8 @@ use avln_kit::run::run_for;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand, value_parser};
 use clap_complete::Shell;
 use std::{
-    fs, io,
+    fs,
+    io::{self, IsTerminal},
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -302,6 +303,7 @@ fn start_log(filter: &str) -> Result<(), Failure> {
             .hinted("use a level such as info, or target=level pairs separated by commas")
     })?;
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let subscriber = subscriber.with_ansi(std::io::stderr().is_terminal());
     // A log that cannot be written, on a full disk, must not stop the server.
     let subscriber = subscriber.log_internal_errors(false);
     // In tests a process runs several command lines; the first subscriber stays.

@@ -1,8 +1,12 @@
-//! Both doors over TLS, with certificates that the test itself issues.
+//! The gRPC and web servers over TLS, with certificates issued by the tests.
 
 use avln_arena::servers::Security;
 use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
-use avln_tests::{PHASE, TestServer, TestSetup, http};
+use avln_tests::{
+    PHASE, TestServer, TestSetup, http,
+    repository::{text, typed},
+    skipped::skipped,
+};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -99,9 +103,37 @@ async fn doctor_checks_tls_server() {
         TestServer::open_with_tls(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security())
             .await;
     let mut kit = std::process::Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    kit.args(["conformance", "--server", &server.agents_url(), "--token", &server.token, "--phase", PHASE]);
+    kit.args([
+        "lab",
+        "conformance",
+        "--server",
+        &server.agents_url(),
+        "--token",
+        &server.token,
+        "--phase",
+        PHASE,
+    ]);
     kit.arg("--ca").arg(authority.file("ca.pem"));
     let output = tokio::task::spawn_blocking(move || kit.output().expect("the program runs")).await.unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("none broken"), "{output:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn documented_certificate_is_accepted() {
+    let page = text("docs/deploying.md");
+    let command = typed(&page).into_iter().find(|line| line.starts_with("openssl req")).expect("a command");
+    let folder = TempDir::new().unwrap();
+    let mut shell = std::process::Command::new("bash");
+    shell.args(["-c", &command]).current_dir(folder.path());
+    match shell.output() {
+        Ok(output) if output.status.success() => {}
+        Ok(output) if output.status.code() != Some(127) => panic!("{output:?}"),
+        _ => return skipped("documented_certificate_is_accepted", "install bash and openssl"),
+    }
+    let file = |name| Some(folder.path().join(name));
+    let security = Security { tls_cert: file("tls-cert.pem"), tls_key: file("tls-key.pem") };
+    let server = TestServer::open_with_tls(&TestSetup::default(), &security).await;
+    let options = ConnectOptions { ca: file("tls-cert.pem"), ..ConnectOptions::default() };
+    assert_eq!(look(&server, &options).await.len(), 4);
 }

@@ -192,12 +192,6 @@ impl SealedHost {
             avln_client::Client::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
             return Ok(Self::Other(address));
         }
-        if store.open_runs().await?.iter().any(|run| run.state == RunState::Running) {
-            let message = "runs of this data folder are being played, so a server may be hosting it";
-            return Err(Failure::data(message).hinted(
-                "name its gRPC address with --server 127.0.0.1:50051, or start it with: avln serve",
-            ));
-        }
         Ok(Self::Own(Box::new(RunningServers::local(data, store).await?)))
     }
 

@@ -10,7 +10,7 @@ use avln_arena::{
 use avln_grpc::Limits;
 use avln_web::TrustedProxy;
 use std::{
-    net::SocketAddr,
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
     path::{Path, PathBuf},
     str::FromStr,
     sync::Arc,
@@ -44,6 +44,9 @@ pub(crate) struct ServeArgs {
     /// PEM file with the certificate's private key
     #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
+    /// Public address of the leaderboard, such as https://arena.example, for links to runs
+    #[arg(long, env = "AVLN_WEB_URL", default_value = "", hide_default_value = true, value_name = "URL", value_parser = web_url)]
+    web_url: String,
     /// Address or network of a reverse proxy, repeatable: X-Forwarded-For from there contains the client, for
     /// the sign-in limit
     #[arg(long, value_name = "RANGE")]
@@ -100,20 +103,23 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let (step, preparation) = (seconds(args.step_limit), seconds(args.preparation_limit));
     let servers = servers.with_limits(|limits| Limits { step, preparation, ..limits });
     let budget = Budget { session_memory_mib: args.session_memory, preparation };
-    let arena = Arena::open(&data, store.clone(), args.scene_memory).await?.with_budget(budget);
+    let arena = Arena::open(&data, store.clone(), args.scene_memory)
+        .await?
+        .with_budget(budget)
+        .with_web_url(args.web_url);
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());
         return Err(Failure::data(message).hinted(
-            "make one with: avln data split make NAME && avln challenge phase open ID --split NAME",
+            "make one with: avln data split make NAME && avln challenge phase open ID --split NAME; in a container, before `docker compose up`: docker compose run --rm challenge-server avln …",
         ));
     }
     let open = servers.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
-    say!("agents       {}://{}", open.scheme(), open.grpc);
-    say!("leaderboard  {}://{}", open.scheme(), open.web);
+    say!("agents       {}://{}", open.scheme(), reachable(open.grpc));
+    say!("leaderboard  {}://{}", open.scheme(), reachable(open.web));
     if let Some(admin) = open.admin {
         say!("operator     http://{admin}");
     }
@@ -121,4 +127,23 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let ended = open.wait().await;
     store.close().await;
     ended
+}
+
+/// Returns a URL without the final slash; an empty text means none.
+fn web_url(text: &str) -> Result<String, String> {
+    if text.is_empty() || text.starts_with("http://") || text.starts_with("https://") {
+        return Ok(text.trim_end_matches('/').to_owned());
+    }
+    Err("write a URL like https://arena.example".to_owned())
+}
+
+/// Returns an address for clients on this machine: servers can listen on all addresses, but clients need one.
+fn reachable(mut address: SocketAddr) -> SocketAddr {
+    if address.ip().is_unspecified() {
+        address.set_ip(match address {
+            SocketAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
+            SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
+        });
+    }
+    address
 }

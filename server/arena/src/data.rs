@@ -14,6 +14,7 @@ use avln_store::Store;
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{
+    fs::{File, TryLockError},
     io,
     path::{Path, PathBuf},
     sync::Arc,
@@ -26,6 +27,9 @@ pub struct DataFolder {
 }
 
 impl DataFolder {
+    /// Name of the lock file.
+    pub(crate) const LOCK: &str = "server.lock";
+
     /// Opens the folder, or creates it.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
@@ -36,6 +40,25 @@ impl DataFolder {
         probe(&root.join(".writable")).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
         Ok(Self { root })
+    }
+
+    /// Locks the folder for a server, until the file is closed or the process ends.
+    ///
+    /// Two servers would issue the same episodes twice. Containers of a machine share the lock on a common volume.
+    pub fn lock(&self) -> Result<File, Failure> {
+        let path = self.root.join(Self::LOCK);
+        let failed = |error: io::Error| Failure::file("lock", &path, error);
+        let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(TryLockError::WouldBlock) => {
+                let message = format!("a server is already running on data folder {}", self.root.display());
+                Err(Failure::data(message).hinted(
+                    "stop that server, or choose another folder with --data FOLDER; sealed runs use it with --server ADDRESS",
+                ))
+            }
+            Err(TryLockError::Error(error)) => Err(failed(error)),
+        }
     }
 
     /// Returns the path.

@@ -173,7 +173,8 @@ impl Arena {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
         let run = self.store.run(&view.line.run).await.map_err(refusal)?;
         let deadline_unix_ms = run.deadline_unix_ms.filter(|_| run.state.is_open());
-        Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
+        let status = status(view, charge);
+        Ok(RunStatus { deadline_unix_ms, url: format!("{}{}", self.web_url, status.url), ..status })
     }
 
     pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {

@@ -46,6 +46,7 @@ use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
 use std::{
     collections::BTreeSet,
+    fs::File,
     sync::{Arc, Mutex},
     time::Duration,
 };
@@ -68,6 +69,10 @@ pub struct Arena {
     /// Permit for prefetching, a single one.
     prefetching: Arc<Semaphore>,
     control: Control,
+    /// Public address of the web server, for links to runs.
+    web_url: String,
+    /// Keeps other servers away from the data folder.
+    _lock: File,
     budget: Budget,
     heartbeat: Heartbeat,
     replay_renderer: Arc<SceneRenderer>,
@@ -80,12 +85,16 @@ pub struct Arena {
 type PendingReturns = BTreeSet<(String, String)>;
 
 impl Arena {
-    /// Reads phases and splits. Prepared scenes use `scene_memory_mib` MiB; scenes in use may exceed it.
+    /// Locks the data folder and reads phases and splits; fails if another server uses the folder. Prepared scenes use
+    /// `scene_memory_mib` MiB; scenes in use may exceed it.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
+        let lock = data.lock()?;
         let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let logs = Arc::new(data.run_logs());
         sync_periodically(&logs);
+        // Before the credit: without a key no server runs, and the downtime continues.
+        let key = Arc::new(data.signing_key()?);
         let credit = store.credit_downtime(now_unix_ms()).await?;
         if credit != DowntimeCredit::default() {
             let DowntimeCredit { away_ms, runs, phases } = credit;
@@ -95,9 +104,11 @@ impl Arena {
             scenes: Arc::new(SceneCache::new(scene_bytes, data.cache())),
             open_episodes: Mutex::default(),
             logs,
-            key: Arc::new(data.signing_key()?),
+            key,
             prefetching: Arc::new(Semaphore::new(1)),
             control: Control::default(),
+            web_url: String::new(),
+            _lock: lock,
             budget: Budget::default(),
             heartbeat: Heartbeat::new(),
             replay_renderer: Arc::new(SceneRenderer::new(store.clone(), phases.clone(), data.cache())),
@@ -112,6 +123,11 @@ impl Arena {
     /// Sets the session budget.
     pub fn with_budget(self, budget: Budget) -> Self {
         Self { budget, ..self }
+    }
+
+    /// Sets the public address of the web server, such as `https://arena.example`; without it, links to runs are paths.
+    pub fn with_web_url(self, web_url: String) -> Self {
+        Self { web_url, ..self }
     }
 
     /// Injects faults, for tests: calls `inject` on the simulator thread before a step, with the step count.

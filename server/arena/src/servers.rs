@@ -49,7 +49,8 @@ impl Security {
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
         let identity = Identity::read(certificate, key).map_err(|error| {
-            Failure::address(error).hinted("docs/OPERATING.md describes how to get a certificate and key")
+            Failure::address(error)
+                .hinted("docs/deploying.md, section Certificates, shows how to make a certificate for tests")
         })?;
         if let Some(warning) = identity.warning() {
             eprintln!("warning: {warning}");
@@ -131,8 +132,8 @@ impl Servers {
         let visitors = Listener::new(self.web, identity, Protocol::Http1);
         let admin = self.admin.as_ref().map(local).transpose()?;
         if let Some(listener) = self.admin {
-            let desk = AdminState { arena: arena.clone(), reader: reader.clone() };
-            let operator = avln_web::serve_router(listener, admin::router(desk), until(stopped.clone()));
+            let state = AdminState { arena: arena.clone(), reader: reader.clone() };
+            let operator = avln_web::serve_router(listener, admin::router(state), until(stopped.clone()));
             tasks.spawn(async { operator.await.map_err(Failure::internal) });
         }
         let control = arena.control().clone();

@@ -3,7 +3,7 @@
 //! A backup contains database, run logs, signing key, splits, recordings and heads. It excludes the
 //! reproducible `cache/` and data outside the folder: data sets and scene files.
 
-use crate::{Failure, now_unix_ms};
+use crate::{Failure, data::DataFolder, now_unix_ms};
 use archive::Writer;
 pub use archive::{ArchivedFile, Manifest};
 use avln_store::{Inventory, copy_database, inspect_database};
@@ -23,7 +23,7 @@ const FILES: [&str; 1] = ["signing.key"];
 /// Folders in a backup.
 const FOLDERS: [&str; 3] = ["splits", "sounds", "heads"];
 /// Other known names in a data folder; not copied as they are.
-const OTHERS: [&str; 5] = ["avln.db-wal", "avln.db-shm", "runs", "cache", ".writable"];
+const OTHERS: [&str; 6] = ["avln.db-wal", "avln.db-shm", "runs", "cache", ".writable", DataFolder::LOCK];
 
 /// Backup contents.
 #[derive(Debug)]
@@ -48,6 +48,7 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     }
     let folder = parent(to);
     let failed = |error: io::Error| Failure::data(format!("cannot write {}: {error}", to.display()));
+    let left_out = left_out(data);
     let work = work_folder(".avln-backup-", folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
     let made_ms = now_unix_ms();
@@ -57,7 +58,7 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let (data, to) = (data.to_owned(), to.to_owned());
     let written = tokio::task::spawn_blocking(move || {
         let manifest = write(&data, &copy, &inventory, made_ms, &to)?;
-        Ok(Contents { manifest, left_out: left_out(&data), inventory })
+        Ok(Contents { manifest, left_out, inventory })
     });
     written.await.map_err(Failure::internal)?
 }
@@ -246,7 +247,6 @@ fn left_out(data: &Path) -> Vec<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::DataFolder;
     use tempfile::TempDir;
 
     /// Creates a data folder with a team, a key, a split and a linked split.

@@ -75,7 +75,7 @@ impl Container {
             add("--memory", format!("{mib}m"));
             add("--memory-swap", format!("{mib}m"));
         }
-        add("--tmpfs", "/tmp:rw,nosuid,nodev,size=1g".to_owned());
+        add("--tmpfs", "/tmp:rw,exec,nosuid,nodev,size=1g".to_owned());
         add("--volume", format!("{}:{INSIDE}:ro", self.folder.display()));
         // Podman without root maps the caller's own user into the container; Docker needs the ids.
         match (engine, self.owner) {
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn docker_arguments_restrict_the_container() {
         let expected = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges \
-             --pids-limit 4096 --memory 2048m --memory-swap 2048m --tmpfs /tmp:rw,nosuid,nodev,size=1g \
+             --pids-limit 4096 --memory 2048m --memory-swap 2048m --tmpfs /tmp:rw,exec,nosuid,nodev,size=1g \
              --volume /run/sandbox:/avln:ro --user 1001:1002 --device /dev/dri --name avln-run_1 --env HOME=/tmp \
              --env AVLN_SERVER=unix:/avln/arena.sock --env AVLN_TOKEN ada/walker:3 python3 play.py";
         assert_eq!(container().arguments(Engine::Docker).join(" "), expected);
@@ -125,7 +125,7 @@ mod tests {
     fn podman_without_root_keeps_the_owner() {
         let plain = Container { memory_mib: None, devices: vec![], command: vec![], ..container() };
         let expected = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges \
-             --pids-limit 4096 --tmpfs /tmp:rw,nosuid,nodev,size=1g --volume /run/sandbox:/avln:ro --userns keep-id \
+             --pids-limit 4096 --tmpfs /tmp:rw,exec,nosuid,nodev,size=1g --volume /run/sandbox:/avln:ro --userns keep-id \
              --name avln-run_1 --env HOME=/tmp --env AVLN_SERVER=unix:/avln/arena.sock --env AVLN_TOKEN ada/walker:3";
         assert_eq!(plain.arguments(Engine::Podman).join(" "), expected);
         let root = Container { owner: (0, 0), ..plain };
