@@ -1,22 +1,57 @@
-# Common commands; `just --list` shows all.
+# Common tasks of contributors; `just` lists them.
 
-# Houses, missions, server, two agents, a leaderboard
+[private]
+default:
+    @just --list --unsorted
+
+# Build houses, play two agents, and serve the leaderboard
 demo *args:
     cargo run --release -- demo {{args}}
 
-# The release, in dist/: a static program with man pages, completions and licences
-dist *target:
-    packaging/dist.sh {{target}}
+# Run all tests, with cargo-nextest if it is installed
+test *args:
+    @if cargo nextest --version >/dev/null 2>&1; then \
+        cargo nextest run --workspace {{args}} && cargo test --workspace --doc; \
+    else \
+        cargo test --workspace {{args}}; \
+    fi
 
-# All tests
-test:
-    cargo test --workspace
-
-# Format and lints, as in .ci/run
+# Check format, lints and API documentation, as in CI
 lint:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 
-# Benchmarks
-bench:
-    cargo bench --workspace
+# Open the API documentation
+docs:
+    cargo doc --workspace --no-deps --open
+
+# Run all benchmarks
+bench *args:
+    cargo bench --workspace {{args}}
+
+# Compare this build with the published calibration
+calibrate:
+    cargo run --release -- lab calibrate
+
+# Rewrite generated pages and golden files after a deliberate change
+bless:
+    AVLN_BLESS=1 cargo test -p avln-tests --test documents --test command_line
+    AVLN_BLESS=1 cargo test -p avln-web --test web
+
+# Find code that no test checks: mutants of scoring, referee and quotas (hours)
+mutants *args:
+    cargo mutants --package avln-scoring --package avln-referee {{args}}
+    cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
+
+# Read damaged input files, `times` as many as in the tests
+fuzz times="100":
+    AVLN_MANGLE={{times}} cargo test -p avln-arena --test mangled
+
+# Build the release archive in dist/: static program, man pages, completions, licences
+dist *target:
+    packaging/dist.sh {{target}}
+
+# Play the trial in containers
+containers *args:
+    docker compose up {{args}}

@@ -1,8 +1,19 @@
 //! Protocol between agents and server: messages and encodings in package `avln.v1`.
 //!
+//! ```
+//! use avln_proto::{v1::Encoding, wire::audio};
+//!
+//! // A step's sound: samples of the left ear, then of the right ear.
+//! let bytes = audio::encode(Encoding::AudioI16, &[0.5, -0.25, 0.0, 1.0])?;
+//! let samples = audio::decode(Encoding::AudioI16, 4, &bytes)?;
+//! assert!((samples[0] - 0.5).abs() < 1e-4);
+//! # Ok::<_, avln_proto::wire::CodecError>(())
+//! ```
+//!
 //! `PROTOCOL.md` defines states and rules; continue with [`v1::PlayRequest`], [`v1::PlayResponse`] and [`wire`].
 //!
-//! *Never*: contains behaviour beyond messages and encodings; names a scene, a target or a score that a phase hides.
+//! This crate never contains behaviour beyond messages and encodings or names a scene, a target or a score
+//! that a phase hides.
 
 pub mod wire;
 

@@ -154,7 +154,7 @@ mod containers {
 mod packages {
     use avln_tests::{
         repository::{root, text},
-        skipped::skipped,
+        skipped::{docker, excluded, skipped},
     };
     use std::process::{Command, Output};
     use yaml_rust2::{Yaml, YamlLoader, yaml::Hash};
@@ -367,21 +367,15 @@ mod packages {
         }
     }
 
-    /// Docker Compose 2, as a plugin or as a separate program.
+    /// Docker Compose 2, the plugin; the program `docker-compose` 1 cannot read the file.
     fn installed_compose() -> Option<Command> {
-        let docker = std::env::var("AVLN_DOCKER").unwrap_or_else(|_| "docker".to_owned());
-        let forms: [&[&str]; 2] = [&[&docker, "compose"], &["docker-compose"]];
-        forms.into_iter().find_map(|form| {
-            let command = || {
-                let mut command = Command::new(form[0]);
-                command.args(&form[1..]);
-                command
-            };
-            let version = command().args(["version", "--short"]).output().ok()?;
-            let version = String::from_utf8_lossy(&version.stdout).trim().trim_start_matches('v').to_owned();
-            // Version 1 cannot read the file.
-            (!version.is_empty() && !version.starts_with("1.")).then(command)
-        })
+        let compose = || {
+            let mut docker = docker()?;
+            docker.arg("compose");
+            Some(docker)
+        };
+        let version = compose()?.arg("version").output().ok()?;
+        version.status.success().then(compose).flatten()
     }
 
     fn services_of_profile(mut compose: Command, profile: &str) -> Output {
@@ -393,9 +387,9 @@ mod packages {
     #[test]
     fn compose_reads_each_profile() {
         for profile in PROFILES {
+            let (test, remedy) = ("compose_reads_each_profile", "install Docker with Compose 2");
             let Some(compose) = installed_compose() else {
-                skipped("compose_reads_each_profile", "install Docker with Compose 2");
-                return;
+                return if docker().is_none() { excluded(test, remedy) } else { skipped(test, remedy) };
             };
             let output = services_of_profile(compose, profile);
             let names = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -271,6 +271,49 @@ mod commands {
     }
 }
 
+/// Paths in the pages for contributors.
+mod contributors {
+    use avln_tests::repository::{root, text};
+
+    const FOLDERS: [&str; 10] =
+        ["agents/", "cli/", "client-sdk/", "docker/", "docs/", "lab/", "proto/", "server/", "tests/", ".ci/"];
+    const MAX_RECIPE_LINES: usize = 10;
+
+    /// Paths in backticks, without placeholders.
+    fn paths(page: &str) -> Vec<&str> {
+        let quoted = page.split('`').skip(1).step_by(2);
+        let is_path = |words: &&str| {
+            FOLDERS.iter().any(|folder| words.starts_with(folder))
+                && !words.contains([' ', '*', '<', '…'])
+                && !words.contains("NAME")
+        };
+        quoted.filter(is_path).collect()
+    }
+
+    #[test]
+    fn named_paths_exist() {
+        for (page, least) in [("CONTRIBUTING.md", 20), ("docs/ARCHITECTURE.md", 400)] {
+            let text = text(page);
+            let paths = paths(&text);
+            let missing: Vec<_> = paths.iter().filter(|path| !root().join(path).exists()).collect();
+            assert!(missing.is_empty(), "{page}: {missing:?}");
+            assert!(paths.len() >= least, "{page}: {} paths", paths.len());
+        }
+    }
+
+    #[test]
+    fn recipes_are_short() {
+        let page = text("CONTRIBUTING.md");
+        let (_, recipes) = page.split_once("## Recipes\n").expect("recipes");
+        let (recipes, _) = recipes.split_once("\n## ").expect("a section after the recipes");
+        let lines: Vec<_> =
+            recipes.split("\n**").skip(1).map(|recipe| recipe.trim().lines().count()).collect();
+        assert_eq!(lines.len(), 5, "{lines:?}");
+        // The title and a blank line precede the recipe.
+        assert!(lines.iter().all(|lines| *lines <= MAX_RECIPE_LINES + 2), "{lines:?}");
+    }
+}
+
 /// The table of source files in ARCHITECTURE.md.
 mod source_files {
     use avln_tests::repository::{files, root, shown, text};

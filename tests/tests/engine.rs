@@ -5,10 +5,10 @@
 
 use avln_tests::{
     repository::{root, text},
-    skipped::skipped,
+    skipped::{self, excluded, skipped},
 };
 use std::{
-    env, fs,
+    fs,
     net::TcpListener,
     path::{Path, PathBuf},
     process::{Command, Output, Stdio},
@@ -78,9 +78,14 @@ struct Engine {
 impl Engine {
     /// Builds the images; `None` without an engine.
     fn start(test: &str) -> Option<Self> {
-        let answers = docker().arg("info").stdout(Stdio::null()).stderr(Stdio::null()).status();
+        let remedy = "install Docker with Compose 2, or name the program in AVLN_DOCKER";
+        let Some(mut engine) = skipped::docker() else {
+            excluded(test, remedy);
+            return None;
+        };
+        let answers = engine.arg("info").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if !answers.is_ok_and(|status| status.success()) {
-            skipped(test, "install Docker with Compose 2, or name the program in AVLN_DOCKER");
+            skipped(test, remedy);
             return None;
         }
         // Not in the system's folder for temporary files, which an engine in another mount namespace does not see.
@@ -213,7 +218,7 @@ impl Drop for Engine {
 }
 
 fn docker() -> Command {
-    Command::new(env::var_os("AVLN_DOCKER").unwrap_or_else(|| "docker".into()))
+    skipped::docker().expect("an engine")
 }
 
 fn said(output: &Output) -> String {

@@ -2,7 +2,12 @@
 //! towards the quota or not. The faults are real: panics, hanging threads, dead connections, full disks,
 //! locked databases.
 
-use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
+use avln_arena::{
+    Arena,
+    budget::Budget,
+    data::DataFolder,
+    servers::{Addresses, Limits, Servers},
+};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::scripted_run::NO_SENSORS;
@@ -450,9 +455,11 @@ fn copy(from: &Path, to: &Path) {
 async fn clock_that_jumps_ends_no_run() {
     let (folder, token) = set_up_with(|phase| phase.time.run_s = 3600).await;
     let data = DataFolder::open(folder.path()).expect("the folder");
-    let arena = avln_arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
-    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
-    let (run, play) = begin(&server.agents_url(), &server.token).await;
+    let store = store(folder.path()).await;
+    let arena = Arc::new(Arena::open(&data, store.clone(), 256).await.expect("phases"));
+    let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
+    let servers = servers.open(arena.clone(), store.reader()).expect("running servers");
+    let (run, play) = begin(&servers.grpc_url(), &token).await;
     let now = avln_arena::now_unix_ms();
     let day_ms = 86_400_000;
     let look =
@@ -467,7 +474,7 @@ async fn clock_that_jumps_ends_no_run() {
     );
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
+    assert_eq!(verdict(folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,7 +2,7 @@
 //!
 //! Start reading at [`Baseline`] and [`RandomAgent`]. No agent here reimplements a published method.
 //!
-//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations.
+//! This crate never links a server crate other than `avln-simd` or uses information beyond observations.
 
 mod unguided;
 mod visual;

@@ -2,7 +2,8 @@
 //!
 //! Start reading at [`run`]: `game` plays the run.
 //!
-//! *Never*: shows the person more than an agent observes; links a server crate other than `avln-simd`.
+//! This crate never shows the person more than an agent observes or links a server crate other than
+//! `avln-simd`.
 
 mod game;
 

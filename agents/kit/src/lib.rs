@@ -1,10 +1,18 @@
 //! Building blocks of agents: mapping, path following, hearing, perception and the run loop.
 //!
+//! ```
+//! use avln_kit::hearing::itd_s;
+//!
+//! // Sound from 30 degrees to the left reaches the left ear 0.34 ms earlier.
+//! let delay_s = itd_s(30_f32.to_radians());
+//! assert!((delay_s - 0.34e-3).abs() < 0.01e-3);
+//! ```
+//!
 //! Start reading at [`map`] and [`perception`]. [`perception::Hints`] passes ground truth to privileged
 //! agents of the same process. The feature `onnx` adds perception by user-supplied models.
 //!
-//! *Never*: links a server crate other than `avln-simd`; chooses targets or Submits; uses information beyond
-//! observations (except [`perception::Hints`]).
+//! This crate never links a server crate other than `avln-simd`, chooses targets or Submits, or uses
+//! information beyond observations (except [`perception::Hints`]).
 
 pub mod explorer;
 pub mod geometry;

@@ -1,8 +1,20 @@
 //! Image segmentation for agents by a small bundled network, trained only on the training pool's houses.
 //!
+//! ```
+//! use avln_perception::{Perception, Picture, VisionNetwork};
+//!
+//! let mut network = VisionNetwork::new()?;
+//! let picture = Picture { width: 128, height: 128, rgb: &[128; 128 * 128 * 3] };
+//! let seen = network.see(&picture, None)?;
+//! for segment in &seen.segments {
+//!     println!("an object with {} probabilities", segment.categories.len());
+//! }
+//! # Ok::<_, Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Start reading at [`VisionNetwork::see`]. [`VisionNetwork::info`] lists the training seeds.
 //!
-//! *Never*: depends on the simulator; reads a clock; uses random numbers.
+//! This crate never depends on the simulator, reads a clock, or uses random numbers.
 
 mod feature_map;
 mod network;

@@ -2,7 +2,7 @@
 //!
 //! [`check`] tests a server as a client, in a counted run; [`Host`] tests a client with a run full of faults.
 //!
-//! *Never*: depends on server knowledge beyond address, account token and phase.
+//! This crate never depends on server knowledge beyond address, account token and phase.
 
 mod checks;
 mod frames;

@@ -115,7 +115,8 @@
 //! A single-thread runtime (`#[tokio::main(flavor = "current_thread")]`) saves the change between threads in every step. It
 //! suits agents that choose within a few seconds: meanwhile the server's Pings remain unanswered.
 //!
-//! *Never*: exposes a generated message; contains a target, a place or a score hidden by the server; links the simulator.
+//! This crate never exposes a generated message, contains a target, a place or a score hidden by the server,
+//! or links the simulator.
 
 mod action;
 mod agent;

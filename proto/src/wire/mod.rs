@@ -10,8 +10,9 @@
 //! | `DEPTH_U16_MM`, `DEPTH_U16_MM_PACKED` | depth | rounded to a millimetre |
 //! | `AUDIO_I16` | sound | rounded to one part in 32767 |
 //!
-//! *Never*: allocates more than the agreed size; panics on foreign bytes; depends on the processor, since predictions use
-//! only additions, multiplications and divisions with IEEE 754 rounding.
+//! Decoders never allocate more than the agreed size and never panic on foreign bytes. Results do not depend
+//! on the processor, since predictions use only additions, multiplications and divisions with IEEE 754
+//! rounding.
 
 pub mod audio;
 mod blocks;

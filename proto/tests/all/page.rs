@@ -3,7 +3,7 @@
 use avln_proto::v1::Reason;
 use std::{fs, path::Path};
 
-const MARK: &str = "(a test compares it):\n`";
+const MARK: &str = "which a test compares:\n`";
 
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

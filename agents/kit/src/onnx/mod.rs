@@ -2,7 +2,7 @@
 //!
 //! Start reading at [`OnnxRecognition`]. `docs/models.md` specifies the inputs and outputs of models.
 //!
-//! *Never*: contains a model or ONNX Runtime; the runtime library is loaded on first use.
+//! This module contains no model and no ONNX Runtime; the runtime library is loaded on first use.
 
 mod model;
 

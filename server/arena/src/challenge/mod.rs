@@ -1,6 +1,6 @@
 //! The challenge file: splits and phases with dates, quotas, budgets and visibility.
 //!
-//! Start reading at [`ChallengeFile`], the file, and [`plan`], which computes the changes.
+//! Start reading at [`ChallengeFile`], the file, and [`Planner`], which computes the changes.
 
 use avln_store::{AuditNote, Phase};
 pub use file::{ChallengeFile, Fault, KeyPath, PhaseFile, SplitSource, json, moment_of};

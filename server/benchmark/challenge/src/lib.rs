@@ -5,7 +5,7 @@
 //!
 //! Start reading at [`Schedule`], [`RunState`] and [`Quota`].
 //!
-//! *Never*: does I/O; reads a clock; depends on hidden data.
+//! This crate never does I/O, reads a clock, or depends on hidden data.
 
 pub mod calendar;
 mod phase;

@@ -4,7 +4,8 @@
 //! has missions for several scenes in memory. [`build_scene`] runs the pipeline for a scene in a [`Recipe`] and returns
 //! files in the [`mod@format`]; [`check_scene`] verifies them independently.
 //!
-//! *Never*: depends on a clock or on hash order; puts hidden data into public files; touches a disk.
+//! This crate never depends on a clock or on hash order, puts hidden data into public files, or touches a
+//! disk.
 
 mod build;
 mod check;

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`Mission`], [`Action`], [`Observation`] and [`Rules`].
 //!
-//! *Never*: reveals a target's identity, position or category outside its cue; does I/O.
+//! This crate never reveals a target's identity, position or category outside its cue or does I/O.
 
 mod mission;
 mod observation;

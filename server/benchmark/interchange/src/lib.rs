@@ -4,7 +4,7 @@
 //! scene and makes missions. Goals that cannot be imported are reported as [`Loss`]es.
 //! [`authors_index`] and [`authors_scene`] write the layout of the LH-AVLN authors, [`Tables`] write Parquet.
 //!
-//! *Never*: touches a disk; writes ground truth into a public export.
+//! This crate never touches a disk or writes ground truth into a public export.
 
 mod authors;
 mod authors_export;

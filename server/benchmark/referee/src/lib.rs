@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Referee`].
 //!
-//! *Never*: reads a clock; draws without the episode's seed; sends agents more than an
+//! This crate never reads a clock, draws without the episode's seed, or sends agents more than an
 //! [`Observation`](avln_episode::Observation).
 
 mod referee;

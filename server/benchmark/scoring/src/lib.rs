@@ -3,7 +3,8 @@
 //! Entry points: [`score`], then [`summarise`], [`rank`] and [`compare`]. [`METRICS`] defines every metric once.
 //! `docs/scoring.md` explains the formulas.
 //!
-//! *Never*: does I/O; uses facts outside the truth and the record of an episode; depends on the order of its inputs.
+//! This crate never does I/O, uses facts outside the truth and the record of an episode, or depends on the
+//! order of its inputs.
 
 mod compare;
 mod metrics;

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`EpisodeTruth`] and [`Record`].
 //!
-//! *Never*: imported or re-exported by crates with access from agents or visitors (`avln-grpc`, `avln-web`).
+//! Crates reachable by agents or visitors (`avln-grpc`, `avln-web`) never import or re-export this crate.
 
 use avln_episode::{Action, EndReason, Modality, Order, Rules};
 use avln_geom::{Aabb, Point3, Pose};

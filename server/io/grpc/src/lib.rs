@@ -50,8 +50,9 @@
 //!
 //! # Invariants
 //!
-//! *Never*: has access to ground truth, builds a message from anything but `avln-episode` types and public host values,
-//! blocks an async thread with simulation, or lets an agent's fault reach others.
+//! This crate never has access to ground truth, never builds a message from anything but `avln-episode` types
+//! and public host values, never blocks an async thread with simulation, and never lets an agent's fault
+//! reach others.
 //!
 //! Hidden types cannot even be named here:
 //!

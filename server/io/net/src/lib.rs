@@ -2,8 +2,8 @@
 //!
 //! Start at [`Identity`], which reads certificates, [`Listener`] and [`AcceptLoop`].
 //!
-//! *Never*: lets a silent client use up a connection, since handshakes have a time limit; leaves a client that sends plain text to a
-//! TLS port without an answer.
+//! A silent client never uses up a connection, because handshakes have a time limit. A client that sends
+//! plain text to a TLS port always receives an answer.
 
 mod accept;
 mod identity;

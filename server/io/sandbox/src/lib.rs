@@ -4,7 +4,8 @@
 //! namespaces, and again as the *child*, which drops all privileges, reports the restrictions, waits for the run token and
 //! becomes the agent.
 //!
-//! *Never*: sends the agent a token before the report was read; reports restrictions that the kernel did not confirm.
+//! This crate never sends the agent a token before the report was read or reports restrictions that the
+//! kernel did not confirm.
 
 mod container;
 mod plan;

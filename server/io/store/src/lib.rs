@@ -5,7 +5,8 @@
 //!
 //! Every function fails if the database fails or contains a damaged row, and rolls its transaction back then.
 //!
-//! *Never*: returns data to a [`Reader`]'s caller that the phase hides from this viewer; stores a secret in plain text.
+//! This crate never returns data to a [`Reader`]'s caller that the phase hides from this viewer or stores a
+//! secret in plain text.
 
 mod accounts;
 mod admission;

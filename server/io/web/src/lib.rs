@@ -3,7 +3,8 @@
 //! [`router`] is the entry point. `pages` renders HTML, `api` serves JSON and CSV, `middleware` wraps both, and the traits
 //! [`Management`], [`ReplayRenderer`] and [`LiveStatus`] connect a running arena.
 //!
-//! *Never*: depends on the ground truth. The store's [`avln_store::Reader`] applies visibility, and this crate cannot name hidden types:
+//! This crate never depends on the ground truth. The store's [`avln_store::Reader`] applies visibility, and
+//! this crate cannot name hidden types:
 //!
 //! ```compile_fail,E0433
 //! let truth: avln_truth::EpisodeTruth;

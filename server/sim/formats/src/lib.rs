@@ -2,7 +2,7 @@
 //!
 //! Start at [`open`].
 //!
-//! *Never*: depends on missions.
+//! This crate never depends on missions.
 
 mod files;
 mod gibson;

@@ -5,7 +5,7 @@
 //!
 //! Start reading at [`Pose`], [`Aabb`] and [`RayMesh`].
 //!
-//! *Never*: reads a clock, the environment or a file; iterates in hash order.
+//! This crate never reads a clock, the environment or a file or iterates in hash order.
 
 mod aabb;
 pub mod angle;

@@ -9,7 +9,8 @@
 //!
 //! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `sight`, `route`, `field`, `habitat`.
 //!
-//! *Never*: depends on missions or sounds; reads a clock, the environment or a file; iterates in hash order.
+//! This crate never depends on missions or sounds, reads a clock, the environment or a file, or iterates in
+//! hash order.
 
 mod corners;
 mod corridor;

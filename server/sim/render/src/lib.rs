@@ -7,7 +7,7 @@
 //!
 //! Start reading at [`Renderer`].
 //!
-//! *Never*: starts threads; opens files; depends on agents, missions or sound.
+//! This crate never starts threads, opens files, or depends on agents, missions or sound.
 
 mod camera;
 mod lanes;

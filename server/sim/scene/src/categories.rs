@@ -200,7 +200,11 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../../../shared/scenes/aws_small_house/instances.json");
         let Ok(text) = std::fs::read_to_string(&path) else {
-            println!("skipped: labels of a real house: needs ../shared/scenes");
+            // Not `println!`, which the test harness hides.
+            let _ = std::io::Write::write_fmt(
+                &mut std::io::stderr(),
+                format_args!("skipped: labels of a real house; put scenes into ../shared/scenes\n"),
+            );
             return;
         };
         let instances: Vec<serde_json::Value> = serde_json::from_str(&text).expect("a list of instances");

@@ -2,7 +2,7 @@
 //!
 //! Start at [`Scene`].
 //!
-//! *Never*: reads or writes files; depends on missions.
+//! This crate never reads or writes files or depends on missions.
 
 pub mod categories;
 pub mod colors;

@@ -2,7 +2,7 @@
 //!
 //! The `README.md` of this crate contains the soundness arguments.
 //!
-//! *Never*: contains knowledge about scenes or images.
+//! This crate never contains knowledge about scenes or images.
 
 mod widest;
 

@@ -5,7 +5,7 @@
 //!
 //! Start reading at [`World`].
 //!
-//! *Never*: depends on goals, budgets or scores; reads a clock; starts threads.
+//! This crate never depends on goals, budgets or scores, reads a clock, or starts threads.
 
 mod assets;
 pub mod stats;

@@ -299,7 +299,11 @@ fn modelled_house_can_be_surveyed() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../../shared/scenes/aws_small_house/hm3d_style/00000-SmallHouse");
     if !path.exists() {
-        println!("skipped: survey of a modelled house: needs ../shared/scenes");
+        // Not `println!`, which the test harness hides.
+        let _ = std::io::Write::write_fmt(
+            &mut std::io::stderr(),
+            format_args!("skipped: survey of a modelled house; put scenes into ../shared/scenes\n"),
+        );
         return;
     }
     let scene = open(&path).expect("a house in the layout of HM3D");

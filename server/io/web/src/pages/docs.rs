@@ -250,7 +250,9 @@ mod tests {
             let entries = fs::read_dir(root().join(folder)).expect(folder);
             let names =
                 entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"));
-            let names: Vec<String> = names.filter(|name| name.ends_with(".md")).collect();
+            // A README is the page of a package.
+            let is_page = |name: &String| name.ends_with(".md") && name != "README.md";
+            let names: Vec<String> = names.filter(is_page).collect();
             names.into_iter().map(|name| format!("{folder}/{name}")).collect::<Vec<_>>()
         };
         let present: BTreeSet<String> =

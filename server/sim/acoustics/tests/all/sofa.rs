@@ -202,7 +202,13 @@ fn manikin_cues_match_the_source_direction() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../../shared/scenes/sofa/MIT_KEMAR_normal_pinna.sofa");
     let Ok(bytes) = std::fs::read(path) else {
-        println!("skipped: manikin_cues_match_the_source_direction: needs ../shared/scenes");
+        // Not `println!`, which the test harness hides.
+        let _ = std::io::Write::write_fmt(
+            &mut std::io::stderr(),
+            format_args!(
+                "skipped: manikin_cues_match_the_source_direction; put scenes into ../shared/scenes\n"
+            ),
+        );
         return;
     };
     let settings = settings(&bytes);

@@ -23,7 +23,11 @@ pub(crate) fn painted(scene: Scene) -> Scene {
 pub(crate) fn shared(path: &str) -> Option<Scene> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes").join(path);
     if !file.exists() {
-        println!("skipped: {path}: needs ../shared/scenes");
+        // Not `println!`, which the test harness hides.
+        let _ = std::io::Write::write_fmt(
+            &mut std::io::stderr(),
+            format_args!("skipped: {path}; put scenes into ../shared/scenes\n"),
+        );
         return None;
     }
     Some(solid(open::open(&file).expect("a scene")))
