@@ -341,7 +341,8 @@ mod source_files {
 
     fn is_source(path: &str) -> bool {
         let is_test = path.ends_with("tests.rs") || path.contains("/tests/") || path.contains("/benches/");
-        let is_made = path.contains("/v1/") && path.ends_with(".py") || path.ends_with("/build.rs");
+        let is_script = path.ends_with("/build.rs") && !path.contains("/src/");
+        let is_made = is_script || path.contains("/v1/") && path.ends_with(".py");
         !is_test && !is_made
     }
 

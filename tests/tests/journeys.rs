@@ -184,10 +184,12 @@ const PYTHON: [&str; 3] = ["avln-py", "avln-bridge", "python "];
 
 /// Free addresses below the ephemeral port range.
 fn free_addresses() -> [String; 3] {
-    static NEXT: AtomicU16 = AtomicU16::new(20_000);
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    // Other processes of the same tests look for ports at the same time.
+    let first = 20_000 + (std::process::id() % 400) as u16 * 24;
     [(); 3].map(|()| {
         loop {
-            let address = format!("127.0.0.1:{}", NEXT.fetch_add(1, Ordering::Relaxed));
+            let address = format!("127.0.0.1:{}", first + NEXT.fetch_add(1, Ordering::Relaxed));
             if TcpListener::bind(&address).is_ok() {
                 break address;
             }

@@ -1,3 +1,5 @@
+//! Baseline agents with vision: explore until a goal's category is seen, then Submit.
+
 use avln_client::{Action, Agent, GoalCue, Mission, Observation, Order, TaskSpec};
 use avln_kit::LOOK_M;
 use avln_kit::explorer::Explorer;

@@ -1,3 +1,5 @@
+//! The agent: memories of an episode, updated with every observation.
+
 use crate::candidate::{Candidate, Decision, Evidence};
 use crate::goals::{GoalPairing, PendingSubmit, SourceMemory};
 use crate::stairs::StairClimber;

@@ -1,3 +1,5 @@
+//! Candidates: evidence, stages, verification and the Submit gate.
+
 use crate::weights::Weights;
 use avln_kit::geometry::FloorPoint;
 use avln_kit::hearing::HeardSound;

@@ -1,3 +1,5 @@
+//! Decisions: the next action by stage (search, ground, verify).
+
 use crate::agent::PagNav;
 use crate::candidate::{Candidate, Evidence, SoundSupport, Stage, SubmitGate, VerificationDemand, best};
 use avln_client::Action;

@@ -1,3 +1,5 @@
+//! Pairing of heard sources with goals.
+
 use crate::weights::Weights;
 use avln_kit::geometry::FloorPoint;
 use avln_kit::hearing::SubmitOutcome;

@@ -1,3 +1,5 @@
+//! Weights and ablations, read from `pag-nav.toml`.
+
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;

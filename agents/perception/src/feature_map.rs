@@ -1,3 +1,5 @@
+//! Feature maps, and convolutions on them.
+
 use crate::{ConvLayer, PANEL};
 use avln_simd::{Width, Work, run_at};
 

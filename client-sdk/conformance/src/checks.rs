@@ -1,3 +1,5 @@
+//! Checks of a server against the rules of `PROTOCOL.md`.
+
 use crate::talk::{Connection, Site, Stream, Trouble, bearer, describe, frame_name, hello, reason};
 use avln_proto::v1::{
     self, Reason, info_service_client::InfoServiceClient, play_request::Frame as Up,

@@ -1,3 +1,5 @@
+//! The client: connection to a server, account, phases, quotas and runs.
+
 use crate::{
     calls::{Greeting, bearer, greet, persist, plain, signed, unwrap},
     connect_options::{ConnectOptions, Packing},

@@ -1,3 +1,5 @@
+//! A storey seen from above.
+
 use super::Picture;
 use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
 use avln_render::{Camera, CameraImage, Renderer};

@@ -249,6 +249,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_folder_has_one_server() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let data = DataFolder::open(folder.path()).expect("writable");
+        let lock = data.lock().expect("no other server");
+        let refused = data.clone().lock().expect_err("locked").to_string();
+        assert!(
+            refused.contains("already running on data folder") && refused.contains("--data"),
+            "{refused}"
+        );
+        drop(lock);
+        data.lock().expect("the other server has stopped");
+    }
+
+    #[test]
     fn a_folder_can_be_opened_concurrently() {
         let folder = tempfile::tempdir().expect("a folder");
         std::thread::scope(|scope| {

@@ -1,3 +1,5 @@
+//! Elevation map: surface heights around the body, stairs, and storeys.
+
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use crate::map::occupancy::Cell;
 use crate::path::{SIDES, millimetres};

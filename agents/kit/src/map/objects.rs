@@ -1,3 +1,5 @@
+//! Object memory: hypotheses from detections over time, and their surroundings.
+
 use crate::geometry::{FloorPoint, Pose2d};
 use crate::map::occupancy::Occupancy;
 use crate::perception::category::likeness;

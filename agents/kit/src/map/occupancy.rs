@@ -1,3 +1,5 @@
+//! Occupancy map: free, blocked and unknown cells from depth images and collisions.
+
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_client::DepthImage;
 

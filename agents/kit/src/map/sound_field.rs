@@ -1,3 +1,5 @@
+//! Sound paths from possible sources to the listener, through the known map.
+
 use crate::geometry::FloorPoint;
 use crate::map::occupancy::{Cell, Occupancy};
 use std::cmp::Reverse;

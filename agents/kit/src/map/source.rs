@@ -1,3 +1,5 @@
+//! Memory of sound: intensity by place, and the belief about a source's position.
+
 use crate::geometry::{FloorPoint, Pose2d};
 use crate::hearing::{HeardSound, sloped_itd_s};
 use crate::map::occupancy::{Cell, Occupancy};

@@ -1,3 +1,5 @@
+//! Category priors: sizes, heights, colours and synonyms.
+
 use crate::perception::objects::DetectedObject;
 
 /// A category's appearance: ranges for the long side and the top and bottom heights, metres, and typical colours.

@@ -1,3 +1,5 @@
+//! Goal cues as queries: category, attributes, relations, or a reference image.
+
 use crate::perception::category::{has_trait, likeness, noun_of};
 use crate::perception::objects::{DetectedObject, Palette, is_color};
 use avln_client::{GoalCue, Image, RgbImage};

@@ -1,3 +1,5 @@
+//! Trace lines from the agent's state.
+
 use crate::candidate::{Candidate, Decision, Stage, SubmitGate};
 use crate::goals::{PendingSubmit, SourceMemory};
 use crate::weights::{Ablation, Weights};

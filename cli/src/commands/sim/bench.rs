@@ -1,3 +1,5 @@
+//! `avln sim bench`: speed of the renderer on a scene.
+
 use super::render::{CameraPose, Hfov, PictureSize, camera};
 use super::text;
 use crate::commands::scene::FurnishedSceneArgs;

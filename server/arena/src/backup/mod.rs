@@ -250,7 +250,7 @@ mod tests {
     use tempfile::TempDir;
 
     /// Creates a data folder with a team, a key, a split and a linked split.
-    async fn furnished() -> TempDir {
+    async fn example_folder() -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         let data = DataFolder::open(folder.path()).unwrap();
         let store = data.store().await.unwrap();
@@ -268,7 +268,7 @@ mod tests {
 
     #[tokio::test]
     async fn restored_folder_is_equal_except_the_cache() {
-        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (folder, place) = (example_folder().await, tempfile::tempdir().unwrap());
         let (file, to) = (place.path().join("a.tar"), place.path().join("deep/er"));
         let open = DataFolder::open(folder.path()).unwrap().store().await.unwrap();
         let made = make(folder.path(), &file).await.unwrap();
@@ -292,11 +292,20 @@ mod tests {
         assert_eq!(names.len(), 2, "nothing else is left: {names:?}");
     }
 
+    #[tokio::test]
+    async fn backup_into_data_folder_lists_no_temporary_file() {
+        let folder = example_folder().await;
+        let lock = DataFolder::open(folder.path()).unwrap().lock().unwrap();
+        let made = make(folder.path(), &folder.path().join("before.tar")).await.unwrap();
+        assert_eq!(made.left_out, [PathBuf::from("/far/away")]);
+        drop(lock);
+    }
+
     #[cfg(unix)]
     #[tokio::test]
     async fn backups_and_restored_files_are_private() {
         use std::os::unix::fs::PermissionsExt;
-        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (folder, place) = (example_folder().await, tempfile::tempdir().unwrap());
         let (file, to) = (place.path().join("a.tar"), place.path().join("data"));
         make(folder.path(), &file).await.unwrap();
         restore(&file, &to).await.unwrap();
@@ -308,7 +317,7 @@ mod tests {
 
     #[tokio::test]
     async fn existing_files_are_never_overwritten() {
-        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (folder, place) = (example_folder().await, tempfile::tempdir().unwrap());
         let file = place.path().join("a.tar");
         fs::write(&file, "mine").unwrap();
         let refused = make(folder.path(), &file).await.unwrap_err().to_string();
@@ -327,7 +336,7 @@ mod tests {
     #[tokio::test]
     async fn empty_folders_are_filled_in_place() {
         use std::os::unix::fs::MetadataExt;
-        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (folder, place) = (example_folder().await, tempfile::tempdir().unwrap());
         let (file, to) = (place.path().join("a.tar"), place.path().join("volume"));
         make(folder.path(), &file).await.unwrap();
         fs::create_dir(&to).unwrap();
@@ -346,7 +355,7 @@ mod tests {
 
     #[tokio::test]
     async fn damaged_backups_leave_no_files() {
-        let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+        let (folder, place) = (example_folder().await, tempfile::tempdir().unwrap());
         let (file, to) = (place.path().join("a.tar"), place.path().join("data"));
         make(folder.path(), &file).await.unwrap();
         let whole = fs::read(&file).unwrap();

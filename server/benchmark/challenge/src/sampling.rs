@@ -1,4 +1,4 @@
-//! Episode draws: a pure function of secret and run id. Everyone can repeat it once the secret is published.
+//! Selection and order of a run's episodes: a pure function of secret and run id. Everyone can repeat it once the secret is published.
 
 use avln_episode::Modality;
 use serde::{Deserialize, Serialize};

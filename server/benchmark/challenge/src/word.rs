@@ -1,3 +1,5 @@
+//! Enums as words in files, database and API.
+
 /// A word without a matching enum value.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown {kind} '{word}'")]

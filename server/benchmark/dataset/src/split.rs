@@ -1,3 +1,5 @@
+//! Splits: scenes with their missions.
+
 use crate::{
     mission::{EpisodeSpec, MissionOptions, sample_missions},
     survey::{ThresholdsOnly, look::SurveyOptions, survey_with},

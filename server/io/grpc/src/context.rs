@@ -1,3 +1,5 @@
+//! State shared by all gRPC services.
+
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,

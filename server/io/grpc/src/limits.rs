@@ -1,3 +1,5 @@
+//! Limits of connections, messages, queues and times (pings, handshakes), with reasons.
+
 use avln_episode::{Encodings, Sensors};
 use std::time::Duration;
 

@@ -1,3 +1,5 @@
+//! Refused requests, and their gRPC status.
+
 use avln_proto::v1::{self, Reason};
 use avln_proto::{REASON_KEY, RETRY_AFTER_KEY};
 use std::{

@@ -1,3 +1,5 @@
+//! Sealed agents in a container: command line of Podman or Docker.
+
 use crate::plan::SandboxPlan;
 use std::path::{Path, PathBuf};
 

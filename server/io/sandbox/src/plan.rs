@@ -1,3 +1,5 @@
+//! Sandbox settings and report.
+
 use serde::{Deserialize, Serialize};
 use std::{
     fs, io,

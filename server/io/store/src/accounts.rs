@@ -1,3 +1,5 @@
+//! Teams, members and tokens in the database.
+
 use crate::{
     audit::{AuditNote, add_notes},
     database::{Store, Transaction, Word, value},

@@ -1,3 +1,5 @@
+//! Splits and scenes in the database.
+
 use crate::{
     database::Store,
     error::{Result, StoreError},

@@ -1,3 +1,5 @@
+//! Store errors.
+
 use avln_challenge::{Quota, QuotaWindow, calendar::rfc3339};
 use std::path::PathBuf;
 

@@ -1,3 +1,5 @@
+//! Runs in the database: reading, ending, charging.
+
 use crate::{
     admission::read_charge,
     audit::{AuditNote, add_notes},

@@ -1,3 +1,5 @@
+//! Axis-aligned boxes.
+
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -1,3 +1,5 @@
+//! Poses: position and heading, and conversion between frames.
+
 use crate::angle;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};

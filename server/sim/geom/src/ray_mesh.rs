@@ -1,3 +1,5 @@
+//! Ray tests against a triangle mesh.
+
 mod tree;
 
 use crate::{Aabb, Point3, Vector3};

@@ -1,3 +1,5 @@
+//! Seeded random numbers.
+
 /// A seeded random generator (xoshiro256++, seeded by SplitMix64).
 ///
 /// A seed's stream never changes: scores and data sets depend on it. Sources: Blackman and Vigna, "Scrambled

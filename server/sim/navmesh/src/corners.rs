@@ -1,3 +1,5 @@
+//! Bends of shortest paths, and their straight connections.
+
 use crate::plane::{Lattice, LatticePoint, Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use crate::sight::{Eye, VisiblePart, look};

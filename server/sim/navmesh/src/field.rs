@@ -1,3 +1,5 @@
+//! Distance fields: walking distance from anywhere to weighted seeds.
+
 use crate::corners::{Corners, Link};
 use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::LatticePoint;

@@ -1,3 +1,5 @@
+//! Connected parts of the mesh.
+
 use crate::plane::{Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;

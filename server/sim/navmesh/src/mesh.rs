@@ -1,3 +1,5 @@
+//! The navigation mesh: snapping, movement along walls, distances and paths.
+
 use crate::corners::Corners;
 use crate::islands::Islands;
 use crate::plane::{Lattice, LatticePoint, Spot};

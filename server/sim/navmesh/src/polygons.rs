@@ -1,3 +1,5 @@
+//! Convex polygons with neighbours, as in Habitat's navigation mesh.
+
 use crate::plane::{Lattice, LatticePoint, Spot, nearest_on_segment, turn};
 use std::ops::Range;
 

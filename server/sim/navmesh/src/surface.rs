@@ -1,4 +1,6 @@
 //! Walkable heights: the exact ground height at a point.
+
+use crate::plane::{Lattice, LatticePoint, Spot, nearest_height_m, turn};
 use crate::polygons::RawPolygon;
 use crate::voxels::Floors;
 use avln_geom::{Point3, RayMesh, Vector3};

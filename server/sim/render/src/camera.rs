@@ -1,3 +1,5 @@
+//! Pinhole camera and projection.
+
 use avln_geom::{Point3, UnitQuaternion, Vector3, angle};
 use avln_scene::InstanceId;
 

@@ -1,3 +1,5 @@
+//! The renderer: colour, depth and instance images of a scene.
+
 use crate::camera::{Camera, CameraImage};
 use crate::light::lit;
 use crate::model::Model;

@@ -1,3 +1,5 @@
+//! Vector width, selected at run time.
+
 /// Lane count of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Width {

@@ -1,3 +1,5 @@
+//! A building's immutable data: scene, navigation mesh, render model, acoustics.
+
 use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
 use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshError};

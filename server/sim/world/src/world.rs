@@ -1,3 +1,5 @@
+//! The world of an episode: a body in a building, its motion and senses.
+
 use crate::assets::SceneAssets;
 use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};

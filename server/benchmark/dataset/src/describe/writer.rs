@@ -1,3 +1,5 @@
+//! Sentences for a target: candidate claims, checked to be unambiguous.
+
 use crate::{
     cue::{Claim, Claims, Description, Name, Relation},
     describe::{

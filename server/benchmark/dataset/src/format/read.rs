@@ -1,3 +1,5 @@
+//! Data set files read and validated, with limits.
+
 use crate::{
     cue::{CueSpec, Description},
     format::{

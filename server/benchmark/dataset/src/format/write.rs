@@ -1,3 +1,5 @@
+//! Data set files written, with digests.
+
 use crate::{
     cue::CueSpec,
     format::{

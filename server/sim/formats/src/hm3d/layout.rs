@@ -76,7 +76,7 @@ pub struct Exported {
     pub table: String,
 }
 
-/// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black. [`import`](super::import)
+/// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black. The importer `import`
 /// restores instance and room numbers, categories and nouns, but no other words, room labels, or rooms without instances.
 ///
 /// # Panics
