@@ -26,6 +26,10 @@ lint:
 docs:
     cargo doc --workspace --no-deps --open
 
+# Build the book of all documents, with mdBook, and check its links
+book:
+    packaging/book.sh
+
 # Run all benchmarks
 bench *args:
     cargo bench --workspace {{args}}
@@ -36,7 +40,7 @@ calibrate:
 
 # Rewrite generated pages and golden files after a deliberate change
 bless:
-    AVLN_BLESS=1 cargo test -p avln-tests --test documents --test command_line
+    AVLN_BLESS=1 cargo test -p avln-tests -- documents command_line
     AVLN_BLESS=1 cargo test -p avln-web --test web
 
 # Find code that no test checks: mutants of scoring, referee and quotas (hours)
@@ -46,7 +50,7 @@ mutants *args:
 
 # Read damaged input files, `times` as many as in the tests
 fuzz times="100":
-    AVLN_MANGLE={{times}} cargo test -p avln-arena --test mangled
+    AVLN_MANGLE={{times}} cargo test -p avln-arena mangled
 
 # Build the release archive in dist/: static program, man pages, completions, licences
 dist *target:

@@ -5,6 +5,7 @@
 use crate::{commands::*, output::say};
 use avln_arena::Failure;
 use avln_kit::run::run_for;
+use avln_web::Documents;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand, value_parser};
 use clap_complete::Shell;
 use std::{
@@ -271,6 +272,11 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         TopCommand::Manual(args) => write_manual(&args),
         TopCommand::Old(old) => run(Cli { command: old.into(), ..cli }),
     }
+}
+
+/// Returns the documents of this build, for the web pages.
+pub fn documents() -> Documents {
+    Documents::new(avln_docs::SUMMARY, avln_docs::FILES)
 }
 
 fn run_challenge(data: &Path, command: ChallengeCommand) -> Result<(), Failure> {

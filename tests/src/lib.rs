@@ -23,8 +23,14 @@ use avln_arena::{
 pub use avln_lab::suite::{PASSED_M, Walker, distance_m};
 use avln_store::Visibility;
 use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
-use std::{path::Path, sync::Arc};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use tempfile::TempDir;
+use tokio::sync::Mutex;
 
 /// A running server with its own ports and data folder, one phase and one team.
 pub struct TestServer {
@@ -101,7 +107,8 @@ impl TestServer {
         let opened = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
         let free = "127.0.0.1:0".parse().expect("an address");
         let servers = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
-        let servers = servers.with_admin(free).await.expect("a free port").with_limits(limits);
+        let servers = servers.with_documents(avln_cli::documents()).with_limits(limits);
+        let servers = servers.with_admin(free).await.expect("a free port");
         let servers = servers.open(Arc::new(arena(opened)), store.reader()).expect("running servers");
         Self { folder, servers, token }
     }
@@ -127,17 +134,9 @@ impl TestServer {
 
 /// Creates a split, a phase and a team in a data folder; returns the team token.
 pub async fn set_up(folder: &Path, setup: &TestSetup) -> String {
+    copy_split(folder, setup).await;
     let data = DataFolder::open(folder).expect("the folder is writable");
-    let store = data.store().await.expect("a new database");
-    let make = NewSplit {
-        name: PHASE.to_owned(),
-        houses: setup.houses,
-        scenes: vec![],
-        missions: setup.missions,
-        seed: 5,
-        rules: "lh-avln-v1".to_owned(),
-    };
-    make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");
+    let store = data.store().await.expect("its database");
     let open = NewPhase {
         scores: setup.visible_to,
         replays: setup.replays_to.unwrap_or(setup.visible_to),
@@ -148,6 +147,44 @@ pub async fn set_up(folder: &Path, setup: &TestSetup) -> String {
     let token = admit(&store, TEAM, None).await.expect("the team can be admitted");
     store.close().await;
     token
+}
+
+/// Relative path and bytes of every file in a folder.
+type Files = Vec<(PathBuf, Vec<u8>)>;
+
+/// Copies a data folder with the split, which the first test with this split makes.
+async fn copy_split(folder: &Path, setup: &TestSetup) {
+    static MADE: Mutex<BTreeMap<(u32, usize), Files>> = Mutex::const_new(BTreeMap::new());
+    let mut made = MADE.lock().await;
+    let files = match made.entry((setup.houses, setup.missions)) {
+        Entry::Occupied(made) => made.into_mut(),
+        Entry::Vacant(size) => size.insert(make_split_files(setup).await),
+    };
+    for (path, bytes) in files {
+        let path = folder.join(path);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        fs::write(path, bytes).expect("a copy");
+    }
+}
+
+async fn make_split_files(setup: &TestSetup) -> Files {
+    let folder = TempDir::new().expect("a folder for temporary files");
+    let data = DataFolder::open(folder.path()).expect("the folder is writable");
+    let store = data.store().await.expect("a new database");
+    let make = NewSplit {
+        name: PHASE.to_owned(),
+        houses: setup.houses,
+        scenes: vec![],
+        missions: setup.missions,
+        seed: 5,
+        rules: "lh-avln-v1".to_owned(),
+    };
+    make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");
+    store.close().await;
+    let paths = repository::files(folder.path(), "");
+    let relative =
+        |path: &PathBuf| path.strip_prefix(folder.path()).expect("a file in the folder").to_owned();
+    paths.iter().map(|path| (relative(path), fs::read(path).expect("a file"))).collect()
 }
 
 /// A folder's database.
@@ -185,5 +222,6 @@ async fn bind_servers(
     let free = "127.0.0.1:0".parse().expect("an address");
     let identity = security.identity().expect("files of a certificate");
     let servers = Servers::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
+    let servers = servers.with_documents(avln_cli::documents());
     (servers, move |servers: Servers| servers.open(Arc::new(arena), store.reader()).expect("running servers"))
 }

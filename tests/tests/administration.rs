@@ -427,7 +427,7 @@ mod doctor {
         let (code, report, _) = doctor(&server.agents_url(), &server.token, "");
         assert_eq!((code, verdict(&report, "phase")), (Some(6), "failed"), "{report}");
         let output = report.to_string();
-        assert!(output.contains(&format!("is open, among {PHASE}; name one with --phase")), "{output}");
+        assert!(output.contains(&format!("known phases: {PHASE}; choose a phase with --phase")), "{output}");
         assert_eq!(store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap(), []);
     }
 }

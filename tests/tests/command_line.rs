@@ -461,7 +461,7 @@ fn sealed_split_requires_its_passphrase() {
 fn manual(data: &Path) -> String {
     let mut page =
         "# Command line of `avln`\n\nThe help texts of all commands. `AVLN_BLESS=1 cargo test -p avln-tests \
-                    --test command_line` writes this page.\n"
+                    command_line` writes this page.\n"
             .to_owned();
     let mut waiting = vec![Vec::<String>::new()];
     while let Some(command) = waiting.pop() {

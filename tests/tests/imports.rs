@@ -35,6 +35,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("human", &["client", "kit"]),
     ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),
+    ("docs", &[]),
     (
         "arena",
         &[
@@ -91,6 +92,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "client",
             "conformance",
             "dataset",
+            "docs",
             "episode",
             "formats",
             "geom",

@@ -1,4 +1,4 @@
-//! Measures the kit's goal recognitions on a walk through a house; prints tables for docs/perception.md:
+//! Measures the kit's goal recognitions on a walk through a house; prints tables for docs/perception.md.
 //!
 //! ```sh
 //! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER

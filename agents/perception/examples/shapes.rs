@@ -1,4 +1,4 @@
-//! Writes rows of f32 for `agents/perception/training/shapes.py`: house number, the segment's true category, features:
+//! Writes rows of f32 for `agents/perception/training/shapes.py`: house number, true category and features of a segment.
 //!
 //! ```sh
 //! cargo run --release -p avln-perception --example shapes -- FRAMES FIRST_HOUSE FILE

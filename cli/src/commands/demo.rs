@@ -1,7 +1,7 @@
 //! Demo: houses, missions, two agents and a leaderboard in one command.
 
 use super::serve::AddressArgs;
-use crate::output::say;
+use crate::{documents, output::say};
 use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
     data::DataFolder,
@@ -55,7 +55,7 @@ const RUNS_AT_ONCE: usize = 2;
 pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     // First of all: a used address must fail before minutes of building.
-    let servers = Servers::bind(&args.addresses.addresses()).await?;
+    let servers = Servers::bind(&args.addresses.addresses()).await?.with_documents(documents());
     let store = data.store().await?;
     let phase = prepare(&data, &store, &args).await?;
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;

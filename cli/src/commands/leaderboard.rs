@@ -1,6 +1,6 @@
 //! Frozen copies of leaderboards, and the oracle's row.
 
-use crate::output::say;
+use crate::{documents, output::say};
 use avln_arena::{
     Failure,
     data::DataFolder,
@@ -84,7 +84,8 @@ async fn freeze_copy(data: &Path, args: FreezeArgs) -> Result<(), Failure> {
     let mut copy = FrozenCopy::begin(&args.out)?;
     let reader = store.reader();
     let keep = &mut |name: &str, bytes: &[u8]| copy.add(name, bytes);
-    let files = freeze(&reader, args.phase.as_deref(), now_unix_ms(), keep).await.map_err(freeze_failure)?;
+    let files = freeze(&reader, documents(), args.phase.as_deref(), now_unix_ms(), keep).await;
+    let files = files.map_err(freeze_failure)?;
     copy.sign(&key).map_err(|error| cannot_write(&args.out, &error))?;
     store.close().await;
     say!("{files} files in {}", args.out.display());

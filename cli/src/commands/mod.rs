@@ -1,4 +1,4 @@
-//! Commands. The documentation of arguments is the help text.
+//! The commands of `avln`, a file per command or group. The documentation of arguments is the help text.
 
 pub(crate) mod admin;
 pub(crate) mod agent;

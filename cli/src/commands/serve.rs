@@ -1,6 +1,6 @@
 //! `avln serve` and `avln admin`.
 
-use crate::output::say;
+use crate::{documents, output::say};
 use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
     budget::{Budget, SESSION_MEMORY_MIB},
@@ -94,7 +94,7 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let security = Security { tls_cert: args.tls_cert, tls_key: args.tls_key };
     // Before the phases are read, so that a used address fails at once.
     let mut servers = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
-    servers = servers.with_trusted_proxies(args.trusted_proxy);
+    servers = servers.with_trusted_proxies(args.trusted_proxy).with_documents(documents());
     if let AdminListener(Some(address)) = args.admin {
         servers = servers.with_admin(address).await?;
     }

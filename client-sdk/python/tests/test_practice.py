@@ -39,8 +39,8 @@ def test_default_phase_spends_no_quota() -> None:
 @pytest.mark.parametrize(
     ("phases", "quotas", "problem"),
     [
-        (PHASES[:2], [], "several phases have no quota: val, test; name one with phase= or --phase"),
-        (PHASES[1:2] + PHASES[3:], [COUNTED], "no phase without a quota is open, among test, old; name one"),
+        (PHASES[:2], [], "several phases have no quota: val, test; choose a phase with phase= or --phase"),
+        (PHASES[1:2] + PHASES[3:], [COUNTED], "no open phase is without a quota; known phases: test, old; choose"),
         ([], [], "no phase for your team"),
     ],
 )

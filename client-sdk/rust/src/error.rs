@@ -1,4 +1,4 @@
-//! Errors.
+//! Errors of the client, and the reason behind a status of the server.
 
 use avln_proto::{REASON_KEY, RETRY_AFTER_KEY, v1};
 use std::{error::Error as StdError, fmt::Write};
@@ -97,7 +97,7 @@ pub enum Error {
         hfov_rad: f32,
     },
     /// No phase was given, and there is no or no unique default phase.
-    #[error("start a run without naming a phase: {}; name one with --phase", what_phases(.free, .known))]
+    #[error("start a run without naming a phase: {}; choose a phase with --phase", what_phases(.free, .known))]
     Phase {
         /// Open phases with uncounted runs.
         free: Vec<String>,
@@ -229,7 +229,7 @@ fn what_phases(free: &[String], known: &[String]) -> String {
     match (free, known) {
         ([], []) => "the server has no phase for your team".to_owned(),
         ([], known) => {
-            format!("no phase without a quota is open, among {}", known.join(", "))
+            format!("no open phase is without a quota; known phases: {}", known.join(", "))
         }
         (free, _) => format!("several phases have no quota: {}", free.join(", ")),
     }

@@ -399,11 +399,11 @@ mod tests {
         assert_eq!(meant(4, &[day("test")]).as_deref(), Ok("practice"));
         let several = meant(2, &[]).unwrap_err();
         assert!(
-            several.contains("several phases have no quota: val, test; name one with --phase"),
+            several.contains("several phases have no quota: val, test; choose a phase with --phase"),
             "{several}"
         );
         let counted = meant(2, &[day("test"), day("val")]).unwrap_err();
-        assert!(counted.contains("is open, among val, test; name one"), "{counted}");
+        assert!(counted.contains("known phases: val, test; choose a phase"), "{counted}");
         assert!(meant(0, &[]).unwrap_err().contains("no phase for your team"));
     }
 }

@@ -311,10 +311,7 @@ mod tests {
     #[test]
     fn published_values_are_current_and_complete() {
         let published = published().unwrap();
-        assert!(
-            is_current(&published),
-            "publish again: AVLN_BLESS=1 cargo test -p avln-tests --test calibration"
-        );
+        assert!(is_current(&published), "publish again: AVLN_BLESS=1 cargo test -p avln-tests calibration");
         let agents: Vec<_> = published.runs.iter().map(|run| run.agent.as_str()).collect();
         assert_eq!(agents, ReferenceAgent::ALL.map(ReferenceAgent::name));
         assert!(published.runs.iter().all(|run| run.episodes.len() == HOUSES as usize * MISSIONS));

@@ -1,4 +1,4 @@
-//! QOI files with three channels, by the specification of D. Szablewski (qoiformat.org, version 1.0, 2022).
+//! QOI files with three channels, by the QOI specification (Szablewski, qoiformat.org, version 1.0, 2022).
 
 use super::{CodecError, Encoding, Size};
 

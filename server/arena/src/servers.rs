@@ -10,7 +10,7 @@ use avln_grpc::Control;
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::{Reader, Store};
-use avln_web::{SignedLogs, Site, TrustedProxy};
+use avln_web::{Documents, SignedLogs, Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -67,6 +67,7 @@ pub struct Servers {
     identity: Option<Identity>,
     limits: Limits,
     trusted_proxies: Vec<TrustedProxy>,
+    documents: Documents,
 }
 
 /// Running servers.
@@ -96,7 +97,8 @@ impl Servers {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
+        let (limits, documents) = (Limits::default(), Documents::default());
+        Ok(Self { grpc, web, admin: None, identity, limits, trusted_proxies: vec![], documents })
     }
 
     /// Adds the admin server; its address must not be reachable from other machines.
@@ -121,6 +123,11 @@ impl Servers {
         Self { trusted_proxies, ..self }
     }
 
+    /// Shows these documents on the web pages.
+    pub fn with_documents(self, documents: Documents) -> Self {
+        Self { documents, ..self }
+    }
+
     /// Starts serving.
     pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
         let local = |listener: &TcpListener| listener.local_addr().map_err(Failure::address);
@@ -143,6 +150,7 @@ impl Servers {
             replay_renderer: Some(arena.replay_renderer.clone()),
             live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
             management: Some(Arc::new(ArenaManagement(arena.clone()))),
+            documents: self.documents,
             trusted_proxies: self.trusted_proxies,
         };
         let grpc_server = avln_grpc::serve(agents, arena, self.limits, until(stopped.clone()));

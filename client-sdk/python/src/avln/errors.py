@@ -106,10 +106,10 @@ class PhaseError(Error):
         if free:
             found = f"several phases have no quota: {', '.join(free)}"
         elif known:
-            found = f"no phase without a quota is open, among {', '.join(known)}"
+            found = f"no open phase is without a quota; known phases: {', '.join(known)}"
         else:
             found = "the server has no phase for your team"
-        super().__init__(f"start a run without naming a phase: {found}; name one with phase= or --phase")
+        super().__init__(f"start a run without naming a phase: {found}; choose a phase with phase= or --phase")
 
 
 class EpisodeOverError(Error):

@@ -255,8 +255,8 @@ mod tests {
 
     #[test]
     fn authors_schedule_switches_at_observation_26() {
-        let heard = run(&Rules::authors(), [0; 3], 52);
-        assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
+        let heard = run(&Rules::authors(), [0; 3], 77);
+        assert_eq!(heard, [vec![0; 26], vec![1; 25], vec![2; 25], vec![0]].concat());
     }
 
     /// Success rate for guessing the sounding target from the step number, learnt from other episodes; and the episode
@@ -301,5 +301,19 @@ mod tests {
         (0..4000).filter_map(first).for_each(|goal| counts[goal] += 1);
         // Three standard deviations of a draw of one in four.
         assert!(counts.iter().all(|count| (918..=1082).contains(count)), "{counts:?}");
+    }
+
+    #[test]
+    fn audio_is_padded_per_ear_and_never_cut() {
+        let heard = [1.0, 2.0, 3.0, 4.0];
+        assert_eq!(padded(&heard, 3), [1.0, 2.0, 0.0, 3.0, 4.0, 0.0]);
+        assert_eq!(padded(&heard, 1), heard);
+        assert_eq!(padded(&[], 2), [0.0; 4]);
+    }
+
+    #[test]
+    fn depth_is_divided_by_the_divisor() {
+        assert_eq!(scaled(vec![3.0, 0.0], 4.0), [0.75, 0.0]);
+        assert_eq!(scaled(vec![3.0, 0.0], 1.0), [3.0, 0.0]);
     }
 }

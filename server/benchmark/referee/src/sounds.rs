@@ -235,6 +235,7 @@ mod tests {
             let sources = sources(&rules, &truth, &bank, &mut Rng::new(5)).expect("enough clips");
             assert_eq!(sources.len(), 4);
             assert!(sources.iter().all(|source| source.offset_samples == sources[0].offset_samples));
+            assert!((1..1 << 32).contains(&sources[0].offset_samples), "drawn from 32 bits");
             let lift = |(source, target): (&SoundSource, &Target)| source.position.y - target.source.y;
             assert!(
                 sources

@@ -263,4 +263,33 @@ mod tests {
         entries.iter_mut().flatten().for_each(|score| "only".clone_into(&mut score.scene));
         assert_eq!(rank_intervals(&[&entries[0], &entries[1]], Key::Isr, 1), [(1, 2), (1, 2)]);
     }
+
+    #[test]
+    fn rank_intervals_span_25th_to_975th_rank() {
+        // A second implementation of the draws counts 975 resamples with the first entry ahead and 25 with the second.
+        // Means are never equal: a sum of five odd numbers is not 0.
+        let mut entries = [scores(|_| true), scores(|_| true)];
+        let leads = [1.0, 5.0, 5.0, 9.0, -3.0];
+        for (episode, score) in entries[0].iter_mut().enumerate() {
+            score.metrics.isr = 0.5 + leads[episode / 2] / 32.0;
+        }
+        entries[1].iter_mut().for_each(|score| score.metrics.isr = 0.5);
+        assert_eq!(rank_intervals(&[&entries[0], &entries[1]], Key::Isr, 23), [(1, 1), (1, 2)]);
+    }
+
+    #[test]
+    fn entries_with_more_episodes_gain_no_rank() {
+        let entry = |isr: f64, per_scene: u32| -> Vec<EpisodeScore> {
+            let episode = |number: u32| EpisodeScore {
+                episode: format!("e{number}"),
+                scene: format!("s{}", number % 5),
+                order: Order::Ordered,
+                metrics: Metrics { isr, ..Metrics::default() },
+            };
+            (0..5 * per_scene).map(episode).collect()
+        };
+        // Every resample of an entry has the same mean.
+        let (worst, middle, best) = (entry(0.5, 1), entry(0.625, 4), entry(0.75, 1));
+        assert_eq!(rank_intervals(&[&worst, &middle, &best], Key::Isr, 1), [(3, 3), (2, 2), (1, 1)]);
+    }
 }

@@ -321,4 +321,12 @@ mod tests {
         let [(low, high)] = intervals(&clusters(&rows), 9);
         assert!((low - 0.402).abs() < 0.02 && (high - 0.598).abs() < 0.02, "{low} to {high}");
     }
+
+    #[test]
+    fn intervals_span_25th_to_975th_mean() {
+        // Ten episodes with the powers of two from 1 to 512. A second implementation of the draws gives the sorted sums
+        // …, 201, 203 (25th), 209, 209, … and …, 2136, 2139 (975th), 2149, 2164, ….
+        let rows: Vec<_> = (0..10).map(|power| ("a", [f64::from(1_u32 << power)])).collect();
+        assert_eq!(intervals(&clusters(&rows), 1), [(203.0 / 10.0, 2139.0 / 10.0)]);
+    }
 }

@@ -1,6 +1,6 @@
 //! Static copies of the public pages: links lead from file to file, and nothing is loaded from another site.
 
-use crate::{Site, router};
+use crate::{Documents, Site, router};
 use avln_store::{PhaseView, Reader, RunLine, StoreError, Viewer, Visibility};
 use axum::{
     Router,
@@ -41,16 +41,18 @@ struct Scope {
     list: String,
 }
 
-/// Copies the public pages for `phase`, or for all phases, as of `now_unix_ms`. Passes name and content of each file to
-/// `write`, and returns the file count. Fails if the phase does not exist, the database fails or a file cannot be written.
+/// Copies the public pages for `phase`, or for all phases, as of `now_unix_ms`, with all `documents`. Passes name and content of
+/// each file to `write`, and returns the file count. Fails if the phase does not exist, the database fails or a file cannot be
+/// written.
 pub async fn freeze(
     reader: &Reader,
+    documents: Documents,
     phase: Option<&str>,
     now_unix_ms: i64,
     write: &mut (dyn FnMut(&str, &[u8]) -> io::Result<()> + Send),
 ) -> Result<usize, FreezeError> {
     let scope = Scope::read(reader, phase, now_unix_ms).await?;
-    let router = router(reader.clone(), Site { grpc_port: GRPC_PORT, ..Site::default() });
+    let router = router(reader.clone(), Site { grpc_port: GRPC_PORT, documents, ..Site::default() });
     let mut written: BTreeMap<String, String> = BTreeMap::new();
     let mut seen: BTreeSet<String> = scope.roots().collect();
     let mut next: VecDeque<String> = scope.roots().collect();

@@ -11,6 +11,7 @@
 //! ```
 
 mod api;
+mod documents;
 mod error;
 mod format;
 mod freeze;
@@ -27,6 +28,7 @@ mod server;
 
 pub use api::SignedLogs;
 pub use async_trait::async_trait;
+pub use documents::Documents;
 pub use freeze::{FreezeError, freeze};
 pub use live::{LiveSession, LiveSlot, LiveStatus};
 pub use management::{
@@ -61,6 +63,8 @@ pub struct Site {
     pub live_status: Option<Arc<dyn LiveStatus>>,
     /// Management actions; `None` disables sign-in.
     pub management: Option<Arc<dyn Management>>,
+    /// Documents below `/docs`.
+    pub documents: Documents,
     /// Reverse proxies with a reliable `X-Forwarded-For` header.
     pub trusted_proxies: Vec<TrustedProxy>,
 }
@@ -81,6 +85,7 @@ fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watc
         .fallback(async || RequestError::NoPage)
         .layer(Extension(GrpcEndpoint { port: site.grpc_port, is_secure }))
         .layer(Extension(site.logs))
+        .layer(Extension(site.documents))
         .layer(Extension(Arc::new(LiveFeed::new(live_status.clone(), closed))))
         .layer(Extension(site.replay_renderer.map(|renderer| Arc::new(RenderQueue::new(renderer)))));
     let router = match site.management {

@@ -204,6 +204,27 @@ impl CompareQuery {
     }
 }
 
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct DocsQuery {
+    /// Words to search for; empty for all documents.
+    pub(crate) q: String,
+}
+
+impl DocsQuery {
+    const MAX_WORDS: usize = 32;
+
+    /// Returns the words in lower case.
+    pub(crate) fn words(&self) -> Result<Vec<String>> {
+        let words: Vec<String> = self.q.split_whitespace().map(str::to_lowercase).collect();
+        if words.len() > Self::MAX_WORDS {
+            let message = format!("q has {} words, but must have at most {}", words.len(), Self::MAX_WORDS);
+            return Err(RequestError::Invalid(message));
+        }
+        Ok(words)
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ReplayQuery {

@@ -1,9 +1,9 @@
-//! Images: PNG, JPEG and Basis Universal (`.basis` files, as in HM3D, and KTX2 files) in, PNG out.
+//! Images: PNG, JPEG and Basis Universal in, PNG out.
 
+use crate::basis::{decode_basis, is_basis};
 use crate::files::{self, Checked, ImportReport, neighbour, refuse_if};
 use avln_scene::Texture;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXTURE_SIDE};
-use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use std::{collections::BTreeMap, io::Cursor, path::PathBuf};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -12,15 +12,6 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
-const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
-const BASIS_MAGIC: &[u8] = b"sB";
-/// Flag offset in a `.basis` header, and the flag for bottom row first.
-const BASIS_FLAGS_AT: usize = 21;
-const BASIS_BOTTOM_FIRST: u8 = 2;
-/// KTX2 metadata key for the orientation; the value's second letter is `u` for bottom row first.
-const ORIENTATION: &[u8] = b"KTXorientation\0";
-/// Bytes at a KTX2 file's start with the metadata.
-const METADATA_BYTES: usize = 1 << 16;
 const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
 /// Decodes an image without colour conversion; subtracts the texels from `budget`.
@@ -90,40 +81,6 @@ fn decode_jpeg(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     let raw = decoder.decode().map_err(fail)?;
     let texels = usize::from(header.width) * usize::from(header.height);
     texture(u32::from(header.width), u32::from(header.height), &raw, raw.len() / texels)
-}
-
-fn is_basis(bytes: &[u8]) -> bool {
-    bytes.starts_with(BASIS_MAGIC) || bytes.starts_with(KTX2_MAGIC)
-}
-
-/// Decodes the largest level, top row first, after `check_size` has accepted width and height.
-fn decode_basis(bytes: &[u8], check_size: impl FnOnce(usize, usize) -> Checked<()>) -> Checked<Texture> {
-    let fail = |error: basisu::Error| {
-        format!(
-            "it is a Basis Universal texture that cannot be decoded ({error:?}); convert it to PNG or JPEG"
-        )
-    };
-    let picture = Transcoder::new(bytes).map_err(fail)?;
-    let (width, height) = picture.base_dimensions();
-    check_size(width as usize, height as usize)?;
-    let mut pixels = picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(fail)?;
-    let row_bytes = 4 * width as usize;
-    refuse_if(pixels.len() != row_bytes * height as usize, || {
-        "its pixels do not fill its size; export it again".into()
-    })?;
-    if begins_at_the_bottom(bytes) {
-        pixels = pixels.chunks_exact(row_bytes).rev().flatten().copied().collect();
-    }
-    Ok(Texture { width, height, pixels })
-}
-
-fn begins_at_the_bottom(bytes: &[u8]) -> bool {
-    if bytes.starts_with(BASIS_MAGIC) {
-        return bytes.get(BASIS_FLAGS_AT).is_some_and(|flags| flags & BASIS_BOTTOM_FIRST != 0);
-    }
-    let metadata = &bytes[..bytes.len().min(METADATA_BYTES)];
-    let at = metadata.windows(ORIENTATION.len()).position(|window| window == ORIENTATION);
-    at.is_some_and(|at| metadata.get(at + ORIENTATION.len() + 1) == Some(&b'u'))
 }
 
 /// Makes a texture from grey, grey-alpha, RGB or RGBA bytes.

@@ -4,6 +4,7 @@
 //!
 //! This crate never depends on missions.
 
+mod basis;
 mod files;
 mod gibson;
 pub mod glb;

@@ -1,4 +1,4 @@
-//! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
+//! Furniture of procedural houses, by kind. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
 //! and returns matching words. The draft is called `k`, with the model `k.m` and the main paint `k.paint`.
 
 pub(super) mod beds;

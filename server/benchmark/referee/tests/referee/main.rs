@@ -1,5 +1,6 @@
 //! The referee from outside, on a hand-made floor: three boxes far apart, with the body in between. Replays.
 
+mod facts;
 mod rules;
 
 use avln_episode::{

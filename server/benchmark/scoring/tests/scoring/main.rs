@@ -111,6 +111,34 @@ fn needless_walk_costs_all_and_short_walk_nothing() {
 }
 
 #[test]
+fn path_adds_up_distances_in_all_directions() {
+    let script = [Did::plain(Action::MoveForward), Did::claim(Action::Stop, Some(0))];
+    let mut walk = record(&script, vec![false], EndReason::Stopped);
+    // (2, 3, 6) is 7 m long, and the way on by (-1, 2, -2) 3 m.
+    walk.steps[0].pose.position = Point3::new(2.0, 3.0, 6.0);
+    walk.steps[1].pose.position = Point3::new(1.0, 5.0, 4.0);
+    let truth = truth("a", "s", Order::Ordered, 1, 5.0);
+    let metrics = score(&truth, &walk, &Rules::paper());
+    assert_eq!((metrics.path_m, metrics.reference_m, metrics.spl), (10.0, 5.0, 0.5));
+}
+
+#[test]
+fn summary_counts_scenes_and_averages_found_goals() {
+    let episode = |episode: &str, scene: &str| {
+        scored(episode, scene, Order::Ordered, 1.0, &[false, false], &forward(1))
+    };
+    let mut episodes = [("a", "x"), ("b", "x"), ("c", "y"), ("d", "z")].map(|(id, scene)| episode(id, scene));
+    let summary = summarise(&episodes, 1).expect("four episodes");
+    assert_eq!((summary.episodes, summary.scenes), (4, 3));
+    assert_eq!((summary.steps_to_goal, summary.final_distance_m), (None, Some(1.0)));
+    episodes[0].metrics.steps_to_goal = vec![Some(4), None];
+    episodes[3].metrics.steps_to_goal = vec![Some(2), Some(9)];
+    episodes[3].metrics.final_distance_m = vec![None, Some(8.0)];
+    let summary = summarise(&episodes, 1).expect("four episodes");
+    assert_eq!((summary.steps_to_goal, summary.final_distance_m), (Some(5.0), Some(2.0)));
+}
+
+#[test]
 fn episode_without_goals_scores_zero() {
     let nothing: Metrics = scored("a", "s", Order::Ordered, 1.0, &[], &forward(3)).metrics;
     assert_eq!((nothing.sr, nothing.isr, nothing.osr, nothing.spl), (0.0, 0.0, 0.0, 0.0));

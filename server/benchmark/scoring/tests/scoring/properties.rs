@@ -5,7 +5,7 @@ use crate::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
 use avln_scoring::{
     Direction, Entry, EpisodeScore, EpisodeValue, Estimate, Key, METRICS, Metric, Metrics, Prominence,
-    RankedEntry, Summary, SummaryValue, rank, score, summarise,
+    RankedEntry, Summary, SummaryValue, Unit, rank, score, summarise,
 };
 use serde_json::{Value, json};
 
@@ -141,6 +141,47 @@ fn insignificant_difference_keeps_one_tie_group() {
     assert_eq!(rank_and_group(&places[1]), (2, 1));
 }
 
+/// Returns episodes in one scene with these values of ISR.
+fn episodes_with(values: &[f64]) -> Vec<EpisodeScore> {
+    let episode = |(index, &isr): (usize, &f64)| EpisodeScore {
+        episode: format!("e{index}"),
+        scene: "s".to_owned(),
+        order: Order::Ordered,
+        metrics: Metrics { isr, ..Metrics::default() },
+    };
+    values.iter().enumerate().map(episode).collect()
+}
+
+#[test]
+fn clear_difference_in_two_episodes_separates_entries() {
+    // The first entry leads. Resamples of two episodes have both differences as ends of the interval.
+    let cases: [(&str, &[f64], &[f64], u32); 4] = [
+        ("differences 1 and 1", &[1.0, 1.0], &[0.0, 0.0], 2),
+        ("one difference", &[1.0], &[0.0], 1),
+        ("differences 0.25 and -0.125", &[0.75, 0.5], &[0.5, 0.625], 1),
+        ("differences 0.5 and 0", &[1.0, 0.5], &[0.5, 0.5], 1),
+    ];
+    for (case, first, second, group) in cases {
+        let runs = [episodes_with(first), episodes_with(second)];
+        let summaries = runs.each_ref().map(|run| summarise(run, 1).expect("episodes"));
+        let entries = [competing(&summaries[0], &runs[0]), competing(&summaries[1], &runs[1])];
+        let places = rank(&entries, Key::Isr, 1);
+        assert_eq!((rank_and_group(&places[0]), rank_and_group(&places[1])), ((1, 1), (2, group)), "{case}");
+    }
+}
+
+#[test]
+fn tie_break_orders_entries_without_separating_them() {
+    let plain = episodes_with(&[0.5, 0.5]);
+    let mut successful = plain.clone();
+    successful[0].metrics.sr = 1.0;
+    let summaries = [summarise(&plain, 1).expect("episodes"), summarise(&successful, 1).expect("episodes")];
+    let entries = [competing(&summaries[0], &plain), competing(&summaries[1], &successful)];
+    let places = rank(&entries, Key::Isr, 1);
+    assert_eq!((places[0].entry, rank_and_group(&places[0])), (1, (1, 1)));
+    assert_eq!((places[1].entry, rank_and_group(&places[1])), (0, (2, 1)));
+}
+
 #[test]
 fn fewer_steps_rank_higher() {
     let quick = random_scores(1, 20);
@@ -258,12 +299,29 @@ fn rows_are_complete_and_unique() {
 }
 
 #[test]
+fn units_directions_and_secrets_are_as_listed() {
+    let ids = |is: fn(&Metric) -> bool| -> Vec<&str> {
+        METRICS.iter().filter(|metric| is(metric)).map(|metric| metric.id).collect()
+    };
+    let shares = ["sr", "isr", "isr_by_goal", "osr", "osr_all", "spl", "soft_spl", "sna"];
+    assert_eq!(ids(|m| m.unit == Unit::Share), shares);
+    assert_eq!(ids(|m| m.unit == Unit::Metres), ["path_m", "reference_m", "final_distance_m"]);
+    let higher: Vec<&str> = ["found"].into_iter().chain(shares).collect();
+    assert_eq!(ids(|m| m.direction == Some(Direction::Higher)), higher);
+    assert_eq!(ids(|m| m.direction.is_none()), ["goals", "reference_m"]);
+    assert_eq!(ids(|m| !m.hidden_until_reveal), ["goals", "steps", "path_m", "collisions"]);
+    let default = ["steps", "path_m", "collisions", "wrong_submits"];
+    assert_eq!(ids(|m| m.prominence == Prominence::Default), default);
+}
+
+#[test]
 fn every_key_has_one_row_with_both_values() {
     let in_table: Vec<Key> = METRICS.iter().filter_map(|metric| metric.key).collect();
     assert_eq!(in_table, Key::ALL);
     for key in Key::ALL {
         let word = serde_json::to_value(key).expect("JSON");
         assert_eq!(word, json!(key.as_str()));
+        assert_eq!(word, json!(key.to_string()));
         assert_eq!(key.as_str().parse(), Ok(key));
         assert!(key.metric().of(&distinct_metrics()).is_some() && key.metric().direction.is_some());
         assert!(key.metric().mean_of(&distinct_summary()).is_some());

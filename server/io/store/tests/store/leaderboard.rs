@@ -204,6 +204,18 @@ async fn filters_select_rows_and_keep_ranks() {
     }
 }
 
+#[test]
+fn only_default_filter_is_empty() {
+    assert!(RowFilter::default().is_empty());
+    for filter in [
+        RowFilter { words: "walk".to_owned(), ..RowFilter::default() },
+        RowFilter { team: TEAM.to_owned(), ..RowFilter::default() },
+        RowFilter { senses: [None, Some(false), None], ..RowFilter::default() },
+    ] {
+        assert!(!filter.is_empty(), "{filter:?}");
+    }
+}
+
 #[tokio::test]
 async fn disqualified_run_is_replaced_until_readmitted() {
     let arena = Arena::new(&phase("practice", 2)).await;

@@ -6,3 +6,4 @@ mod opening;
 mod phases;
 mod play;
 mod quota;
+mod views;

@@ -45,6 +45,9 @@ async fn only_admitted_teams_start_runs() {
     assert!(arena.store.approve("practice", TEAM, true, note("approved"), 11).await.expect("a team"));
     assert!(!arena.store.approve("practice", TEAM, true, note("approved"), 12).await.expect("a team"));
     start(&arena.store, "run_1", 13).await.expect("it was approved");
+    assert!(arena.store.approve("practice", TEAM, false, note("withdrawn"), 13).await.expect("a team"));
+    let withdrawn = start(&arena.store, "run_2", 13).await;
+    assert!(matches!(withdrawn, Err(StoreError::TeamNotApproved { .. })), "{withdrawn:?}");
     let digests = BTreeMap::new();
     let blue = NewRun { id: "run_2", token: "t", team: "blue", ..new_run(&digests) };
     arena.store.approve("practice", "blue", true, note("approved"), 14).await.expect("a team");
@@ -53,7 +56,7 @@ async fn only_admitted_teams_start_runs() {
     arena.store.upsert_phase(&closed, 16).await.expect("other teams");
     assert!(matches!(start(&arena.store, "run_3", 17).await, Err(StoreError::PhaseNotVisible { .. })));
     arena.store.start_run(&blue, 18).await.expect("the team is allowed");
-    assert_eq!(arena.store.audit().await.expect("a list").len(), 2);
+    assert_eq!(arena.store.audit().await.expect("a list").len(), 3);
 }
 
 #[tokio::test]

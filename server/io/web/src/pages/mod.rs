@@ -1,4 +1,4 @@
-//! HTML pages. They work without their scripts.
+//! HTML pages and their routes. The pages work without their scripts.
 
 mod docs;
 mod episode;

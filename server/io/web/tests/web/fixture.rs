@@ -7,7 +7,7 @@ use avln_store::{
     EpisodeResult, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store,
     TimeAccount, TokenScope, Visibility,
 };
-use avln_web::{LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
+use avln_web::{Documents, LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -15,7 +15,12 @@ use axum::{
 };
 use http_body_util::BodyExt;
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{Arc, LazyLock},
+};
 use tempfile::TempDir;
 use tower::ServiceExt;
 
@@ -82,7 +87,12 @@ impl Arena {
     /// Phase `open` with the runs `run_rude` (all goals found), `run_formula` (half of the goals found) and `run_begun` (one
     /// of two episodes played); phase `sealed` with `run_sealed`.
     pub(crate) async fn new() -> Self {
-        Self::open(|_| Site::default()).await
+        Self::with_documents(documents()).await
+    }
+
+    /// As [`Arena::new`], with other documents.
+    pub(crate) async fn with_documents(documents: Documents) -> Self {
+        Self::open(|_| Site { documents, ..Site::default() }).await
     }
 
     /// As [`Arena::new`], with a renderer.
@@ -95,12 +105,14 @@ impl Arena {
         replay_renderer: Option<Arc<dyn ReplayRenderer>>,
         live_status: Option<Arc<dyn LiveStatus>>,
     ) -> Self {
-        Self::open(|_| Site { replay_renderer, live_status, ..Site::default() }).await
+        Self::open(|_| Site { replay_renderer, live_status, documents: documents(), ..Site::default() }).await
     }
 
     /// As [`Arena::new`], with sign-in and management actions.
     pub(crate) async fn with_management(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
-        Self::open(|store| Site { management: Some(management(store)), ..Site::default() }).await
+        let site =
+            |store| Site { management: Some(management(store)), documents: documents(), ..Site::default() };
+        Self::open(site).await
     }
 
     async fn open(site: impl FnOnce(Store) -> Site) -> Self {
@@ -246,6 +258,33 @@ impl Arena {
         let request = Request::get(address).header(header::AUTHORIZATION, format!("Bearer {token}"));
         self.ask(request.body(Body::empty()).expect("a request")).await
     }
+}
+
+/// Root of the repository.
+pub(crate) fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
+}
+
+/// The repository's documents, read at run time: a changed document rebuilds no test.
+pub(crate) fn documents() -> Documents {
+    static DOCUMENTS: LazyLock<Documents> = LazyLock::new(read_documents);
+    DOCUMENTS.clone()
+}
+
+fn read_documents() -> Documents {
+    let read = |path: &str| fs::read_to_string(repository().join(path)).expect(path);
+    let summary = read("docs/SUMMARY.md");
+    let paths = listed(&summary);
+    let texts: Vec<String> = paths.iter().map(|path| read(path)).collect();
+    let files: Vec<_> = paths.iter().map(String::as_str).zip(texts.iter().map(String::as_str)).collect();
+    Documents::new(&summary, &files)
+}
+
+/// Returns the repository paths in the table of contents.
+pub(crate) fn listed(summary: &str) -> Vec<String> {
+    let links = summary.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    let path = |link: &str| link.strip_prefix("../").map_or_else(|| format!("docs/{link}"), str::to_owned);
+    links.map(path).collect()
 }
 
 fn phase(id: &str, visibility: Visibility) -> Phase {

@@ -1,8 +1,11 @@
 //! Golden pages, the API description, and static copies. `AVLN_BLESS=1 cargo test -p avln-web` rewrites the golden files; review the difference.
 
-use crate::{fixture::Arena, replay::FakeRenderer};
+use crate::{
+    fixture::{Arena, documents},
+    replay::FakeRenderer,
+};
 use avln_episode::Sensors;
-use avln_web::{FreezeError, freeze};
+use avln_web::{Documents, FreezeError, freeze};
 use axum::{
     body::Body,
     http::{Request, StatusCode, header},
@@ -232,7 +235,7 @@ async fn frozen(arena: &Arena, phase: Option<&str>) -> Files {
         files.insert(name.to_owned(), bytes.to_vec());
         Ok(())
     };
-    let count = freeze(&reader, phase, 100, write).await.expect("a copy");
+    let count = freeze(&reader, documents(), phase, 100, write).await.expect("a copy");
     assert_eq!(count, files.len());
     files
 }
@@ -294,6 +297,10 @@ async fn copies_are_complete_and_self_contained() {
             "{episode}"
         );
         assert!(!episode.contains("/eyes/"), "{episode}");
+        assert!(text(&files, "docs.html").contains("href=\"docs/glossary.html\""));
+        // A search needs the server.
+        let hides_forms = text(&files, "assets/app.css").contains(":root.frozen :is(.controls");
+        assert!(hides_forms && text(&files, "docs.html").contains("class=\"controls\">\n<form"));
         assert!(text(&files, "data/runs/run_formula/episodes/1/steps.csv").starts_with("step,action,"));
         assert!(text(&files, "data/phases/open/leaderboards.csv").contains("good walker"));
         let json: Value = serde_json::from_slice(&files["data/phases/open/leaderboards.json"]).expect("JSON");
@@ -318,9 +325,9 @@ async fn copies_hold_no_hidden_data() {
 async fn unknown_phases_and_full_disks_fail() {
     let arena = Arena::new().await;
     let reader = arena.store.reader();
-    let unknown = freeze(&reader, Some("nowhere"), 100, &mut |_, _| Ok(())).await;
+    let unknown = freeze(&reader, Documents::default(), Some("nowhere"), 100, &mut |_, _| Ok(())).await;
     assert!(matches!(unknown, Err(FreezeError::NoPhase(phase)) if phase == "nowhere"));
     let full = &mut |_: &str, _: &[u8]| Err(io::Error::from(io::ErrorKind::StorageFull));
-    let failed = freeze(&reader, Some("open"), 100, full).await;
+    let failed = freeze(&reader, Documents::default(), Some("open"), 100, full).await;
     assert!(matches!(failed, Err(FreezeError::File { .. })), "{failed:?}");
 }

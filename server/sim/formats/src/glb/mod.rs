@@ -6,6 +6,7 @@
 //! have no instance.
 
 mod document;
+mod draco;
 mod export;
 mod source;
 mod surfaces;

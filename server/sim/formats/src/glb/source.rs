@@ -1,13 +1,10 @@
-//! A file's content: GLB container, external files, `data:` URIs, accessors, and primitives packed with Draco
-//! (`KHR_draco_mesh_compression`).
+//! A file's content: GLB container, external files, `data:` URIs and accessors.
 
 use crate::files::{Checked, neighbour, read_limited, refuse_if};
-use crate::glb::document::{Accessor, Document, Primitive, Sparse, SparsePart, missing};
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES, MAX_TRIANGLES, MAX_VERTICES};
+use crate::glb::document::{Accessor, Document, Sparse, SparsePart, missing};
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use base64::{Engine as _, alphabet};
-use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
-use serde_json::Value;
 use std::{borrow::Cow, path::Path};
 
 const MAGIC: &[u8; 4] = b"glTF";
@@ -293,7 +290,7 @@ impl<'a> Elements<'a> {
 }
 
 /// Bytes per number of a component type, and the stored number for 1 if it is normalised.
-fn component_size(component: u32) -> Option<(usize, f32)> {
+pub(super) fn component_size(component: u32) -> Option<(usize, f32)> {
     Some(match component {
         U8 => (1, 255.0),
         I8 => (1, 127.0),
@@ -334,60 +331,6 @@ pub(super) struct PrimitiveVertices {
     pub(super) uvs: Option<Vec<[f32; 2]>>,
     /// Linear light, 0 to 1.
     pub(super) colors: Option<Vec<[f32; 3]>>,
-}
-
-pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
-/// Attribute bytes in a primitive.
-const MAX_DECODED_BYTES: u64 = 1 << 30;
-
-/// Decodes a packed primitive: vertices, and triangle corners. `set` is the texture coordinate set.
-pub(super) fn unpack_draco(
-    source: &Source<'_>,
-    primitive: &Primitive,
-    packed: &Value,
-    set: u32,
-) -> Checked<(PrimitiveVertices, Vec<u32>)> {
-    let fail = |reason: &str| format!("a Draco-packed primitive {reason}; export it uncompressed");
-    let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("has no data"))?;
-    // The packed data announces its own sizes, which the accessors need not confirm.
-    let limits = DecodeLimits::default()
-        .with_max_points(MAX_VERTICES as u64)
-        .with_max_faces(MAX_TRIANGLES as u64)
-        .with_max_decoded_bytes(MAX_DECODED_BYTES);
-    let mut mesh = Mesh::new();
-    let mut buffer = DecoderBuffer::new(source.view(view as usize)?).with_limits(limits);
-    MeshDecoder::new()
-        .decode(&mut buffer, &mut mesh)
-        .map_err(|error| fail(&format!("cannot be read ({error})")))?;
-    let points = mesh.num_points();
-    if points > MAX_VERTICES || mesh.num_faces() > MAX_TRIANGLES {
-        return Err(fail("is too large"));
-    }
-    let attribute = |name: &str| {
-        let id = packed.get("attributes")?.get(name)?.as_u64()?;
-        mesh.attribute_by_unique_id(u32::try_from(id).ok()?)
-            .map(|found| (found, draco_scale(source, primitive, name)))
-    };
-    let corners = PrimitiveVertices {
-        positions: draco_values(attribute("POSITION").ok_or_else(|| fail("has no POSITION"))?, points),
-        uvs: attribute(&format!("TEXCOORD_{set}")).map(|found| draco_values(found, points)),
-        colors: attribute("COLOR_0").map(|found| draco_values(found, points)),
-    };
-    let order = mesh.faces().iter().flatten().map(|point| point.0).collect();
-    Ok((corners, order))
-}
-
-fn draco_values<const N: usize>((attribute, scale): (&PointAttribute, f32), points: usize) -> Vec<[f32; N]> {
-    let values = attribute.read_f32s(points, N);
-    values.as_chunks::<N>().0.iter().map(|element| element.map(|value| value * scale)).collect()
-}
-
-/// Value for a stored 1, by the attribute's accessor.
-fn draco_scale(source: &Source<'_>, primitive: &Primitive, name: &str) -> f32 {
-    let accessor = primitive.attributes.get(name).and_then(|&index| source.document.accessors.get(index));
-    let normalized = accessor.filter(|accessor| accessor.normalized);
-    let size = normalized.and_then(|accessor| component_size(accessor.component_type));
-    size.map_or(1.0, |(_, full_scale)| 1.0 / full_scale)
 }
 
 #[cfg(test)]

@@ -114,6 +114,7 @@ fn request(phase: &str) -> RunRequest {
 
 #[tokio::test]
 async fn repeated_apply_changes_nothing() {
+    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     assert!(!hall.apply(FILE).await.is_empty());
     let lines = hall.audit_lines().await;
@@ -134,6 +135,7 @@ async fn repeated_apply_changes_nothing() {
 
 #[tokio::test]
 async fn manual_decisions_survive_apply() {
+    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
@@ -148,6 +150,7 @@ async fn manual_decisions_survive_apply() {
 
 #[tokio::test]
 async fn nonsense_value_error_has_line() {
+    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     let cases = [
         ("split = \"val\"", "split = \"train\"", 4, "split 'train'"),
@@ -182,6 +185,7 @@ async fn nonsense_value_error_has_line() {
 
 #[tokio::test]
 async fn running_server_sees_organiser_changes() {
+    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
@@ -224,6 +228,7 @@ async fn running_server_sees_organiser_changes() {
 
 #[tokio::test]
 async fn run_samples_are_fixed_and_fulfilled() {
+    let _memory = crate::MEMORY.read().await;
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");

@@ -1,6 +1,6 @@
 //! A scripted server.
 
-#![allow(dead_code, unreachable_pub, missing_docs, reason = "each test file uses a part of it")]
+#![allow(unreachable_pub, missing_docs, reason = "a test module")]
 
 use avln_proto::{
     REASON_KEY,

@@ -1,9 +1,7 @@
 //! Connecting, and everything around playing.
 
-mod fake;
-
+use crate::fake::{TOKEN, serve};
 use avln_client::{Client, Error, Order, PhaseState, QuotaWindow, Reason, RunOptions, RunState};
-use fake::{TOKEN, serve};
 use std::io::{Read, Write};
 
 async fn connect() -> Client {

@@ -1,13 +1,11 @@
 //! The client against a server that plays by a script.
 
-mod fake;
-
+use crate::fake::{RUN_TOKEN, SIDE, Stage, TOKEN, fault, observation, refusal, serve, welcome};
 use avln_client::{
     Action, Agent, Client, EndReason, Error, GoalCue, Mission, Observation, Order, Play, Reason, Run,
     RunOptions, Sensors, TaskSpec, evaluate, evaluate_slots,
 };
 use avln_proto::v1::{self, play_request::Frame as Asked, play_response::Frame as Told};
-use fake::{RUN_TOKEN, SIDE, Stage, fault, observation, refusal, serve, welcome};
 use std::{future::Future, time::Duration};
 use tonic::{Code, Status};
 
@@ -64,7 +62,7 @@ impl Agent for Walker {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_whole_run_is_evaluated() {
-    let client = Client::connect(serve(two_episodes).await, fake::TOKEN).await.unwrap();
+    let client = Client::connect(serve(two_episodes).await, TOKEN).await.unwrap();
     let run = client.start_run(RunOptions::new("practice", "walker").order(Order::Unordered)).await.unwrap();
     assert_eq!((run.id.as_str(), run.episodes, run.max_slots), ("run_1", 2, 2));
     let mut walker = Walker { steps: 3, entered: vec![], begun: 0 };

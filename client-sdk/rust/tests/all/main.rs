@@ -1,0 +1,5 @@
+//! Tests against scripted servers.
+
+mod conversation;
+mod fake;
+mod services;

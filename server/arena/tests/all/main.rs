@@ -1,0 +1,7 @@
+//! Challenge files, and damaged files of every kind.
+
+mod challenge;
+mod mangled;
+
+/// Memory of this process: exclusive for tests that measure it.
+static MEMORY: tokio::sync::RwLock<()> = tokio::sync::RwLock::const_new(());

@@ -1,0 +1,173 @@
+//! Facts in the record, and the referee's state, which agents never see.
+
+use crate::{AHEAD, ASSETS, BACK, blind, episode, go, mission, quick, record, truth};
+use avln_episode::{
+    Action::{MoveForward, Submit, TurnLeft, TurnRight},
+    EndReason, Feedback, GoalCue, Mission, Order, Point3, Pose, RgbImage, Rules, Sensors,
+};
+use avln_referee::{Audio, Head, Referee, RefereeError};
+use avln_truth::{EpisodeTruth, StepFacts};
+
+/// Returns a blind and deaf episode.
+fn play(truth: EpisodeTruth, rules: Rules) -> Referee {
+    Referee::new(ASSETS.clone(), mission(truth.order), truth, rules, blind(), &Audio::default())
+        .expect("a legal episode")
+}
+
+/// Returns a truth with the start at (`x`, `z`), facing -Z.
+fn start_at(x: f32, z: f32, order: Order) -> EpisodeTruth {
+    EpisodeTruth { start: Pose::new(Point3::new(x, 0.0, z), 0.0), ..truth(order) }
+}
+
+#[test]
+fn every_goal_has_its_own_region_bit() {
+    let mut referee = quick(Order::Unordered);
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &BACK);
+    go(&mut referee, &[(TurnRight, 3), (MoveForward, 12), (TurnLeft, 6), (MoveForward, 24)]);
+    let facts = record(referee);
+    // Beside the first target, at the start, beside the second and beside the third target.
+    let regions = [12, 30, 45, 75].map(|step: usize| facts.steps[step - 1].in_region);
+    assert_eq!(regions, [0b001, 0, 0b010, 0b100]);
+}
+
+#[test]
+fn start_regions_and_final_distances_are_recorded() {
+    let facts = record(play(start_at(0.0, -3.0, Order::Unordered), Rules::paper()));
+    assert_eq!(facts.in_region_at_start, [true, false, false]);
+    // Each region is one place: (0, -3.75), (-3.75, 0) and (3.75, 0).
+    let aside_m = 3.75_f64.hypot(3.0);
+    assert_eq!(facts.final_distance_m.len(), 3);
+    for (found, expected) in facts.final_distance_m.iter().zip([0.75, aside_m, aside_m]) {
+        assert!(found.is_some_and(|metres| (metres - expected).abs() < 0.01), "{found:?}, not {expected}");
+    }
+}
+
+#[test]
+fn distractors_share_the_category_on_any_floor() {
+    // Beside the distractor of the first goal; beside the second target, while the first goal is next.
+    for (x, z, wrong_instance) in [(4.0, 6.0, Some(0)), (-3.0, 0.0, None)] {
+        let mut truth = start_at(x, z, Order::Ordered);
+        truth.targets[0].floor_y_m = 3.0;
+        let mut referee = play(truth, Rules::paper());
+        go(&mut referee, &[(Submit, 1)]);
+        let submits = record(referee).submits;
+        assert_eq!((submits[0].completed, submits[0].wrong_instance), (None, wrong_instance), "({x}, {z})");
+    }
+}
+
+#[test]
+fn authors_rules_need_the_target_in_the_picture() {
+    let mut referee = episode(Order::Unordered, Rules::authors(), blind());
+    go(&mut referee, &AHEAD);
+    // The picture is 45 degrees wide to each side; the target spans 8 degrees to each side of its centre.
+    let at_60_degrees = go(&mut referee, &[(TurnLeft, 2), (Submit, 1)]).observation.feedback;
+    let at_30_degrees = go(&mut referee, &[(TurnRight, 1), (Submit, 1)]).observation.feedback;
+    assert_eq!((at_60_degrees, at_30_degrees), (Feedback::Verdict(false), Feedback::Verdict(true)));
+    let facts = record(referee);
+    assert_eq!(facts.found_at(3), [Some(17), None, None]);
+    assert_eq!([11, 13, 15].map(|index: usize| facts.steps[index].in_region), [0b001, 0, 0b001]);
+}
+
+#[test]
+fn authors_rules_need_a_walk_below_the_radius() {
+    let inside = |success_radius_m: f32| {
+        let rules = Rules { success_radius_m, ..Rules::authors() };
+        // On the viewpoint of the first target, which is ahead: the walk has no length.
+        record(play(start_at(0.0, -3.75, Order::Unordered), rules)).in_region_at_start
+    };
+    assert_eq!(inside(0.001), [true, false, false]);
+    assert_eq!(inside(0.0), [false; 3]);
+}
+
+#[test]
+fn authors_schedule_counts_moves_and_turns_only() {
+    let mut referee = episode(Order::Unordered, Rules::authors(), blind());
+    assert_eq!(referee.sounding(), None, "before the first observation");
+    go(&mut referee, &[(Submit, 1), (TurnLeft, 25)]);
+    assert_eq!(referee.sounding(), Some(0));
+    go(&mut referee, &[(TurnLeft, 1)]);
+    assert_eq!(referee.sounding(), Some(1));
+    let sounding: Vec<_> = record(referee).steps.iter().map(|step| step.sounding).collect();
+    assert_eq!(sounding, [vec![Some(0); 26], vec![Some(1)]].concat());
+}
+
+#[test]
+fn hash_and_openness_follow_goal_states() {
+    // Each goal rotates the hash by five bits and adds its state without carry: open 1, found 2, skipped 3. Without the
+    // body's hash, rotated by 15 bits, the states remain in five bits each: 0x421 is 1, 1, 1.
+    let states = |referee: &Referee| referee.state_hash() ^ referee.world().state_hash().rotate_left(15);
+    let mut referee = quick(Order::Ordered);
+    assert_eq!((states(&referee), referee.is_open()), (0x421, vec![true; 3]));
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &[(Submit, 1)]);
+    assert_eq!((states(&referee), referee.is_open()), (0x821, vec![false, true, true]));
+    let mut referee = episode(Order::Ordered, Rules::authors(), blind());
+    go(&mut referee, &[(Submit, 1)]);
+    assert_eq!((states(&referee), referee.is_open()), (0xc21, vec![false, true, true]));
+}
+
+#[test]
+fn most_bytes_add_sound_pictures_and_steps() {
+    let picture = RgbImage { width: 2, height: 3, pixels: vec![0; 18] };
+    let mut goals = mission(Order::Ordered).goals;
+    (goals[1], goals[2]) = (GoalCue::Image(picture), GoalCue::Description("the red box".to_owned()));
+    let bytes = |sensors: Sensors| {
+        let mission = Mission { order: Order::Ordered, goals: goals.clone() };
+        let referee = Referee::new(
+            ASSETS.clone(),
+            mission,
+            truth(Order::Ordered),
+            Rules::paper(),
+            sensors,
+            &Audio::default(),
+        )
+        .expect("a legal episode");
+        (referee.most_bytes(), referee.world().most_bytes())
+    };
+    let steps = 1000 * size_of::<StepFacts>();
+    assert_eq!(bytes(blind()), (18 + steps, 0));
+    let (most, sound) = bytes(Sensors { audio: true, ..blind() });
+    assert!(sound > 0);
+    assert_eq!(most, sound + 18 + steps);
+}
+
+#[test]
+fn first_end_from_outside_counts() {
+    let mut referee = quick(Order::Unordered);
+    go(&mut referee, &[(TurnLeft, 1)]);
+    assert_eq!(referee.end(), None);
+    referee.truncate(EndReason::Disconnected);
+    referee.truncate(EndReason::TimeBudget);
+    assert_eq!(referee.end(), Some(EndReason::Disconnected));
+    let error = referee.step(TurnLeft).expect_err("it is over");
+    assert!(matches!(error, RefereeError::Over { reason: EndReason::Disconnected, steps: 1 }), "{error}");
+    assert_eq!(record(referee).end, EndReason::Disconnected);
+    let mut running = quick(Order::Unordered);
+    go(&mut running, &[(TurnLeft, 1)]);
+    assert_eq!(record(running).end, EndReason::Abandoned);
+}
+
+#[test]
+fn cameras_send_requested_pictures_only() {
+    for (rgb, depth) in [(true, false), (false, true)] {
+        let sensors = Sensors { rgb, depth, audio: false, ..Sensors::all(64, 64) };
+        let seen = episode(Order::Ordered, Rules::paper(), sensors).start();
+        let lengths = (seen.rgb.map(|bytes| bytes.len()), seen.depth.map(|metres| metres.len()));
+        assert_eq!(lengths, (rgb.then_some(64 * 64 * 3), depth.then_some(64 * 64)));
+    }
+}
+
+#[test]
+fn sound_is_heard_with_the_given_head() {
+    let heard = |head: Head| {
+        let (order, audio) = (Order::Ordered, Audio { head, ..Audio::default() });
+        let sensors = Sensors { audio: true, ..blind() };
+        Referee::new(ASSETS.clone(), mission(order), truth(order), Rules::paper(), sensors, &audio)
+            .expect("a legal episode")
+            .start()
+            .audio
+    };
+    let (omni, sphere) = (heard(Head::Omni), heard(Head::Sphere));
+    assert!(omni.is_some() && omni != sphere, "the head shapes the sound");
+}

@@ -1,0 +1,225 @@
+//! Markdown as HTML, and as sections for the search.
+
+use super::{Document, DocumentSection};
+use pulldown_cmark::{Alignment, CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    iter,
+};
+
+/// Renders the document at `path`; its title is the first heading. Links to other `pages` lead to their addresses, links to
+/// other files become plain text, and HTML in the text is escaped.
+pub(super) fn render(path: &str, text: &str, pages: &BTreeSet<&str>) -> Document {
+    let events: Vec<Event> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
+    let (title, rest) = split_title(events);
+    let events = anchored(linked(path, pages, rest.into_iter().map(harmless).collect()));
+    let sections = sections(&title, &events);
+    let mut html = String::new();
+    html::push_html(&mut html, framed(events, &title).into_iter());
+    // Scrollable blocks must be reachable by keyboard (accessibility).
+    let html = html.replace("<pre>", "<pre tabindex=\"0\">");
+    Document { slug: slug(path), title, html, sections }
+}
+
+/// Returns the document's address below `/docs/`.
+fn slug(path: &str) -> String {
+    let inside = path.strip_prefix("docs/").or(path.strip_prefix("proto/")).unwrap_or(path);
+    inside.trim_end_matches(".md").to_lowercase()
+}
+
+/// Returns the repository path of a relative link in the file at `path`.
+pub(super) fn resolve(path: &str, link: &str) -> String {
+    let mut parts: Vec<&str> = path.split('/').collect();
+    parts.pop();
+    for part in link.split('/') {
+        match part {
+            ".." => _ = parts.pop(),
+            "." => {}
+            name => parts.push(name),
+        }
+    }
+    parts.join("/")
+}
+
+fn split_title(events: Vec<Event<'_>>) -> (String, Vec<Event<'_>>) {
+    let is_end = |event: &Event| matches!(event, Event::End(TagEnd::Heading(HeadingLevel::H1)));
+    let Some(end) = events.iter().position(is_end) else { return (String::new(), events) };
+    let title = plain(&events[..end]);
+    (title, events.into_iter().skip(end + 1).collect())
+}
+
+fn plain(events: &[Event]) -> String {
+    let texts = events.iter().filter_map(|event| match event {
+        Event::Text(text) | Event::Code(text) => Some(text.as_ref()),
+        _ => None,
+    });
+    texts.collect()
+}
+
+/// Turns HTML into text, and removes column alignment: the content security policy blocks inline styles.
+fn harmless(event: Event<'_>) -> Event<'_> {
+    match event {
+        Event::Html(text) | Event::InlineHtml(text) => Event::Text(text),
+        Event::Start(Tag::Table(columns)) => Event::Start(Tag::Table(vec![Alignment::None; columns.len()])),
+        other => other,
+    }
+}
+
+fn linked<'a>(path: &str, pages: &BTreeSet<&str>, events: Vec<Event<'a>>) -> Vec<Event<'a>> {
+    let mut open = Vec::new();
+    let mut linked = Vec::with_capacity(events.len());
+    for event in events {
+        match event {
+            Event::Start(Tag::Link { link_type, dest_url, title, id }) => {
+                let target = target(path, pages, &dest_url);
+                open.push(target.is_some());
+                if let Some(target) = target {
+                    linked.push(Event::Start(Tag::Link { link_type, dest_url: target.into(), title, id }));
+                }
+            }
+            Event::End(TagEnd::Link) if !open.pop().unwrap_or(false) => {}
+            other => linked.push(other),
+        }
+    }
+    linked
+}
+
+/// Returns the address for a link in the document at `path`; `None` for files without a page.
+fn target(path: &str, pages: &BTreeSet<&str>, link: &str) -> Option<String> {
+    if link.starts_with("https://") || link.starts_with("http://") || link.starts_with('#') {
+        return Some(link.to_owned());
+    }
+    let (file, place) = link.split_once('#').map_or((link, None), |(file, place)| (file, Some(place)));
+    let file = resolve(path, file);
+    let page = pages.contains(file.as_str()).then(|| format!("/docs/{}", slug(&file)))?;
+    Some(place.map_or(page.clone(), |place| format!("{page}#{place}")))
+}
+
+/// Adds an id to each heading; the second one of the same name ends in `-1`, as on GitHub.
+fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
+    let mut counts: BTreeMap<String, u32> = BTreeMap::new();
+    for at in 0..events.len() {
+        let Event::Start(Tag::Heading { level, .. }) = events[at] else { continue };
+        let anchor = anchor(&plain(heading(&events[at..])));
+        let earlier = counts.entry(anchor.clone()).or_default();
+        let id = if *earlier == 0 { anchor } else { format!("{anchor}-{earlier}") };
+        *earlier += 1;
+        let id = Some(CowStr::from(id));
+        events[at] = Event::Start(Tag::Heading { level, id, classes: Vec::new(), attrs: Vec::new() });
+    }
+    events
+}
+
+/// Returns the heading at the start of `events`.
+fn heading<'a, 'text>(events: &'a [Event<'text>]) -> &'a [Event<'text>] {
+    let is_end = |event: &Event| matches!(event, Event::End(TagEnd::Heading(_)));
+    &events[..events.iter().position(is_end).unwrap_or(0)]
+}
+
+/// Returns the heading id: lower case with hyphens, as on GitHub.
+fn anchor(words: &str) -> String {
+    let kept = words.to_lowercase();
+    let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+    kept.collect::<String>().replace(' ', "-")
+}
+
+/// Splits a document at its headings. The title is a section too.
+fn sections(title: &str, events: &[Event]) -> Vec<DocumentSection> {
+    let is_heading = |event: &Event| matches!(event, Event::Start(Tag::Heading { .. }));
+    let (heading, anchor) = (String::new(), String::new());
+    let top = DocumentSection { heading, anchor, words: title.to_lowercase() };
+    let parts = events.chunk_by(|_, next| !is_heading(next));
+    iter::once(top).chain(parts.map(section)).collect()
+}
+
+fn section(events: &[Event]) -> DocumentSection {
+    let anchor = match events.first() {
+        Some(Event::Start(Tag::Heading { id: Some(id), .. })) => id.to_string(),
+        _ => String::new(),
+    };
+    DocumentSection { heading: plain(heading(events)), anchor, words: words(events) }
+}
+
+/// Returns the text in lower case, with a space between blocks.
+fn words(events: &[Event]) -> String {
+    let pieces = events.iter().map(|event| match event {
+        Event::Text(text) | Event::Code(text) => text.as_ref(),
+        Event::SoftBreak | Event::HardBreak => " ",
+        Event::End(TagEnd::Emphasis | TagEnd::Strong | TagEnd::Link | TagEnd::Image) => "",
+        Event::End(_) => " ",
+        _ => "",
+    });
+    pieces.collect::<String>().to_lowercase()
+}
+
+fn framed<'a>(events: Vec<Event<'a>>, title: &str) -> Vec<Event<'a>> {
+    let mut framed = Vec::with_capacity(events.len());
+    let mut tables = 0;
+    for event in events {
+        match event {
+            Event::Start(Tag::Table(_)) => {
+                tables += 1;
+                let name = format!("Table {tables} of {title}").replace(['"', '<', '>', '&'], "");
+                let frame =
+                    format!("<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{name}\">\n");
+                framed.extend([Event::Html(frame.into()), event]);
+            }
+            Event::End(TagEnd::Table) => framed.extend([event, Event::Html("</div>\n".into())]),
+            other => framed.push(other),
+        }
+    }
+    framed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAGES: [&str; 3] = ["docs/a.md", "docs/scoring.md", "proto/PROTOCOL.md"];
+
+    fn html(path: &str, text: &str) -> String {
+        render(path, text, &BTreeSet::from(PAGES)).html
+    }
+
+    #[test]
+    fn addresses_follow_file_names() {
+        assert_eq!(slug("docs/GLOSSARY.md"), "glossary");
+        assert_eq!(slug("proto/PROTOCOL.md"), "protocol");
+        assert_eq!(slug("docs/decisions/0001-a.md"), "decisions/0001-a");
+    }
+
+    #[test]
+    fn the_first_heading_is_the_title() {
+        let page =
+            render("docs/a.md", "# Of `all`\n\nText.\n\n## What it's for, now\n", &BTreeSet::from(PAGES));
+        assert_eq!(page.title, "Of all");
+        assert_eq!(page.html, "<p>Text.</p>\n<h2 id=\"what-its-for-now\">What it's for, now</h2>\n");
+    }
+
+    #[test]
+    fn anchors_are_unique() {
+        let ids = html("docs/a.md", "# T\n\n## Same\n\n## Same\n\n## Other\n\n### Same\n");
+        for id in ["same", "same-1", "same-2", "other"] {
+            assert_eq!(ids.matches(&format!("id=\"{id}\"")).count(), 1, "{ids}");
+        }
+    }
+
+    #[test]
+    fn links_lead_to_pages_or_become_text() {
+        let text = "[a](scoring.md#spl) [b](../proto/PROTOCOL.md) [c](challenge.toml) [d](https://e.org/x) [e](#here)";
+        let expected = "<a href=\"/docs/scoring#spl\">a</a> <a href=\"/docs/protocol\">b</a> c \
+                        <a href=\"https://e.org/x\">d</a> <a href=\"#here\">e</a>";
+        assert_eq!(html("docs/a.md", text), format!("<p>{expected}</p>\n"));
+        let text = "[s](../scoring.md) [n](javascript:alert) [o](../../../../etc)";
+        let html = html("docs/decisions/x.md", text);
+        assert_eq!(html, "<p><a href=\"/docs/scoring\">s</a> n o</p>\n");
+    }
+
+    #[test]
+    fn html_is_escaped_and_tables_scroll() {
+        let text = "# T\n\n<b onclick=\"x\">hi</b>\n\n| a | b |\n|---|--:|\n| 1 | 2 |\n";
+        let html = html("docs/a.md", text);
+        assert!(!html.contains("<b") && html.contains("&lt;b onclick"), "{html}");
+        assert!(html.contains("aria-label=\"Table 1 of T\"") && !html.contains("style="), "{html}");
+    }
+}
