@@ -122,7 +122,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
 
 /// Imports permitted only in tests and benches.
 const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
-    ("formats", &["houses"]),
+    // Itself, with all features.
+    ("formats", &["formats", "houses"]),
     ("navmesh", &["formats", "houses"]),
     ("render", &["formats", "houses"]),
     ("acoustics", &["formats", "houses"]),
