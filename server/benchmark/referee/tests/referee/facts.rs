@@ -26,7 +26,7 @@ fn every_goal_has_its_own_region_bit() {
     go(&mut referee, &BACK);
     go(&mut referee, &[(TurnRight, 3), (MoveForward, 12), (TurnLeft, 6), (MoveForward, 24)]);
     let facts = record(referee);
-    // Beside the first target, at the start, beside the second and beside the third target.
+    // Next to the first target, at the start, next to the second and next to the third target.
     let regions = [12, 30, 45, 75].map(|step: usize| facts.steps[step - 1].in_region);
     assert_eq!(regions, [0b001, 0, 0b010, 0b100]);
 }
@@ -45,7 +45,7 @@ fn start_regions_and_final_distances_are_recorded() {
 
 #[test]
 fn distractors_share_the_category_on_any_floor() {
-    // Beside the distractor of the first goal; beside the second target, while the first goal is next.
+    // Next to the distractor of the first goal; next to the second target, while the first goal is next.
     for (x, z, wrong_instance) in [(4.0, 6.0, Some(0)), (-3.0, 0.0, None)] {
         let mut truth = start_at(x, z, Order::Ordered);
         truth.targets[0].floor_y_m = 3.0;
