@@ -37,14 +37,19 @@ const PARTICIPANT: Journey = Journey {
         "docs/FAQ.md",
         "docs/VERIFYING.md",
     ],
-    before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
-avln data split make few --houses 1 --missions 2 && avln challenge phase open practice --split few",
+    before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb",
     instead: &[
         // First, because entries below add options to `avln demo`.
         ("avln demo", "avln demo --houses 1 --missions 2"),
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
+        // The demo in a scan has replaced the server.
+        (
+            "avln challenge team add \"My team\"",
+            "avln demo --houses 1 --missions 2 && avln challenge team add \"My team\"",
+        ),
         ("--houses 10 --missions 20", "--houses 1 --missions 2"),
+        ("--houses 3 --missions 4", "--houses 1 --missions 2"),
         ("--episodes 2 --steps 900", "--episodes 1 --steps 9"),
         ("http://127.0.0.1:50051", "$AVLN_SERVER"),
         ("tcp://127.0.0.1:5555", "tcp://127.0.0.1:*"),
@@ -63,11 +68,11 @@ avln data split make few --houses 1 --missions 2 && avln challenge phase open pr
         ("git clone", "the tests run in a clone"),
         ("docker", "an engine may be missing"),
         ("pip install", "the package is installed, or its lines are skipped"),
-        ("cd .. && cargo new", "the example is compiled with all tests"),
-        ("cargo add", "the example is compiled with all tests"),
-        ("cp ../lh-avln-arena", "the example is compiled with all tests"),
-        ("cargo run -r", "the example is compiled with all tests"),
+        ("cd .. && cargo new", "the check of the packages compiles and runs it"),
+        ("cargo add", "the check of the packages compiles and runs it"),
+        ("cargo run -r", "the check of the packages compiles and runs it"),
         ("cargo bench", "benchmarks take minutes"),
+        ("python3 -m venv .venv", "the package is installed, or its lines are skipped"),
         ("python3 -m venv /tmp/venv", "peers of benchmarks are not installed"),
         ("apt-get install libgl1", "peers of benchmarks are not installed"),
         ("/tmp/venv/bin/python", "peers of benchmarks are not installed"),

@@ -6,6 +6,7 @@ import json
 import random
 import runpy
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,8 +16,6 @@ from avln.cli import main
 from avln.player import load_agent
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conftest import Endpoint
 
 AGENT = """
@@ -201,7 +200,9 @@ def test_quickstart_agent_avoids_walls(tmp_path: Path) -> None:
 
     file = tmp_path / "twenty_lines.py"
     quickstart.write(file)
-    assert len(quickstart.AGENT.splitlines()) <= 24
+    assert len(quickstart.AGENT.splitlines()) <= 28
+    document = Path(__file__).parents[3] / "docs" / "QUICKSTART.md"
+    assert quickstart.AGENT.split('"""\n\n', 1)[1] in document.read_text(encoding="utf-8")
     agent = load_agent(str(file))()
     agent.begin(avln.TaskSpec(), avln.Mission())
     free, wall = np.full((9, 9), 3.0, np.float32), np.full((9, 9), 0.5, np.float32)

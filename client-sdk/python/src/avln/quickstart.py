@@ -16,19 +16,23 @@ import avln
 
 
 class Agent:
-    sensors = avln.Sensors.square(128)
-
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
-        self.reach_m = 3 * task.forward_m
-        print([goal.text or "an image" for goal in mission.goals])
+        print(mission.order, [goal.text or "an image" for goal in mission.goals])
+        self.goals = mission.goals  # goal.text: category or sentence; goal.image: uint8 [height, width, 3]
 
     def act(self, seen: avln.Observation) -> avln.Action:
         if seen.remaining_steps == 1:
             return avln.Action.STOP
-        rows, columns = seen.depth.shape
-        ahead = seen.depth[rows // 3 : 2 * rows // 3, columns // 3 : 2 * columns // 3]
-        is_free = ahead[ahead > 0].min(initial=self.reach_m + 1) > self.reach_m
+        if self.is_at_goal(seen):
+            return avln.Action.SUBMIT
+        third = len(seen.depth) // 3
+        ahead = seen.depth[third:-third, third:-third]  # metres, float32 [height, width]; 0: no surface in range
+        is_free = ahead[ahead > 0].min(initial=9) > 0.75
         return avln.Action.MOVE_FORWARD if is_free else avln.Action.TURN_LEFT
+
+    def is_at_goal(self, seen: avln.Observation) -> bool:
+        """Insert your detector: compare seen.rgb, seen.depth and seen.audio with self.goals."""
+        return False
 '''
 
 

@@ -237,10 +237,3 @@ pub(crate) async fn find_token(pool: &SqlitePool, token: &TokenHash, now_unix_ms
     let is_expired = row.token.expires_unix_ms.is_some_and(|expires| expires <= now_unix_ms);
     Ok(if is_expired { TokenState::Expired } else { TokenState::Valid(row.token) })
 }
-
-/// Returns a team's reference kind; `None` for a competing team.
-pub(crate) async fn read_reference(tx: &mut Transaction<'_>, team: &str) -> Result<Option<Reference>> {
-    let select = "SELECT reference FROM teams WHERE name = $1";
-    let word: Option<Word<Reference>> = sqlx::query_scalar(select).bind(team).fetch_one(&mut **tx).await?;
-    Ok(value(word))
-}

@@ -147,7 +147,7 @@ impl Reader {
         let order = run.order;
         let mission = MissionView { order, goals: goal_views(goals, metrics.as_ref(), sight) };
         Ok(Some(EpisodeView {
-            run: read_line(&mut tx, run, sight).await?,
+            run: read_line(&mut tx, &run.id, sight).await?,
             ordinal: row.ordinal,
             state: row.state.0,
             end: value(row.end_reason),

@@ -1,7 +1,6 @@
 //! Run pages, with groups of episodes.
 
 use crate::{
-    accounts::read_reference,
     database::{Transaction, Word, value},
     error::{Result, StoreError},
     phases::{Phase, read_heads},
@@ -151,7 +150,6 @@ impl Sight {
 #[derive(Default, FromRow)]
 struct TotalsRow {
     scored: u32,
-    isr: f64,
     category_goals: u32,
     category_found: u32,
     description_goals: u32,
@@ -206,7 +204,7 @@ impl Reader {
         view.eligible = is_completed && totals.scored == run.episodes && run.ruling.disqualified.is_none();
         view.rescores = if sight.scores { read_rescores(&mut tx, id).await? } else { vec![] };
         view.sensors = run.sensors.clone();
-        view.line = read_line(&mut tx, run, sight).await?;
+        view.line = read_line(&mut tx, id, sight).await?;
         Ok(Some(view))
     }
 }
@@ -239,7 +237,7 @@ async fn read_view(tx: &mut Transaction<'_>, run: &Run, sight: Sight, totals: &T
         digests: run.digests.clone(),
         rescores: vec![],
         episodes: rows.into_iter().map(|row| row.into_line(sight)).collect(),
-        line: read_line(tx, run.clone(), sight).await?,
+        line: read_line(tx, &run.id, sight).await?,
     })
 }
 
@@ -259,30 +257,58 @@ pub(crate) async fn find_run(
     Ok(sight.map(|sight| (run, sight)))
 }
 
-pub(crate) async fn read_line(tx: &mut Transaction<'_>, run: Run, sight: Sight) -> Result<RunLine> {
-    let reference = read_reference(tx, &run.team).await?;
-    let totals = read_totals(tx, &run.id).await?;
-    Ok(RunLine {
-        reference,
-        isr: (sight.scores && totals.scored > 0).then(|| totals.isr / f64::from(totals.scored)),
-        run: run.id,
-        phase: run.phase,
-        team: run.team,
-        method: run.method.name,
-        version: run.method.version,
-        order: run.order,
-        state: run.state,
-        episodes: run.episodes,
-        done: run.done,
-        created_unix_ms: run.created_unix_ms,
-        finished_unix_ms: run.finished_unix_ms,
-        verified: run.ruling.verified,
-        disqualified: run.ruling.disqualified,
-    })
+/// Returns a run's line in lists.
+pub(crate) async fn read_line(tx: &mut Transaction<'_>, run: &str, sight: Sight) -> Result<RunLine> {
+    let line = read_lines(tx, &[(run.to_owned(), sight)]).await?.pop();
+    line.ok_or_else(|| StoreError::unknown("run", run))
+}
+
+/// Returns the lines of known runs in the same order, with a single query.
+pub(crate) async fn read_lines(tx: &mut Transaction<'_>, page: &[(String, Sight)]) -> Result<Vec<RunLine>> {
+    let ids: Vec<&str> = page.iter().map(|(run, _)| run.as_str()).collect();
+    // SQLite never reorders a cross join: the page comes first.
+    let select = "SELECT o.*, t.reference, s.scored, s.isr FROM json_each($1) page \
+                  CROSS JOIN run_overview o ON o.id = page.value JOIN run_summaries s ON s.run = o.id \
+                  JOIN teams t ON t.name = o.team ORDER BY page.key";
+    let runs: Vec<ListedRun> = sqlx::query_as(select).bind(Json(ids)).fetch_all(&mut **tx).await?;
+    Ok(runs.into_iter().zip(page).map(|(run, &(_, sight))| run.into_line(sight)).collect())
+}
+
+/// A run with columns for lists.
+#[derive(FromRow)]
+struct ListedRun {
+    #[sqlx(flatten)]
+    run: Run,
+    reference: Option<Word<Reference>>,
+    scored: u32,
+    isr: f64,
+}
+
+impl ListedRun {
+    fn into_line(self, sight: Sight) -> RunLine {
+        let Self { run, reference, scored, isr } = self;
+        RunLine {
+            reference: value(reference),
+            isr: (sight.scores && scored > 0).then(|| isr / f64::from(scored)),
+            run: run.id,
+            phase: run.phase,
+            team: run.team,
+            method: run.method.name,
+            version: run.method.version,
+            order: run.order,
+            state: run.state,
+            episodes: run.episodes,
+            done: run.done,
+            created_unix_ms: run.created_unix_ms,
+            finished_unix_ms: run.finished_unix_ms,
+            verified: run.ruling.verified,
+            disqualified: run.ruling.disqualified,
+        }
+    }
 }
 
 async fn read_totals(tx: &mut Transaction<'_>, run: &str) -> Result<TotalsRow> {
-    let select = "SELECT scored, isr, category_goals, category_found, description_goals, description_found, \
+    let select = "SELECT scored, category_goals, category_found, description_goals, description_found, \
                   image_goals, image_found, server_faults FROM run_summaries WHERE run = $1";
     Ok(sqlx::query_as(select).bind(run).fetch_optional(&mut **tx).await?.unwrap_or_default())
 }

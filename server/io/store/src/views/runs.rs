@@ -4,11 +4,11 @@ use crate::{
     database::Transaction,
     error::Result,
     phases::{PhaseHead, read_heads},
-    runs::{Run, RunFilter, read_run, read_runs},
+    runs::{Run, RunFilter, read_runs},
     scores::INTERVAL_SEED,
     views::{
         Reader, Viewer,
-        run::{EpisodeLine, RunLine, RunView, Sight, find_run, read_line},
+        run::{EpisodeLine, RunLine, RunView, Sight, find_run, read_line, read_lines},
     },
 };
 use avln_challenge::RunState;
@@ -63,18 +63,14 @@ impl Reader {
               OR (runs.created_ms = b.created_ms AND runs.id > b.id)))) ORDER BY created_ms DESC, id";
         let runs: Vec<(String, String, String)> =
             sqlx::query_as(select).bind(phase).bind(before).fetch_all(&mut *tx).await?;
-        let mut list = RunList { runs: Vec::new(), next: None };
-        // Visibility is decided here and not in SQL, so rows are read until the page is full.
-        for (run, phase, team) in runs {
-            let Some(sight) = sight_in(&phases, viewer, &phase, &team) else { continue };
-            if list.runs.len() >= limit as usize {
-                list.next = list.runs.last().map(|last| last.run.clone());
-                break;
-            }
-            let run = read_run(&mut tx, &run).await?;
-            list.runs.push(read_line(&mut tx, run, sight).await?);
-        }
-        Ok(Some(list))
+        // Visibility is decided here and not in SQL, so ids are filtered until the page is full.
+        let mut visible = runs
+            .into_iter()
+            .filter_map(|(run, phase, team)| Some((run, sight_in(&phases, viewer, &phase, &team)?)));
+        let page: Vec<_> = visible.by_ref().take(limit as usize).collect();
+        let last = page.last().map(|(run, _)| run.clone());
+        let next = if visible.next().is_some() { last } else { None };
+        Ok(Some(RunList { runs: read_lines(&mut tx, &page).await?, next }))
     }
 
     /// Returns the team's newest `limit` runs; empty for other viewers.
@@ -83,13 +79,9 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let phases = read_heads(&mut tx, None).await?;
         let runs = read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await?;
-        let mut lines = Vec::new();
-        for run in runs.into_iter().take(limit as usize) {
-            if let Some(sight) = sight_in(&phases, viewer, &run.phase, &run.team) {
-                lines.push(read_line(&mut tx, run, sight).await?);
-            }
-        }
-        Ok(lines)
+        let sight = |run: Run| Some((run.id, sight_in(&phases, viewer, &run.phase, &run.team)?));
+        let page: Vec<_> = runs.into_iter().take(limit as usize).filter_map(sight).collect();
+        read_lines(&mut tx, &page).await
     }
 
     /// Returns a run's progress; `None` if there is none visible to the viewer.
@@ -131,7 +123,7 @@ fn sight_in(phases: &[PhaseHead], viewer: &Viewer, phase: &str, team: &str) -> O
 async fn read_progress(tx: &mut Transaction<'_>, run: Run, sight: Sight) -> Result<LiveRun> {
     let select = "SELECT COUNT(*) FROM episodes WHERE run = $1 AND state = 'running'";
     let playing: u32 = sqlx::query_scalar(select).bind(&run.id).fetch_one(&mut **tx).await?;
-    Ok(LiveRun { playing, steps_visible: sight.replays, line: read_line(tx, run, sight).await? })
+    Ok(LiveRun { playing, steps_visible: sight.replays, line: read_line(tx, &run.id, sight).await? })
 }
 
 /// Two runs with equal phase and order, over common episodes.
