@@ -40,13 +40,13 @@ const PARTICIPANT: Journey = Journey {
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb",
     instead: &[
         // First, because entries below add options to `avln demo`.
-        ("avln demo", "avln demo --houses 1 --missions 2"),
+        ("avln demo", "avln demo --houses 1 --missions 1"),
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
-        ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
+        ("cargo run --release -- demo", "avln demo --houses 1 --missions 1"),
         // The demo in a scan has replaced the server.
         (
             "avln challenge team add \"My team\"",
-            "avln demo --houses 1 --missions 2 && avln challenge team add \"My team\"",
+            "avln demo --houses 1 --missions 1 && avln challenge team add \"My team\"",
         ),
         ("--houses 10 --missions 20", "--houses 1 --missions 2"),
         ("--houses 3 --missions 4", "--houses 1 --missions 2"),
@@ -83,7 +83,7 @@ const ORGANISER: Journey = Journey {
     documents: &["docs/ORGANISING.md", "docs/OPERATING.md"],
     before: "mkdir scans && avln scene export --seed 7 scans/house.glb --semantics hm3d",
     instead: &[
-        ("--houses 4 --missions 4", "--houses 2 --missions 2"),
+        ("--houses 4 --missions 4", "--houses 1 --missions 2"),
         ("scans/00800-TEEsavR23oF", "scans/house.glb"),
         ("https://arena.example:50051", "$AVLN_SERVER"),
         ("--token TOKEN", "--token $TOKEN"),
@@ -129,7 +129,7 @@ const DEPLOYER: Journey = Journey {
         ("docker compose run --rm challenge-server ", ""),
         ("docker compose exec challenge-server ", ""),
         ("docker compose exec -e AVLN_TOKEN=avln_account_… challenge-server ", "AVLN_TOKEN=$ORGANISER "),
-        ("--houses 4 --missions 4", "--houses 2 --missions 2"),
+        ("--houses 4 --missions 4", "--houses 1 --missions 2"),
         ("apply /challenge/", "apply docker/challenge/"),
         ("docker compose up --detach", "avln serve"),
         (

@@ -190,12 +190,10 @@ async fn ask_around(server: &TestServer, proxy: &RecordingProxy, client: &Client
 /// Event streams for one run and for all runs.
 async fn follow(server: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
     const LONG_ENOUGH: Duration = Duration::from_millis(1500);
-    let mut output = Vec::new();
-    for path in ["/api/v1/runs/events".to_owned(), format!("/api/v1/runs/{run}/events")] {
-        let answer = http::get_events(server.servers.web, &path, LONG_ENOUGH).await;
-        output.push((path, answer));
-    }
-    output
+    let paths = ["/api/v1/runs/events".to_owned(), format!("/api/v1/runs/{run}/events")];
+    let events = |path| http::get_events(server.servers.web, path, LONG_ENOUGH);
+    let (all, single) = tokio::join!(events(&paths[0]), events(&paths[1]));
+    paths.into_iter().zip([all, single]).collect()
 }
 
 async fn receive(server: &TestServer) -> Received {

@@ -79,9 +79,9 @@ async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_thousand_lost_connections_change_nothing() {
+async fn hundreds_of_lost_connections_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
-    let server = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
+    let server = TestServer::open(&TestSetup { houses: 1, missions: 4, ..TestSetup::default() }).await;
     let calm = play_run(server.agents_url(), server.token.clone(), 4, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
 
@@ -99,7 +99,7 @@ async fn a_thousand_lost_connections_change_nothing() {
     }
     let stormy = playing.await.expect("no panic");
     println!("{steps} steps in peace; {snips} connections lost");
-    assert!(snips >= 1000, "only {snips} connections were lost in {steps} steps");
+    assert!(snips >= 300, "only {snips} connections were lost in {steps} steps");
     assert_eq!(worth(server.servers.web, &stormy).await, worth(server.servers.web, &calm).await);
 }
 
@@ -128,7 +128,7 @@ fn check_log(folder: &Path, run: &str, episodes: usize) {
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
 #[tokio::test(flavor = "multi_thread")]
-async fn fifty_deaths_of_the_server_change_nothing() {
+async fn thirty_deaths_of_the_server_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
     let folder = tempfile::tempdir().expect("a folder");
     let token = set_up(folder.path(), &TestSetup { houses: 1, missions: 20, ..TestSetup::default() }).await;
@@ -139,9 +139,9 @@ async fn fifty_deaths_of_the_server_change_nothing() {
 
     let playing = tokio::spawn(play_run(proxy.url(), token, 16, &STEPS_TAKEN));
     let (mut deaths, mut draw) = (0, 3_u32);
-    while !playing.is_finished() && deaths < 50 {
+    while !playing.is_finished() && deaths < 30 {
         draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let due = STEPS_TAKEN.load(Ordering::Relaxed) + 1 + draw % (steps / 150).max(1);
+        let due = STEPS_TAKEN.load(Ordering::Relaxed) + 1 + draw % (steps / 90).max(1);
         while STEPS_TAKEN.load(Ordering::Relaxed) < due && !playing.is_finished() {
             tokio::time::sleep(Duration::from_micros(300)).await;
         }
@@ -153,7 +153,7 @@ async fn fifty_deaths_of_the_server_change_nothing() {
     }
     let stormy = playing.await.expect("no panic");
     println!("{steps} steps in peace; the server died {deaths} times");
-    assert_eq!(deaths, 50, "the run was over after {deaths} deaths");
+    assert_eq!(deaths, 30, "the run was over after {deaths} deaths");
     assert_eq!(worth(server.web, &stormy).await, worth(server.web, &calm).await);
     check_log(folder.path(), &calm, 20);
     check_log(folder.path(), &stormy, 20);

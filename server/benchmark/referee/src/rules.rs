@@ -77,7 +77,6 @@ impl SuccessTest {
             let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
             // Its floor is unknown. Anything visible within the radius is on the body's floor.
             let it = Target {
-                instance: object.id.0,
                 bounds: object.bounds,
                 floor_y_m: base.y,
                 region: Vec::new(),

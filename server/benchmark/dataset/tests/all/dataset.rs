@@ -1,8 +1,8 @@
 //! Recipes, files, and missions of a built scene.
 
 use avln_dataset::{
-    BuiltScene, CueSpec, DatasetError, EpisodeSpec, FormatError, Job, MissionOptions, Recipe, SceneSource,
-    Split, Statistics, build_scene,
+    BuiltScene, CueSpec, DatasetError, EpisodeSpec, FormatError, Job, MissionOptions, Recipe, SceneChoice,
+    SceneSource, Split, Statistics, build_scene,
     format::{
         DATASET_VERSION, File, Manifest, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
         read_scenes, scenes_bytes, write_scene,
@@ -163,6 +163,9 @@ fn manifest_of_other_version_is_rejected() {
 fn scene_without_missions_is_an_error() {
     let mut recipe = RECIPE.clone();
     recipe.missions.min_separation_m = 900.0;
+    // Small houses: all draws are tried.
+    recipe.splits[0].scenes =
+        SceneChoice::Houses { count: 1, rooms: [3, 3], storeys: [1, 1], pool: "validation".to_owned() };
     recipe.splits[0].missions_per_scene = 1;
     let error = build_scene(&recipe, FIRST, None).expect_err("no house is so large");
     assert!(matches!(&error, DatasetError::NoMission { scene, .. } if scene == "mini-val-0000"), "{error}");
