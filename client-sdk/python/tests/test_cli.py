@@ -200,7 +200,7 @@ def test_quickstart_agent_avoids_walls(tmp_path: Path) -> None:
 
     file = tmp_path / "twenty_lines.py"
     quickstart.write(file)
-    assert len(quickstart.AGENT.splitlines()) <= 28
+    assert len(quickstart.AGENT.splitlines()) <= 24
     document = Path(__file__).parents[3] / "docs" / "QUICKSTART.md"
     assert quickstart.AGENT.split('"""\n\n', 1)[1] in document.read_text(encoding="utf-8")
     agent = load_agent(str(file))()

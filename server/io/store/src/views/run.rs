@@ -271,7 +271,11 @@ pub(crate) async fn read_lines(tx: &mut Transaction<'_>, page: &[(String, Sight)
                   CROSS JOIN run_overview o ON o.id = page.value JOIN run_summaries s ON s.run = o.id \
                   JOIN teams t ON t.name = o.team ORDER BY page.key";
     let runs: Vec<ListedRun> = sqlx::query_as(select).bind(Json(ids)).fetch_all(&mut **tx).await?;
-    Ok(runs.into_iter().zip(page).map(|(run, &(_, sight))| run.into_line(sight)).collect())
+    // By id: a missing row must not give a run the access of its neighbour.
+    let sights: BTreeMap<_, _> = page.iter().map(|(run, sight)| (run.as_str(), *sight)).collect();
+    let line =
+        |listed: ListedRun| sights.get(listed.run.id.as_str()).copied().map(|sight| listed.into_line(sight));
+    Ok(runs.into_iter().filter_map(line).collect())
 }
 
 /// A run with columns for lists.
