@@ -83,7 +83,7 @@ const ORGANISER: Journey = Journey {
     documents: &["docs/ORGANISING.md", "docs/OPERATING.md"],
     before: "mkdir scans && avln scene export --seed 7 scans/house.glb --semantics hm3d",
     instead: &[
-        ("--houses 4 --missions 4", "--houses 1 --missions 2"),
+        ("--houses 4 --missions 4", "--houses 1 --missions 4"),
         ("scans/00800-TEEsavR23oF", "scans/house.glb"),
         ("https://arena.example:50051", "$AVLN_SERVER"),
         ("--token TOKEN", "--token $TOKEN"),
@@ -129,7 +129,7 @@ const DEPLOYER: Journey = Journey {
         ("docker compose run --rm challenge-server ", ""),
         ("docker compose exec challenge-server ", ""),
         ("docker compose exec -e AVLN_TOKEN=avln_account_… challenge-server ", "AVLN_TOKEN=$ORGANISER "),
-        ("--houses 4 --missions 4", "--houses 1 --missions 2"),
+        ("--houses 4 --missions 4", "--houses 1 --missions 4"),
         ("apply /challenge/", "apply docker/challenge/"),
         ("docker compose up --detach", "avln serve"),
         (
