@@ -69,19 +69,17 @@ class Server:
         return done.stdout
 
     def start(self, *more: str) -> None:
-        """Starts the server and waits until it answers."""
+        """Starts the server and waits until it serves: its ports accept connections earlier."""
         ports = ["--grpc", f"127.0.0.1:{self.grpc}", "--web", f"127.0.0.1:{self.web}", "--admin", "off"]
-        with (self.folder / "server.log").open("ab") as log:
+        said = self.folder / "server.out"
+        with (self.folder / "server.log").open("ab") as log, said.open("wb") as out:
             command = [str(self.binary), "--data", str(self.folder), "serve", *ports, *more]
-            self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+            self._process = subprocess.Popen(command, stdout=out, stderr=log)
         until = time.monotonic() + 30
         while time.monotonic() < until:
-            try:
-                socket.create_connection(("127.0.0.1", self.grpc), timeout=1).close()
-            except OSError:
-                time.sleep(0.05)
-            else:
+            if "Stop with Ctrl-C." in said.read_text():
                 return
+            time.sleep(0.05)
         log_text = (self.folder / "server.log").read_text(errors="replace")
         raise AssertionError(f"the server does not answer within 30 s ({self._process.poll()}); its log:\n{log_text}")
 
