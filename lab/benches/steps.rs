@@ -10,6 +10,7 @@ use avln_arena::servers::{Addresses, RunningServers, Servers};
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{Arena, SCENE_MEMORY_MIB};
 use avln_client::{Client, RunOptions};
+use avln_dataset::Seed;
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
 use avln_referee::{Audio, Referee};
@@ -278,7 +279,7 @@ async fn furnish(folder: &Path) -> String {
         houses: 1,
         scenes: vec![],
         missions: 1,
-        seed: 5,
+        seed: Seed::Number(5),
         rules: Rules::PAPER.to_owned(),
     };
     make_split(&data, &store, make, |_| ()).await.expect("a house with a mission");

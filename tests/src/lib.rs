@@ -20,6 +20,7 @@ use avln_arena::{
     servers::{Addresses, Limits, RunningServers, Security, Servers},
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
+use avln_dataset::{Seed, SplitSecret};
 pub use avln_lab::suite::{PASSED_M, Walker, distance_m};
 use avln_store::Visibility;
 use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
@@ -58,11 +59,25 @@ pub struct TestSetup {
     pub visible_to: Visibility,
     /// Visibility for replays, if different.
     pub replays_to: Option<Visibility>,
+    /// The split of hidden phases, for a public phase.
+    pub is_secret: bool,
 }
 
 impl Default for TestSetup {
     fn default() -> Self {
-        Self { houses: 1, missions: 2, visible_to: Visibility::Public, replays_to: None }
+        Self { houses: 1, missions: 2, visible_to: Visibility::Public, replays_to: None, is_secret: false }
+    }
+}
+
+impl TestSetup {
+    /// Hidden phases require a secret, with the same bits in every test run.
+    fn seed(&self) -> Seed {
+        if self.has_secret() { Seed::Secret(SplitSecret::new([5; 32])) } else { Seed::Number(5) }
+    }
+
+    fn has_secret(&self) -> bool {
+        let visibilities = [self.visible_to, self.replays_to.unwrap_or(self.visible_to)];
+        self.is_secret || visibilities != [Visibility::Public; 2]
     }
 }
 
@@ -154,9 +169,9 @@ type Files = Vec<(PathBuf, Vec<u8>)>;
 
 /// Copies a data folder with the split, which the first test with this split makes.
 async fn copy_split(folder: &Path, setup: &TestSetup) {
-    static MADE: Mutex<BTreeMap<(u32, usize), Files>> = Mutex::const_new(BTreeMap::new());
+    static MADE: Mutex<BTreeMap<(u32, usize, bool), Files>> = Mutex::const_new(BTreeMap::new());
     let mut made = MADE.lock().await;
-    let files = match made.entry((setup.houses, setup.missions)) {
+    let files = match made.entry((setup.houses, setup.missions, setup.has_secret())) {
         Entry::Occupied(made) => made.into_mut(),
         Entry::Vacant(size) => size.insert(make_split_files(setup).await),
     };
@@ -176,7 +191,7 @@ async fn make_split_files(setup: &TestSetup) -> Files {
         houses: setup.houses,
         scenes: vec![],
         missions: setup.missions,
-        seed: 5,
+        seed: setup.seed(),
         rules: "lh-avln-v1".to_owned(),
     };
     make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");

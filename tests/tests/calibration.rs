@@ -7,6 +7,7 @@ use avln_arena::{
     servers::{Addresses, RunningServers, Servers},
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
+use avln_dataset::Seed;
 use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};
 
@@ -65,7 +66,8 @@ async fn another_phase_of_that_name_is_found_out() {
     let store = data.store().await.expect("a database");
     let name = calibration::PHASE.to_owned();
     let rules = "lh-avln-v1".to_owned();
-    let make = NewSplit { name: name.clone(), houses: 1, scenes: vec![], missions: 2, seed: 5, rules };
+    let make =
+        NewSplit { name: name.clone(), houses: 1, scenes: vec![], missions: 2, seed: Seed::Number(5), rules };
     make_split(&data, &store, make, |_| ()).await.expect("a split");
     let open = NewPhase { max_slots: 4, max_side: 256, ..NewPhase::public(&name, &name) };
     open_phase(&data, &store, &open).await.expect("a phase");

@@ -356,7 +356,8 @@ fn organising_page_commands_work() {
     };
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/challenge.toml");
     hinted(&data, &["challenge", "check", page], 3, &["challenge.toml, line ", "'val'", "for example: "]);
-    done(&["data", "split", "make", "val", "--houses", "1", "--missions", "4", "--seed", "7"]);
+    done(&["data", "split", "make", "val", "--houses", "1", "--missions", "1", "--seed", "7"]);
+    done(&["data", "split", "make", "hidden", "--houses", "1", "--missions", "4"]);
     assert!(done(&["challenge", "check", page]).contains("would change  phase practice: made"));
     assert_eq!(done(&["challenge", "show"]).trim(), "phases = []");
     done(&["challenge", "apply", page, "--reason", "first version"]);
@@ -398,10 +399,9 @@ fn organising_page_commands_work() {
     let published = done(&["challenge", "reveal", "challenge"]);
     fs::write(&revealed, &published).expect("a file");
     let revealed = revealed.to_str().expect("a path in Unicode");
-    let own = data.join("splits/val");
-    let own = own.to_str().expect("a path in Unicode");
-    let whole = ["challenge", "verify-reveal", revealed, "--dataset", own, "--split", "val"];
-    assert!(done(&whole).contains("the episodes of split val are those of phase challenge"));
+    let own = data.join("splits/hidden").display().to_string();
+    let whole = ["challenge", "verify-reveal", revealed, "--dataset", &own, "--split", "hidden"];
+    assert!(done(&whole).contains("the episodes of split hidden are those of phase challenge"));
     fs::write(revealed, published.replace("\"scorer\": \"1", "\"scorer\": \"2")).expect("a file");
     hinted(&data, &["challenge", "verify-reveal", revealed], 3, &["do not give its commitment"]);
     let audit = done(&["challenge", "audit"]);
@@ -435,20 +435,20 @@ fn sealed_split_requires_its_passphrase() {
         avln(&data, &arguments.iter().map(String::as_str).collect::<Vec<_>>())
     };
     assert!(sealed(&weak).err.contains("too weak"));
-    assert!(sealed(&good).out.contains("3 files are sealed now, 0 were before"));
-    assert!(sealed(&good).out.contains("0 files are sealed now, 3 were before"));
+    assert!(sealed(&good).out.contains("4 files are sealed now, 0 were before"));
+    assert!(sealed(&good).out.contains("0 files are sealed now, 4 were before"));
     assert!(sealed(&other).err.contains("wrong passphrase"));
     let mut files = vec![data.join("splits/val")];
     let mut read = 0;
     while let Some(path) = files.pop() {
         if path.is_dir() {
             files.extend(fs::read_dir(path).expect("a folder").map(|entry| entry.expect("an entry").path()));
-        } else if path.extension().is_some_and(|ending| ending == "jsonl") {
+        } else if !path.ends_with("dataset.json") {
             assert!(fs::read(&path).expect("a file").starts_with(b"avln sealed 1\n"), "{}", path.display());
             read += 1;
         }
     }
-    assert_eq!(read, 3);
+    assert_eq!(read, 4);
     let open = ["challenge", "phase", "open", "p", "--split", "val"];
     hinted(&data, &open, 3, &["is sealed", "AVLN_SEAL_KEY_FILE"]);
     let with = |key: &Path| avln_with(&data, &open, "AVLN_SEAL_KEY_FILE", key.to_str().expect("Unicode"));

@@ -272,8 +272,9 @@ fn prepare_challenge(engine: &Engine) -> String {
         let words = [&["run", "--rm", "--no-deps", "challenge-server", "avln"], words].concat();
         engine.compose("challenge", &words)
     };
-    run(&["data", "split", "make", "val", "--houses", "2", "--missions", "2", "--seed", "7"]);
-    run(&["data", "split", "seal", "val"]);
+    run(&["data", "split", "make", "val", "--houses", "1", "--missions", "1", "--seed", "7"]);
+    run(&["data", "split", "make", "hidden", "--houses", "2", "--missions", "2"]);
+    run(&["data", "split", "seal", "hidden"]);
     run(&["challenge", "apply", "/challenge/challenge.toml", "--reason", "test"]);
     let team = run(&["challenge", "team", "add", "Ada"]);
     run(&["challenge", "team", "approve", "Ada", "--phase", "challenge"]);

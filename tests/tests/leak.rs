@@ -3,6 +3,7 @@
 
 use avln_arena::{data::DataFolder, setup};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
+use avln_dataset::CueSpec;
 use avln_store::Visibility;
 use avln_tests::scripted_run::NO_SENSORS;
 use avln_tests::{
@@ -19,8 +20,10 @@ use std::{collections::BTreeSet, time::Duration};
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 /// Facts of the split hidden from all users.
 fn hidden(server: &TestServer) -> HiddenFacts {
-    let split = DataFolder::open(server.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
+    let data = DataFolder::open(server.folder.path()).expect("the data folder");
+    let split = data.split(PHASE).expect("its split");
     let mut facts = HiddenFacts::default();
+    facts.bytes("digest of the split", data.missions(PHASE).expect("its files").digest());
     for scene in &split.scenes {
         facts.bytes("name of a scene", &scene.name);
         facts.bytes("digest of a scene", &scene.digest);
@@ -57,9 +60,10 @@ fn categories(server: &TestServer) -> (HiddenFacts, HiddenFacts) {
     let (mut output, mut categories) = (String::new(), BTreeSet::new());
     for goal in split.episodes.iter().flat_map(|episode| &episode.goals) {
         let category = goal.target.category.clone();
-        match serde_json::to_value(&goal.cue).expect("cues can be written") {
-            Value::String(_) => output += &category,
-            cue => output += cue["description"].as_str().unwrap_or_default(),
+        match &goal.cue {
+            CueSpec::Category => output += &category,
+            CueSpec::Description(description) => output += &description.text,
+            CueSpec::Image(_) => {}
         }
         output.push(' ');
         categories.insert(category);
@@ -336,7 +340,8 @@ fn holds(bytes: &[u8], word: &str) -> bool {
 }
 
 async fn server(visible_to: Visibility) -> TestServer {
-    TestServer::open(&TestSetup { visible_to, ..TestSetup::default() }).await
+    // Both servers play the same split, so that results can be compared.
+    TestServer::open(&TestSetup { visible_to, is_secret: true, ..TestSetup::default() }).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -403,7 +408,8 @@ async fn search_finds_facts_of_public_phase() {
     let facts = hidden(&server);
     let found: BTreeSet<_> =
         received.pages.iter().flat_map(|(_, answer)| facts.found_in(&answer.bytes)).collect();
-    for what in ["name of a scene", "corner of a target", "reference length", "start"] {
+    for what in ["digest of the split", "name of a scene", "corner of a target", "reference length", "start"]
+    {
         assert!(found.iter().any(|found| found.starts_with(what)), "{what} in replays: {found:?}");
     }
     assert!(received.pages.iter().any(|(_, answer)| !shown.found_in(&answer.bytes).is_empty()), "categories");

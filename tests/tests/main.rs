@@ -10,6 +10,7 @@ mod deployment;
 mod documents;
 mod engine;
 mod faults;
+mod guessing;
 mod imports;
 mod journeys;
 mod leak;

@@ -6,12 +6,18 @@ use avln_arena::{
     actions::{Attribution, disqualify, note, verify},
     challenge::{ChallengeChanges, ChallengeFile, PhaseFile, PlanError, Planner, actor, json as as_json},
     data::DataFolder,
-    dataset::SplitFolder,
-    now_unix_ms,
+    dataset::{DatasetFiles, SplitFolder},
+    now_unix_ms, seed_to_publish,
 };
+use avln_dataset::{
+    DatasetError,
+    format::{File, read_secret},
+};
+use avln_lab::dataset::build::Builder;
 use avln_store::{AuditLine, AuditNote, CommitmentValues, calendar::rfc3339, pool_digest};
 use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Subcommand)]
@@ -60,6 +66,9 @@ pub(crate) struct VerifyRevealArgs {
     /// Split of --dataset
     #[arg(long, requires = "dataset")]
     split: Option<String>,
+    /// New folder: rebuild the split there from its published secret, and compare the episodes
+    #[arg(long, value_name = "DIR", conflicts_with = "dataset")]
+    rebuild: Option<PathBuf>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -70,6 +79,9 @@ struct PublishedCommitment {
     committed_at: String,
     #[serde(flatten)]
     values: PublishedValues,
+    /// Secret and recipe of a split without a seed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seed: Option<Value>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -166,15 +178,21 @@ async fn audit(data: &Path, json: bool) -> Result<(), Failure> {
 }
 
 async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
-    let store = DataFolder::open(data)?.store().await?;
+    let data = DataFolder::open(data)?;
     let note = note(&actor(), format!("phase {phase}"), "revealed", "");
-    let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
+    let store = data.store().await?;
+    let seed = seed_to_publish(&data, &store, phase).await?;
+    let (promise, values) = store.reveal_phase(phase, seed.as_ref(), note, now_unix_ms()).await?;
+    if seed.is_some() && promise.seed.is_none() {
+        eprintln!("the split's secret is not published yet: another phase still plays the split");
+    }
     let CommitmentValues { pool, scorer, secret } = values;
     print_json(&PublishedCommitment {
         phase: phase.to_owned(),
         commitment: promise.commitment,
         committed_at: rfc3339(promise.committed_unix_ms),
         values: PublishedValues { pool, scorer, secret },
+        seed: promise.seed,
     })
 }
 
@@ -187,15 +205,18 @@ fn verify_reveal(args: &VerifyRevealArgs) -> Result<(), Failure> {
         Failure::data(format!("{} is not a published commitment: {error}", args.file.display()))
             .hinted("save the output of: avln challenge reveal PHASE")
     })?;
-    let PublishedCommitment { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } =
-        published;
+    let PublishedCommitment {
+        phase, commitment, values: PublishedValues { pool, scorer, secret }, seed, ..
+    } = published;
     let values = CommitmentValues { pool, scorer, secret };
     if values.commitment() != commitment {
         return Err(unfit(format!(
             "pool, scorer and secret of phase '{phase}' do not give its commitment {commitment}"
         )));
     }
-    if let (Some(dataset), Some(split)) = (&args.dataset, &args.split) {
+    let rebuilt = args.rebuild.as_deref().map(|folder| rebuild(folder, seed)).transpose()?;
+    let named = args.dataset.clone().zip(args.split.clone());
+    if let Some((dataset, split)) = &rebuilt.or(named) {
         let found = digest_of(dataset, split)?;
         let pool = values.pool;
         if found != pool {
@@ -205,6 +226,21 @@ fn verify_reveal(args: &VerifyRevealArgs) -> Result<(), Failure> {
     }
     say!("the values of phase {phase} fit its commitment");
     Ok(())
+}
+
+/// Rebuilds a split from its published secret; returns the folder and the split's name.
+fn rebuild(folder: &Path, seed: Option<Value>) -> Result<(PathBuf, String), Failure> {
+    let seed = seed.ok_or_else(|| {
+        Failure::data("the file contains no `seed`").hinted(
+            "only splits without a number have one; it is published when all phases on the split are closed",
+        )
+    })?;
+    let bytes = serde_json::to_vec(&seed).map_err(Failure::internal)?;
+    let secret = read_secret(File { name: "`seed`", bytes: &bytes }).map_err(DatasetError::from)?;
+    let builder = Builder::open(DatasetFiles::at(folder), secret.into_recipe())?;
+    let numbers = builder.run(None, None, |_| ())?;
+    let split = numbers.into_iter().map(|(split, _)| split).next();
+    Ok((folder.to_owned(), split.ok_or_else(|| Failure::data("the recipe in `seed` has no split"))?))
 }
 
 fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {

@@ -42,6 +42,9 @@ pub(crate) struct BuildArgs {
     /// Data set folder; dataset-NAME by default
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Ignore the recipe's seed: the program draws a secret for every split, which a phase with hidden scores or replays requires
+    #[arg(long)]
+    secret: bool,
     /// Threads, one per processor by default; files do not depend on it
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -80,7 +83,8 @@ pub(crate) fn run(data: &Path, command: DatasetCommand) -> Result<(), Failure> {
 }
 
 fn build(data: &Path, args: &BuildArgs) -> Result<(), Failure> {
-    let recipe = recipe(&args.config)?;
+    let mut recipe = recipe(&args.config)?;
+    recipe.seed = recipe.seed.filter(|_| !args.secret);
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("dataset-{}", recipe.name)));
     let files = DatasetFiles::at(&folder);
     let builder = Builder::open(files.clone(), recipe)?;

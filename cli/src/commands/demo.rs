@@ -9,7 +9,7 @@ use avln_arena::{
     servers::{RunningServers, Servers},
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
-use avln_dataset::SceneSource;
+use avln_dataset::{SceneSource, Seed};
 use avln_episode::{Order, Rules};
 use avln_scoring::{Key, Metric};
 use avln_store::{
@@ -90,7 +90,7 @@ async fn prepare(data: &DataFolder, store: &Store, args: &DemoArgs) -> Result<St
         houses: args.houses,
         scenes: args.scene.iter().cloned().collect(),
         missions: if args.scene.is_some() { args.missions * 2 } else { args.missions },
-        seed: args.seed,
+        seed: Seed::Number(args.seed),
         rules: Rules::PAPER.to_owned(),
     };
     let split = make_split(data, store, make, |line| say!("{line}")).await?;

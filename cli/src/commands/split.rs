@@ -5,10 +5,10 @@ use avln_arena::{
     Failure,
     data::DataFolder,
     dataset::{DatasetFiles, Passphrase, Sealed, SplitFolder},
-    run_blocking,
+    ids, run_blocking,
     setup::{NewSplit, make_split},
 };
-use avln_dataset::SceneLine;
+use avln_dataset::{SceneLine, Seed};
 use avln_episode::Rules;
 use avln_geom::Point3;
 use avln_lab::dataset::export::{Export, Openness, phases_of};
@@ -52,9 +52,10 @@ pub(crate) struct MakeSplitArgs {
     /// Missions per scene
     #[arg(long, default_value_t = 4)]
     missions: usize,
-    /// Seed for houses and missions
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    /// Number for a practice split: anyone can make the same houses and missions from it. Without a number, the program draws 256
+    /// secret bits, which a phase with hidden scores or replays requires
+    #[arg(long)]
+    seed: Option<u64>,
     /// Rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
     #[arg(long, default_value = Rules::PAPER)]
     rules: String,
@@ -140,7 +141,9 @@ async fn make(data: &DataFolder, args: MakeSplitArgs) -> Result<(), Failure> {
         houses: args.houses,
         scenes: args.scene,
         missions: args.missions,
-        seed: args.seed,
+        seed: args
+            .seed
+            .map_or_else(|| ids::random_secret().map(Seed::Secret), |seed| Ok(Seed::Number(seed)))?,
         rules: args.rules,
     };
     let split = make_split(data, &store, new, |line| say!("{line}")).await?;

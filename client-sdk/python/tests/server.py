@@ -35,7 +35,7 @@ def free_port() -> int:
 
 
 class Server:
-    """The server program on a data folder, with two phases on the same missions."""
+    """The server program on a data folder, with a public and a hidden phase."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder
@@ -48,13 +48,13 @@ class Server:
 
     def furnish(self, *, houses: int = 1, missions: int = 3) -> str:
         """Creates scenes and missions, opens the phases and returns a team token."""
-        self.command(
-            "data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5"
-        )
+        size = ("--houses", str(houses), "--missions", str(missions))
+        self.command("data", "split", "make", "trial", *size, "--seed", "5")
+        self.command("data", "split", "make", "hidden", *size)
         self.command("data", "split", "prepare", "trial")
         self.command("challenge", "phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
         self.command(
-            "challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50"
+            "challenge", "phase", "open", CHALLENGE, "--split", "hidden", "--scores", "organiser", "--quota", "50"
         )
         answer = self.command("challenge", "team", "add", "Python")
         found = re.search(r"avln_\S+", answer)

@@ -118,9 +118,9 @@ def test_other_sensors_need_another_folder(copied: Server, folder: Path, tmp_pat
 
 def test_hidden_splits_are_rejected(furnished: Furnished, tmp_path: Path) -> None:
     server = furnished.copy(tmp_path / "data")
-    server.command("challenge", "phase", "open", "finals", "--split", "trial", "--replays", "organiser")
-    for command in (("lab", "rollout", "--split", "trial"), ("data", "split", "export", "trial")):
-        with pytest.raises(AssertionError, match="'trial' is hidden: phase 'finals' plays it"):
+    server.command("challenge", "phase", "open", "finals", "--split", "hidden", "--replays", "organiser")
+    for command in (("lab", "rollout", "--split", "hidden"), ("data", "split", "export", "hidden")):
+        with pytest.raises(AssertionError, match="'hidden' is hidden: phase 'finals' plays it"):
             server.command(*command, "--out", str(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 

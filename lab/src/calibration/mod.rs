@@ -9,6 +9,7 @@ use avln_client::{
     Action, Agent, Client, ConnectOptions, EpisodeEnd, GoalCue, Mission, Observation, Order, RunOptions,
     Sensors, TaskSpec, evaluate_with,
 };
+use avln_dataset::Seed;
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
 use avln_store::Store;
@@ -121,7 +122,7 @@ pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
         houses: HOUSES,
         scenes: vec![],
         missions: MISSIONS,
-        seed: SEED,
+        seed: Seed::Number(SEED),
         rules: Rules::PAPER.to_owned(),
     };
     make_split(data, store, make, |_| ()).await?;

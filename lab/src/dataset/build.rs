@@ -3,9 +3,9 @@
 use super::check;
 use crate::{internal, parallel};
 use avln_arena::dataset::{self, DatasetFiles};
-use avln_arena::{Failure, FailureKind};
-use avln_dataset::format::{DATASET_VERSION, digest_of};
-use avln_dataset::{BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene};
+use avln_arena::{Failure, FailureKind, ids};
+use avln_dataset::format::digest_of;
+use avln_dataset::{BuiltScene, Job, Recipe, SceneLine, SecretFile, Statistics, build_scene};
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
@@ -38,7 +38,7 @@ impl Builder {
     /// # Errors
     /// If the folder contains another data set or cannot be written.
     pub fn open(files: DatasetFiles, recipe: Recipe) -> Result<Self, Failure> {
-        let builder = Self { files, recipe };
+        let mut builder = Self { files, recipe };
         let is_complete = builder.files.is_complete();
         let known = if is_complete { builder.files.manifest()?.recipe } else { builder.begun()? };
         match known {
@@ -47,7 +47,23 @@ impl Builder {
             None if is_complete => return Err(builder.conflict("no recipe")),
             None => dataset::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
         }
+        if !is_complete {
+            builder.add_secrets()?;
+        }
         Ok(builder)
+    }
+
+    /// Reads the secrets of an interrupted build, and draws missing ones.
+    fn add_secrets(&mut self) -> Result<(), Failure> {
+        for index in 0..self.recipe.splits.len() {
+            let split = &mut self.recipe.splits[index];
+            if self.recipe.seed.is_some() || split.secret.is_some() {
+                continue;
+            }
+            let known = self.files.secret(&split.name)?.map(|known| known.secret);
+            split.secret = Some(known.map_or_else(ids::random_secret, Ok)?);
+        }
+        Ok(())
     }
 
     /// Builds the missing scenes and completes the data set; calls `on_progress` before the first and after every scene.
@@ -71,6 +87,7 @@ impl Builder {
             done: finished.iter().map(missions).sum(),
         };
         on_progress(progress);
+        self.write_secrets()?;
         let make = |job: &Job| -> Result<(), Failure> {
             let built = build_scene(&self.recipe, *job, cache)?;
             self.write_scene(*job, built)
@@ -82,10 +99,15 @@ impl Builder {
         self.complete()
     }
 
+    fn write_secrets(&self) -> Result<(), Failure> {
+        let names = self.recipe.splits.iter().map(|split| &split.name);
+        names
+            .filter_map(|name| SecretFile::of(&self.recipe, name).map(|secret| (name, secret)))
+            .try_for_each(|(name, secret)| self.files.write_secret(name, &secret))
+    }
+
     fn write_scene(&self, job: Job, built: BuiltScene) -> Result<(), Failure> {
-        let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
-        dataset::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
-        dataset::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
+        self.files.write_built_scene(&self.recipe.splits[job.split].name, &built)?;
         // The note comes last: a killed process leaves no note, and the next call repeats the scene.
         let note = FinishedScene { line: built.line, statistics: built.statistics };
         dataset::write_whole(&self.note_path(job), &json(&note)?)
@@ -117,19 +139,12 @@ impl Builder {
                 sum.add(&scene.statistics);
                 scenes.push(scene.line);
             }
-            lines.push(self.files.write_scenes(&recipe.name, &scenes)?);
+            lines.push(scenes);
             numbers.push((recipe.name.clone(), sum));
         }
         self.files.write_statistics(&self.recipe.name, &numbers)?;
         // The manifest marks the data set as complete, so it comes last.
-        self.files.write_manifest(&Manifest {
-            format: Manifest::FORMAT.to_owned(),
-            version: DATASET_VERSION,
-            name: self.recipe.name.clone(),
-            rules: self.recipe.rules.clone(),
-            recipe: Some(self.recipe.clone()),
-            splits: lines,
-        })?;
+        self.files.complete(&self.recipe, &lines)?;
         let building = self.building();
         std::fs::remove_dir_all(&building).map_err(|error| Failure::file("remove", &building, error))?;
         Ok(numbers)

@@ -185,7 +185,7 @@ fn sentences(assets: &SceneAssets, rules: &Rules) -> Result<Vec<u8>, Failure> {
 
 /// Encodes a house's images.
 fn records(house: &LabelledHouse, assets: &SceneAssets, options: &FrameOptions) -> Result<Vec<u8>, Failure> {
-    let mut rng = Rng::new(options.recipe.seed).fork(&house.file).fork("frames");
+    let mut rng = Rng::new(options.recipe.seed.unwrap_or_default()).fork(&house.file).fork("frames");
     let shots = record::shots(assets, &mut rng, options.views, options.side_px);
     let labels = record::Labels::of(&assets.scene);
     let mut file = Vec::new();

@@ -81,7 +81,7 @@ impl Import<'_> {
             let hint = format!("{} lists the reasons", self.report_path().display());
             return Err(Failure::new(FailureKind::Scene, message).hinted(hint));
         }
-        DatasetFiles::at(self.out).write_split(&split)?;
+        DatasetFiles::at(self.out).write_split(&split, None)?;
         Ok(account)
     }
 

@@ -117,7 +117,7 @@ fn a_killed_build_resumes_with_equal_bytes() {
 #[test]
 fn a_complete_data_set_rejects_another_recipe() {
     build(BUILT.path(), 1);
-    let other = Recipe { seed: 5, ..recipe() };
+    let other = Recipe { seed: Some(5), ..recipe() };
     let refused = Builder::open(DatasetFiles::at(BUILT.path()), other).err().expect("another recipe");
     assert_eq!(refused.kind(), FailureKind::Data);
     assert!(refused.to_string().contains("another recipe"), "{refused}");

@@ -127,13 +127,18 @@ impl DataFolder {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
 
-    /// Stores a split as a data set; fails if other missions use the name.
-    pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
+    /// Stores a split as a data set, with the number for its draws; fails if other missions use the name.
+    pub fn save_split(&self, split: &Split, seed: u64) -> Result<(), Failure> {
         let folder = self.split_folder(&split.name)?;
         if self.exists(&split.name)? && self.split(&split.name)? != *split {
             return Err(taken(&split.name));
         }
-        DatasetFiles::at(&folder).write_split(split)
+        DatasetFiles::at(&folder).write_split(split, Some(seed))
+    }
+
+    /// Returns the files of a split that does not exist yet.
+    pub(crate) fn new_split(&self, name: &str) -> Result<DatasetFiles, Failure> {
+        if self.exists(name)? { Err(taken(name)) } else { Ok(DatasetFiles::at(&self.split_folder(name)?)) }
     }
 
     /// Links a split from another data set; returns the derived name. Fails if another split uses it.

@@ -179,6 +179,9 @@ impl Arena {
 
     pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let phase = self.phase(&run.phase).await?;
+        let dataset = self.store.agent_digest(&run.phase, phase.split.digest()).await.map_err(refusal)?;
+        let dataset =
+            dataset.ok_or_else(|| Refusal::internal(format!("phase '{}' has no commitment", run.phase)))?;
         Ok(OpenRun {
             run: run.id.clone(),
             team: run.team.clone(),
@@ -197,7 +200,7 @@ impl Arena {
             sealed: run.is_sealed(),
             digests: Digests {
                 engine: format!("avln {}", env!("CARGO_PKG_VERSION")),
-                dataset: phase.split.digest().to_owned(),
+                dataset,
                 scorer: BENCHMARK_VERSION.to_owned(),
                 config: phase.config_digest(),
             },

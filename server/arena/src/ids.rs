@@ -1,10 +1,20 @@
-//! Random ids and tokens.
+//! Random ids, tokens and secrets.
+
+use crate::Failure;
+use avln_dataset::SplitSecret;
 
 /// Returns 128 random bits in hexadecimal.
 pub fn random_hex() -> Result<String, getrandom::Error> {
     let mut bytes = [0_u8; 16];
     getrandom::fill(&mut bytes)?;
     Ok(hex::encode(bytes))
+}
+
+/// Returns a new secret for a split.
+pub fn random_secret() -> Result<SplitSecret, Failure> {
+    let mut bytes = [0_u8; 32];
+    getrandom::fill(&mut bytes).map_err(Failure::internal)?;
+    Ok(SplitSecret::new(bytes))
 }
 
 /// Returns a new token with a prefix by kind: `avln_account_…`, `avln_run_…`.

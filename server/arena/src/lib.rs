@@ -32,6 +32,7 @@ pub mod setup;
 
 pub use conversion::fault_count;
 pub use failure::{Failure, FailureKind};
+pub use phases::seed_to_publish;
 
 use avln_grpc::Control;
 use avln_referee::Referee;

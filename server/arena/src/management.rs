@@ -5,6 +5,7 @@ use crate::{
     Arena,
     actions::{self, ActionFailure, Attribution, TokenRequest, note, reschedule},
     admin, fault_count, now_unix_ms,
+    phases::seed_to_publish,
 };
 use avln_grpc::{Control, SessionState, SlotState};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
@@ -203,7 +204,9 @@ async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction)
         }
         OrganiserAction::Reveal(id) => {
             let revealed = note(by.actor, format!("phase {id}"), "revealed", by.reason);
-            store.reveal_phase(&id, revealed, now_unix_ms()).await?;
+            let seed = seed_to_publish(arena.phases.data(), store, &id).await;
+            let seed = seed.map_err(|failure| ActionFailure::System(failure.to_string()))?;
+            store.reveal_phase(&id, seed.as_ref(), revealed, now_unix_ms()).await?;
             done(format!("The committed values of phase {id} are published."))
         }
         other => Err(ActionFailure::System(format!("{other:?} is not a phase action"))),

@@ -2,13 +2,13 @@
 
 use crate::{
     BENCHMARK_VERSION, Failure, data::DataFolder, dataset::SplitFolder, ids, lru::LruCache, now_unix_ms,
-    run_blocking,
+    run_blocking, setup::check_seed,
 };
 use avln_dataset::{DatasetError, EpisodeSpec, SceneSource, SceneSpec};
 use avln_episode::Rules;
 use avln_geom::Point3;
 use avln_referee::Audio;
-use avln_store::{Phase, PhaseEpisode, Scene, SceneMap, Store, Visibility};
+use avln_store::{Phase, PhaseEpisode, Run, Scene, SceneMap, Store, Visibility};
 use avln_world::{Cache, SceneAssets};
 use std::{collections::BTreeMap, sync::Arc};
 use tokio::sync::Mutex;
@@ -33,6 +33,10 @@ pub(crate) struct PhaseCatalog {
 }
 
 impl PhaseCatalog {
+    pub(crate) fn data(&self) -> &DataFolder {
+        &self.data
+    }
+
     pub(crate) async fn open(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
         // Before the phases: a change during the reading leads to another reading.
         let change = store.newest_audit_id().await?;
@@ -92,6 +96,16 @@ pub(crate) async fn commit(store: &Store, phase: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Returns the seed file of a phase's split, to be published with the commitment; `None` unless the split is secret.
+pub async fn seed_to_publish(
+    data: &DataFolder,
+    store: &Store,
+    phase: &str,
+) -> Result<Option<serde_json::Value>, Failure> {
+    let seed = data.missions(&store.phase(phase).await?.split)?.secret()?;
+    seed.map(serde_json::to_value).transpose().map_err(Failure::internal)
+}
+
 impl HostedPhase {
     /// Reads a phase; open splits are reused from `before`.
     pub(crate) fn read(data: &DataFolder, settings: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
@@ -105,6 +119,9 @@ impl HostedPhase {
             let message =
                 format!("phase '{id}' lists episode {}, but split '{split}' has none", missing.episode);
             return Err(Failure::scene(message).hinted("restore the split's files from a backup"));
+        }
+        if let Err(failure) = check_seed(&split, settings.scores, settings.replays) {
+            tracing::warn!(phase = settings.id, %failure, "a hidden phase can be guessed");
         }
         let audio = data.audio(&settings.rules)?;
         Ok(Self { settings, split, audio })
@@ -152,7 +169,7 @@ impl HostedPhase {
         let digests = [
             ("benchmark", BENCHMARK_VERSION.to_owned()),
             ("server", env!("CARGO_PKG_VERSION").to_owned()),
-            ("split", self.split.digest().to_owned()),
+            (Run::SPLIT, self.split.digest().to_owned()),
             ("config", self.config_digest()),
         ];
         digests.into_iter().map(|(name, digest)| (name.to_owned(), digest)).collect()

@@ -6,8 +6,12 @@ use crate::{
     dataset::SplitFolder,
     now_unix_ms,
     phases::{commit, map_of},
+    run_blocking,
 };
-use avln_dataset::{MissionOptions, PublicGoal, PublicMission, SceneLine, SceneSource, Split};
+use avln_dataset::{
+    BuiltScene, MissionOptions, MissionRules, PublicGoal, PublicMission, Recipe, SceneChoice, SceneFacts,
+    SceneLine, SceneSource, Seed, Split, SplitRecipe, SplitSecret, SurveyOptions, build_scene,
+};
 use avln_episode::{FeedbackRule, HeadRule, Modality, Rules, Sensors, Sounds};
 use avln_houses::{HouseOptions, Pool};
 use avln_store::{GoalText, Phase, PhaseEpisode, QuotaLimits, Reference, Scene, SceneMap, Store, Visibility};
@@ -29,7 +33,7 @@ pub struct NewSplit {
     /// Missions per scene.
     pub missions: usize,
     /// Seed for houses and missions.
-    pub seed: u64,
+    pub seed: Seed,
     /// Rule set.
     pub rules: String,
 }
@@ -99,24 +103,89 @@ pub async fn make_split(
     report: impl Fn(String) + Send + 'static,
 ) -> Result<Split, Failure> {
     check_name("split", &new.name)?;
+    let (name, folder) = (new.name.clone(), data.clone());
+    let maps = run_blocking(move || match new.seed {
+        Seed::Number(seed) => make_numbered(&folder, &new, seed, report),
+        Seed::Secret(ref secret) => make_secret(&folder, new.recipe(secret), report),
+    });
+    let maps = maps.await?;
+    register_split(store, &name, &data.missions(&name)?, &maps).await?;
+    data.split(&name)
+}
+
+/// Makes a split whose houses and missions anyone can repeat; returns the scenes' maps.
+fn make_numbered(
+    data: &DataFolder,
+    new: &NewSplit,
+    seed: u64,
+    report: impl Fn(String),
+) -> Result<Vec<SceneMap>, Failure> {
+    let (split, maps) = build_split(new, seed, &data.cache(), report)?;
+    data.save_split(&split, seed)?;
+    Ok(maps)
+}
+
+/// Makes the only split of `recipe`; maps follow when a scene is first played.
+fn make_secret(data: &DataFolder, recipe: Recipe, report: impl Fn(String)) -> Result<Vec<SceneMap>, Failure> {
+    recipe.check()?;
+    let files = data.new_split(&recipe.splits[0].name)?;
     let cache = data.cache();
-    let built = tokio::task::spawn_blocking(move || build_split(&new, &cache, report)).await;
-    let (split, maps) = built.map_err(Failure::internal)??;
-    data.save_split(&split)?;
-    register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
-    Ok(split)
+    let scenes = recipe.jobs().map(|job| {
+        let built = build_scene(&recipe, job, Some(&cache))?;
+        report(described(&built));
+        Ok(built)
+    });
+    let scenes = scenes.collect::<Result<Vec<_>, Failure>>()?;
+    files.write_built(&recipe, &[scenes])?;
+    Ok(Vec::new())
+}
+
+fn described(built: &BuiltScene) -> String {
+    let SceneLine { name, missions, facts, .. } = &built.line;
+    let SceneFacts { objects, area_m2, .. } = facts.unwrap_or_default();
+    format!("  {name}: {objects} objects, {area_m2:.0} m2 to walk on, {missions} missions")
+}
+
+impl NewSplit {
+    /// Returns the recipe for a secret split: equal houses and missions as with a number.
+    fn recipe(&self, secret: &SplitSecret) -> Recipe {
+        let HouseOptions { rooms, storeys, pool } = HouseOptions::small();
+        let houses = SceneChoice::Houses {
+            count: self.houses,
+            rooms: [*rooms.start(), *rooms.end()],
+            storeys: [*storeys.start(), *storeys.end()],
+            pool: pool.name().to_owned(),
+        };
+        let scenes = if self.scenes.is_empty() { houses } else { SceneChoice::Files(self.scenes.clone()) };
+        let split = SplitRecipe {
+            name: self.name.clone(),
+            scenes,
+            missions_per_scene: self.missions,
+            missions: None,
+            secret: Some(secret.clone()),
+        };
+        Recipe {
+            name: "secret".to_owned(),
+            rules: self.rules.clone(),
+            seed: None,
+            missions: MissionRules::default(),
+            survey: SurveyOptions::default(),
+            splits: vec![split],
+        }
+    }
 }
 
 fn build_split(
     new: &NewSplit,
+    seed: u64,
     cache: &Arc<dyn Cache>,
     report: impl Fn(String),
 ) -> Result<(Split, Vec<SceneMap>), Failure> {
     let rules = Rules::named(&new.rules).map_err(Failure::scene)?;
     let mut split = Split::new(&new.name, &rules);
     let mut maps = Vec::new();
-    for (index, (name, source)) in scene_sources(new)?.into_iter().enumerate() {
-        let missions = MissionOptions::new(new.missions, new.seed.wrapping_add(index as u64));
+    for (index, (name, source)) in scene_sources(new, seed)?.into_iter().enumerate() {
+        let missions = MissionOptions::new(new.missions, seed.wrapping_add(index as u64));
         let before = split.episodes.len();
         let assets = split.add_scene(&name, source, &rules, &missions, Some(cache))?;
         report(format!(
@@ -132,12 +201,12 @@ fn build_split(
 }
 
 /// Returns names and sources: the given files, or procedural houses by seed.
-fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> {
+fn scene_sources(new: &NewSplit, seed: u64) -> Result<Vec<(String, SceneSource)>, Failure> {
     if !new.scenes.is_empty() {
         return new.scenes.iter().map(|path| file_source(&new.name, path)).collect();
     }
     let house = |number: u32| {
-        let seed = new.seed.wrapping_mul(1000).wrapping_add(u64::from(number));
+        let seed = seed.wrapping_mul(1000).wrapping_add(u64::from(number));
         let HouseOptions { rooms, storeys, pool } = HouseOptions::small();
         let source = SceneSource::Procedural { seed, rooms, storeys, pool };
         (format!("{}-house-{number:03}", new.name), source)
@@ -164,6 +233,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         None => new.split.clone(),
     };
     let split = data.missions(&name)?;
+    check_seed(&split, new.scores, new.replays)?;
     if new.dataset.is_some() {
         register_split(store, &name, &split, &[]).await?;
     }
@@ -193,6 +263,18 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;
     commit(store, &phase.id).await?;
     Ok(phase)
+}
+
+/// Rejects hidden scores or replays on a split that participants can generate.
+pub(crate) fn check_seed(
+    split: &SplitFolder,
+    scores: Visibility,
+    replays: Visibility,
+) -> Result<(), Failure> {
+    if [scores, replays] == [Visibility::Public; 2] {
+        return Ok(());
+    }
+    split.seed().check_secret(&format!("the missions of split '{}'", split.name()))
 }
 
 /// Returns the target clips for a share or a folder; by default the split pool's share.

@@ -11,7 +11,7 @@ use crate::{
     dataset::SplitFolder,
     now_unix_ms,
     phases::commit,
-    setup::{self, check_sounds, rules_for_phase, sounds_for_phase},
+    setup::{self, check_seed, check_sounds, rules_for_phase, sounds_for_phase},
 };
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
@@ -211,6 +211,12 @@ impl PhaseConversion<'_> {
             sealed: entry.sealed,
             ..Phase::new(&entry.id, &entry.split, rules, episodes)
         };
+        let visibility = |phase: &Phase| (phase.split.clone(), phase.scores, phase.replays);
+        // An open phase from before this rule can still get other dates.
+        if old.map(visibility) != Some(visibility(&phase)) {
+            check_seed(split, phase.scores, phase.replays)
+                .map_err(|failure| self.fault("split", one_line(&failure)))?;
+        }
         check_sounds(self.planner.data, &phase)
             .map_err(|failure| self.fault("sounds", one_line(&failure)))?;
         Ok(phase)

@@ -2,10 +2,11 @@
 
 use crate::{Failure, lru::LruCache};
 use avln_dataset::{
-    DatasetError, EpisodeSpec, Manifest, PublicMission, SceneLine, SceneSpec, Split, SplitLine, Statistics,
+    BuiltScene, DatasetError, EpisodeSpec, Manifest, PublicMission, Recipe, SceneLine, SceneSource,
+    SceneSpec, SecretFile, Split, SplitLine, Statistics,
     format::{
         DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
-        read_scenes, scenes_bytes, write_scene,
+        read_scenes, read_secret, scenes_bytes, write_scene,
     },
 };
 use seal::{Keyring, Salt};
@@ -59,6 +60,11 @@ impl DatasetFiles {
         self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
     }
 
+    /// Returns the path to a secret split's seed.
+    pub fn secret_path(&self, split: &str) -> PathBuf {
+        self.root.join(split).join("sealed").join("seed.json")
+    }
+
     /// Returns true for a complete data set.
     pub fn is_complete(&self) -> bool {
         self.manifest_path().is_file()
@@ -85,6 +91,23 @@ impl DatasetFiles {
         let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
         scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
         Ok(scenes)
+    }
+
+    /// Reads a secret split's seed; `None` for other splits.
+    pub fn secret(&self, split: &str) -> Result<Option<SecretFile>, Failure> {
+        check_plain(split)?;
+        let path = self.secret_path(split);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let (name, bytes) = (path.display().to_string(), read(&path)?);
+        Ok(Some(read_secret(File { name: &name, bytes: &bytes }).map_err(DatasetError::from)?))
+    }
+
+    /// Writes a secret split's seed.
+    pub fn write_secret(&self, split: &str, secret: &SecretFile) -> Result<(), Failure> {
+        let json = serde_json::to_vec_pretty(secret).map_err(Failure::internal)?;
+        write_whole(&self.secret_path(split), &json)
     }
 
     /// Returns true if a split is sealed.
@@ -129,6 +152,7 @@ impl DatasetFiles {
         for scene in self.scenes_in(line, &ring.open(&list, read_as_is(&list)?)?)? {
             paths.extend([self.missions_path(split, &scene.name), self.sealed_path(split, &scene.name)]);
         }
+        paths.extend(Some(self.secret_path(split)).filter(|path| path.is_file()));
         paths.push(list);
         let mut sealed = Sealed::default();
         for path in paths {
@@ -144,8 +168,41 @@ impl DatasetFiles {
         Ok(sealed)
     }
 
-    /// Writes a split as a data set.
-    pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
+    /// Writes a data set from the built scenes of every split in `recipe`.
+    pub fn write_built(&self, recipe: &Recipe, splits: &[Vec<BuiltScene>]) -> Result<(), Failure> {
+        for (split, scenes) in recipe.splits.iter().zip(splits) {
+            if let Some(secret) = SecretFile::of(recipe, &split.name) {
+                self.write_secret(&split.name, &secret)?;
+            }
+            scenes.iter().try_for_each(|scene| self.write_built_scene(&split.name, scene))?;
+        }
+        let lines = splits.iter().map(|scenes| scenes.iter().map(|scene| scene.line.clone()).collect());
+        self.complete(recipe, lines.collect::<Vec<_>>().as_slice())
+    }
+
+    /// Writes the files of a built scene.
+    pub fn write_built_scene(&self, split: &str, built: &BuiltScene) -> Result<(), Failure> {
+        write_whole(&self.missions_path(split, &built.line.name), &built.missions)?;
+        write_whole(&self.sealed_path(split, &built.line.name), &built.sealed)
+    }
+
+    /// Writes the scene lists and the manifest, which marks a data set as complete.
+    pub fn complete(&self, recipe: &Recipe, splits: &[Vec<SceneLine>]) -> Result<(), Failure> {
+        let named = recipe.splits.iter().zip(splits);
+        let lines = named.map(|(split, scenes)| self.write_scenes(&split.name, scenes));
+        self.write_manifest(&Manifest {
+            format: Manifest::FORMAT.to_owned(),
+            version: DATASET_VERSION,
+            name: recipe.name.clone(),
+            rules: recipe.rules.clone(),
+            recipe: Some(recipe.clone()),
+            seed: None,
+            splits: lines.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Writes a split as a data set; `seed` is the number that its missions were drawn with.
+    pub fn write_split(&self, split: &Split, seed: Option<u64>) -> Result<(), Failure> {
         let mut lines = Vec::new();
         for scene in &split.scenes {
             let episodes: Vec<_> =
@@ -162,6 +219,7 @@ impl DatasetFiles {
             name: split.name.clone(),
             rules: split.rules.clone(),
             recipe: None,
+            seed,
             splits: vec![line],
         })
     }
@@ -218,6 +276,37 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         .map_err(|error| Failure::file("write", path, error))
 }
 
+/// Knowledge about a split's seed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KnownSeed {
+    /// 256 secret bits.
+    Secret,
+    /// A number, or houses of a number that is not recorded.
+    Number(Option<u64>),
+    /// No procedural houses and no recorded seed, such as imported missions.
+    None,
+}
+
+impl KnownSeed {
+    fn of(manifest: &Manifest, scenes: &[SceneLine]) -> Self {
+        let seed = manifest.seed.or_else(|| manifest.recipe.as_ref().and_then(|recipe| recipe.seed));
+        let is_house = |scene: &SceneLine| matches!(scene.source, SceneSource::Procedural { .. });
+        if seed.is_some() || scenes.iter().any(is_house) { Self::Number(seed) } else { Self::None }
+    }
+
+    /// Fails for a number. `missions` names the hidden missions in the message.
+    ///
+    /// Anyone can generate the missions of all small numbers, and compare them with an observation.
+    pub fn check_secret(self, missions: &str) -> Result<(), Failure> {
+        let Self::Number(seed) = self else { return Ok(()) };
+        let number = seed.map_or_else(|| "a number".to_owned(), |seed| format!("the number {seed}"));
+        Err(Failure::scene(format!(
+            "{missions} cannot be hidden: they were drawn with {number}, which participants can guess"
+        ))
+        .hinted("make a split with a secret seed: avln data split make NAME, without --seed"))
+    }
+}
+
 const CACHED_SCENES: usize = 16;
 
 /// A split on disk. Missions are read per scene on demand.
@@ -228,6 +317,7 @@ pub struct SplitFolder {
     rules: String,
     digest: String,
     is_sealed: bool,
+    seed: KnownSeed,
     missions: usize,
     scenes: Vec<SceneLine>,
     by_name: BTreeMap<String, usize>,
@@ -245,6 +335,11 @@ impl SplitFolder {
             return Err(Failure::scene(message).hinted(format!("its splits are: {}", known.join(", "))));
         };
         let (scenes, is_sealed) = (files.scenes(line)?, files.is_sealed(split)?);
+        let seed = if files.secret_path(split).is_file() {
+            KnownSeed::Secret
+        } else {
+            KnownSeed::of(&manifest, &scenes)
+        };
         let by_name = scenes.iter().map(|scene| scene.name.clone()).zip(0..).collect();
         Ok(Self {
             files,
@@ -252,6 +347,7 @@ impl SplitFolder {
             rules: manifest.rules.clone(),
             digest: line.digest.clone(),
             is_sealed,
+            seed,
             missions: line.missions,
             scenes,
             by_name,
@@ -277,6 +373,16 @@ impl SplitFolder {
     /// Returns true if the files need a passphrase.
     pub fn is_sealed(&self) -> bool {
         self.is_sealed
+    }
+
+    /// Reads the secret and recipe of a secret split; `None` for other splits.
+    pub fn secret(&self) -> Result<Option<SecretFile>, Failure> {
+        self.files.secret(&self.split)
+    }
+
+    /// Returns the knowledge about the seed.
+    pub fn seed(&self) -> KnownSeed {
+        self.seed
     }
 
     /// Returns the mission count.

@@ -8,6 +8,7 @@ use avln_arena::{
     setup::{NewSplit, admit, make_split},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
+use avln_dataset::{Seed, SplitSecret};
 use avln_episode::Order;
 use avln_grpc::{Host, Reason, RunRequest};
 use avln_store::{AuditNote, Schedule, Store};
@@ -51,7 +52,7 @@ impl Hall {
             houses: 1,
             scenes: vec![],
             missions: 3,
-            seed: 5,
+            seed: Seed::Secret(SplitSecret::new([5; 32])),
             rules: "lh-avln-v1".to_owned(),
         };
         make_split(&data, &store, make, |_| ()).await.expect("a house holds missions");
@@ -241,7 +242,7 @@ async fn run_samples_are_fixed_and_fulfilled() {
     assert!(refused.contains("line 15: ") && refused.contains("existing runs fix"), "{refused}");
     hall.reschedule("finals", |schedule| schedule.closed = true).await;
     let (promise, values) =
-        hall.store.reveal_phase("finals", AuditNote::default(), 1 << 42).await.expect("a closed phase");
+        hall.store.reveal_phase("finals", None, AuditNote::default(), 1 << 42).await.expect("a closed phase");
     assert_eq!((promise.commitment, values.commitment()), (promised.clone(), promised));
     let told = Host::phases(&arena, None).await.expect("a list").remove(1);
     assert_eq!(told.revealed.map(|values| values.secret), Some(values.secret));

@@ -96,6 +96,7 @@ enum Purpose {
     Sample,
     Order,
     Handle,
+    Split,
 }
 
 impl PhaseSecret {
@@ -120,6 +121,11 @@ impl PhaseSecret {
     pub fn handle(&self, run: &str, ordinal: i64, attempt: i64) -> String {
         let hash = self.hash(Purpose::Handle, run, &format!("{ordinal} {attempt}"));
         format!("ep_{}", hex::encode(&hash[..16]))
+    }
+
+    /// Returns a split's agent-visible digest, hex. It confirms no guess of the split.
+    pub fn split_digest(&self, digest: &str) -> String {
+        hex::encode(self.hash(Purpose::Split, "", digest))
     }
 }
 

@@ -45,9 +45,14 @@ impl Recipe {
         self.splits.iter().enumerate().flat_map(scenes)
     }
 
-    /// Returns the scene name: data set, split, number.
+    /// Returns the scene name: data set, split, and the number, or a keyed hash of the number for a secret split.
     pub fn scene_name(&self, job: Job) -> String {
-        format!("{}-{}-{:04}", self.name, self.splits[job.split].name, job.scene)
+        let SplitRecipe { name, secret, .. } = &self.splits[job.split];
+        let number = match secret {
+            Some(secret) => format!("{:016x}", secret.word(&["name", &job.scene.to_string()])),
+            None => format!("{:04}", job.scene),
+        };
+        format!("{}-{name}-{number}", self.name)
     }
 
     /// Returns the house for a scene and an attempt, from 0, without missions; an error for splits with scene files.
@@ -66,7 +71,7 @@ impl Recipe {
             return Err(DatasetError::Recipe(reason));
         };
         // A generator per attempt: the number of attempts in this scene changes no other scene.
-        let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
+        let mut rng = self.scene_rng(job)?.fork(&format!("house {attempt}"));
         let source = SceneSource::Procedural {
             seed: rng.next_u64(),
             rooms: rooms[0]..=rooms[1],
@@ -76,10 +81,18 @@ impl Recipe {
         Ok((source, rng.next_u64()))
     }
 
-    fn scene_rng(&self, job: Job) -> Rng {
-        // Forks by name and number instead of a shared generator: threads may build scenes in any order with equal
+    fn scene_rng(&self, job: Job) -> Result<Rng, DatasetError> {
+        let SplitRecipe { name, secret, .. } = &self.splits[job.split];
+        // Generators by name and number instead of a shared one: threads may build scenes in any order with equal
         // bytes.
-        Rng::new(self.seed).fork(&self.splits[job.split].name).fork(&format!("scene {}", job.scene))
+        match (self.seed, secret) {
+            (Some(seed), _) => Ok(Rng::new(seed).fork(name).fork(&format!("scene {}", job.scene))),
+            (None, Some(secret)) => Ok(Rng::new(secret.word(&["scene", &job.scene.to_string()]))),
+            (None, None) => {
+                let reason = format!("split '{name}' has no secret, and the recipe has no `seed`");
+                Err(DatasetError::Recipe(reason))
+            }
+        }
     }
 }
 
@@ -108,7 +121,7 @@ pub fn build_scene(
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
             // A file cannot be redrawn, so any mission count above 0 is accepted.
-            build(source, recipe.scene_rng(job).fork("missions").next_u64(), 1)
+            build(source, recipe.scene_rng(job)?.fork("missions").next_u64(), 1)
         }
         SceneChoice::Houses { .. } => {
             let house = |attempt: u32| {

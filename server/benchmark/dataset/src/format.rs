@@ -5,18 +5,20 @@
 //! DIR/SPLIT/scenes.jsonl            SceneLine: scene source, and digests for both files
 //! DIR/SPLIT/missions/SCENE.jsonl    public: starts and goal cues
 //! DIR/SPLIT/sealed/SCENE.jsonl      hidden: targets, success regions, picture views, reference tours
+//! DIR/SPLIT/sealed/seed.json        hidden, SecretFile: secret of a split without a seed, and its recipe
 //! ```
 
 mod read;
 mod write;
 
-pub use read::{File, read_manifest, read_missions, read_scene, read_scenes};
+pub use read::{File, read_manifest, read_missions, read_scene, read_scenes, read_secret};
 pub use write::{WrittenScene, digest_of, manifest_bytes, scenes_bytes, write_scene};
 
 use crate::{
     cue::{Claims, CueView},
     mission::ReferenceTour,
     recipe::Recipe,
+    seed::SplitSecret,
     split::{SceneSource, SceneSpec},
 };
 use avln_geom::Pose;
@@ -41,6 +43,9 @@ pub struct Manifest {
     /// Recipe, for data sets built by recipe.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recipe: Option<Recipe>,
+    /// Seed of missions that were drawn without a recipe.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Splits.
     pub splits: Vec<SplitLine>,
 }
@@ -57,6 +62,20 @@ pub struct SplitLine {
     pub missions: usize,
     /// BLAKE3 of `scenes.jsonl`, hex; covers the whole split.
     pub digest: String,
+}
+
+/// Contents of `sealed/seed.json`: everything that rebuilds a secret split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SecretFile {
+    /// Always `avln-seed`.
+    pub format: String,
+    /// Version of the layout.
+    pub version: u32,
+    /// Secret of all draws.
+    pub secret: SplitSecret,
+    /// Recipe with this split only.
+    pub recipe: Recipe,
 }
 
 /// Line in `scenes.jsonl`: source and digests for a scene.
@@ -173,6 +192,29 @@ pub(super) struct SealedGoal {
 impl Manifest {
     /// File kind of `dataset.json`.
     pub const FORMAT: &str = "avln-dataset";
+}
+
+impl SecretFile {
+    /// File kind of `sealed/seed.json`.
+    pub const FORMAT: &str = "avln-seed";
+
+    /// Returns the file for a split of `recipe`; `None` without such a split, or if it has no secret.
+    pub fn of(recipe: &Recipe, split: &str) -> Option<Self> {
+        let split = recipe.splits.iter().find(|recipe| recipe.name == split)?;
+        Some(Self {
+            format: Self::FORMAT.to_owned(),
+            version: DATASET_VERSION,
+            secret: split.secret.clone()?,
+            recipe: Recipe { splits: vec![split.clone()], ..recipe.clone() },
+        })
+    }
+
+    /// Returns the recipe with the secret: it rebuilds the split, byte for byte.
+    pub fn into_recipe(self) -> Recipe {
+        let Self { secret, mut recipe, .. } = self;
+        recipe.splits.iter_mut().for_each(|split| split.secret = Some(secret.clone()));
+        recipe
+    }
 }
 
 impl Header {

@@ -15,6 +15,7 @@ pub mod format;
 mod mission;
 mod recipe;
 mod reference;
+mod seed;
 mod split;
 mod stats;
 mod survey;
@@ -22,11 +23,12 @@ mod survey;
 pub use build::{BuiltScene, Job, build_scene};
 pub use check::{Constraint, Depth, Fault, check_scene};
 pub use cue::{Claims, CueSpec, CueView, Description};
-pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
+pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SecretFile, SplitLine};
 pub use mission::{
     EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
 };
 pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
+pub use seed::{Seed, SplitSecret};
 pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
 pub use survey::{

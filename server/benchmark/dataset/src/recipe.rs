@@ -2,6 +2,7 @@
 
 use crate::{
     mission::{MissionOptions, StepGoal},
+    seed::SplitSecret,
     split::DatasetError,
     survey::look::SurveyOptions,
 };
@@ -18,8 +19,9 @@ pub struct Recipe {
     pub name: String,
     /// Rule set name for regions and references.
     pub rules: String,
-    /// Random seed.
-    pub seed: u64,
+    /// Seed for all random draws; if absent, every split has a secret.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Mission constraints.
     pub missions: MissionRules,
     /// Survey thresholds.
@@ -59,6 +61,9 @@ pub struct SplitRecipe {
     /// Mission constraints, if different.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub missions: Option<MissionRules>,
+    /// Secret of a split without a seed; never in a recipe's file.
+    #[serde(skip)]
+    pub secret: Option<SplitSecret>,
 }
 
 /// Scene source of a split.
@@ -107,7 +112,8 @@ impl Recipe {
         split.missions.as_ref().unwrap_or(&self.missions)
     }
 
-    fn check(&self) -> Result<(), DatasetError> {
+    /// Checks all values; an error names the field, the value and the allowed range.
+    pub fn check(&self) -> Result<(), DatasetError> {
         self.rules()?;
         check_name("name", &self.name)?;
         require(!self.splits.is_empty(), || "`splits` is empty; list at least one".to_owned())?;
@@ -123,6 +129,21 @@ impl Recipe {
             split.missions.as_ref().map_or(Ok(()), MissionRules::check)?;
         }
         Ok(())
+    }
+}
+
+impl Default for MissionRules {
+    /// Two to four goals, at least 2 m from the start and 1 m apart.
+    fn default() -> Self {
+        let MissionOptions { goals, min_start_m, min_separation_m, distractors, steps, .. } =
+            MissionOptions::new(0, 0);
+        Self {
+            goals: [*goals.start(), *goals.end()],
+            min_start_m,
+            min_separation_m,
+            distractors: [*distractors.start(), *distractors.end()],
+            steps,
+        }
     }
 }
 

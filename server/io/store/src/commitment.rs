@@ -9,7 +9,7 @@ use crate::{
 };
 use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
-use sqlx::FromRow;
+use sqlx::{FromRow, types::Json};
 
 /// A phase's commitment.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
@@ -20,6 +20,10 @@ pub struct Commitment {
     pub committed_unix_ms: i64,
     /// The values; `None` before they are published.
     pub revealed: Option<CommitmentValues>,
+    /// Secret and recipe of a split without a seed, as in `sealed/seed.json`; published with the values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
+    pub seed: Option<serde_json::Value>,
 }
 
 #[derive(FromRow)]
@@ -30,6 +34,7 @@ struct SecretRow {
     commitment: String,
     committed_ms: i64,
     revealed_ms: Option<i64>,
+    seed: Option<Json<serde_json::Value>>,
 }
 
 impl SecretRow {
@@ -40,6 +45,7 @@ impl SecretRow {
     fn into_commitment(self) -> Commitment {
         Commitment {
             revealed: self.revealed_ms.map(|_| self.values()),
+            seed: self.seed.map(|seed| seed.0),
             commitment: self.commitment,
             committed_unix_ms: self.committed_ms,
         }
@@ -70,7 +76,7 @@ impl Store {
         let upsert = "INSERT INTO phase_secrets (phase, secret, pool, scorer, commitment, committed_ms) \
              VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (phase) DO UPDATE SET secret = excluded.secret, \
              pool = excluded.pool, scorer = excluded.scorer, commitment = excluded.commitment, \
-             committed_ms = excluded.committed_ms, revealed_ms = NULL";
+             committed_ms = excluded.committed_ms, revealed_ms = NULL, seed = NULL";
         sqlx::query(upsert)
             .bind(phase)
             .bind(&values.secret)
@@ -84,24 +90,28 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the values behind a phase's commitment. The first call counts. Fails if the phase is unknown, not closed at
-    /// `now_unix_ms`, still has open runs or was never committed.
+    /// Publishes the values behind a phase's commitment, and the split's `seed` unless another phase still plays the split. Fails
+    /// if the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed.
     pub async fn reveal_phase(
         &self,
         phase: &str,
+        seed: Option<&serde_json::Value>,
         note: AuditNote,
         now_unix_ms: i64,
     ) -> Result<(Commitment, CommitmentValues)> {
         let mut tx = self.begin().await?;
-        if find_phase(&mut tx, phase).await?.schedule.state(now_unix_ms) != PhaseState::Closed {
+        if !is_closed(&mut tx, phase, now_unix_ms).await? {
             return Err(StoreError::NotClosed(phase.to_owned()));
         }
         // The secret reveals the following episodes to the team with an open run.
         if let Some(until_unix_ms) = last_deadline(&mut tx, phase, now_unix_ms).await? {
             return Err(StoreError::StillPlayed { phase: phase.to_owned(), until_unix_ms });
         }
-        let update = "UPDATE phase_secrets SET revealed_ms = $2 WHERE phase = $1 AND revealed_ms IS NULL";
-        let changed = sqlx::query(update).bind(phase).bind(now_unix_ms).execute(&mut *tx).await?;
+        let seed = if is_split_played(&mut tx, phase, now_unix_ms).await? { None } else { seed };
+        let update = "UPDATE phase_secrets SET revealed_ms = COALESCE(revealed_ms, $2), seed = COALESCE(seed, $3) \
+                      WHERE phase = $1 AND (revealed_ms IS NULL OR (seed IS NULL AND $3 IS NOT NULL))";
+        let update = sqlx::query(update).bind(phase).bind(now_unix_ms).bind(seed.map(Json));
+        let changed = update.execute(&mut *tx).await?;
         if changed.rows_affected() > 0 {
             add_notes(&mut tx, &[note], now_unix_ms).await?;
         }
@@ -112,11 +122,35 @@ impl Store {
         Ok((row.into_commitment(), values))
     }
 
+    /// Returns the digest that agents of a phase see for the split's `digest`; `None` before the phase has a commitment.
+    pub async fn agent_digest(&self, phase: &str, digest: &str) -> Result<Option<String>> {
+        let mut tx = self.read.begin().await?;
+        Ok(read_key(&mut tx, phase).await?.map(|secret| secret.split_digest(digest)))
+    }
+
     /// Returns a phase's commitment; `None` before it is made.
     pub async fn commitment(&self, phase: &str) -> Result<Option<Commitment>> {
         let mut tx = self.read.begin().await?;
         read_commitment(&mut tx, phase).await
     }
+}
+
+async fn is_closed(tx: &mut Transaction<'_>, phase: &str, now_unix_ms: i64) -> Result<bool> {
+    Ok(find_phase(tx, phase).await?.schedule.state(now_unix_ms) == PhaseState::Closed)
+}
+
+/// Returns true if another phase on the split of `phase` is not closed, or has open runs.
+async fn is_split_played(tx: &mut Transaction<'_>, phase: &str, now_unix_ms: i64) -> Result<bool> {
+    let select = "SELECT other.id FROM phases p JOIN phases other ON other.split = p.split AND other.id <> p.id \
+                  WHERE p.id = $1";
+    let others: Vec<String> = sqlx::query_scalar(select).bind(phase).fetch_all(&mut **tx).await?;
+    for other in others {
+        let is_closed = is_closed(tx, &other, now_unix_ms).await?;
+        if !is_closed || last_deadline(tx, &other, now_unix_ms).await?.is_some() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Returns the latest deadline after `now_unix_ms` among a phase's open runs.
@@ -136,7 +170,7 @@ pub(crate) async fn read_key(tx: &mut Transaction<'_>, phase: &str) -> Result<Op
 }
 
 async fn read_secret(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<SecretRow>> {
-    let select = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms FROM phase_secrets \
+    let select = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms, seed FROM phase_secrets \
                   WHERE phase = $1";
     Ok(sqlx::query_as(select).bind(phase).fetch_optional(&mut **tx).await?)
 }

@@ -53,6 +53,8 @@ impl Run {
     pub const UNSEALED: &'static str = "sealed except";
     /// Key in [`Run::digests`] for the benchmark version.
     pub const SCORER: &'static str = "benchmark";
+    /// Key in [`Run::digests`] for the split.
+    pub const SPLIT: &'static str = "split";
 
     /// Returns the benchmark version that scored the run first; empty if it was not recorded.
     pub fn scorer(&self) -> &str {

@@ -4,7 +4,7 @@ use crate::{
     cue::{CueSpec, Description},
     format::{
         DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneLine, SealedGoal, SealedMission,
-        SealedTarget, write::digest_of,
+        SealedTarget, SecretFile, write::digest_of,
     },
     mission::{EpisodeSpec, GoalSpec},
     split::FormatError,
@@ -47,6 +47,14 @@ impl<'a> File<'a> {
 
     fn parse<T: DeserializeOwned>(&self, (number, line): (usize, &[u8])) -> Result<T, FormatError> {
         serde_json::from_slice(line).map_err(|error| self.error(Some(number), json_error(&error)))
+    }
+
+    /// Parses a file with a single value.
+    fn whole<T: DeserializeOwned>(&self) -> Result<T, FormatError> {
+        serde_json::from_slice(self.bytes).map_err(|error| {
+            let line = Some(error.line()).filter(|line| *line > 0);
+            self.error(line, error.to_string())
+        })
     }
 
     fn require(
@@ -113,13 +121,19 @@ fn digest_cause(found: &str, expected: &str) -> String {
 
 /// Parses `dataset.json`; an error if the JSON is invalid, or the version is unsupported.
 pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
-    let manifest: Manifest = serde_json::from_slice(file.bytes).map_err(|error| {
-        let line = Some(error.line()).filter(|line| *line > 0);
-        file.error(line, error.to_string())
-    })?;
+    let manifest: Manifest = file.whole()?;
     file.equal(&manifest.format, Manifest::FORMAT, None)?;
     file.version(manifest.version)?;
     Ok(manifest)
+}
+
+/// Parses `sealed/seed.json`; an error if it is invalid, or its recipe is.
+pub fn read_secret(file: File) -> Result<SecretFile, FormatError> {
+    let secret: SecretFile = file.whole()?;
+    file.equal(&secret.format, SecretFile::FORMAT, None)?;
+    file.version(secret.version)?;
+    secret.recipe.check().map_err(|error| file.error(None, error.to_string()))?;
+    Ok(secret)
 }
 
 /// Parses `scenes.jsonl`; an error if a line is invalid, a name occurs twice, or the digest is not `expected`.

@@ -2,10 +2,10 @@
 
 use avln_dataset::{
     BuiltScene, CueSpec, DatasetError, EpisodeSpec, FormatError, Job, MissionOptions, Recipe, SceneChoice,
-    SceneSource, Split, Statistics, build_scene,
+    SceneSource, SecretFile, Split, SplitSecret, Statistics, build_scene,
     format::{
         DATASET_VERSION, File, Manifest, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
-        read_scenes, scenes_bytes, write_scene,
+        read_scenes, read_secret, scenes_bytes, write_scene,
     },
     page,
 };
@@ -149,6 +149,7 @@ fn manifest_of_other_version_is_rejected() {
         name: "mini".to_owned(),
         rules: RECIPE.rules.clone(),
         recipe: Some(RECIPE.clone()),
+        seed: None,
         splits: Vec::new(),
     };
     let bytes = manifest_bytes(&manifest).expect("writable");
@@ -303,4 +304,33 @@ fn changed_scene_is_rejected() {
     scene.digest = "0".repeat(64);
     let error = scene.open(&Rules::paper()).err().expect("another digest").to_string();
     assert!(error.contains("test-house") && error.contains("rebuild the split"), "{error}");
+}
+
+#[test]
+fn secrets_are_required_and_make_other_scenes() {
+    let with = |secret: Option<[u8; 32]>| {
+        let mut recipe = Recipe { seed: None, ..RECIPE.clone() };
+        recipe.splits.iter_mut().for_each(|split| split.secret = secret.map(SplitSecret::new));
+        recipe
+    };
+    let refused = build_scene(&with(None), FIRST, None).expect_err("no origin of the draws").to_string();
+    assert!(refused.contains("'val' has no secret"), "{refused}");
+    let [one, two] = [1, 2].map(|byte| with(Some([byte; 32])));
+    let house = |recipe: &Recipe| recipe.house(FIRST, 0).expect("a house");
+    assert_ne!(house(&one), house(&two));
+    assert_ne!(one.scene_name(FIRST), two.scene_name(FIRST));
+    assert!(!serde_json::to_string(&one).expect("JSON").contains("secret"), "secrets stay out of recipes");
+
+    let file = SecretFile::of(&one, "val").expect("a secret split");
+    let json = serde_json::to_vec(&file).expect("JSON");
+    let read = |bytes: &[u8]| read_secret(File { name: "seed.json", bytes });
+    let again = read(&json).expect("the same file").into_recipe();
+    assert_eq!(house(&again), house(&one));
+    let text = String::from_utf8(json).expect("text");
+    for (good, bad) in
+        [("avln-seed", "avln-sealed"), ("\"mini\"", "\"\""), ("\"secret\":\"01", "\"secret\":\"")]
+    {
+        let error = read(text.replace(good, bad).as_bytes()).expect_err(bad).to_string();
+        assert!(error.starts_with("seed.json"), "{error}");
+    }
 }

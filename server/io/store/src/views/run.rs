@@ -1,6 +1,7 @@
 //! Run pages, with groups of episodes.
 
 use crate::{
+    commitment::read_key,
     database::{Transaction, Word, value},
     error::{Result, StoreError},
     phases::{Phase, read_heads},
@@ -234,11 +235,23 @@ async fn read_view(tx: &mut Transaction<'_>, run: &Run, sight: Sight, totals: &T
         server_faults: totals.server_faults,
         time,
         sensors: run.sensors.clone(),
-        digests: run.digests.clone(),
+        digests: read_digests(tx, run, sight).await?,
         rescores: vec![],
         episodes: rows.into_iter().map(|row| row.into_line(sight)).collect(),
         line: read_line(tx, &run.id, sight).await?,
     })
+}
+
+/// Returns a run's digests; without access to replays, the split's digest as agents see it.
+async fn read_digests(tx: &mut Transaction<'_>, run: &Run, sight: Sight) -> Result<BTreeMap<String, String>> {
+    let mut digests = run.digests.clone();
+    if !sight.replays
+        && let Some(digest) = digests.get_mut(Run::SPLIT)
+        && let Some(secret) = read_key(tx, &run.phase).await?
+    {
+        *digest = secret.split_digest(digest);
+    }
+    Ok(digests)
 }
 
 /// Returns a run and the viewer's access; `None` if there is none visible to the viewer.

@@ -141,11 +141,12 @@ async fn commitment_is_revealed_after_closing() {
     assert_eq!((promise.committed_unix_ms, &promise.revealed), (1, &None));
     let shown = arena.store.reader().phases(&Viewer::Organiser, 3).await.expect("phases");
     assert!(!serde_json::to_string(&shown).expect("JSON").contains(SECRET), "not even to the organiser");
-    let early = arena.store.reveal_phase("practice", note("revealed"), 4).await;
+    let early = arena.store.reveal_phase("practice", None, note("revealed"), 4).await;
     assert!(matches!(early, Err(StoreError::NotClosed(_))), "{early:?}");
     promised.schedule.closed = true;
     arena.store.upsert_phase(&promised, 5).await.expect("closed");
-    let (after, values) = arena.store.reveal_phase("practice", note("revealed"), 6).await.expect("closed");
+    let (after, values) =
+        arena.store.reveal_phase("practice", None, note("revealed"), 6).await.expect("closed");
     assert_eq!((&after.commitment, &values.commitment()), (&promise.commitment, &promise.commitment));
     assert_eq!((values.secret.as_str(), values.scorer.as_str()), (SECRET, "1.0.0"));
     let ids = promised.episodes.iter().map(|episode| episode.episode.as_str());

@@ -214,9 +214,13 @@ async fn run_without_wall_time_ends_with_phase() {
 async fn secret_is_kept_until_runs_end() {
     let (arena, _) = started_in(&timed(3600, Some(50)), 10).await;
     arena.store.commit_phase("practice", &"0f".repeat(32), "1.0.0", 20).await.expect("a promise");
-    let early = arena.store.reveal_phase("practice", AuditNote::default(), 60).await;
+    let early = arena.store.reveal_phase("practice", None, AuditNote::default(), 60).await;
     assert!(matches!(early, Err(StoreError::StillPlayed { until_unix_ms: 3_600_010, .. })), "{early:?}");
-    arena.store.reveal_phase("practice", AuditNote::default(), 10 + HOUR_MS).await.expect("its time is over");
+    arena
+        .store
+        .reveal_phase("practice", None, AuditNote::default(), 10 + HOUR_MS)
+        .await
+        .expect("its time is over");
 }
 
 #[tokio::test]
