@@ -1,0 +1,10 @@
+//! Scene files: OBJ.
+#![no_main]
+
+use avln_fuzz::with_file;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    with_file("scene.obj", bytes, |path| {
+        let _ = avln_formats::open::open(path);
+    });
+});
