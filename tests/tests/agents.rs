@@ -465,7 +465,8 @@ mod storeys {
         let server = Server::start(PROGRAM, &folder.join("data"));
         let url = format!("http://{}", server.grpc);
         let agent = ["agent", "pag-nav", "--server", &url, "--token", token, "--phase", "stairs"];
-        avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());
+        let said = avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());
+        assert!(said.contains(&format!("  http://{}/runs/run_", server.web)), "a link to the run: {said}");
         let traces = fs::read_dir(folder.join("traces")).expect("traces").flatten();
         let heights_m: Vec<f64> = traces.flat_map(|trace| heights_m(&trace.path())).collect();
         let most_m = heights_m.iter().fold(0.0, |most: f64, height_m| most.max(height_m.abs()));

@@ -58,7 +58,8 @@ pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let servers = Servers::bind(&args.addresses.addresses()).await?.with_documents(documents());
     let store = data.store().await?;
     let phase = prepare(&data, &store, &args).await?;
-    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
+    let link_url = servers.web_url().unwrap_or_default();
+    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?.with_web_url(link_url);
     let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
     let open = servers.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;

@@ -62,6 +62,31 @@ async fn run_list_continues_after_last_run() {
 }
 
 #[tokio::test]
+async fn cancelled_runs_are_listed_for_their_team() {
+    let arena = Arena::new(&phase("practice", 2)).await;
+    for (id, now) in [("run_1", 40), ("run_2", 50), ("run_3", 60)] {
+        open(&arena, id, "practice", now).await;
+    }
+    arena.store.cancel_run("run_2", 70).await.expect("an open run");
+    let reader = arena.store.reader();
+    let blue = Viewer::Team("blue".to_owned());
+    for (viewer, expected) in [
+        (Viewer::Anonymous, ["run_3", "run_1"]),
+        (blue, ["run_3", "run_1"]),
+        (red(), ["run_3", "run_2"]),
+        (Viewer::Organiser, ["run_3", "run_2"]),
+    ] {
+        let page = reader.older_runs(&viewer, None, None, 2).await.expect("an answer").expect("a page");
+        let runs: Vec<_> = page.runs.iter().map(|line| line.run.as_str()).collect();
+        let next = (expected[1] != "run_1").then_some(expected[1]);
+        assert_eq!((runs, page.next.as_deref()), (expected.to_vec(), next), "{viewer:?}");
+        assert!(reader.run(&viewer, "run_2").await.expect("an answer").is_some(), "its page: {viewer:?}");
+    }
+    let older = reader.older_runs(&Viewer::Anonymous, None, Some("run_2"), 2).await.expect("an answer");
+    assert_eq!(older.expect("a page").runs.len(), 1, "lists continue after a cancelled run");
+}
+
+#[tokio::test]
 async fn logs_open_with_replays_after_run() {
     let arena = Arena::new(&guarded()).await;
     arena.play("run_over", "walker", Order::Unordered, 1).await;
@@ -174,6 +199,22 @@ async fn reason_is_shown_during_pause_only() {
     };
     assert_eq!(shown(9).await, (PhaseState::Upcoming, None));
     assert_eq!(shown(10).await, (PhaseState::Paused, paused));
+}
+
+#[tokio::test]
+async fn closing_by_hand_differs_from_closing_date() {
+    let dated = Schedule { closes_unix_ms: Some(10), ..Schedule::default() };
+    let arena = Arena::new(&Phase { schedule: dated.clone(), ..phase("practice", 1) }).await;
+    let by_hand = Schedule { closed: true, ..dated };
+    arena.store.upsert_phase(&Phase { schedule: by_hand, ..phase("second", 1) }, 2).await.expect("a phase");
+    let reader = arena.store.reader();
+    let shown = async |id: &str, now: i64| {
+        let view = reader.phase(&Viewer::Anonymous, id, now).await.expect("an answer").expect("the phase");
+        (view.state, view.closed_by_hand)
+    };
+    assert_eq!(shown("practice", 9).await, (PhaseState::Open, false));
+    assert_eq!(shown("practice", 10).await, (PhaseState::Closed, false));
+    assert_eq!(shown("second", 9).await, (PhaseState::Closed, true));
 }
 
 #[tokio::test]
