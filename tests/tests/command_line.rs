@@ -358,7 +358,7 @@ fn organising_page_commands_work() {
     hinted(&data, &["challenge", "check", page], 3, &["challenge.toml, line ", "'val'", "for example: "]);
     done(&["data", "split", "make", "val", "--houses", "1", "--missions", "1", "--seed", "7"]);
     done(&["data", "split", "make", "hidden", "--houses", "1", "--missions", "4"]);
-    assert!(done(&["challenge", "check", page]).contains("would change  phase practice: made"));
+    assert!(done(&["challenge", "check", page]).contains("\n3 phases to add, 0 to change, 0 splits"));
     assert_eq!(done(&["challenge", "show"]).trim(), "phases = []");
     done(&["challenge", "apply", page, "--reason", "first version"]);
     assert_eq!(done(&["challenge", "apply", page]).trim(), "nothing to change");
