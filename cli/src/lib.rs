@@ -43,7 +43,8 @@ const EXIT_CODES: &str = "Exit codes:
   3  unusable data folder or database
   4  address in use or not available
   5  unusable scene or split
-  6  failed run, check or request";
+  6  failed run, check or request
+  7  intact run log without proof of completeness";
 
 const DATA_FOLDER: &str = "avln-data";
 

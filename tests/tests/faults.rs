@@ -341,10 +341,10 @@ async fn server_without_memory_begins_no_episode() {
 #[tokio::test(flavor = "multi_thread")]
 async fn server_hanging_in_preparation_costs_one_episode() {
     let (folder, token) = set_up_with(|_| ()).await;
+    let server = Server::start_with(PROGRAM, folder.path(), &["--preparation-limit", "1"]);
     let missions = find(folder.path(), "/missions/");
     std::fs::remove_file(&missions).expect("a file of missions");
     assert!(Command::new("mkfifo").arg(&missions).status().expect("mkfifo").success());
-    let server = Server::start_with(PROGRAM, folder.path(), &["--preparation-limit", "1"]);
     let (run, mut play) = begin(&format!("http://{}", server.grpc), &token).await;
     let refused = timeout(Duration::from_secs(30), play.next_episode()).await.expect("an answer in time");
     assert!(refused.is_err(), "the episode cannot be had");

@@ -1,7 +1,7 @@
 //! Sandbox from outside: folder, sockets, and the process or container inside.
 
 use avln_arena::Failure;
-use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
+use avln_sandbox::{Container, ControlGroup, Engine, SandboxPlan, SandboxReport};
 use std::{
     io,
     net::SocketAddr,
@@ -38,6 +38,8 @@ pub(super) struct Sandbox {
     inside: Inside,
     /// Proxy between the sandbox's socket and the server; dropped with the sandbox.
     _passage: JoinSet<()>,
+    /// Limits for agents of root; dropped with the sandbox.
+    _group: Option<ControlGroup>,
 }
 
 enum Inside {
@@ -62,9 +64,11 @@ impl Sandbox {
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
         passage.spawn(pass(listen(SandboxPlan::server_socket(&place))?, server));
+        let mut group = None;
         let inside = match kind {
             SandboxKind::Process(plan) => {
                 let control = listen(SandboxPlan::control_socket(&place))?;
+                group = ControlGroup::create(&place);
                 let plan = SandboxPlan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(Failure::run)?;
                 Inside::Process { control, plan, running: None }
@@ -75,7 +79,7 @@ impl Sandbox {
                 Inside::Container(*engine, Container { folder: place, owner, ..container.clone() })
             }
         };
-        Ok(Self { folder, inside, _passage: passage })
+        Ok(Self { folder, inside, _passage: passage, _group: group })
     }
 
     /// Returns a word for the run's record.
@@ -104,8 +108,8 @@ impl Sandbox {
                 *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
             }
-            Inside::Container(..) => {
-                Ok(SandboxReport { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
+            Inside::Container(_, container) => {
+                Ok(SandboxReport { enforced: container.enforced(), missing: vec![] })
             }
         }
     }

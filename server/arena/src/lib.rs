@@ -92,7 +92,7 @@ impl Arena {
         let lock = data.lock()?;
         let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
-        let logs = Arc::new(data.run_logs());
+        let logs = Arc::new(data.run_logs().with_epoch(data.count_start(&lock)?));
         sync_periodically(&logs);
         // Before the credit: without a key no server runs, and the downtime continues.
         let key = Arc::new(data.signing_key()?);

@@ -111,7 +111,12 @@ impl HostedPhase {
     pub(crate) fn read(data: &DataFolder, settings: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
         let split = match before.iter().find(|hosted| hosted.settings.split == settings.split) {
             Some(hosted) => hosted.split.clone(),
-            None => Arc::new(data.missions(&settings.split)?),
+            None => {
+                let split = data.missions(&settings.split)?;
+                // At the start: a damaged file would otherwise interrupt the runs that reach its scene.
+                split.check_files()?;
+                Arc::new(split)
+            }
         };
         let unknown = |episode: &&PhaseEpisode| !split.may_hold(&episode.scene, &episode.episode);
         if let Some(missing) = settings.episodes.iter().find(unknown) {
