@@ -341,6 +341,52 @@ mod admin_server {
     }
 }
 
+/// A data folder in use: a second server is refused before it changes anything.
+mod locked_folder {
+    use avln_arena::data::DataFolder;
+    use avln_store::TokenLine;
+    use avln_tests::{PHASE, TEAM, TestSetup, set_up, store};
+    use std::{path::Path, process::Command};
+
+    async fn tokens(folder: &Path) -> Vec<TokenLine> {
+        let store = store(folder).await;
+        let tokens = store.tokens().await.expect("tokens");
+        store.close().await;
+        tokens
+    }
+
+    /// Calls every command that hosts the folder; none may succeed.
+    fn host(folder: &Path) {
+        let serve = "serve --cache-size 9 --admin off --grpc 127.0.0.1:0 --web 127.0.0.1:0".to_owned();
+        let demo = "demo --once --houses 1 --missions 1 --grpc 127.0.0.1:0 --web 127.0.0.1:0".to_owned();
+        let oracle = format!("challenge leaderboard oracle --phase {PHASE}");
+        for line in [serve, demo, oracle] {
+            let mut program = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+            let output = program.arg("--data").arg(folder).args(line.split(' ')).output();
+            let output = output.expect("the program runs");
+            let words = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "{line}: {words}");
+            assert!(words.contains("a server is already running on data folder"), "{line}: {words}");
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn second_server_is_refused_before_any_change() {
+        let [folder, empty] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+        set_up(folder.path(), &TestSetup::default()).await;
+        let before = tokens(folder.path()).await;
+        assert_eq!(before.iter().map(|token| token.team.as_deref()).collect::<Vec<_>>(), [Some(TEAM)]);
+        for place in [&folder, &empty] {
+            let data = DataFolder::open(place.path()).expect("the folder");
+            let _lock = data.lock().expect("no other server");
+            host(place.path());
+        }
+        assert_eq!(tokens(folder.path()).await, before);
+        assert!(!folder.path().join("cache/scenes/limit_gib").exists(), "the limit of the cache");
+        assert!(!empty.path().join("avln.db").exists(), "the database was opened");
+    }
+}
+
 /// `avln lab doctor` finds obstacles to a run, plays uncounted episodes and ends its run.
 mod doctor {
     use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};

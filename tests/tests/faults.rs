@@ -2,12 +2,7 @@
 //! towards the quota or not. The faults are real: panics, hanging threads, dead connections, full disks,
 //! locked databases.
 
-use avln_arena::{
-    Arena,
-    budget::Budget,
-    data::DataFolder,
-    servers::{Addresses, Limits, Servers},
-};
+use avln_arena::{budget::Budget, servers::Limits};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::scripted_run::NO_SENSORS;
@@ -449,32 +444,6 @@ fn copy(from: &Path, to: &Path) {
             std::fs::copy(&path, to.join(path.file_name().expect("a name"))).expect("a copy");
         }
     }
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn clock_that_jumps_ends_no_run() {
-    let (folder, token) = set_up_with(|phase| phase.time.run_s = 3600).await;
-    let data = DataFolder::open(folder.path()).expect("the folder");
-    let store = store(folder.path()).await;
-    let arena = Arc::new(Arena::open(&data, store.clone(), 256).await.expect("phases"));
-    let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
-    let servers = servers.open(arena.clone(), store.reader()).expect("running servers");
-    let (run, play) = begin(&servers.grpc_url(), &token).await;
-    let now = avln_arena::now_unix_ms();
-    let day_ms = 86_400_000;
-    let look =
-        async |now_ms, age_s| arena.overdue_at(now_ms, Duration::from_secs(age_s)).await.expect("a list");
-    assert_eq!(look(now, 0).await, Vec::<String>::new());
-    assert_eq!(look(now + day_ms, 1).await, Vec::<String>::new(), "a day forwards in a second");
-    assert_eq!(look(now, 2).await, Vec::<String>::new(), "and back");
-    assert_eq!(
-        look(now + 3_700_000, 3702).await,
-        std::slice::from_ref(&run.id),
-        "time that really passes counts"
-    );
-    play_on(play).await.expect("to the end");
-    let expected = expect("stopped stopped", RunState::Completed, true);
-    assert_eq!(verdict(folder.path(), &run.id).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]

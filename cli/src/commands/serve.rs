@@ -95,6 +95,8 @@ impl FromStr for AdminListener {
 /// Hosts the data folder's phases until a signal or a drain.
 pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
+    // Before any change: a newer program must not migrate the database of a running server.
+    let lock = data.lock()?;
     data.limit_cache(args.cache_size)?;
     let security = Security { tls_cert: args.tls_cert, tls_key: args.tls_key };
     // Before the phases are read, so that a used address fails at once.
@@ -113,7 +115,7 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let (step, preparation) = (seconds(args.step_limit), seconds(args.preparation_limit));
     let servers = servers.with_limits(|limits| Limits { step, preparation, ..limits });
     let budget = Budget { session_memory_mib: args.session_memory, preparation };
-    let arena = Arena::open(&data, store.clone(), args.scene_memory)
+    let arena = Arena::open_locked(lock, &data, store.clone(), args.scene_memory)
         .await?
         .with_budget(budget)
         .with_web_url(link_url.clone().unwrap_or_default());

@@ -4,7 +4,7 @@ use crate::{
     Arena, Failure, PendingReturns,
     budget::MemoryUse,
     conversion::refusal,
-    ids, now_unix_ms,
+    ids,
     phases::{HostedPhase, SceneCache},
     runlog::{Entry, RunLog, SlotLog},
 };
@@ -64,12 +64,13 @@ impl Arena {
             self.store.set_sensors(run, sensors).await.map_err(refusal)?;
         }
         let handle = format!("ep_{}", ids::random_hex().map_err(Refusal::internal)?);
-        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+        let now_unix_ms = self.settled_now().await?;
+        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
         let begun = self.begin(&row, &phase, slot, assigned, sensors).await;
         if begun.is_err() {
-            self.store.reopen_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+            self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
         }
         self.prefetch(run, &phase);
         begun.map(Some)
@@ -92,7 +93,7 @@ impl Arena {
             ordinal: assigned.ordinal,
             episode: assigned.episode.clone(),
             sensors: sensors.clone(),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         };
         log.write(&began).map_err(Refusal::internal)?;
         let (referee, memory) = self.prepare_episode(run, phase, assigned.episode, sensors.clone()).await?;
@@ -108,7 +109,7 @@ impl Arena {
             phase: phase.settings.id.clone(),
             order: run.order,
             digests: run.digests.clone(),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         };
         self.logs.open(&run.id, first).map_err(Refusal::internal)
     }
@@ -173,7 +174,7 @@ impl Arena {
         let handle = hosted.handle.clone();
         let stored = self.try_store_result(run, hosted).await;
         if stored.is_err()
-            && let Err(error) = self.store.reopen_episode(run, &handle, now_unix_ms()).await
+            && let Err(error) = self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await
         {
             // Without another attempt the run would wait for this episode until the next server start.
             tracing::error!(run, handle, %error, "cannot store or reissue an episode; it is reissued later");
@@ -191,7 +192,7 @@ impl Arena {
         let issued = self.open_episodes().issued.remove(&ticket);
         let unknown = || Refusal::internal(format!("episode {handle} was never issued"));
         let IssuedEpisode { phase, log, slot, ended, .. } = issued.ok_or_else(unknown)?;
-        let (scoring, name) = (phase.clone(), handle.clone());
+        let (scoring, name, clock) = (phase.clone(), handle.clone(), self.clock.clone());
         let scored = spawn_blocking(move || {
             let (truth, record, metrics) = seal_and_score(episode.referee, &scoring);
             // The log before the database: the restart compares the two and continues from the log.
@@ -201,7 +202,7 @@ impl Arena {
                     handle: name,
                     end: record.end,
                     metrics: Box::new(metrics.clone()),
-                    at_ms: now_unix_ms(),
+                    at_ms: clock.now_unix_ms(),
                 })?;
             }
             log.sync().map(|()| (truth, record, metrics))
@@ -215,7 +216,7 @@ impl Arena {
             metrics: &metrics,
             time: &time_account(&time),
         };
-        let recorded = self.store.record_result(&result, now_unix_ms()).await.map_err(refusal)?;
+        let recorded = self.store.record_result(&result, self.clock.now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&recorded.run).await;
         Ok((recorded.counts && phase.shows_metrics()).then(|| outcome(&metrics)))
     }
@@ -225,7 +226,7 @@ impl Arena {
         loop {
             let Some(first) = self.pending_returns().first().cloned() else { return Ok(()) };
             let (run, handle) = &first;
-            self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal)?;
+            self.store.reopen_episode(run, handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
             self.pending_returns().remove(&first);
         }
     }

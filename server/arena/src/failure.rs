@@ -17,7 +17,7 @@ pub struct Failure {
 pub enum FailureKind {
     /// An internal error.
     Internal = 1,
-    /// An unusable data folder or database.
+    /// An unusable data folder, database or input file.
     Data = 3,
     /// An unavailable address.
     Address = 4,

@@ -48,9 +48,10 @@ pub async fn start_sealed_run(
     enforced: String,
     missing: String,
 ) -> Result<IssuedRun, Failure> {
-    let phases = PhaseCatalog::open(data, store).await?.now(store).await?;
+    let phases = PhaseCatalog::open(data, store, Some(request.phase)).await?.now(store).await?;
     let Some(phase) = find_phase(&phases, request.phase) else {
-        return Err(unknown(request.phase, phases.iter().map(|phase| phase.settings.id.as_str()).collect()));
+        let known = store.phases().await?;
+        return Err(unknown(request.phase, known.iter().map(|phase| phase.id.as_str()).collect()));
     };
     let mut digests = phase.digests();
     digests.insert(Run::SEALED.to_owned(), enforced);

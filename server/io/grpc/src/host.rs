@@ -1,7 +1,7 @@
 //! Interface to the application behind the gRPC server.
 
 use crate::{
-    control::{Control, TimeSpent},
+    control::{Control, TimeSpent, unix_ms},
     limits::Limits,
     refusal::Refusal,
 };
@@ -20,6 +20,10 @@ pub trait Host: Send + Sync + 'static {
     /// Returns the operator's controls, if there is an operator.
     fn control(&self) -> Option<&Control> {
         None
+    }
+    /// Returns the wall clock for deadlines, milliseconds since 1970-01-01 UTC; by default the system's.
+    fn now_unix_ms(&self) -> i64 {
+        unix_ms()
     }
 
     /// Returns the phases visible to the account's team, or the public ones without an account.

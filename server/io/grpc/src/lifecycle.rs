@@ -130,7 +130,7 @@ impl<H: Host> ServiceContext<H> {
             benchmark: info.benchmark,
             server_version: info.version,
             sealed: open.sealed,
-            server_time_unix_ms: crate::control::unix_ms(),
+            server_time_unix_ms: self.host.now_unix_ms(),
             run_deadline_unix_ms: open.deadline_unix_ms.unwrap_or_default(),
         }
     }

@@ -66,7 +66,8 @@ impl<H: Host> PlayStream<H> {
             Ok(_) => {
                 guard.apply(AttachmentEvent::StreamAttached);
                 session.attach_stream(&self.out, slots, known).await;
-                self.read(&session, &mut guard, RunDeadline::of(&open)).await
+                let deadline = RunDeadline::of(&open, self.context.host.now_unix_ms());
+                self.read(&session, &mut guard, deadline).await
             }
             Err(_) => Err(unread()),
         };

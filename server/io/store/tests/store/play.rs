@@ -262,6 +262,18 @@ async fn maintenance_extends_runs_and_phases() {
 }
 
 #[tokio::test]
+async fn clock_change_is_no_downtime() {
+    let (arena, _) = started_in(&timed(3600, Some(100 * HOUR_MS)), 10).await;
+    arena.store.credit_downtime(20).await.expect("a first start");
+    arena.store.record_drain("new disks", 1_000_000).await.expect("a note");
+    let set_ms = 72 * HOUR_MS;
+    arena.store.follow_clock(set_ms, 1_001_000 + set_ms).await.expect("an answer");
+    let credit = arena.store.credit_downtime(1_005_000 + set_ms).await.expect("the next start");
+    assert_eq!(credit, DowntimeCredit { away_ms: 5_000, runs: 1, phases: vec!["practice".to_owned()] });
+    assert_eq!(deadline(&arena).await, Some(10 + HOUR_MS + set_ms + 5_000));
+}
+
+#[tokio::test]
 async fn clock_change_keeps_remaining_time() {
     let (arena, _) = started_in(&timed(3600, None), 10).await;
     assert_eq!(arena.store.follow_clock(-5_000, 20).await.expect("an answer"), 1);
