@@ -369,7 +369,7 @@ mod source_files {
     const PAGE: &str = "docs/ARCHITECTURE.md";
     const HEAD: &str = "| file | content |\n|---|---|\n";
     /// Folders with sources, outermost first.
-    const FOLDERS: [&str; 15] = [
+    const FOLDERS: [&str; 16] = [
         "docs",
         "cli/src",
         "lab/src",
@@ -380,6 +380,7 @@ mod source_files {
         "proto",
         "client-sdk/rust/src",
         "client-sdk/python/src",
+        "client-sdk/javascript",
         "client-sdk/conformance/src",
         "agents",
         "server/io/web/assets",
@@ -412,7 +413,7 @@ mod source_files {
     fn rows() -> Vec<String> {
         let mut rows = Vec::new();
         for folder in FOLDERS {
-            let endings = [".rs", ".py", ".proto", ".js"];
+            let endings = [".rs", ".py", ".proto", ".js", ".mjs"];
             let mut paths: Vec<_> = endings
                 .iter()
                 .flat_map(|ending| files(&root().join(folder), ending))

@@ -13,6 +13,7 @@ mod engine;
 mod faults;
 mod guessing;
 mod imports;
+mod javascript;
 mod journeys;
 mod leak;
 mod oracle;
