@@ -140,7 +140,7 @@ impl info::InfoService for Fake {
     }
 
     async fn list_phases(&self, _: Request<v1::ListPhasesRequest>) -> Answer<v1::ListPhasesResponse> {
-        let phases = vec![frames::phase(&self.run.lock().await)];
+        let phases = vec![frames::phase(&*self.run.lock().await)];
         Ok(Response::new(v1::ListPhasesResponse { phases }))
     }
 }
@@ -163,7 +163,7 @@ impl runs::RunService for Fake {
     }
 
     async fn get_run(&self, _: Request<v1::GetRunRequest>) -> Answer<v1::GetRunResponse> {
-        let run = Some(frames::run_status(&self.run.lock().await));
+        let run = Some(frames::run_status(&*self.run.lock().await));
         Ok(Response::new(v1::GetRunResponse { run }))
     }
 
@@ -200,7 +200,7 @@ impl play::PlayService for Fake {
     type PlayStream = ReceiverStream<Result<v1::PlayResponse, Status>>;
 
     async fn play(&self, request: Request<Streaming<v1::PlayRequest>>) -> Answer<Self::PlayStream> {
-        self.admit(&mut self.run.lock().await, Transport::Stream)?;
+        self.admit(&mut *self.run.lock().await, Transport::Stream)?;
         let (responses, receiver) = mpsc::channel(QUEUED_FRAMES);
         tokio::spawn(Conversation { fake: self.clone(), requests: request.into_inner(), responses }.hold());
         Ok(Response::new(ReceiverStream::new(receiver)))

@@ -50,7 +50,7 @@ impl Conversation {
                 Up::Act(act) => self.act(&act).await?,
                 Up::Pong(pong) => self.fake.run.lock().await.pong(pong.nonce),
                 Up::Abandon(abandon) => self.abandon(abandon.slot).await?,
-                Up::Goodbye(_) => return self.end_run(&mut self.fake.run.lock().await).await,
+                Up::Goodbye(_) => return self.end_run(&mut *self.fake.run.lock().await).await,
                 Up::Hello(_) => {
                     self.fake.run.lock().await.violation(None, "the client sent a second Hello in a stream")
                 }
