@@ -49,7 +49,7 @@ impl Fake {
         }
         run.act(&act).map_err(|reason| frames::refusal(reason, None))?;
         let fault = run.fault(act.slot);
-        let is_due = run.inject_at(act.slot, FAULT_STEP);
+        let is_due = fault.needs_steps() && run.inject_at(act.slot, FAULT_STEP);
         if is_due && let Some(response) = self.before_answer(&mut run, &act, fault).await? {
             return Ok(response);
         }

@@ -2,7 +2,7 @@
 
 use super::counted;
 use crate::{Failure, dataset::SplitFolder};
-use avln_dataset::PublicMission;
+use avln_dataset::{PublicGoal, PublicMission};
 use avln_store::{Phase, PhaseState, Visibility};
 use std::{
     collections::{BTreeMap, BTreeSet, btree_map::Entry},
@@ -33,9 +33,15 @@ impl Content {
     }
 }
 
-/// Hashes a mission's start and goals by BLAKE3.
+/// Hashes a mission's start and kinds of goals by BLAKE3. The words of a sentence depend on the scene's name.
 fn mission_digest(mission: &PublicMission) -> Result<[u8; 32], Failure> {
-    let json = serde_json::to_vec(&(&mission.start, &mission.goals)).map_err(Failure::internal)?;
+    let kind = |goal: &PublicGoal| match goal {
+        PublicGoal::Category(label) => label.clone(),
+        PublicGoal::Description(_) => "a sentence".to_owned(),
+        PublicGoal::Image => "an image".to_owned(),
+    };
+    let goals: Vec<_> = mission.goals.iter().map(kind).collect();
+    let json = serde_json::to_vec(&(&mission.start, goals)).map_err(Failure::internal)?;
     Ok(*blake3::hash(&json).as_bytes())
 }
 
