@@ -60,7 +60,8 @@ pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let store = data.store().await?;
     let phase = prepare(&data, &store, &args).await?;
     let link_url = servers.web_url().unwrap_or_default();
-    let arena = Arena::open_locked(lock, &data, store.clone(), SCENE_MEMORY_MIB).await?.with_web_url(link_url);
+    let arena =
+        Arena::open_locked(lock, &data, store.clone(), SCENE_MEMORY_MIB).await?.with_web_url(link_url);
     let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
     let open = servers.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;

@@ -19,6 +19,9 @@ use tokio::{
     time::timeout,
 };
 
+/// Time for a failed sandbox to write the reason.
+const LAST_WORDS: Duration = Duration::from_secs(10);
+
 pub(super) enum SandboxKind {
     /// A process. `folder` is not yet set.
     Process(SandboxPlan),
@@ -102,9 +105,12 @@ impl Sandbox {
                 let mut line = String::new();
                 let read = child_socket.read_line(&mut line).await;
                 read.map_err(|error| failed("the sandbox did not report", error))?;
-                let report = serde_json::from_str(&line).map_err(|_| {
-                    Failure::run("the sandbox could not be started; the reason is printed above")
-                })?;
+                let Ok(report) = serde_json::from_str(&line) else {
+                    // The process inside writes the reason before it ends; a dropped supervisor would kill it.
+                    let _ = timeout(LAST_WORDS, supervisor.wait()).await;
+                    let message = "the sandbox could not be started; the reason is printed above";
+                    return Err(Failure::run(message));
+                };
                 *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
             }

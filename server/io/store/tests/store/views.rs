@@ -70,6 +70,10 @@ async fn cancelled_runs_are_listed_for_their_team() {
     arena.store.cancel_run("run_2", 70).await.expect("an open run");
     let reader = arena.store.reader();
     let blue = Viewer::Team("blue".to_owned());
+    for (viewer, count) in [(&blue, 0), (&red(), 3), (&Viewer::Organiser, 0)] {
+        let own = reader.own_runs(viewer, 9).await.expect("a list");
+        assert_eq!(own.len(), count, "own runs of {viewer:?} in a public phase");
+    }
     for (viewer, expected) in [
         (Viewer::Anonymous, ["run_3", "run_1"]),
         (blue, ["run_3", "run_1"]),
