@@ -1,7 +1,7 @@
 //! Contents and faults of a challenge file.
 
 use crate::Failure;
-use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, Sounds, TimeLimits};
+use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, SilenceRule, Sounds, TimeLimits};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -59,6 +59,8 @@ pub struct PhaseFile {
     pub head: Option<String>,
     /// Feedback to a Submit; the rule set's by default.
     pub feedback: Option<FeedbackRule>,
+    /// Silence of found targets; the rule set's by default.
+    pub silence: Option<SilenceRule>,
     /// Permitted orders; both by default.
     pub orders: Option<Vec<Order>>,
     /// Permitted sensors; all by default.
@@ -166,6 +168,7 @@ impl PhaseFile {
             sounds: Some(sounds_word(&phase.rules.sounds)),
             head: Some(head_word(&phase.rules.head)),
             feedback: Some(phase.rules.feedback),
+            silence: Some(phase.rules.silence),
             orders: Some(phase.orders.clone()),
             sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
             opens: phase.schedule.opens_unix_ms.and_then(datetime),
@@ -234,7 +237,7 @@ fn timestamp(written: &Datetime) -> Option<i64> {
 }
 
 /// Valid lines, each with the keys that it is an example for.
-pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
+pub(super) const EXAMPLES: [(&[&str], &str); 39] = [
     (&["phases"], "[[phases]]"),
     (&["splits"], "[splits.hidden]"),
     (&["dataset"], "dataset = \"../data\""),
@@ -246,6 +249,7 @@ pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
     (&["sounds"], "sounds = \"test\""),
     (&["head"], "head = \"sphere\""),
     (&["feedback"], "feedback = \"none\""),
+    (&["silence"], "silence = \"window_end\""),
     (&["orders"], "orders = [\"ordered\", \"unordered\"]"),
     (&["sensors"], "sensors = [\"rgb\", \"depth\", \"audio\"]"),
     (&["encodings", "depth"], "encodings = { depth = \"millimetres\" }"),

@@ -153,7 +153,7 @@ impl Planner<'_> {
             return Ok(());
         };
         if self.store.has_runs(&old.id).await? {
-            let problem = "existing runs fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
+            let problem = "existing runs fix split, rules, feedback, silence, sounds, head, sample and shuffle; open another phase";
             return Err(conversion.fault(key, problem).into());
         }
         Ok(())
@@ -249,6 +249,7 @@ impl PhaseConversion<'_> {
         rules.sounds = self.sounds(split)?;
         rules.head = self.head()?;
         rules.feedback = self.entry.feedback.unwrap_or(rules.feedback);
+        rules.silence = self.entry.silence.unwrap_or(rules.silence);
         Ok(rules)
     }
 
