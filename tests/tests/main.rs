@@ -4,6 +4,7 @@ mod administration;
 mod agents;
 mod bad_input;
 mod calibration;
+mod charges;
 mod clock;
 mod command_line;
 mod conformance;

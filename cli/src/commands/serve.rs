@@ -62,7 +62,7 @@ pub(crate) struct ServeArgs {
     /// Memory for cached scenes in MiB; scenes in use may exceed it
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     scene_memory: u32,
-    /// Memory for a session's open episodes in MiB: scenes, ears and frames; larger episodes are reported as
+    /// Memory for a session's open episodes in MiB: scenes, ears and frames; more episodes wait, larger scenes are reported as
     /// server faults
     #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
     session_memory: u32,

@@ -2,7 +2,7 @@
 
 use crate::{
     Arena, Failure, PendingReturns,
-    budget::MemoryUse,
+    budget::{Budget, MemoryUse},
     conversion::refusal,
     ids,
     phases::{HostedPhase, SceneCache},
@@ -69,10 +69,17 @@ impl Arena {
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
         let begun = self.begin(&row, &phase, slot, assigned, sensors).await;
-        if begun.is_err() {
-            self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
+        match begun.as_ref().err().map(Budget::is_agents_choice) {
+            // No fault: otherwise, an agent could make its runs free of charge.
+            Some(true) => {
+                self.store.return_episode(run, &handle).await.map_err(refusal)?;
+            }
+            Some(false) => {
+                self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
+            }
+            None => {}
         }
-        self.prefetch(run, &phase);
+        self.prefetch(&row, &phase);
         begun.map(Some)
     }
 
@@ -154,7 +161,9 @@ impl Arena {
             }
             Ok::<_, Refusal>(prepared)
         };
+        let turn = self.preparing.next(&run.team).await;
         let prepared = self.control().watchdog().run(self.budget.preparation, work).await;
+        drop(turn);
         let PreparedReferee { referee, scene, map } =
             prepared.map_err(|lost| Refusal::new(Reason::SimFault, lost.to_string()))??;
         if let Some(map) = map {
@@ -260,13 +269,15 @@ impl Arena {
     }
 
     /// Prepares the next episode for `run` in the background.
-    pub(crate) fn prefetch(&self, run: &str, phase: &Arc<HostedPhase>) {
-        let (run, phase, store) = (run.to_owned(), phase.clone(), self.store.clone());
+    pub(crate) fn prefetch(&self, run: &Run, phase: &Arc<HostedPhase>) {
+        let (team, run) = (run.team.clone(), run.id.clone());
+        let (phase, store) = (phase.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.prefetching.clone());
         let (watchdog, limit) = (self.control().watchdog().clone(), self.budget.preparation);
         tokio::spawn(async move {
-            // One episode at a time, in request order: running episodes have priority on the processors.
-            let Ok(_turn) = turns.acquire_owned().await else { return };
+            // One episode at a time, because running episodes have priority on the processors; the teams in turn, because one of
+            // them may start hundreds of runs.
+            let _turn = turns.next(&team).await;
             let next = store.next_pending(&run).await;
             let work = move || next?.map_or(Ok(None), |episode| prepare(&phase, &scenes, &episode));
             let stored = match watchdog.run(limit, work).await {

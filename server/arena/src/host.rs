@@ -64,7 +64,7 @@ impl Host for Arena {
             digests: &phase.digests(),
         };
         let started = self.store.start_run(&new, self.settled_now().await?).await.map_err(refusal)?;
-        self.prefetch(&started.run.id, &phase);
+        self.prefetch(&started.run, &phase);
         Ok(RunTicket {
             run: started.run.id,
             token,

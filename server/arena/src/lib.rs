@@ -30,6 +30,7 @@ pub mod runlog;
 pub mod runs;
 pub mod servers;
 pub mod setup;
+mod turns;
 
 pub use conversion::fault_count;
 pub use failure::{Failure, FailureKind};
@@ -53,7 +54,8 @@ use std::{
     sync::{Arc, Mutex},
     time::Duration,
 };
-use tokio::{sync::Semaphore, task::spawn_blocking};
+use tokio::task::spawn_blocking;
+use turns::TeamTurns;
 
 /// Benchmark version; a possible change in scores needs a new one.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
@@ -69,8 +71,10 @@ pub struct Arena {
     open_episodes: Mutex<OpenEpisodes>,
     logs: Arc<RunLogs>,
     key: Arc<SigningKey>,
-    /// Permit for prefetching, a single one.
-    prefetching: Arc<Semaphore>,
+    /// Preparation of requested episodes.
+    preparing: TeamTurns,
+    /// Preparation in advance, an episode at a time.
+    prefetching: Arc<TeamTurns>,
     control: Control,
     /// Public address of the web server, for links to runs.
     web_url: String,
@@ -138,7 +142,8 @@ impl Arena {
             open_episodes: Mutex::default(),
             logs,
             key,
-            prefetching: Arc::new(Semaphore::new(1)),
+            preparing: TeamTurns::half_of_cores(),
+            prefetching: Arc::new(TeamTurns::single()),
             control: Control::default(),
             web_url: String::new(),
             _lock: lock,

@@ -106,6 +106,7 @@ impl PhaseConversion<'_> {
         fill(&mut phase.rules.sounds, self.sounds(split), faults);
         fill(&mut phase.rules.head, self.head(), faults);
         phase.rules.feedback = self.entry.feedback.unwrap_or(phase.rules.feedback);
+        phase.rules.silence = self.entry.silence.unwrap_or(phase.rules.silence);
         match self.episodes(split) {
             Ok(episodes) => {
                 fill(&mut phase.sampling, self.sampling(&episodes), faults);
@@ -134,8 +135,7 @@ impl PhaseConversion<'_> {
 
     /// Returns a fault per change of a setting that existing runs fix.
     fn changes_of_fixed(&self, new: &Phase) -> Vec<Fault> {
-        const PROBLEM: &str =
-            "existing runs fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
+        const PROBLEM: &str = "existing runs fix split, rules, feedback, silence, sounds, head, sample and shuffle; open another phase";
         let Some(old) = self.fixed else { return Vec::new() };
         // Rules and sounds may come from the split.
         if old.split != new.split || old.episodes != new.episodes {
@@ -143,13 +143,14 @@ impl PhaseConversion<'_> {
         }
         let (is, was) = (&new.rules, &old.rules);
         let (sounds, head) = (was.sounds.clone(), was.head.clone());
-        let rest = Rules { sounds, head, feedback: was.feedback, ..is.clone() };
+        let rest = Rules { sounds, head, feedback: was.feedback, silence: was.silence, ..is.clone() };
         let changes = [
             ("shuffle", new.sampling.shuffle != old.sampling.shuffle),
             ("sample", new.sampling.sample != old.sampling.sample),
             ("sounds", is.sounds != was.sounds),
             ("head", is.head != was.head),
             ("feedback", is.feedback != was.feedback),
+            ("silence", is.silence != was.silence),
             ("rules", rest != *was),
         ];
         let changed = changes.into_iter().filter(|(_, is_changed)| *is_changed);

@@ -5,7 +5,7 @@ use std::{fmt, ops::Range, path::Path};
 use toml::de::{DeTable, DeValue};
 
 /// Valid lines, each with the keys that it is an example for.
-pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
+pub(super) const EXAMPLES: [(&[&str], &str); 39] = [
     (&["phases"], "[[phases]]"),
     (&["splits"], "[splits.hidden]"),
     (&["dataset"], "dataset = \"../data\""),
@@ -17,6 +17,7 @@ pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
     (&["sounds"], "sounds = \"test\""),
     (&["head"], "head = \"sphere\""),
     (&["feedback"], "feedback = \"none\""),
+    (&["silence"], "silence = \"window_end\""),
     (&["orders"], "orders = [\"ordered\", \"unordered\"]"),
     (&["sensors"], "sensors = [\"rgb\", \"depth\", \"audio\"]"),
     (&["encodings", "depth"], "encodings = { depth = \"millimetres\" }"),

@@ -1,7 +1,7 @@
 //! Contents of a challenge file.
 
 use super::{Fault, KeyPath, keys};
-use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, Sounds, TimeLimits};
+use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, SilenceRule, Sounds, TimeLimits};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -55,6 +55,8 @@ pub struct PhaseFile {
     pub head: Option<String>,
     /// Feedback to a Submit; the rule set's by default.
     pub feedback: Option<FeedbackRule>,
+    /// Silence of found targets; the rule set's by default.
+    pub silence: Option<SilenceRule>,
     /// Permitted orders; both by default.
     pub orders: Option<Vec<Order>>,
     /// Permitted sensors; all by default.
@@ -200,6 +202,7 @@ impl PhaseFile {
             sounds: Some(sounds_word(&phase.rules.sounds)),
             head: Some(head_word(&phase.rules.head)),
             feedback: Some(phase.rules.feedback),
+            silence: Some(phase.rules.silence),
             orders: Some(phase.orders.clone()),
             sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
             opens: phase.schedule.opens_unix_ms.and_then(datetime),

@@ -9,7 +9,7 @@ use avln_arena::{
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_dataset::{Seed, SplitSecret};
-use avln_episode::Order;
+use avln_episode::{Order, SilenceRule};
 use avln_grpc::{Host, Reason, RunRequest};
 use avln_store::{AuditNote, Phase, Schedule, Store, Viewer, Visibility};
 use std::path::Path;
@@ -236,6 +236,22 @@ async fn running_server_sees_organiser_changes() {
     arena.start_run(&account(), request("third")).await.expect("a phase that was not there at the start");
     let refusal = arena.start_run(&account(), request("fourth")).await.expect_err("no such phase");
     assert!(refusal.message.contains("practice, finals, third"), "{refusal}");
+}
+
+#[tokio::test]
+async fn first_run_fixes_silence() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    let late = FILE.replace("feedback = \"verdict\"", "silence = \"window_end\"");
+    hall.apply(&late).await;
+    let rules = hall.store.phase("practice").await.expect("the phase").rules;
+    assert_eq!(rules.silence, SilenceRule::WindowEnd);
+    assert!(hall.shown().await.contains("silence = \"window_end\""));
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    arena.start_run(&account(), request("practice")).await.expect("a run");
+    let changed = late.replace("window_end", "delayed");
+    let refused = hall.plan(&changed).await.err().expect("a run exists").to_string();
+    assert!(refused.contains("existing runs fix") && refused.contains("silence"), "{refused}");
 }
 
 #[tokio::test]

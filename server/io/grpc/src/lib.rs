@@ -76,6 +76,7 @@ mod host;
 mod lifecycle;
 mod limits;
 mod outbound;
+mod places;
 mod play_stream;
 mod refusal;
 mod registry;

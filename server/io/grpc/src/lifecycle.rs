@@ -41,7 +41,7 @@ impl<H: Host> ServiceContext<H> {
         // Before the present session is stopped: a Hello that will be refused must not end the run of another connection.
         let (open, _) = self.check(token, hello).await?;
         let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
-        let (guard, previous) = self.registry.enter(&open.run, reason).await?;
+        let (guard, previous) = self.registry.enter(&open.run, &open.team, reason).await?;
         // A second time, because the previous session has stored open episodes since: the run may even be over.
         let (open, agreement) = match self.check(token, hello).await {
             Ok(checked) => checked,
@@ -70,7 +70,7 @@ impl<H: Host> ServiceContext<H> {
         let resumed = session.positions().await;
         let wished = agreement.slots.min(slots);
         let held = resumed.iter().map(|held| held.slot + 1).max().unwrap_or(0).min(wished);
-        let granted = guard.take_slots(&open.team, wished, held);
+        let granted = guard.take_slots(wished, held);
         let welcome = self.welcome(&open, &session, Agreement { slots: granted, ..agreement }, resumed);
         Ok(Admission { open, session, guard, welcome })
     }
@@ -218,7 +218,8 @@ impl<H: Host> ServiceContext<H> {
         };
         let mut guards = Vec::new();
         for run in runs {
-            match self.registry.enter(&run, StopReason::Resumed).await {
+            // Without a team, which is known after the restoration: a run in progress is not refused for a smaller share.
+            match self.registry.enter(&run, "", StopReason::Resumed).await {
                 Ok((guard, _)) => guards.push(guard),
                 Err(refused) => tracing::error!(run, %refused, "an interrupted run is not restored"),
             }
@@ -238,6 +239,7 @@ impl<H: Host> ServiceContext<H> {
         let run = guard.run.clone();
         let restore = |host: Arc<H>| async move { host.restore(&run).await };
         let interrupted = call_host("restore a run", &self.host, restore).await?;
+        guard.set_team(&interrupted.open.team);
         tracing::info!(episodes = interrupted.episodes.len(), "an interrupted run continues");
         // The run may have ended while the server was down.
         let reason = match interrupted.open.over {

@@ -77,6 +77,7 @@ pub async fn serve<H: Host>(
     let accept_limits = AcceptLimits {
         max_connections: limits.max_connections,
         max_connections_per_address: limits.max_connections_per_address,
+        shares_by_address: true,
         // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
         waits_when_full: false,
         handshake: limits.first_request,

@@ -47,6 +47,10 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         let request = if hello.resume { SlotRequest::Resume } else { SlotRequest::Ready };
         let outcome = match self.send(&client, request).await? {
             SlotReply::Start(start) => Outcome::EpisodeStart(*start),
+            SlotReply::NothingYet => {
+                let message = "the run's open episodes use its memory; call Reset again when one has ended";
+                return Err(Failure::new(Reason::NoCapacity, message));
+            }
             _ => Outcome::RunEnd(self.leave(&client.welcome.run).await?),
         };
         Ok(v1::ResetResponse { welcome: Some(client.welcome.clone()), outcome: Some(outcome) })

@@ -26,6 +26,8 @@ pub(crate) enum SlotRequest {
 pub(crate) enum SlotReply {
     Start(Box<v1::EpisodeStart>),
     NothingLeft,
+    /// An episode follows unasked when another has ended.
+    NothingYet,
     Step(Box<v1::StepResponse>),
     Ended(Box<v1::EpisodeEnd>),
 }

@@ -205,7 +205,7 @@ async fn a_slow_client_loses_its_connection() {
 
 #[tokio::test]
 async fn thousands_of_idle_connections_are_bounded() {
-    let limits = Limits { max_connections: 64, max_connections_per_address: 64, ..Limits::default() };
+    let limits = Limits { max_connections: 128, max_connections_per_address: 64, ..Limits::default() };
     let server = TestServer::with_limits(Plan::plain(1), limits).await;
     let mut idle = Vec::new();
     for _ in 0..64 {

@@ -140,6 +140,27 @@ async fn a_waiting_slot_gets_a_returned_episode() {
 }
 
 #[tokio::test]
+async fn slots_without_memory_wait_for_ends() {
+    let server = TestServer::open(Plan { most_open: 1, ..Plan::plain(3) }).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let mut start = agent.ready(0).await;
+    agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
+    for slot in [1, 0] {
+        agent.act(start.slot, &start.episode, 1, STOP).await;
+        assert!(agent.observation().await.terminated, "no fault for the other slot");
+        agent.episode_end().await;
+        start = agent.episode_start().await;
+        assert_eq!(start.slot, slot);
+        agent.send(Up::Ready(v1::Ready { slot: 1 - slot })).await;
+    }
+    agent.act(start.slot, &start.episode, 1, STOP).await;
+    agent.observation().await;
+    agent.episode_end().await;
+    assert!(agent.run_end().await.complete);
+    assert_eq!(server.host.ends(3).await, [Some(EndReason::Stopped); 3]);
+}
+
+#[tokio::test]
 async fn goodbye_abandons_open_episodes() {
     let server = TestServer::open(Plan::plain(3)).await;
     let mut agent = Agent::enter(&server, 1).await;

@@ -143,6 +143,24 @@ async fn failing_starts_are_abandoned() {
 }
 
 #[tokio::test]
+async fn returned_episodes_count_no_fault() {
+    let arena = started(1).await;
+    for attempt in 0..5 {
+        let handle = format!("h{attempt}");
+        arena.assign("run_1", &handle).await.expect("the episode is pending again");
+        assert!(!arena.store.return_episode("run_1", "other").await.expect("an answer"));
+        assert!(arena.store.return_episode("run_1", &handle).await.expect("an answer"));
+    }
+    for attempt in 5..8 {
+        let handle = format!("h{attempt}");
+        let assigned = arena.assign("run_1", &handle).await.expect("only faults are counted");
+        let fault = Played::new(&assigned, Order::Unordered, 2, EndReason::ServerFault);
+        let run = arena.record("run_1", &handle, &fault).await.expect("an answer").run;
+        assert_eq!(run.state == RunState::Completed, attempt == 7);
+    }
+}
+
+#[tokio::test]
 async fn parallel_results_add_up() {
     let arena = started(8).await;
     let mut seats = Vec::new();

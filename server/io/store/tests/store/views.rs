@@ -44,6 +44,21 @@ async fn open_runs_show_progress_by_visibility() {
 }
 
 #[tokio::test]
+async fn times_without_replays_are_whole_seconds() {
+    let arena = Arena::new(&Phase { replays: Visibility::Team, ..phase("practice", 3) }).await;
+    arena.play("run_1", "walker", Order::Unordered, 1).await;
+    let reader = arena.store.reader();
+    for (viewer, run_s, episode_s) in
+        [(Viewer::Anonymous, (2.0, 5.0), (1.0, 2.0)), (red(), (1.5, 4.5), (0.5, 1.5))]
+    {
+        let run = reader.run(&viewer, "run_1").await.expect("an answer").expect("the run");
+        assert_eq!((run.time.simulation_s, run.time.thinking_s), run_s, "{viewer:?}");
+        let episode = reader.episode(&viewer, "run_1", 0).await.expect("an answer").expect("the episode");
+        assert_eq!((episode.time.simulation_s, episode.time.thinking_s), episode_s, "{viewer:?}");
+    }
+}
+
+#[tokio::test]
 async fn run_list_continues_after_last_run() {
     let arena = Arena::new(&guarded()).await;
     for (id, now) in [("run_1", 40), ("run_2", 50), ("run_3", 60)] {
@@ -184,9 +199,10 @@ async fn teams_read_own_quotas_of_visible_phases() {
         quotas.map(|quota| (quota.phase, quota.limit, quota.used)).collect::<Vec<_>>()
     };
     let [practice, second] = ["practice", "second"].map(str::to_owned);
-    assert_eq!(listed(red()).await, [(practice.clone(), Some(3), 1)]);
+    let uncharged = (practice.clone(), Some(QuotaLimits::DEFAULT_UNCHARGED), 0);
+    assert_eq!(listed(red()).await, [(practice.clone(), Some(3), 1), uncharged.clone()]);
     let blue = Viewer::Team("blue".to_owned());
-    assert_eq!(listed(blue).await, [(practice, Some(3), 0), (second, None, 0)]);
+    assert_eq!(listed(blue).await, [(practice, Some(3), 0), uncharged, (second, None, 0)]);
     assert!(listed(Viewer::Anonymous).await.is_empty() && listed(Viewer::Organiser).await.is_empty());
 }
 

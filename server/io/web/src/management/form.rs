@@ -2,6 +2,7 @@
 
 use super::{ManagementState, SignedIn};
 use crate::error::{RequestError, Result};
+use avln_challenge::names::is_visible_text;
 use axum::{
     body::to_bytes,
     extract::{FromRequest, FromRequestParts, Request},
@@ -131,7 +132,7 @@ impl FormFields {
 
 fn printable(what: &str, text: &str, max_chars: usize) -> Result<String> {
     let text = text.trim();
-    if text.chars().count() <= max_chars && !text.chars().any(char::is_control) {
+    if is_visible_text(text, &(0..=max_chars)) {
         return Ok(text.to_owned());
     }
     let message = format!("{what} must be a single line of at most {max_chars} printable characters");

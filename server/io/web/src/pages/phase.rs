@@ -10,7 +10,8 @@ use crate::{
 };
 use askama::Template;
 use avln_episode::{
-    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
+    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SilenceRule, SoundClip, SoundingRule,
+    WrongSubmit,
 };
 use avln_store::{MissionsView, PhaseState, PhaseView, QuotaLimits};
 use axum::{
@@ -117,7 +118,12 @@ impl PhasePage {
         let steps = rules.sounding_window_steps;
         let sounding = match rules.sounding {
             SoundingRule::UnfinishedInDrawnOrder => format!(
-                "unfound targets sound in turn, {steps} steps each, in a random order; a found target falls silent"
+                "unfound targets sound in turn, {steps} steps each, in a random order; a found target falls silent{}",
+                match rules.silence {
+                    SilenceRule::Immediate => "",
+                    SilenceRule::Delayed => " 5 to 20 steps later",
+                    SilenceRule::WindowEnd => " at the end of its turn",
+                }
             ),
             SoundingRule::AllInGoalOrder => {
                 format!("all targets sound in the order of the goals, {steps} steps each")

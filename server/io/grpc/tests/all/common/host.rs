@@ -35,6 +35,8 @@ pub(crate) struct Plan {
     /// One entry per episode.
     pub(crate) episodes: Vec<Quirk>,
     pub(crate) max_steps: u32,
+    /// Episodes that fit into the memory.
+    pub(crate) most_open: usize,
     pub(crate) shows_metrics: bool,
     pub(crate) time: TimeLimits,
 }
@@ -45,7 +47,7 @@ impl Plan {
     }
 
     pub(crate) fn odd(episodes: Vec<Quirk>) -> Self {
-        Self { episodes, max_steps: 10, shows_metrics: true, time: PATIENT }
+        Self { episodes, max_steps: 10, most_open: usize::MAX, shows_metrics: true, time: PATIENT }
     }
 
     /// Plain episodes with time limits.
@@ -67,6 +69,7 @@ pub(crate) struct ToyHost {
     concluded: watch::Sender<Vec<Concluded>>,
     total: u32,
     max_steps: u32,
+    most_open: usize,
     shows_metrics: bool,
     time: TimeLimits,
     book: Book,
@@ -135,6 +138,7 @@ impl ToyHost {
             state: Mutex::new(state),
             concluded: watch::Sender::default(),
             max_steps: plan.max_steps,
+            most_open: plan.most_open,
             shows_metrics: plan.shows_metrics,
             time: plan.time,
             book,
@@ -383,6 +387,9 @@ impl Host for ToyHost {
     ) -> Result<Option<HostedEpisode<ToyRunner>>, Refusal> {
         own(run)?;
         let mut state = self.state();
+        if self.book.lock().unwrap().len() >= self.most_open {
+            return Err(Refusal::new(Reason::NoCapacity, "the open episodes use the memory"));
+        }
         let Some(quirk) = state.left.pop_front() else { return Ok(None) };
         state.handed_out += 1;
         let ticket = state.handed_out;
