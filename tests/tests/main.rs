@@ -14,6 +14,7 @@ mod guessing;
 mod imports;
 mod journeys;
 mod leak;
+mod leaving;
 mod pages;
 mod resilience;
 mod run_logs;
