@@ -188,10 +188,10 @@ mod admin_server {
     use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions};
     use avln_store::AuditNote;
     use avln_tests::scripted_run::NO_SENSORS;
-    use avln_tests::{PHASE, TestServer, TestSetup, http};
+    use avln_tests::{PHASE, TestServer, TestSetup, http, raw::RawClient};
     use serde::Serialize;
     use std::time::Duration;
-    use tokio::time::timeout;
+    use tokio::time::{sleep, timeout};
 
     struct Operator {
         url: String,
@@ -282,9 +282,22 @@ mod admin_server {
             operator.ask("/v1/drain", &operator.token, Some(&Drain { reason: " ".into(), minutes: 1 })).await;
         assert_eq!(code, 422, "{words}");
 
+        let mut probe = RawClient::connect(&server.agents_url(), &server.token).await;
+        assert!(probe.health("").await.unwrap());
         let drain = Drain { reason: "new disks".into(), minutes: 10 };
         let status = operator.status("/v1/drain", Some(&drain)).await;
         assert_eq!(status.draining.as_deref(), Some("new disks"));
+        for service in ["", "avln.v1.RunService"] {
+            let stopping = async {
+                while probe.health(service).await.unwrap() {
+                    sleep(Duration::from_millis(20)).await;
+                }
+            };
+            timeout(Duration::from_secs(60), stopping).await.expect("no run starts any more");
+        }
+        for service in ["avln.v1.PlayService", "avln.v1.InfoService"] {
+            assert!(probe.health(service).await.unwrap(), "{service} goes on");
+        }
         let info = client.server_info().await.unwrap();
         assert!(info.draining && info.notice == "new disks", "{info:?}");
         let refused = client.start_run(RunOptions::new(PHASE, "late")).await.unwrap_err();
@@ -300,7 +313,7 @@ mod admin_server {
         let refused = play.next_episode().await.unwrap_err();
         let is_refusal = refused.reason() == Some(Reason::Draining) || matches!(refused, Error::Lost { .. });
         assert!(is_refusal, "{refused}");
-        drop((play, client));
+        drop((play, client, probe));
         timeout(Duration::from_secs(60), closing).await.expect("it stops").unwrap().unwrap();
     }
 

@@ -164,12 +164,12 @@ async fn claim(server: &TestServer, client: &Client, run: &Run, order: Order) ->
     metrics.map(|metric| (metric.name, metric.value)).collect()
 }
 
-/// Plays one step with unary calls, abandons episode and run, and calls health and reflection.
+/// Plays both episodes with unary calls, abandons them and leaves the run, and calls health and reflection.
 async fn go_unary(proxy: &RecordingProxy, client: &Client) -> String {
     let run = client.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
     let mut caller = RawClient::connect(&proxy.url(), &run.token).await;
-    caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
-    caller.play(&[MOVE_FORWARD], false).await.expect("legal calls");
+    caller.play(&[MOVE_FORWARD, SUBMIT], false).await.expect("legal calls");
+    caller.play(&[MOVE_FORWARD], true).await.expect("legal calls");
     caller.play(&[], false).await.expect_err("the run is over");
     let symbols = ["PlayService", "RunService", "InfoService"].map(|name| format!("avln.v1.{name}"));
     caller.inspect(&symbols.each_ref().map(String::as_str)).await.expect("health and reflection answer");

@@ -17,6 +17,7 @@ mod imports;
 mod javascript;
 mod journeys;
 mod leak;
+mod leaving;
 mod oracle;
 mod pages;
 mod resilience;

@@ -263,8 +263,9 @@ impl Arena {
             (_, None) => EndReason::ServerFault,
         };
         let phase = self.phase(&self.store.run(run).await.map_err(refusal)?.phase).await?;
+        // Before the filter: agents know their own steps in every phase.
+        let steps = found.metrics.as_ref().map_or(0, |metrics| metrics.steps);
         let metrics = found.metrics.filter(|_| phase.shows_metrics());
-        let steps = metrics.as_ref().map_or(0, |metrics| metrics.steps);
         Ok(Some(StoredEnd { reason, steps, outcome: metrics.as_ref().map(outcome) }))
     }
 
@@ -302,16 +303,10 @@ impl Arena {
 }
 
 fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
-    let too_large = requested.width > most.width || requested.height > most.height;
-    let missing =
-        (requested.rgb && !most.rgb) || (requested.depth && !most.depth) || (requested.audio && !most.audio);
-    if !too_large && !missing {
+    if requested.is_within(most) {
         return Ok(());
     }
-    let words = |s: &Sensors| {
-        format!("{} x {}, rgb {}, depth {}, audio {}", s.width, s.height, s.rgb, s.depth, s.audio)
-    };
-    let message = format!("the phase allows at most {}; requested: {}", words(most), words(requested));
+    let message = format!("the phase allows at most {most}; requested: {requested}");
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 

@@ -77,6 +77,9 @@ impl Host for Arena {
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
+        if let Some(phase) = phase {
+            self.stage_for(phase, account).await?;
+        }
         self.store.quotas(&account.team, phase, self.clock.now_unix_ms()).await.map_err(refusal)
     }
 
@@ -156,8 +159,13 @@ impl Host for Arena {
         Ok(())
     }
 
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
-        let finished = self.store.finish_run(run, self.clock.now_unix_ms()).await.map_err(refusal)?;
+    async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
+        let now = self.clock.now_unix_ms();
+        let mut finished = self.store.finish_run(run, now).await.map_err(refusal)?;
+        if abandons && finished.state.is_open() {
+            let state = if finished.is_overdue(now) { RunState::Expired } else { RunState::Cancelled };
+            finished = self.store.end_run(run, state, now).await.map_err(refusal)?;
+        }
         self.sign_if_over(&finished).await;
         let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
         let missing = || Refusal::internal(format!("run {run} disappeared at its end"));

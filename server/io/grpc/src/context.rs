@@ -70,11 +70,11 @@ impl<H: Host> ServiceContext<H> {
         call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
-    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd> {
+    /// Completes a run without episodes left. With `abandons`, ends the run in any case.
+    pub(crate) async fn finish_run(&self, run: &str, abandons: bool) -> Result<v1::RunEnd> {
         let run = run.to_owned();
-        call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
-            .await
-            .map(wire::run_end)
+        let finish = |host: Arc<H>| async move { host.finish_run(&run, abandons).await };
+        call_host("finish a run", &self.host, finish).await.map(wire::run_end)
     }
 
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {

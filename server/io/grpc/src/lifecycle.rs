@@ -59,6 +59,8 @@ impl<H: Host> ServiceContext<H> {
                     // It was handed over for a connection that resumes, but this one, which starts over, entered first.
                     session.close(EndReason::Disconnected).await;
                 }
+                // Only for a new session: another keeps its sensors when the organiser lowers the limits of the phase.
+                wire::check_sensors(&agreement.sensors, &open.sensors)?;
                 self.session(Interrupted {
                     open: open.clone(),
                     sensors: agreement.sensors.clone(),
@@ -86,8 +88,12 @@ impl<H: Host> ServiceContext<H> {
         let info = self.host.info();
         wire::check_client(hello.client.as_ref(), &info.clients)?;
         let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
+        let sensors = wire::requested_sensors(hello.sensors.as_ref(), &open.sensors)?;
+        if !hello.resume {
+            wire::check_sensors(&sensors, &open.sensors)?;
+        }
         let agreement = Agreement {
-            sensors: wire::sensors(hello.sensors.as_ref(), &open.sensors)?,
+            sensors,
             slots: hello.slots.clamp(1, open.slot_limit()),
             api_minor: client_minor.min(info.api_minor),
         };
@@ -158,7 +164,7 @@ impl<H: Host> ServiceContext<H> {
             return Ok(None);
         }
         // With the guard alive: a connection that waits for the run enters after the end and learns that the run is over.
-        self.finish_run(&guard.run).await.map(Some)
+        self.finish_run(&guard.run, reason.abandons_run()).await.map(Some)
     }
 
     /// Lets a session wait for the client, or closes it if the run allows no time to reconnect.

@@ -139,7 +139,10 @@ impl<H: Host> Session<H> {
         if self.state.sensors == *wanted {
             return Ok(());
         }
-        let message = "the first Hello of a run fixes its sensors; request the same ones";
+        let message = format!(
+            "the first Hello of the run fixed its sensors to {}; request the same ones instead of {wanted}",
+            self.state.sensors
+        );
         Err(Refusal::new(Reason::SensorNotAllowed, message))
     }
 

@@ -177,7 +177,7 @@ async fn a_watched_run_is_reported_until_its_end() {
     agent.goodbye().await;
     agent.run_end().await;
     let last = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
-    assert_eq!(last.state(), v1::RunState::Completed);
+    assert_eq!(last.state(), v1::RunState::Cancelled, "an episode was left");
     assert_eq!(soon(updates.message()).await.unwrap(), None);
     assert_eq!(reason(&client.watch_run(watch("run_other")).await.unwrap_err()), "RUN_UNKNOWN");
 }

@@ -117,6 +117,8 @@ struct State {
     cancelled: bool,
     expired: bool,
     deadline_unix_ms: Option<i64>,
+    /// Largest side of pictures that the phase allows.
+    max_side: u32,
     lost: Vec<String>,
     requests: Vec<RunRequest>,
 }
@@ -130,6 +132,7 @@ impl ToyHost {
             cancelled: false,
             expired: false,
             deadline_unix_ms: None,
+            max_side: 512,
             lost: Vec::new(),
             requests: Vec::new(),
         };
@@ -149,11 +152,43 @@ impl ToyHost {
         self.state.lock().unwrap()
     }
 
+    fn run_state(&self) -> RunState {
+        let state = self.state();
+        match (state.expired, state.cancelled, state.finished) {
+            (true, ..) => RunState::Expired,
+            (_, true, _) => RunState::Cancelled,
+            (.., true) => RunState::Completed,
+            _ => RunState::Running,
+        }
+    }
+
     /// Adds a plain episode and reopens the run.
     pub(crate) fn refill(&self) {
         let mut state = self.state();
-        state.finished = false;
+        (state.finished, state.cancelled) = (false, false);
         state.left.push_back(Quirk::None);
+    }
+
+    /// Lowers the largest side of pictures.
+    pub(crate) fn narrow(&self, max_side: u32) {
+        self.state().max_side = max_side;
+    }
+
+    fn finish_if(&self, none_is_open: bool) {
+        let mut state = self.state();
+        if none_is_open && state.left.is_empty() {
+            state.finished = true;
+        }
+    }
+
+    fn sensors(&self) -> Sensors {
+        let side = self.state().max_side;
+        Sensors::all(side, side)
+    }
+
+    /// Returns whether the run ended before all episodes were played.
+    pub(crate) fn cancelled(&self) -> bool {
+        self.state().cancelled
     }
 
     pub(crate) fn finished(&self) -> bool {
@@ -213,18 +248,12 @@ impl ToyHost {
     }
 
     fn status(&self) -> RunStatus {
-        let state = self.state();
         RunStatus {
             run: RUN.into(),
             phase: "practice".into(),
             method: MethodInfo::new("toy", "1"),
             order: Order::Unordered,
-            state: match (state.cancelled, state.finished) {
-                _ if state.expired => RunState::Expired,
-                (true, _) => RunState::Cancelled,
-                (_, true) => RunState::Completed,
-                _ => RunState::Running,
-            },
+            state: self.run_state(),
             episodes: self.total,
             done: self.done(),
             in_flight: 2,
@@ -235,7 +264,7 @@ impl ToyHost {
             ineligible_because: vec![],
             sealed: true,
             charge: Charge { run: RUN.into(), charged: true, reason: "it is open" },
-            deadline_unix_ms: state.deadline_unix_ms,
+            deadline_unix_ms: self.deadline_unix_ms(),
             url: String::new(),
         }
     }
@@ -297,7 +326,7 @@ impl Host for ToyHost {
             episode_count: self.total,
             feedback: FeedbackRule::None,
             max_slots: 4,
-            sensors: Sensors::all(512, 512),
+            sensors: self.sensors(),
             state: PhaseState::Open,
             state_reason: None,
             opens_unix_ms: None,
@@ -361,18 +390,14 @@ impl Host for ToyHost {
                 team: "red".into(),
                 max_slots: 4,
                 rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
-                sensors: Sensors::all(1024, 1024),
+                sensors: self.sensors(),
                 episodes: self.total,
                 done: self.done(),
                 sealed: true,
                 digests: Digests::default(),
                 time: self.time,
                 deadline_unix_ms: self.deadline_unix_ms(),
-                over: match (self.expired(), self.finished()) {
-                    (true, _) => Some(RunState::Expired),
-                    (_, true) => Some(RunState::Completed),
-                    _ => None,
-                },
+                over: Some(self.run_state()).filter(|state| !state.is_open()),
             }),
             ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is unknown")),
@@ -438,9 +463,14 @@ impl Host for ToyHost {
         hosted: HostedEpisode<ToyRunner>,
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         own(run)?;
-        self.book.lock().unwrap().remove(&hosted.handle);
+        let is_last = {
+            let mut book = self.book.lock().unwrap();
+            book.remove(&hosted.handle);
+            book.is_empty()
+        };
         let toy = hosted.episode;
         let concluded = Concluded { handle: hosted.handle, end: toy.end(), steps: toy.steps() };
+        self.finish_if(is_last);
         self.concluded.send_modify(|list| list.push(concluded));
         Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))
     }
@@ -466,9 +496,11 @@ impl Host for ToyHost {
         Ok(())
     }
 
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
+    async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
         own(run)?;
-        self.state().finished = true;
+        if abandons && self.run_state().is_open() {
+            self.state().cancelled = true;
+        }
         Ok(self.status())
     }
 }
