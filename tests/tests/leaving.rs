@@ -24,17 +24,23 @@ async fn start(server: &TestServer) -> (Client, Run) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn goodbye_before_a_step_is_free() {
+async fn goodbye_before_an_episode_is_free() {
     let server = server().await;
     let (client, run) = start(&server).await;
     let refused = client.start_run(RunOptions::new(PHASE, "leaver")).await.expect_err("a run is open");
     assert_eq!(refused.reason(), Some(Reason::QuotaConcurrent), "{refused}");
+    let play = client.play(&run, NO_SENSORS).await.expect("a stream");
+    let summary = play.finish().await.expect("a summary");
+    assert!(!summary.complete && summary.ends.is_empty(), "{summary:?}");
+    let status = client.run(&run.id).await.expect("the run");
+    assert_eq!((status.state, status.charged), (RunState::Cancelled, false), "{status:?}");
+    // An agent that has seen a mission is charged.
+    let (client, run) = start(&server).await;
     let mut play = client.play(&run, NO_SENSORS).await.expect("a stream");
     play.next_episode().await.expect("an answer").expect("an episode");
     let summary = play.finish().await.expect("a summary");
-    assert!(!summary.complete && summary.ends == [(EndReason::Abandoned, 1)], "{summary:?}");
-    let status = client.run(&run.id).await.expect("the run");
-    assert_eq!((status.state, status.charged), (RunState::Cancelled, false), "{status:?}");
+    assert_eq!(summary.ends, [(EndReason::Abandoned, 1)]);
+    assert!(client.run(&run.id).await.expect("the run").charged);
     start(&server).await;
 }
 

@@ -250,7 +250,7 @@ async fn first_run_fixes_silence() {
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     arena.start_run(&account(), request("practice")).await.expect("a run");
     let changed = late.replace("window_end", "delayed");
-    let refused = hall.plan(&changed).await.err().expect("a run exists").to_string();
+    let refused = hall.plan(&changed).await.expect_err("a run exists").to_string();
     assert!(refused.contains("existing runs fix") && refused.contains("silence"), "{refused}");
 }
 
