@@ -1,6 +1,7 @@
 #!/bin/sh
 # Builds a release in the folder dist: an archive with the program, man pages, shell completions, unit files and licences, and
-# SHA256SUMS. packaging/dist.sh [TARGET]; the default is a static program for Linux on x86-64.
+# SHA256SUMS. packaging/dist.sh [TARGET]; the default is a static program for Linux on x86-64. AVLN_RELEASE_KEY names a PEM file
+# with an Ed25519 key, which signs SHA256SUMS as SHA256SUMS.sig. With cargo-cyclonedx, an SBOM lists the crates of the program.
 set -eu
 cd "$(dirname "$0")/.."
 target=${1:-x86_64-unknown-linux-musl}
@@ -10,10 +11,15 @@ folder=dist/$name
 case $target in
     *-musl) command -v musl-gcc >/dev/null || { echo "error: no musl-gcc; install it with: apt-get install musl-tools" >&2; exit 1; } ;;
 esac
+# Before the build: a wrong key must not fail after minutes.
+if [ -n "${AVLN_RELEASE_KEY:-}" ]; then
+    openssl pkey -in "$AVLN_RELEASE_KEY" -noout -text | grep -q '^ED25519 Private-Key' \
+        || { echo "error: $AVLN_RELEASE_KEY has no Ed25519 key; make one with: openssl genpkey -algorithm ED25519 -out FILE" >&2; exit 1; }
+fi
 
 rustup target add "$target"
 CARGO_PROFILE_RELEASE_STRIP=symbols cargo build --release --locked --package avln-cli --target "$target"
-rm -rf "$folder"
+rm -rf "$folder" "dist/$name.cdx.json" dist/SHA256SUMS.sig
 mkdir -p "$folder/systemd" "$folder/proxy"
 install -m 755 "${CARGO_TARGET_DIR:-target}/$target/release/avln" "$folder/avln"
 "$folder/avln" manual "$folder"
@@ -27,5 +33,23 @@ moment=$(git log -1 --format=%ct)
 tar --create --directory dist --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$moment" "$name" \
     | gzip --no-name --best >"dist/$name.tar.gz"
 rm -rf "$folder"
-(cd dist && sha256sum -- *.tar.gz >SHA256SUMS)
+if command -v cargo-cyclonedx >/dev/null; then
+    # It writes a file beside the manifest of every crate in the workspace. Only that of the program is of interest; its ending
+    # depends on the version of the tool.
+    SOURCE_DATE_EPOCH=$moment cargo cyclonedx --format json --target "$target" --override-filename "$name"
+    mv cli/"$name"*.json "dist/$name.cdx.json"
+    find . \( -path ./dist -o -path ./target \) -prune -o -type f -name "$name*.json" -exec rm {} +
+else
+    echo "no SBOM: install cargo-cyclonedx with: cargo install cargo-cyclonedx" >&2
+fi
+(
+    cd dist
+    : >SHA256SUMS
+    for file in *.tar.gz *.cdx.json; do
+        [ ! -e "$file" ] || sha256sum -- "$file" >>SHA256SUMS
+    done
+)
+if [ -n "${AVLN_RELEASE_KEY:-}" ]; then
+    openssl pkeyutl -sign -rawin -inkey "$AVLN_RELEASE_KEY" -in dist/SHA256SUMS -out dist/SHA256SUMS.sig
+fi
 echo "dist/$name.tar.gz"

@@ -40,10 +40,11 @@ const EXIT_CODES: &str = "Exit codes:
   0  success
   1  internal error
   2  invalid command line
-  3  unusable data folder or database
+  3  unusable data folder, database or input file
   4  address in use or not available
   5  unusable scene or split
-  6  failed run, check or request";
+  6  failed run, check or request
+  7  intact run log without proof of completeness";
 
 const DATA_FOLDER: &str = "avln-data";
 

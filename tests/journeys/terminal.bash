@@ -29,7 +29,6 @@ avln() {
             "$AVLN_BIN" "$@" | tee token.txt
             ORGANISER=$(grep -o 'avln_[A-Za-z0-9_]*' token.txt)
             ;;
-        " admin "*) "$AVLN_BIN" "$@" --server "http://$AVLN_ADMIN" ;;
         *"agent random "*)
             "$AVLN_BIN" "$@" | tee run.txt
             RUN=$(grep -o 'run_[0-9a-f]*' run.txt | head -n 1)

@@ -1,5 +1,5 @@
-//! gRPC calls without the SDK: unary play, health and reflection, with minimal requests. Answers are discarded: the
-//! recording proxy reads them.
+//! gRPC calls without the SDK: unary play, health and reflection, with minimal requests. Most answers are discarded:
+//! the recording proxy reads them.
 
 use prost::Message;
 use tonic::{
@@ -32,6 +32,14 @@ struct ResetRequest {
 struct ResetResponse {
     #[prost(message, optional, tag = "2")]
     episode_start: Option<EpisodeStart>,
+    #[prost(message, optional, tag = "3")]
+    run_end: Option<RunEnd>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct RunEnd {
+    #[prost(bool, tag = "5")]
+    complete: bool,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -73,6 +81,58 @@ struct EndRequest {
 }
 
 #[derive(Clone, PartialEq, Message)]
+struct EndResponse {
+    #[prost(message, optional, tag = "2")]
+    run_end: Option<RunEnd>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct PlayRequest {
+    #[prost(message, optional, tag = "1")]
+    hello: Option<ResumingHello>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct ResumingHello {
+    #[prost(bool, tag = "5")]
+    resume: bool,
+    #[prost(message, repeated, tag = "6")]
+    known: Vec<SlotPosition>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct SlotPosition {
+    #[prost(string, tag = "2")]
+    episode: String,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct PlayResponse {
+    #[prost(message, optional, tag = "4")]
+    episode_end: Option<EpisodeEnd>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct EpisodeEnd {
+    #[prost(uint32, tag = "3")]
+    step: u32,
+    #[prost(message, optional, tag = "7")]
+    progress: Option<RunProgress>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct RunProgress {
+    #[prost(uint32, tag = "2")]
+    done: u32,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct HealthCheckResponse {
+    #[prost(int32, tag = "1")]
+    status: i32,
+}
+
+#[derive(Clone, PartialEq, Message)]
 struct ReflectionRequest {
     #[prost(string, optional, tag = "4")]
     file_containing_symbol: Option<String>,
@@ -111,10 +171,68 @@ impl RawClient {
         let abandon = Some(Abandon { episode, step: actions.len() as u32 });
         let () = self.ask("avln.v1.PlayService/End", EndRequest { abandon, goodbye: None }).await?;
         if farewell {
-            let goodbye = EndRequest { abandon: None, goodbye: Some(Text::default()) };
-            let () = self.ask("avln.v1.PlayService/End", goodbye).await?;
+            self.leave().await?;
         }
         Ok(())
+    }
+
+    /// Leaves the run with End; returns whether every episode was played.
+    ///
+    /// # Errors
+    /// If the server rejects the call.
+    pub async fn leave(&mut self) -> Result<bool, Status> {
+        let goodbye = EndRequest { abandon: None, goodbye: Some(Text::default()) };
+        let answer: EndResponse = self.ask("avln.v1.PlayService/End", goodbye).await?;
+        Ok(answer.run_end.is_some_and(|end| end.complete))
+    }
+
+    /// Calls Reset; returns whether every episode was played, or `None` if an episode begins.
+    ///
+    /// # Errors
+    /// If the server rejects the call.
+    pub async fn reset(&mut self) -> Result<Option<bool>, Status> {
+        let reset = ResetRequest { hello: Some(Text::default()) };
+        let answer: ResetResponse = self.ask("avln.v1.PlayService/Reset", reset).await?;
+        Ok(answer.run_end.map(|end| end.complete))
+    }
+
+    /// Resumes a run that is over on a stream; returns the reported steps of `episode` and the run's finished episodes.
+    ///
+    /// # Errors
+    /// If the server rejects the call or reports no end.
+    pub async fn late_result(&mut self, episode: &str) -> Result<(u32, u32), Status> {
+        let known = vec![SlotPosition { episode: episode.to_owned() }];
+        let hello = PlayRequest { hello: Some(ResumingHello { resume: true, known }) };
+        self.ready().await?;
+        let path = PathAndQuery::from_static("/avln.v1.PlayService/Play");
+        let codec = ProstCodec::<PlayRequest, PlayResponse>::default();
+        let request = self.authorised(tokio_stream::iter([hello]));
+        let mut answers = self.grpc.streaming(request, path, codec).await?.into_inner();
+        while let Some(answer) = answers.message().await? {
+            if let Some(end) = answer.episode_end {
+                return Ok((end.step, end.progress.unwrap_or_default().done));
+            }
+        }
+        Err(Status::internal("the stream ended without EpisodeEnd"))
+    }
+
+    /// Asks for the team's quota in a phase.
+    ///
+    /// # Errors
+    /// If the server rejects the call.
+    pub async fn quota(&mut self, phase: &str) -> Result<(), Status> {
+        self.ask("avln.v1.RunService/GetQuota", Text { text: phase.to_owned() }).await
+    }
+
+    /// Returns whether health reports `service` as serving; an empty name is the whole server.
+    ///
+    /// # Errors
+    /// If the server rejects the call.
+    pub async fn health(&mut self, service: &str) -> Result<bool, Status> {
+        const SERVING: i32 = 1;
+        let question = Text { text: service.to_owned() };
+        let answer: HealthCheckResponse = self.ask("grpc.health.v1.Health/Check", question).await?;
+        Ok(answer.status == SERVING)
     }
 
     /// Calls health, and reflection for all services and `symbols`.
@@ -147,11 +265,16 @@ impl RawClient {
         A: Message + Default + 'static,
     {
         self.ready().await?;
+        let request = self.authorised(question);
+        let path = format!("/{method}").parse().expect("methods are plain text");
+        Ok(self.grpc.unary(request, path, ProstCodec::default()).await?.into_inner())
+    }
+
+    fn authorised<Q>(&self, question: Q) -> Request<Q> {
         let mut request = Request::new(question);
         let token = format!("Bearer {}", self.token).parse().expect("tokens are plain text");
         request.metadata_mut().insert("authorization", token);
-        let path = format!("/{method}").parse().expect("methods are plain text");
-        Ok(self.grpc.unary(request, path, ProstCodec::default()).await?.into_inner())
+        request
     }
 
     async fn ready(&mut self) -> Result<(), Status> {

@@ -11,7 +11,7 @@ pub fn root() -> PathBuf {
     root.to_owned()
 }
 
-/// Files below `folder` with the given ending, without hidden folders and build outputs.
+/// Files below `folder` with the given ending, without hidden folders, build outputs and installed packages.
 pub fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     collect(folder, ending, &mut found);
@@ -23,7 +23,7 @@ fn collect(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a readable folder") {
         let path = entry.expect("a readable entry").path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let skipped = name.starts_with('.') || name == "target";
+        let skipped = name.starts_with('.') || ["target", "node_modules"].contains(&name.as_str());
         if path.is_dir() && !skipped {
             collect(&path, ending, found);
         } else if path.is_file() && name.ends_with(ending) {

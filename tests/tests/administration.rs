@@ -188,10 +188,10 @@ mod admin_server {
     use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions};
     use avln_store::AuditNote;
     use avln_tests::scripted_run::NO_SENSORS;
-    use avln_tests::{PHASE, TestServer, TestSetup, http};
+    use avln_tests::{PHASE, TestServer, TestSetup, http, raw::RawClient};
     use serde::Serialize;
     use std::time::Duration;
-    use tokio::time::timeout;
+    use tokio::time::{sleep, timeout};
 
     struct Operator {
         url: String,
@@ -282,9 +282,22 @@ mod admin_server {
             operator.ask("/v1/drain", &operator.token, Some(&Drain { reason: " ".into(), minutes: 1 })).await;
         assert_eq!(code, 422, "{words}");
 
+        let mut probe = RawClient::connect(&server.agents_url(), &server.token).await;
+        assert!(probe.health("").await.unwrap());
         let drain = Drain { reason: "new disks".into(), minutes: 10 };
         let status = operator.status("/v1/drain", Some(&drain)).await;
         assert_eq!(status.draining.as_deref(), Some("new disks"));
+        for service in ["", "avln.v1.RunService"] {
+            let stopping = async {
+                while probe.health(service).await.unwrap() {
+                    sleep(Duration::from_millis(20)).await;
+                }
+            };
+            timeout(Duration::from_secs(60), stopping).await.expect("no run starts any more");
+        }
+        for service in ["avln.v1.PlayService", "avln.v1.InfoService"] {
+            assert!(probe.health(service).await.unwrap(), "{service} goes on");
+        }
         let info = client.server_info().await.unwrap();
         assert!(info.draining && info.notice == "new disks", "{info:?}");
         let refused = client.start_run(RunOptions::new(PHASE, "late")).await.unwrap_err();
@@ -300,7 +313,7 @@ mod admin_server {
         let refused = play.next_episode().await.unwrap_err();
         let is_refusal = refused.reason() == Some(Reason::Draining) || matches!(refused, Error::Lost { .. });
         assert!(is_refusal, "{refused}");
-        drop((play, client));
+        drop((play, client, probe));
         timeout(Duration::from_secs(60), closing).await.expect("it stops").unwrap().unwrap();
     }
 
@@ -338,6 +351,52 @@ mod admin_server {
             panic!("it was opened")
         };
         assert!(refused.to_string().contains("ssh -L"), "{refused}");
+    }
+}
+
+/// A data folder in use: a second server is refused before it changes anything.
+mod locked_folder {
+    use avln_arena::data::DataFolder;
+    use avln_store::TokenLine;
+    use avln_tests::{PHASE, TEAM, TestSetup, set_up, store};
+    use std::{path::Path, process::Command};
+
+    async fn tokens(folder: &Path) -> Vec<TokenLine> {
+        let store = store(folder).await;
+        let tokens = store.tokens().await.expect("tokens");
+        store.close().await;
+        tokens
+    }
+
+    /// Calls every command that hosts the folder; none may succeed.
+    fn host(folder: &Path) {
+        let serve = "serve --cache-size 9 --admin off --grpc 127.0.0.1:0 --web 127.0.0.1:0".to_owned();
+        let demo = "demo --once --houses 1 --missions 1 --grpc 127.0.0.1:0 --web 127.0.0.1:0".to_owned();
+        let oracle = format!("challenge leaderboard oracle --phase {PHASE}");
+        for line in [serve, demo, oracle] {
+            let mut program = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+            let output = program.arg("--data").arg(folder).args(line.split(' ')).output();
+            let output = output.expect("the program runs");
+            let words = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(3), "{line}: {words}");
+            assert!(words.contains("a server is already running on data folder"), "{line}: {words}");
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn second_server_is_refused_before_any_change() {
+        let [folder, empty] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+        set_up(folder.path(), &TestSetup::default()).await;
+        let before = tokens(folder.path()).await;
+        assert_eq!(before.iter().map(|token| token.team.as_deref()).collect::<Vec<_>>(), [Some(TEAM)]);
+        for place in [&folder, &empty] {
+            let data = DataFolder::open(place.path()).expect("the folder");
+            let _lock = data.lock().expect("no other server");
+            host(place.path());
+        }
+        assert_eq!(tokens(folder.path()).await, before);
+        assert!(!folder.path().join("cache/scenes/limit_gib").exists(), "the limit of the cache");
+        assert!(!empty.path().join("avln.db").exists(), "the database was opened");
     }
 }
 

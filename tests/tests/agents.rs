@@ -256,74 +256,6 @@ mod human {
     }
 }
 
-/// The oracle follows the shortest tour over gRPC and must succeed. This proves that every mission can be
-/// solved and that rules, references and visibility regions agree.
-mod oracle {
-    use avln_arena::data::DataFolder;
-    use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
-    use avln_tests::{PHASE, http};
-
-    /// Plays missions in three houses with the oracle in both orders.
-    async fn play() -> Vec<ResultLine> {
-        let folder = tempfile::tempdir().expect("a folder");
-        let size = SuiteSize { houses: 3, missions: 4, practice: false };
-        let setup =
-            SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
-        suite::run(folder.path(), &setup).await.expect("a baseline suite");
-        let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
-        results.lines().cloned().collect()
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn oracle_completes_every_mission_in_both_orders() {
-        let lines = play().await;
-        assert_eq!(lines.len(), 24);
-        for order in ["ordered", "unordered"] {
-            let own: Vec<_> = lines.iter().filter(|line| line.key.order == order).collect();
-            let failed: Vec<_> = own.iter().filter(|line| line.metrics.sr < 1.0).collect();
-            assert!(own.len() == 12 && failed.is_empty(), "{failed:?}");
-            let spl = own.iter().map(|line| line.metrics.spl).sum::<f64>() / 12.0;
-            assert!(spl >= 0.95, "{order}: SPL {spl}");
-            assert!(own.iter().all(|line| line.wrong.is_empty()), "no Submit was wrong");
-        }
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn oracle_is_on_leaderboards_for_comparison() {
-        let folder = tempfile::tempdir().expect("a folder");
-        avln_tests::set_up(
-            folder.path(),
-            &avln_tests::TestSetup { houses: 1, missions: 2, ..Default::default() },
-        )
-        .await;
-        let data = DataFolder::open(folder.path()).expect("the folder");
-        let mut orders = Vec::new();
-        suite::play_oracle(&data, PHASE, &mut |order, _| orders.push(order.as_str()))
-            .await
-            .expect("two runs");
-        assert_eq!(orders, ["ordered", "unordered"]);
-        let servers = avln_tests::start_servers(folder.path()).await;
-        let board =
-            http::get(servers.web, &format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
-        let board: serde_json::Value = serde_json::from_str(&board).expect("JSON");
-        let row = &board["rows"][0];
-        assert_eq!(
-            (row["reference"].as_str(), row["summary"]["sr"]["value"].as_f64()),
-            (Some("oracle"), Some(1.0))
-        );
-        assert!(row["rank"].is_null() && row.get("rank").is_some(), "{row}");
-        servers.close().await.expect("a shutdown");
-    }
-
-    #[tokio::test]
-    async fn oracle_without_phase_error_has_hint() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let data = DataFolder::open(folder.path()).expect("the folder");
-        let strange = suite::play_oracle(&data, "nowhere", &mut |_, _| ()).await.expect_err("no such phase");
-        assert!(strange.to_string().contains("'nowhere'"), "{strange}");
-    }
-}
-
 /// The baseline suite end to end: play, resume, report page.
 mod baselines {
     use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize};
@@ -465,7 +397,8 @@ mod storeys {
         let server = Server::start(PROGRAM, &folder.join("data"));
         let url = format!("http://{}", server.grpc);
         let agent = ["agent", "pag-nav", "--server", &url, "--token", token, "--phase", "stairs"];
-        avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());
+        let said = avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());
+        assert!(said.contains(&format!("  http://{}/runs/run_", server.web)), "a link to the run: {said}");
         let traces = fs::read_dir(folder.join("traces")).expect("traces").flatten();
         let heights_m: Vec<f64> = traces.flat_map(|trace| heights_m(&trace.path())).collect();
         let most_m = heights_m.iter().fold(0.0, |most: f64, height_m| most.max(height_m.abs()));

@@ -2,7 +2,9 @@
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
 use avln_tests::scripted_run::NO_SENSORS;
-use avln_tests::{PHASE, TestServer, TestSetup, http, recording_proxy, recording_proxy::RecordingProxy};
+use avln_tests::{
+    PHASE, TestServer, TestSetup, http, raw::RawClient, recording_proxy, recording_proxy::RecordingProxy,
+};
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -43,7 +45,8 @@ async fn unusable_tokens_are_rejected_with_hint() {
     let refused =
         nobody.play(&Run::from_token(&server.token), NO_SENSORS).await.expect_err("a token of another kind");
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
-    assert!(refused.to_string().contains("run token"), "{refused}");
+    let kinds = "this is an account token; this call needs the run token";
+    assert!(refused.to_string().contains(kinds), "{refused}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -53,6 +56,10 @@ async fn unknown_phase_error_lists_known_phases() {
     let refused = client.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
     assert_eq!(refused.reason(), Some(Reason::PhaseUnknown), "{refused}");
     assert!(refused.to_string().contains("'finals'") && refused.to_string().contains(PHASE), "{refused}");
+    let mut raw = RawClient::connect(&server.agents_url(), &server.token).await;
+    raw.quota(PHASE).await.expect("its quota");
+    let refused = raw.quota("finals").await.expect_err("no such phase");
+    assert!(refused.message().contains("'finals'") && refused.message().contains(PHASE), "{refused}");
     let refused = client.run("run_of_nobody").await.expect_err("no such run");
     assert_eq!(refused.reason(), Some(Reason::RunUnknown), "{refused}");
 }
@@ -63,12 +70,10 @@ async fn rejected_sensors_leave_the_run_playable() {
     let (client, run) = start(&server).await;
     let absurd = client.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
     assert!(matches!(absurd, Error::Sensors { width: 4096, .. }), "{absurd}");
-    let refused = match client.play(&run, Sensors::square(512)).await {
-        Err(refused) => refused,
-        Ok(mut play) => play.next_episode().await.map(drop).expect_err("more than the phase allows"),
-    };
+    let refused = client.play(&run, Sensors::square(512)).await.expect_err("more than the phase allows");
     assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");
-    assert!(refused.to_string().contains("256 x 256"), "{refused}");
+    let limits = "the phase allows at most 256 x 256, RGB + DEPTH + AUDIO; requested: 512 x 512";
+    assert!(refused.to_string().contains(limits), "{refused}");
     assert_eq!(play_one(&client, &run).await.reason, EndReason::Stopped);
 }
 

@@ -35,10 +35,17 @@ async fn this_server_keeps_every_rule() {
     assert_eq!(nobody.status.code(), Some(6), "{}", text(&nobody));
 }
 
-/// Runs the kit's client test; returns success and output.
-fn checked(agent: &[&str]) -> (bool, String) {
+/// Result of the kit's client test.
+struct ClientTest {
+    is_content: bool,
+    output: String,
+    agent: Output,
+}
+
+/// Runs the kit's client test of a case.
+fn checked(case: &str, agent: &[&str]) -> ClientTest {
     let mut kit = Command::new(PROGRAM);
-    kit.args(["lab", "conformance", "--client", "127.0.0.1:0"]).stdout(Stdio::piped());
+    kit.args(["lab", "conformance", "--client", "127.0.0.1:0", "--case", case]).stdout(Stdio::piped());
     let mut kit = kit.spawn().expect("the program runs");
     let mut reader = BufReader::new(kit.stdout.take().expect("its output"));
     let mut output = String::new();
@@ -46,13 +53,40 @@ fn checked(agent: &[&str]) -> (bool, String) {
     let url = output.split_whitespace().last().expect("an address");
     let mut play = Command::new(PROGRAM);
     play.arg("agent").args(agent).args(["--server", url, "--token", "any", "--phase", "any"]);
-    play.output().expect("the program runs");
+    let agent = play.output().expect("the program runs");
     reader.read_to_string(&mut output).expect("its checks");
-    (kit.wait().expect("it ends").success(), output)
+    ClientTest { is_content: kit.wait().expect("it ends").success(), output, agent }
 }
+
+const RANDOM: [&str; 3] = ["random", "--seed", "3"];
 
 #[test]
 fn client_survives_every_kit_fault() {
-    let (content, output) = checked(&["random", "--seed", "3"]);
-    assert!(content && output.contains("12 rules checked, none broken"), "{output}");
+    let ClientTest { is_content, output, agent } = checked("faults", &RANDOM);
+    assert!(is_content && output.contains("15 rules checked, none broken"), "{output}");
+    assert!(output.contains("not offered  two slots are resumed together"), "{output}");
+    assert!(agent.status.success(), "{}", text(&agent));
+}
+
+#[test]
+fn client_with_two_slots_survives_every_fault() {
+    let two = ["baseline", "forward-and-turn", "--slots", "2"];
+    let ClientTest { is_content, output, agent } = checked("faults", &two);
+    assert!(is_content && output.contains("15 rules checked, none broken"), "{output}");
+    assert!(output.contains("kept         two slots are resumed together"), "{output}");
+    assert!(agent.status.success(), "{}", text(&agent));
+}
+
+#[test]
+fn client_accepts_end_while_it_was_away() {
+    let ClientTest { is_content, output, agent } = checked("ended", &RANDOM);
+    assert!(is_content && output.contains("2 rules checked, none broken"), "{output}");
+    assert!(agent.status.success(), "{}", text(&agent));
+}
+
+#[test]
+fn superseded_client_stops_with_error() {
+    let ClientTest { is_content, output, agent } = checked("superseded", &RANDOM);
+    assert!(is_content && output.contains("2 rules checked, none broken"), "{output}");
+    assert!(!agent.status.success() && text(&agent).contains("SUPERSEDED"), "{}", text(&agent));
 }

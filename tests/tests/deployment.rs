@@ -1,4 +1,4 @@
-//! Containers, Compose and systemd units.
+//! Containers, Compose, systemd units and releases.
 
 /// Scripts and commands of the compose file, in order, without an engine.
 mod containers {
@@ -397,5 +397,100 @@ mod packages {
             let of_profile = names.lines().filter(|name| name.starts_with(profile)).count();
             assert!(of_profile > 1, "{profile}: {names}");
         }
+    }
+}
+
+/// Published files: every job that uploads attests its files, and a release key signs the digests.
+mod releases {
+    use avln_tests::{repository::text, skipped::skipped};
+    use std::{collections::BTreeMap, fs, process::Command};
+    use yaml_rust2::{Yaml, YamlLoader};
+
+    const ATTEST: &str = "actions/attest-build-provenance@";
+
+    /// Jobs of the release workflow.
+    fn jobs() -> BTreeMap<String, Yaml> {
+        let documents = YamlLoader::load_from_str(&text(".github/workflows/release.yml")).expect("YAML");
+        let jobs = documents[0]["jobs"].as_hash().expect("jobs").iter();
+        jobs.map(|(name, job)| (name.as_str().expect("a name").to_owned(), job.clone())).collect()
+    }
+
+    /// Actions and commands of a job's steps, in order.
+    fn steps(job: &Yaml) -> Vec<(String, Yaml)> {
+        let action = |step: &Yaml| step["uses"].as_str().or(step["run"].as_str()).expect("a step").to_owned();
+        job["steps"].as_vec().expect("steps").iter().map(|step| (action(step), step.clone())).collect()
+    }
+
+    /// True if a step hands files or images to others.
+    fn uploads(action: &str) -> bool {
+        ["actions/upload-artifact@", "docker/build-push-action@", "gh release create"]
+            .iter()
+            .any(|word| action.contains(word))
+    }
+
+    #[test]
+    fn uploading_jobs_attest_their_files() {
+        let mut uploading = Vec::new();
+        for (name, job) in jobs() {
+            let steps = steps(&job);
+            if !steps.iter().any(|(action, _)| uploads(action)) {
+                continue;
+            }
+            let attests = steps.iter().any(|(action, _)| action.starts_with(ATTEST));
+            assert!(attests, "job {name} uploads without attestation");
+            for permission in ["id-token", "attestations"] {
+                let granted = job["permissions"][permission].as_str();
+                assert_eq!(granted, Some("write"), "job {name}: {permission}");
+            }
+            uploading.push(name);
+        }
+        assert_eq!(uploading, ["images", "linux", "macos", "publish", "python"]);
+    }
+
+    #[test]
+    fn attestations_cover_all_published_files() {
+        let jobs = jobs();
+        let subject = |job: &str| {
+            let steps = steps(&jobs[job]);
+            let attest = steps.iter().find(|(action, _)| action.starts_with(ATTEST)).expect("a step");
+            attest.1["with"]["subject-path"].as_str().expect("files").to_owned()
+        };
+        for job in ["linux", "macos", "python"] {
+            assert_eq!(subject(job), "dist/*", "{job}");
+        }
+        let published = subject("publish");
+        assert_eq!(
+            published.split_whitespace().collect::<Vec<_>>(),
+            ["release/*.json", "release/SHA256SUMS"]
+        );
+    }
+
+    #[test]
+    fn release_key_signature_can_be_verified() {
+        let script = text("packaging/dist.sh");
+        let line = script.lines().find(|line| line.contains("pkeyutl -sign")).expect("a signature");
+        let folder = tempfile::TempDir::new().expect("a folder for temporary files");
+        fs::create_dir(folder.path().join("dist")).expect("a folder");
+        fs::write(folder.path().join("dist/SHA256SUMS"), "00  a.tar.gz\n").expect("a file");
+        let page = text("docs/deploying.md");
+        let verify = page.lines().find(|line| line.contains("pkeyutl -verify")).expect("its check");
+        let verify = verify.trim_start_matches("$ ");
+        let shell = |script: &str| {
+            let mut shell = Command::new("sh");
+            shell.args(["-euc", script]).current_dir(folder.path()).env("AVLN_RELEASE_KEY", "release.pem");
+            shell.output().expect("a shell")
+        };
+        let made = shell(&format!(
+            "openssl genpkey -algorithm ED25519 -out release.pem
+             openssl pkey -in release.pem -pubout -out dist/release-key.pem
+             {line}
+             cd dist && {verify}"
+        ));
+        if made.status.code() == Some(127) {
+            return skipped("release_key_signature_can_be_verified", "install openssl");
+        }
+        assert!(made.status.success(), "{made:?}");
+        let changed = shell(&format!("cd dist && echo more >>SHA256SUMS && {verify}"));
+        assert!(!changed.status.success(), "{changed:?}");
     }
 }

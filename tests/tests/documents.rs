@@ -314,6 +314,53 @@ mod contributors {
     }
 }
 
+/// The threat model names existing tests.
+mod security {
+    use avln_tests::repository::text;
+
+    const HEAD: &str = "| party | threat | protection | test |\n|---|---|---|---|\n";
+
+    /// Rows of the table of threats, as cells.
+    fn rows(page: &str) -> Vec<Vec<&str>> {
+        let (_, table) = page.split_once(HEAD).expect("the table of threats");
+        let lines = table.lines().take_while(|line| line.starts_with('|'));
+        lines.map(|line| line.trim_matches('|').split('|').map(str::trim).collect()).collect()
+    }
+
+    /// True if `code` contains the test `name`.
+    fn has_test(code: &str, name: &str) -> bool {
+        let lines: Vec<_> = code.lines().map(str::trim).collect();
+        let function = format!("fn {name}(");
+        let mut functions = (0..lines.len()).filter(|&line| lines[line].contains(&function));
+        functions.any(|line| {
+            let mut attributes = lines[..line].iter().rev().take_while(|line| line.starts_with("#["));
+            attributes.any(|line| line.starts_with("#[test]") || line.starts_with("#[tokio::test"))
+        })
+    }
+
+    #[test]
+    fn every_threat_has_an_existing_test() {
+        let page = text("docs/SECURITY.md");
+        let rows = rows(&page);
+        assert!(rows.len() > 30, "{} threats", rows.len());
+        for row in rows {
+            let [_, threat, protection, test] = row[..] else { panic!("a row has four cells: {row:?}") };
+            assert!(!threat.is_empty() && !protection.is_empty(), "{row:?}");
+            let (file, name) = test.trim_matches('`').split_once("::").expect("a file and a test");
+            assert!(has_test(&text(file), name), "{threat}: there is no test {test}");
+        }
+        assert!(has_test("#[tokio::test]\nasync fn a() {}", "a") && !has_test("fn a() {}", "a"));
+    }
+
+    #[test]
+    fn reports_go_to_this_repository() {
+        let manifest = text("Cargo.toml");
+        let repository = manifest.lines().find_map(|line| line.strip_prefix("repository = \""));
+        let repository = repository.expect("an address").trim_end_matches('"');
+        assert!(text("docs/SECURITY.md").contains(&format!("({repository}/security/advisories/new)")));
+    }
+}
+
 /// The table of source files in ARCHITECTURE.md.
 mod source_files {
     use avln_tests::repository::{files, root, shown, text};
@@ -322,7 +369,7 @@ mod source_files {
     const PAGE: &str = "docs/ARCHITECTURE.md";
     const HEAD: &str = "| file | content |\n|---|---|\n";
     /// Folders with sources, outermost first.
-    const FOLDERS: [&str; 15] = [
+    const FOLDERS: [&str; 16] = [
         "docs",
         "cli/src",
         "lab/src",
@@ -333,6 +380,7 @@ mod source_files {
         "proto",
         "client-sdk/rust/src",
         "client-sdk/python/src",
+        "client-sdk/javascript",
         "client-sdk/conformance/src",
         "agents",
         "server/io/web/assets",
@@ -365,7 +413,7 @@ mod source_files {
     fn rows() -> Vec<String> {
         let mut rows = Vec::new();
         for folder in FOLDERS {
-            let endings = [".rs", ".py", ".proto", ".js"];
+            let endings = [".rs", ".py", ".proto", ".js", ".mjs"];
             let mut paths: Vec<_> = endings
                 .iter()
                 .flat_map(|ending| files(&root().join(folder), ending))

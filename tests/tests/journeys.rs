@@ -154,6 +154,9 @@ const DEPLOYER: Journey = Journey {
     not_typed: &[
         ("openssl req", "the TLS tests run it"),
         ("just dist", "the build of a release takes too long"),
+        ("sha256sum --check", "there is no release to check"),
+        ("gh attestation", "there is no release to check"),
+        ("openssl pkeyutl", "the tests of releases run it"),
         ("docker compose build", "an engine may be missing"),
         ("docker image rm", "an engine may be missing"),
         ("docker builder prune", "an engine may be missing"),
@@ -171,13 +174,15 @@ const DEPLOYER: Journey = Journey {
 const JOURNEYS: [&Journey; 4] = [&PARTICIPANT, &ORGANISER, &RESEARCHER, &DEPLOYER];
 
 /// Documents that are not followed, with the reason.
-const NOT_FOLLOWED: [(&str, &str); 4] = [
+const NOT_FOLLOWED: [(&str, &str); 6] = [
     ("CONTRIBUTING.md", "its commands run these tests"),
     ("agents/perception/training/README.md", "training takes hours"),
     (
         "client-sdk/python/README.md",
         "docs/python.md contains its lines, or the tests of the package run them",
     ),
+    ("client-sdk/javascript/README.md", "the tests of the JavaScript client run its lines"),
+    ("docs/languages.md", "the tests of the JavaScript client run its lines"),
     ("docs/models.md", "the models are not part of the repository"),
 ];
 

@@ -39,14 +39,21 @@ mod verification {
             Self { server, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
         }
 
-        /// Runs `avln run verify` with the organiser's data; returns success and output.
-        fn verify(&self, log: &Path, more: &[&str]) -> (bool, String) {
+        /// Runs `avln run verify` with the organiser's data; returns the exit code and output.
+        fn verify(&self, log: &Path, more: &[&str]) -> (Option<i32>, String) {
             verify(self.server.folder.path(), log, more)
         }
 
         fn refused(&self, log: &Path, more: &[&str], words: &str) {
-            let (content, text) = self.verify(log, more);
-            assert!(!content && text.contains(words), "'{words}' in: {text}");
+            let (code, text) = self.verify(log, more);
+            assert!(code == Some(6) && text.contains(words), "'{words}' in: {text}");
+        }
+
+        /// An intact log whose end may be missing.
+        fn unproven(&self, log: &Path, more: &[&str]) {
+            let (code, text) = self.verify(log, more);
+            assert!(code == Some(7) && text.contains("completeness is unproven"), "{text}");
+            assert!(!text.contains("left out"), "{text}");
         }
 
         /// The log with other entries, in a chain that fits.
@@ -63,7 +70,7 @@ mod verification {
         }
     }
 
-    fn verify(data: &Path, log: &Path, more: &[&str]) -> (bool, String) {
+    fn verify(data: &Path, log: &Path, more: &[&str]) -> (Option<i32>, String) {
         let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
         let output = verify
             .arg("--data")
@@ -75,7 +82,7 @@ mod verification {
             .expect("the program runs");
         let text =
             String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-        (output.status.success(), text)
+        (output.status.code(), text)
     }
 
     /// Removes signatures, so that only the replay can detect a forgery.
@@ -86,15 +93,15 @@ mod verification {
     #[tokio::test(flavor = "multi_thread")]
     async fn log_is_verified_with_and_without_organiser_data() {
         let played = Played::new().await;
-        let (content, text) = played.verify(&played.log, &["--key", &played.key]);
-        assert!(content, "{text}");
+        let (code, text) = played.verify(&played.log, &["--key", &played.key]);
+        assert_eq!(code, Some(0), "{text}");
         for words in ["episodes   2 played again: all 82 actions", "metrics    2 recomputed", &played.key] {
             assert!(text.contains(words), "'{words}' in: {text}");
         }
         let nowhere = played.files.path().join("nowhere");
         for (data, more) in [(nowhere.as_path(), &[][..]), (played.server.folder.path(), &["--log-only"])] {
-            let (content, text) = verify(data, &played.log, more);
-            assert!(content && text.contains("2 with 82 actions, not played again"), "{text}");
+            let (code, text) = verify(data, &played.log, more);
+            assert!(code == Some(0) && text.contains("2 with 82 actions, not played again"), "{text}");
             assert!(
                 text.contains("none changed, left out or put in") && text.contains(&played.key),
                 "{text}"
@@ -134,8 +141,8 @@ mod verification {
         let other = SigningKey::at(&played.files.path().join("other.key")).expect("a key");
         RunLogs::at(worth.parent().expect("a folder")).sign("forged", &other).expect("a signature");
         played.refused(&worth, &["--key", &played.key], "not by");
-        let (content, text) = played.verify(&worth, &["--log-only"]);
-        assert!(content && text.contains(&other.public()) && !text.contains(&played.key), "{text}");
+        let (code, text) = played.verify(&worth, &["--log-only"]);
+        assert!(code == Some(0) && text.contains(&other.public()) && !text.contains(&played.key), "{text}");
 
         let signature = played.forged(|entries| {
             if let Some(Entry::Signed { signature, .. }) = entries.last_mut() {
@@ -150,6 +157,33 @@ mod verification {
             entries.extend(again);
         });
         played.refused(&longer, &["--log-only"], "lines come after the signature");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn missing_ends_are_found_or_declared_unproven() {
+        let played = Played::new().await;
+        let unsigned = played.forged(unsign);
+        played.unproven(&unsigned, &["--log-only"]);
+        played.refused(&unsigned, &["--log-only", "--key", &played.key], "not signed");
+        played.refused(&unsigned, &[], "its log has no signature: lines are missing at its end");
+        let cut = played.forged(|entries| entries.truncate(entries.len() / 2));
+        played.unproven(&cut, &["--log-only"]);
+        played.refused(&cut, &[], "lines are missing at its end");
+        // Another data folder with the same phase does not contain the run.
+        let elsewhere = TestServer::open(&TestSetup::default()).await;
+        let (code, text) = verify(elsewhere.folder.path(), &cut, &[]);
+        assert_eq!(code, Some(7), "{text}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn repeated_server_starts_are_found() {
+        let played = Played::new().await;
+        let forked = played.forged(|entries| {
+            unsign(entries);
+            let start = entries.iter().find(|entry| matches!(entry, Entry::ServerStarted { .. })).cloned();
+            entries.push(start.expect("the start of the server"));
+        });
+        played.refused(&forked, &["--log-only"], "server start 1 follows start 1");
     }
 }
 

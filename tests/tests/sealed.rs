@@ -5,6 +5,7 @@ use avln_client::{Client, Metric, RunStatus};
 use avln_tests::{PHASE, TEAM, TestServer, TestSetup, http, set_up};
 use std::{
     net::TcpListener,
+    os::unix::fs::MetadataExt,
     path::Path,
     process::{Command, Output, Stdio},
 };
@@ -14,8 +15,12 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
 /// Runs `agent` sealed, with read access to its own program.
 fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
+    sealed_by(Command::new(PROGRAM), data, options, agent)
+}
+
+/// Runs `agent` sealed by `command`, which starts the program.
+fn sealed_by(mut command: Command, data: &Path, options: &[&str], agent: &[&str]) -> Output {
     let programs = Path::new(PROGRAM).parent().expect("a folder");
-    let mut command = Command::new(PROGRAM);
     for name in ["AVLN_LOG", "AVLN_SERVER", "AVLN_TOKEN"] {
         command.env_remove(name);
     }
@@ -175,6 +180,8 @@ async fn idle_runs_end_with_a_reason() {
     let folder = TempDir::new().unwrap();
     set_up(folder.path(), &TestSetup::default()).await;
     let data = folder.path().to_owned();
+    let hidden = data.join("agent");
+    std::fs::copy("/bin/true", &hidden).unwrap();
     let refused = move |options: &[&str], agent: &[&str], words: &str| {
         let output = sealed(&data, options, agent);
         let (out, err) = (text(&output.stdout), text(&output.stderr));
@@ -184,11 +191,65 @@ async fn idle_runs_end_with_a_reason() {
     let all = move || {
         refused(&["--wall-s", "1"], &["sleep", "60"], "stopped after 1 s");
         refused(&[], &["no-such-agent"], "cannot start the agent 'no-such-agent'");
+        refused(&[], &[&hidden.display().to_string()], "cannot start the agent");
         refused(&[], &["sh", "-c", "exit 9"], "exit status: 9");
         refused(&["--server", "127.0.0.1:9"], &["true"], "127.0.0.1:9");
     };
     tokio::task::spawn_blocking(all).await.unwrap();
     let store = avln_arena::data::DataFolder::open(folder.path()).unwrap().store().await.unwrap();
     let runs = store.runs_of(TEAM).await.unwrap();
-    assert!(runs.len() == 3 && runs.iter().all(|run| !run.state.is_open() && run.is_sealed()), "{runs:?}");
+    assert!(runs.len() == 2 && runs.iter().all(|run| !run.state.is_open() && run.is_sealed()), "{runs:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agents_inherit_no_open_files() {
+    let folder = TempDir::new().unwrap();
+    set_up(folder.path(), &TestSetup::default()).await;
+    let data = folder.path().to_owned();
+    // The caller of the command has opened the database.
+    let caller = |data: &Path| {
+        let mut caller = Command::new("bash");
+        caller.args(["-c", r#"exec 9<"$0/avln.db"; exec "$@""#]).arg(data);
+        caller
+    };
+    let probe = "if test -L /proc/self/fd/9; then echo probe file open; else echo probe file shut; fi";
+    let open = caller(&data).args(["sh", "-c", probe]).output().unwrap();
+    assert!(got_through(&text(&open.stdout), "file"), "the probe cannot fail");
+    let run = move || {
+        let mut command = caller(&data);
+        command.arg(PROGRAM);
+        sealed_by(command, &data, &[], &["sh", "-c", probe])
+    };
+    let output = tokio::task::spawn_blocking(run).await.unwrap();
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert!(!got_through(&out, "file") && out.contains("no inherited files"), "{out}{err}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn reported_limits_bind_the_agent() {
+    let folder = TempDir::new().unwrap();
+    set_up(folder.path(), &TestSetup::default()).await;
+    let data = folder.path().to_owned();
+    let all = move || {
+        let run = |options: &[&str]| {
+            let output = sealed(&data, options, &["sh", "-c", "echo memory $(ulimit -v)"]);
+            assert_eq!(output.status.code(), Some(6), "{output:?}");
+            (text(&output.stdout), text(&output.stderr))
+        };
+        let (out, err) = run(&["--memory-mib", "4096"]);
+        let limit = "memory limit of 4096 MiB per process";
+        assert!(out.contains("memory 4194304"), "{out}{err}");
+        assert!(out.contains(limit) || err.contains(limit), "{out}{err}");
+        let (out, err) = run(&[]);
+        assert!(out.contains("memory unlimited") && !out.contains("memory limit"), "{out}{err}");
+        let (limit, missing) = ("at most 4096 processes", "the kernel does not bind root");
+        let is_root = std::fs::metadata("/proc/self").unwrap().uid() == 0;
+        assert!(is_root || !err.contains(missing), "{err}");
+        assert_ne!(out.contains(limit), err.contains(&format!("not enforced: {limit}: ")), "{out}{err}");
+        if err.contains(missing) {
+            let (out, err) = run(&["--require-all"]);
+            assert!(err.contains("cannot enforce everything") && !out.contains("run "), "{out}{err}");
+        }
+    };
+    tokio::task::spawn_blocking(all).await.unwrap();
 }

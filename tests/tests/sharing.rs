@@ -1,8 +1,11 @@
 //! Fair sharing between agents; a long connection has no disadvantage.
 
 use avln_arena::{servers::Limits, setup::admit};
-use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
-use avln_tests::{PHASE, TestServer, TestSetup, change_phase, fault_proxy::FaultProxy, set_up, store};
+use avln_client::{Action, Client, EndReason, Error, Order, Play, Reason, RunOptions, Sensors};
+use avln_tests::{
+    PHASE, TestServer, TestSetup, change_phase, fault_proxy::FaultProxy, scripted_run::NO_SENSORS, set_up,
+    store,
+};
 use std::{
     sync::{
         Arc,
@@ -75,6 +78,45 @@ async fn teams_share_steps_independent_of_slots() {
     }
     println!("in 5 s {modest} steps for one slot, {greedy} for sixteen");
     assert!(modest * 3 >= greedy, "{modest} steps for one slot, {greedy} for sixteen");
+}
+
+/// Attempts to open all 256 sessions for a team. Returns the open ones and the number of refusals.
+async fn take_sessions(server: &TestServer, token: &str) -> (Vec<Play>, usize) {
+    let (mut sessions, mut refusals) = (Vec::new(), 0);
+    // A connection carries at most 128 calls at a time.
+    for _ in 0..4 {
+        let client = Client::connect(server.agents_url(), token).await.expect("a connection");
+        for _ in 0..64 {
+            let options = RunOptions::new(PHASE, "hog").order(Order::Unordered);
+            let run = client.start_run(options).await.expect("a run");
+            match client.play(&run, NO_SENSORS).await {
+                Ok(play) => sessions.push(play),
+                Err(refused) => {
+                    assert_eq!(refused.reason(), Some(Reason::NoCapacity), "{refused}");
+                    refusals += 1;
+                }
+            }
+        }
+    }
+    (sessions, refusals)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_team_never_takes_all_sessions() {
+    let _alone = ALONE.lock().await;
+    let folder = tempfile::tempdir().expect("a folder");
+    let token = set_up(folder.path(), &TestSetup::default()).await;
+    let store = store(folder.path()).await;
+    let modest = admit(&store, "modest", None).await.expect("another team");
+    store.close().await;
+    let server = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let (sessions, refusals) = take_sessions(&server, &server.token).await;
+    assert_eq!((sessions.len(), refusals), (128, 128), "half of the sessions");
+    let client = Client::connect(server.agents_url(), &modest).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "new").order(Order::Unordered)).await.expect("a run");
+    let mut play = client.play(&run, NO_SENSORS).await.expect("a session at once");
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    episode.step(Action::Stop).await.expect("a step");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -165,7 +165,8 @@ mod backups {
         assert_eq!(check(&new, &over), verified, "the same log by the same key");
         let logs = fs::read_dir(new.join("runs")).expect("logs").map(|log| log.expect("a log").path());
         for log in logs {
-            done(&new, &["run", "verify", &log.display().to_string()]);
+            let (content, said) = avln(&new, &["run", "verify", &log.display().to_string()]);
+            assert!(content || said.contains("completeness is unproven"), "an open run: {said}");
         }
         let server = Server::start(PROGRAM, &new);
         assert_eq!(board(server.web).await, before);

@@ -97,6 +97,21 @@ async fn tls_and_plain_text_are_distinguished() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn tls_pages_forbid_later_plain_text() {
+    let authority = Authority::new();
+    let server = TestServer::open_with_tls(&TestSetup::default(), &authority.security()).await;
+    let mut curl = std::process::Command::new("curl");
+    // Other tests check the certificate.
+    curl.args(["--silent", "--show-error", "--head", "--insecure", "--noproxy", "*"]);
+    curl.arg(format!("https://{}/", server.servers.web));
+    let Ok(output) = tokio::task::spawn_blocking(move || curl.output()).await.unwrap() else {
+        return skipped("tls_pages_forbid_later_plain_text", "install curl");
+    };
+    let head = String::from_utf8_lossy(&output.stdout).to_lowercase();
+    assert!(head.contains("strict-transport-security: max-age=31536000\r\n"), "{output:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn doctor_checks_tls_server() {
     let authority = Authority::new();
     let server =

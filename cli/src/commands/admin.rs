@@ -37,9 +37,18 @@ pub(crate) enum AdminCommand {
 /// Admin server address.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct AdminAddress {
-    /// Admin server URL, on the server's own machine
-    #[arg(long, default_value = "http://127.0.0.1:50052", value_name = "URL")]
-    server: String,
+    /// Admin server on the server's own machine, as HOST:PORT or URL
+    #[arg(long = "admin", alias = "server", env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS", value_parser = admin_url)]
+    url: String,
+}
+
+/// Returns the URL for an address; `serve` accepts the word `off` for the same variable.
+fn admin_url(text: &str) -> Result<String, String> {
+    match text {
+        "off" => Err("the admin server is off; start it with: avln serve --admin 127.0.0.1:50052".to_owned()),
+        url if url.contains("://") => Ok(url.to_owned()),
+        address => Ok(format!("http://{address}")),
+    }
 }
 
 /// Address and token for the admin server.
@@ -69,7 +78,7 @@ pub(crate) async fn run(command: AdminCommand) -> Result<(), Failure> {
 
 // The metrics page is the check: its counts come from the database, so a server that returns it can work.
 async fn health(address: &AdminAddress) -> Result<(), Failure> {
-    let answer = ask(&address.server, "/metrics", "", None).await?;
+    let answer = ask(&address.url, "/metrics", "", None).await?;
     if !answer.status.is_success() {
         let message = format!("the server is not healthy: it answered {}", answer.status.as_u16());
         return Err(Failure::run(message));
@@ -81,7 +90,7 @@ async fn health(address: &AdminAddress) -> Result<(), Failure> {
 async fn request(server: &AdminAccess, path: &str, body: Option<&impl Serialize>) -> Result<Status, Failure> {
     let internal = |error: serde_json::Error| Failure::internal(error);
     let body = body.map(serde_json::to_vec).transpose().map_err(internal)?;
-    let answer = ask(&server.address.server, path, &server.token, body).await?;
+    let answer = ask(&server.address.url, path, &server.token, body).await?;
     if answer.status.is_success() {
         return serde_json::from_slice(&answer.body).map_err(internal);
     }
@@ -107,5 +116,32 @@ fn show(status: &Status) {
     say!("playing  {} episodes", status.slots.len());
     for slot in &status.slots {
         say!("  {} slot {} step {}", slot.run, slot.slot, slot.step);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::admin_url;
+    use crate::Cli;
+    use clap::Parser;
+
+    #[test]
+    fn admin_addresses_become_urls() {
+        let url = "http://127.0.0.1:50052";
+        assert_eq!(admin_url("127.0.0.1:50052").as_deref(), Ok(url));
+        assert_eq!(admin_url(url).as_deref(), Ok(url));
+        let refused = admin_url("off").expect_err("nothing to ask");
+        assert!(refused.starts_with("the admin server is off"), "{refused}");
+    }
+
+    #[test]
+    fn admin_option_keeps_its_old_name() {
+        for words in
+            ["avln admin health --admin 127.0.0.1:1", "avln admin health --server http://127.0.0.1:1"]
+        {
+            let parsed = Cli::try_parse_from(words.split(' ')).expect("a command line");
+            assert!(format!("{parsed:?}").contains("\"http://127.0.0.1:1\""), "{parsed:?}");
+        }
+        assert!(Cli::try_parse_from("avln admin health --admin off".split(' ')).is_err());
     }
 }

@@ -4,7 +4,10 @@ use crate::output::{print_json, say};
 use avln_arena::{
     Failure,
     actions::{Attribution, disqualify, note, verify},
-    challenge::{ChallengeChanges, ChallengeFile, PhaseFile, PlanError, Planner, actor, json as as_json},
+    challenge::{
+        ChallengeChanges, ChallengeFile, Fault, PhaseFile, PlanError, Planner, SummaryStyle, actor,
+        json as as_json,
+    },
     data::DataFolder,
     dataset::{DatasetFiles, SplitFolder},
     now_unix_ms, seed_to_publish,
@@ -14,7 +17,7 @@ use avln_dataset::{
     format::{File, read_secret},
 };
 use avln_lab::dataset::build::Builder;
-use avln_store::{AuditLine, AuditNote, CommitmentValues, calendar::rfc3339, pool_digest};
+use avln_store::{AuditLine, CommitmentValues, calendar::rfc3339, pool_digest};
 use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -26,6 +29,9 @@ pub(crate) enum ChallengeFileCommand {
     Check {
         /// Challenge file
         file: PathBuf,
+        /// Show all settings of new phases
+        #[arg(long)]
+        verbose: bool,
     },
     /// Create and change phases as in a challenge file; a running server applies them at once
     Apply {
@@ -34,6 +40,9 @@ pub(crate) enum ChallengeFileCommand {
         /// Reason, for the audit list
         #[arg(long, default_value = "", value_name = "TEXT")]
         reason: String,
+        /// Show all settings of new phases
+        #[arg(long)]
+        verbose: bool,
     },
     /// Print all phases as a challenge file
     Show {
@@ -93,8 +102,12 @@ struct PublishedValues {
 
 pub(crate) async fn run(data: &Path, command: ChallengeFileCommand) -> Result<(), Failure> {
     match command {
-        ChallengeFileCommand::Check { file } => apply(data, &file, "", true).await,
-        ChallengeFileCommand::Apply { file, reason } => apply(data, &file, &reason, false).await,
+        ChallengeFileCommand::Check { file, verbose } => {
+            apply(data, &file, "", SummaryStyle { is_applied: false, is_verbose: verbose }).await
+        }
+        ChallengeFileCommand::Apply { file, reason, verbose } => {
+            apply(data, &file, &reason, SummaryStyle { is_applied: true, is_verbose: verbose }).await
+        }
         ChallengeFileCommand::Show { json } => show(data, json).await,
         ChallengeFileCommand::Audit { json } => audit(data, json).await,
         ChallengeFileCommand::Reveal { phase } => reveal(data, &phase).await,
@@ -102,14 +115,18 @@ pub(crate) async fn run(data: &Path, command: ChallengeFileCommand) -> Result<()
     }
 }
 
-async fn apply(data: &Path, path: &Path, reason: &str, is_dry_run: bool) -> Result<(), Failure> {
+async fn apply(data: &Path, path: &Path, reason: &str, style: SummaryStyle) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
     let base = path.parent().unwrap_or(Path::new(""));
     let planner = Planner { data: &data, store: &store, base, reason };
     let plan = plan(&planner, path).await?;
-    print_changes(&plan, if is_dry_run { "would change" } else { "changed" });
-    if is_dry_run { Ok(()) } else { planner.apply(plan).await }
+    let summary = plan.summary(style);
+    if style.is_applied {
+        planner.apply(plan).await?;
+    }
+    summary.iter().for_each(|line| say!("{line}"));
+    Ok(())
 }
 
 /// Largest accepted file, bytes: thousands of phases.
@@ -117,9 +134,10 @@ const LARGEST_FILE: u64 = 4 << 20;
 
 async fn plan(planner: &Planner<'_>, path: &Path) -> Result<ChallengeChanges, Failure> {
     let text = read(path)?;
-    let file = ChallengeFile::parse(&text).map_err(|fault| fault.explain(path, &text))?;
+    let explain = |faults: Vec<Fault>| Fault::explain_all(&faults, path, &text);
+    let file = ChallengeFile::parse(&text).map_err(explain)?;
     planner.plan(&file).await.map_err(|unplanned| match unplanned {
-        PlanError::File(fault) => fault.explain(path, &text),
+        PlanError::File(faults) => explain(faults),
         PlanError::Other(failure) => failure,
     })
 }
@@ -132,19 +150,6 @@ fn read(path: &Path) -> Result<String, Failure> {
             .hinted("name the file of a challenge, such as challenge.toml"));
     }
     std::fs::read_to_string(path).map_err(|error| failed(&error))
-}
-
-fn print_changes(plan: &ChallengeChanges, verb: &str) {
-    for AuditNote { subject, what, before, after, .. } in &plan.notes {
-        let words = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
-        say!("{verb}  {subject}: {what}  {} -> {}", words(before), words(after));
-    }
-    if plan.notes.is_empty() {
-        say!("nothing to change");
-    }
-    for phase in &plan.left_out {
-        say!("phase {phase} is not in the file and stays unchanged");
-    }
 }
 
 async fn show(data: &Path, json: bool) -> Result<(), Failure> {

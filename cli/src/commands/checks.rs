@@ -3,7 +3,7 @@
 use crate::output::{print_json, say, write_file};
 use avln_arena::{Failure, data::DataFolder, servers::RunningServers, setup::admit};
 use avln_client::Sensors;
-use avln_conformance::{Check, Host, Outcome, Site, check};
+use avln_conformance::{Check, Host, Outcome, Scenario, Site, check};
 use avln_lab::{
     calibration::{self, Calibration, CalibrationRun, CalibrationServer, PHASE, ReferenceAgent, differences},
     doctor::{DoctorOptions, DoctorReport, examine},
@@ -99,15 +99,37 @@ pub(crate) struct ConformanceArgs {
     /// Phase for the test run, which plays a few steps of about ten episodes
     #[arg(long, required_unless_present = "client")]
     phase: Option<String>,
-    /// Check a client instead: listen at this address, accept the first run with any token and phase, inject faults such as
-    /// broken streams and lost replies, and report the client's reactions
+    /// Check a client instead: listen at this address, accept the first run with any token and phase, inject faults, and report
+    /// the client's reactions. The client may use a stream with one or two slots, or unary calls
     #[arg(long, value_name = "ADDRESS")]
     client: Option<SocketAddr>,
+    /// Faults for the client: those after which it plays on, the end of the run while it is away, or a takeover of the run
+    /// by another connection, after which it stops with an error
+    #[arg(long, value_enum, default_value_t, value_name = "CASE", requires = "client")]
+    case: ClientCase,
+}
+
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum ClientCase {
+    #[default]
+    Faults,
+    Ended,
+    Superseded,
+}
+
+impl From<ClientCase> for Scenario {
+    fn from(case: ClientCase) -> Self {
+        match case {
+            ClientCase::Faults => Self::Faults,
+            ClientCase::Ended => Self::Ended,
+            ClientCase::Superseded => Self::Superseded,
+        }
+    }
 }
 
 pub(crate) async fn check_conformance(args: ConformanceArgs) -> Result<(), Failure> {
     let checks = match args.client {
-        Some(address) => host(address).await?,
+        Some(address) => host(address, args.case.into()).await?,
         None => {
             let (token, phase) = (args.token.unwrap_or_default(), args.phase.unwrap_or_default());
             let ca = args.ca.map(read_authorities).transpose()?;
@@ -126,8 +148,8 @@ fn read_authorities(file: PathBuf) -> Result<String, Failure> {
     })
 }
 
-async fn host(address: SocketAddr) -> Result<Vec<Check>, Failure> {
-    let host = Host::bind(address).await.map_err(|error| {
+async fn host(address: SocketAddr, scenario: Scenario) -> Result<Vec<Check>, Failure> {
+    let host = Host::bind(address, scenario).await.map_err(|error| {
         Failure::address(format!("cannot listen at {address}: {error}"))
             .hinted("use an address of this machine with a free port, such as --client 127.0.0.1:50052")
     })?;

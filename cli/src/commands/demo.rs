@@ -54,11 +54,14 @@ const RUNS_AT_ONCE: usize = 2;
 /// Builds houses and missions, runs two agents over gRPC, prints the table and continues to serve.
 pub(crate) async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    // First of all: a used address must fail before minutes of building.
+    // Before the database and minutes of building: a running server and a used address end the demo at once.
+    let lock = data.lock()?;
     let servers = Servers::bind(&args.addresses.addresses()).await?.with_documents(documents());
     let store = data.store().await?;
     let phase = prepare(&data, &store, &args).await?;
-    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
+    let link_url = servers.web_url().unwrap_or_default();
+    let arena =
+        Arena::open_locked(lock, &data, store.clone(), SCENE_MEMORY_MIB).await?.with_web_url(link_url);
     let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
     let open = servers.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;

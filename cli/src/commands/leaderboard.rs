@@ -31,7 +31,8 @@ pub(crate) enum LeaderboardCommand {
     Freeze(FreezeArgs),
     /// Check that a frozen copy is complete, unchanged, and signed by the server
     Check(CheckCopyArgs),
-    /// Play a phase with the oracle, as upper bound on leaderboards; stop the server first
+    /// Play a phase with the oracle, as upper bound on leaderboards, in the orders without a run of it; stop the
+    /// server first
     Oracle {
         /// Phase id
         #[arg(long)]
@@ -64,14 +65,17 @@ pub(crate) async fn run(data: &Path, command: LeaderboardCommand) -> Result<(), 
         LeaderboardCommand::Freeze(args) => freeze_copy(data, args).await,
         LeaderboardCommand::Check(args) => check_copy(&args),
         LeaderboardCommand::Oracle { phase } => {
-            let report = &mut |order, summary: &RunSummary| say!("{}", oracle_line(order, summary));
+            let report = &mut |order, summary: Option<&RunSummary>| say!("{}", oracle_line(order, summary));
             play_oracle(&DataFolder::open(data)?, &phase, report).await
         }
     }
 }
 
-/// The oracle's result; `-` for scores that the phase hides.
-fn oracle_line(order: Order, summary: &RunSummary) -> String {
+/// Returns the oracle's result; `-` for scores that the phase hides.
+fn oracle_line(order: Order, summary: Option<&RunSummary>) -> String {
+    let Some(summary) = summary else {
+        return format!("{:<10} already on the leaderboard", order.as_str());
+    };
     let mean = |name| summary.metric(name).map_or("-".to_owned(), |metric| format!("{:.3}", metric.value));
     let (sr, spl, done) = (mean("sr"), mean("spl"), summary.progress.done);
     format!("{:<10} SR {sr}  SPL {spl}  {done} episodes", order.as_str())

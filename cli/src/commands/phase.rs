@@ -75,6 +75,12 @@ pub(crate) struct OpenPhaseArgs {
     /// Run limit per team; unlimited by default
     #[arg(long, value_name = "RUNS")]
     quota: Option<u32>,
+    /// Limit for concurrent runs per team; 1 by default if scores or replays are not public, otherwise unlimited
+    #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u32).range(1..))]
+    concurrent: Option<u32>,
+    /// Limit for uncharged runs per team; 20 by default if scores or replays are not public, otherwise unlimited
+    #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u32).range(1..))]
+    uncharged: Option<u32>,
     /// Limit for parallel episodes per run
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_slots: u32,
@@ -149,20 +155,29 @@ async fn reschedule(
     Ok(actions::reschedule(store, id, Attribution { actor: &challenge::actor(), reason }, change).await?)
 }
 
+/// Default of `--concurrent` for hidden phases: parallel runs would show a mission several times before the first result.
+const HIDDEN_CONCURRENT: u32 = 1;
+/// Default of `--uncharged` for hidden phases: each uncharged run shows the missions without a charge.
+const HIDDEN_UNCHARGED: u32 = 20;
+
 impl From<OpenPhaseArgs> for NewPhase {
     fn from(open: OpenPhaseArgs) -> Self {
+        let (scores, replays): (Visibility, Visibility) = (open.scores.into(), open.replays.into());
+        let is_hidden = [scores, replays] != [Visibility::Public; 2];
         Self {
             id: open.id,
             split: open.split,
             dataset: open.dataset,
             title: open.title,
-            scores: open.scores.into(),
-            replays: open.replays.into(),
+            scores,
+            replays,
             rules: open.rules,
             sounds: open.sounds,
             head: open.head,
             feedback: open.feedback.map(FeedbackRule::from),
             quota: open.quota,
+            concurrent: open.concurrent.or(is_hidden.then_some(HIDDEN_CONCURRENT)),
+            uncharged: open.uncharged.or(is_hidden.then_some(HIDDEN_UNCHARGED)),
             max_slots: open.max_slots,
             max_side: open.max_side,
         }

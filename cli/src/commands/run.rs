@@ -5,7 +5,7 @@ use avln_arena::{
     Failure,
     data::DataFolder,
     now_unix_ms,
-    rescoring::{Comparison, Replayer, Scorer, rescore},
+    rescoring::{Comparison, Replayer, Scorer, check_complete, rescore},
     runlog::{Entry, EpisodeHistory, History, is_signed},
 };
 use avln_scoring::{Key, Metrics, Summary};
@@ -32,12 +32,14 @@ pub(crate) struct VerifyArgs {
     log_only: bool,
 }
 
-/// Checks the hash chain and the signature, replays all episodes and recomputes all metrics.
+/// Checks the hash chain, the server starts and the signature, replays all episodes, recomputes all metrics and compares the log
+/// with the database.
 pub(crate) async fn verify(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
     let history = History::read(&args.file).map_err(Failure::run)?;
     let key = check_signature(&history, args.key.as_deref())?;
     let wrong =
         |(line, what): (usize, String)| Failure::run(format!("{}, line {line}: {what}", args.file.display()));
+    history.check_epochs().map_err(wrong)?;
     let episodes = history.episodes().map_err(wrong)?;
     let Some(Entry::Run { run, phase, order, digests, .. }) = history.entries.first() else {
         return Err(Failure::run(format!("{} is empty", args.file.display())));
@@ -54,18 +56,33 @@ pub(crate) async fn verify(data: &Path, args: VerifyArgs) -> Result<(), Failure>
             let data = DataFolder::open(data)?;
             let replayer = Replayer::open(&data, phase, *order).await?;
             replayer.check_digests(digests)?;
-            Ok(replay_all(&replayer, &episodes)?)
+            let replayed = replay_all(&replayer, &episodes)?;
+            check_complete(&data, run, &episodes, key.is_some()).await?;
+            Ok(replayed)
         }
     };
     say!("run        {run}");
-    say!("lines      {}, none changed, left out or put in", history.entries.len());
-    match (&key, &args.key) {
-        (None, _) => say!("signature  none: the run is still open"),
-        (Some(key), Some(_)) => say!("signature  {key}, as expected"),
-        (Some(key), None) => say!("signature  {key}; compare it with log_key in the server's /api/v1/status"),
-    }
+    print_lines(history.entries.len(), key.as_deref(), args.key.is_some());
     print_replayed(&replayed, &episodes);
-    Ok(())
+    if key.is_some() {
+        return Ok(());
+    }
+    Err(Failure::unproven("the log has no signature, so its completeness is unproven")
+        .hinted("a server signs a log at the end of the run: check it then, with --key KEY"))
+}
+
+fn print_lines(lines: usize, key: Option<&str>, is_expected: bool) {
+    let Some(key) = key else {
+        say!("lines      {lines}, none changed or put in; lines may be missing at the end");
+        say!("signature  none: the run is still open, or the end is missing");
+        return;
+    };
+    say!("lines      {lines}, none changed, left out or put in");
+    if is_expected {
+        say!("signature  {key}, as expected");
+    } else {
+        say!("signature  {key}; compare it with log_key in the server's /api/v1/status");
+    }
 }
 
 fn print_replayed(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, EpisodeHistory>) {

@@ -3,7 +3,7 @@
 use super::sealed_sandbox::{AgentExit, Sandbox, SandboxKind, failed};
 use crate::output::say;
 use avln_arena::{
-    Failure,
+    Arena, Failure,
     data::DataFolder,
     now_unix_ms,
     runs::{SealedRunRequest, start_sealed_run},
@@ -14,6 +14,7 @@ use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
 use avln_store::{RunState, Store};
 use clap::{Args, Subcommand};
 use std::{
+    fs::File,
     net::SocketAddr,
     path::{Path, PathBuf},
     process,
@@ -112,9 +113,10 @@ pub(crate) async fn run(data: &Path, command: SealedCommand) -> Result<(), Failu
 
 async fn play(data: &Path, args: SealedRunArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
+    let choice = ServerChoice::of(&data, args.server)?;
     let store = data.store().await?;
     let kind = choose_sandbox(&data, &args)?;
-    let host = SealedHost::open(&data, &store, args.server).await?;
+    let host = SealedHost::open(choice, &data, &store, &args.phase).await?;
     let played = match Sandbox::prepare(&kind, host.address()).await {
         Ok(sandbox) => play_in(sandbox, &data, &store, &args).await,
         Err(failure) => Err(failure),
@@ -181,18 +183,41 @@ async fn conclude(store: &Store, run: &str, ended: Result<AgentExit, Failure>) -
     }
 }
 
+/// Server for a sealed run: a folder to host, locked before the database is opened, or a running server.
+enum ServerChoice {
+    Own(File),
+    Other(SocketAddr),
+}
+
+impl ServerChoice {
+    fn of(data: &DataFolder, server: Option<SocketAddr>) -> Result<Self, Failure> {
+        server.map_or_else(|| data.lock().map(Self::Own), |address| Ok(Self::Other(address)))
+    }
+}
+
 enum SealedHost {
     Own(Box<RunningServers>),
     Other(SocketAddr),
 }
 
 impl SealedHost {
-    async fn open(data: &DataFolder, store: &Store, server: Option<SocketAddr>) -> Result<Self, Failure> {
-        if let Some(address) = server {
-            avln_client::Client::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
-            return Ok(Self::Other(address));
+    async fn open(
+        choice: ServerChoice,
+        data: &DataFolder,
+        store: &Store,
+        phase: &str,
+    ) -> Result<Self, Failure> {
+        match choice {
+            ServerChoice::Own(lock) => {
+                let arena = Arena::open_phase(lock, data, store.clone(), phase).await?;
+                Ok(Self::Own(Box::new(RunningServers::local_for(arena, store).await?)))
+            }
+            ServerChoice::Other(address) => {
+                let url = format!("http://{address}");
+                avln_client::Client::connect(url, "").await.map_err(Failure::run)?;
+                Ok(Self::Other(address))
+            }
         }
-        Ok(Self::Own(Box::new(RunningServers::local(data, store).await?)))
     }
 
     fn address(&self) -> SocketAddr {

@@ -1,7 +1,7 @@
 //! Sandbox from outside: folder, sockets, and the process or container inside.
 
 use avln_arena::Failure;
-use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
+use avln_sandbox::{Container, ControlGroup, Engine, SandboxPlan, SandboxReport};
 use std::{
     io,
     net::SocketAddr,
@@ -18,6 +18,9 @@ use tokio::{
     task::JoinSet,
     time::timeout,
 };
+
+/// Time for a failed sandbox to write the reason.
+const LAST_WORDS: Duration = Duration::from_secs(10);
 
 pub(super) enum SandboxKind {
     /// A process. `folder` is not yet set.
@@ -38,6 +41,8 @@ pub(super) struct Sandbox {
     inside: Inside,
     /// Proxy between the sandbox's socket and the server; dropped with the sandbox.
     _passage: JoinSet<()>,
+    /// Limits for agents of root; dropped with the sandbox.
+    _group: Option<ControlGroup>,
 }
 
 enum Inside {
@@ -62,9 +67,11 @@ impl Sandbox {
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
         passage.spawn(pass(listen(SandboxPlan::server_socket(&place))?, server));
+        let mut group = None;
         let inside = match kind {
             SandboxKind::Process(plan) => {
                 let control = listen(SandboxPlan::control_socket(&place))?;
+                group = ControlGroup::create(&place);
                 let plan = SandboxPlan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(Failure::run)?;
                 Inside::Process { control, plan, running: None }
@@ -75,7 +82,7 @@ impl Sandbox {
                 Inside::Container(*engine, Container { folder: place, owner, ..container.clone() })
             }
         };
-        Ok(Self { folder, inside, _passage: passage })
+        Ok(Self { folder, inside, _passage: passage, _group: group })
     }
 
     /// Returns a word for the run's record.
@@ -98,14 +105,17 @@ impl Sandbox {
                 let mut line = String::new();
                 let read = child_socket.read_line(&mut line).await;
                 read.map_err(|error| failed("the sandbox did not report", error))?;
-                let report = serde_json::from_str(&line).map_err(|_| {
-                    Failure::run("the sandbox could not be started; the reason is printed above")
-                })?;
+                let Ok(report) = serde_json::from_str(&line) else {
+                    // The process inside writes the reason before it ends; a dropped supervisor would kill it.
+                    let _ = timeout(LAST_WORDS, supervisor.wait()).await;
+                    let message = "the sandbox could not be started; the reason is printed above";
+                    return Err(Failure::run(message));
+                };
                 *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
             }
-            Inside::Container(..) => {
-                Ok(SandboxReport { enforced: Container::ENFORCED.map(String::from).into(), missing: vec![] })
+            Inside::Container(_, container) => {
+                Ok(SandboxReport { enforced: container.enforced(), missing: vec![] })
             }
         }
     }

@@ -5,7 +5,7 @@ use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
     budget::{Budget, SESSION_MEMORY_MIB},
     data::DataFolder,
-    servers::{Addresses, Security, Servers},
+    servers::{Addresses, PublicUrls, RunningServers, Security, Servers},
 };
 use avln_grpc::Limits;
 use avln_web::TrustedProxy;
@@ -44,9 +44,14 @@ pub(crate) struct ServeArgs {
     /// PEM file with the certificate's private key
     #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
-    /// Public address of the leaderboard, such as https://arena.example, for links to runs
-    #[arg(long, env = "AVLN_WEB_URL", default_value = "", hide_default_value = true, value_name = "URL", value_parser = web_url)]
+    /// Public address of the leaderboard, such as https://arena.example: for links to runs, commands on pages
+    /// and the origin of forms
+    #[arg(long, env = "AVLN_WEB_URL", default_value = "", hide_default_value = true, value_name = "URL", value_parser = public_url)]
     web_url: String,
+    /// Public address for agents behind a proxy, for commands on pages; without it, the host of --web-url with
+    /// the port of --grpc
+    #[arg(long, env = "AVLN_GRPC_URL", default_value = "", hide_default_value = true, value_name = "URL", value_parser = public_url)]
+    grpc_url: String,
     /// Address or network of a reverse proxy, repeatable: X-Forwarded-For from there contains the client, for
     /// the sign-in limit
     #[arg(long, value_name = "RANGE")]
@@ -57,7 +62,7 @@ pub(crate) struct ServeArgs {
     /// Memory for cached scenes in MiB; scenes in use may exceed it
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     scene_memory: u32,
-    /// Memory for a session's open episodes in MiB: scenes, ears and frames; larger episodes are reported as
+    /// Memory for a session's open episodes in MiB: scenes, ears and frames; more episodes wait, larger scenes are reported as
     /// server faults
     #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
     session_memory: u32,
@@ -90,11 +95,18 @@ impl FromStr for AdminListener {
 /// Hosts the data folder's phases until a signal or a drain.
 pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
+    // Before any change: a newer program must not migrate the database of a running server.
+    let lock = data.lock()?;
     data.limit_cache(args.cache_size)?;
     let security = Security { tls_cert: args.tls_cert, tls_key: args.tls_key };
     // Before the phases are read, so that a used address fails at once.
     let mut servers = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
     servers = servers.with_trusted_proxies(args.trusted_proxy).with_documents(documents());
+    let given = |url: String| (!url.is_empty()).then_some(url);
+    let urls = PublicUrls { web: given(args.web_url), grpc: given(args.grpc_url) };
+    // Links may lead to the local address, but only a given one is canonical.
+    let link_url = urls.web.clone().or_else(|| servers.web_url());
+    servers = servers.with_public_urls(urls);
     if let AdminListener(Some(address)) = args.admin {
         servers = servers.with_admin(address).await?;
     }
@@ -103,10 +115,10 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let (step, preparation) = (seconds(args.step_limit), seconds(args.preparation_limit));
     let servers = servers.with_limits(|limits| Limits { step, preparation, ..limits });
     let budget = Budget { session_memory_mib: args.session_memory, preparation };
-    let arena = Arena::open(&data, store.clone(), args.scene_memory)
+    let arena = Arena::open_locked(lock, &data, store.clone(), args.scene_memory)
         .await?
         .with_budget(budget)
-        .with_web_url(args.web_url);
+        .with_web_url(link_url.clone().unwrap_or_default());
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {
@@ -118,10 +130,9 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let open = servers.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
-    say!("agents       {}://{}", open.scheme(), reachable(open.grpc));
-    say!("leaderboard  {}://{}", open.scheme(), reachable(open.web));
-    if let Some(admin) = open.admin {
-        say!("operator     http://{admin}");
+    print_addresses(&open);
+    if link_url.is_none() {
+        eprintln!("warning: links to runs lack an address: set --web-url");
     }
     say!("Stop with Ctrl-C.");
     let ended = open.wait().await;
@@ -129,8 +140,16 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     ended
 }
 
+fn print_addresses(open: &RunningServers) {
+    say!("agents       {}://{}", open.scheme(), reachable(open.grpc));
+    say!("leaderboard  {}://{}", open.scheme(), reachable(open.web));
+    if let Some(admin) = open.admin {
+        say!("operator     http://{admin}");
+    }
+}
+
 /// Returns a URL without the final slash; an empty text means none.
-fn web_url(text: &str) -> Result<String, String> {
+fn public_url(text: &str) -> Result<String, String> {
     if text.is_empty() || text.starts_with("http://") || text.starts_with("https://") {
         return Ok(text.trim_end_matches('/').to_owned());
     }

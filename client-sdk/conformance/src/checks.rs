@@ -2,10 +2,10 @@
 
 use crate::talk::{Connection, Site, Stream, Trouble, bearer, describe, frame_name, hello, reason};
 use avln_proto::v1::{
-    self, Reason, info_service_client::InfoServiceClient, play_request::Frame as Up,
+    self, Reason, RunState, info_service_client::InfoServiceClient, play_request::Frame as Up,
     play_response::Frame as Down, reset_response,
 };
-use tonic::Code;
+use tonic::{Code, Status};
 
 /// A protocol rule with the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +56,7 @@ pub async fn check(site: &Site<'_>, token: &str, phase: &str) -> Result<Vec<Chec
         ("Abandon truncates an episode with END_REASON_ABANDONED", abandon(&server).await),
         ("a lost stream resumes at the same step", resume(&server).await),
         ("Reset and Step correspond to the stream", unary(&server).await),
-        ("RunEnd and the end of the stream follow Goodbye", goodbye(&server).await),
+        ("RunEnd and the end of the stream follow Goodbye, and the run is over", goodbye(&server).await),
     ];
     Ok(results.into_iter().map(|(rule, found)| Check { rule, outcome: outcome(found) }).collect())
 }
@@ -90,14 +90,19 @@ async fn token_refusal(server: &Connection, token: &str, code: Code, why: Reason
 }
 
 async fn no_hello(server: &Connection) -> Found {
-    // The protocol permits a refused call, a failed stream or a Fault.
     let opened = server.dial(&server.run_token, Up::Ready(v1::Ready { slot: 0 })).await;
+    refused("Ready without Hello", opened, Reason::BadRequest).await
+}
+
+/// Expects a refused stream. The protocol permits a refused call, a failed stream or a Fault.
+async fn refused(attempt: &str, opened: Result<Stream, Status>, why: Reason) -> Found {
+    let word = why.word().to_owned();
     match opened {
-        Err(status) => expect("reason", reason(&status), Reason::BadRequest.word().to_owned()),
+        Err(status) => expect("reason", reason(&status), word),
         Ok(mut stream) => match stream.next_or_end().await? {
-            Err(status) => expect("reason", reason(&status), Reason::BadRequest.word().to_owned()),
-            Ok(Some(Down::Fault(fault))) => expect("reason", fault.reason(), Reason::BadRequest),
-            Ok(Some(frame)) => Err(format!("answer to Ready without Hello: {}", frame_name(&frame))),
+            Err(status) => expect("reason", reason(&status), word),
+            Ok(Some(Down::Fault(fault))) => expect("reason", fault.reason(), why),
+            Ok(Some(frame)) => Err(format!("answer to {attempt}: {}", frame_name(&frame))),
             Ok(None) => Err("the stream ended without a reason".to_owned()),
         },
     }
@@ -210,5 +215,13 @@ async fn goodbye(server: &Connection) -> Found {
         other => return Err(format!("answer to Goodbye: {}", frame_name(&other))),
     }
     let ended = stream.next_or_end().await?;
-    expect("end of the stream", matches!(ended, Ok(None)), true)
+    expect("end of the stream", matches!(ended, Ok(None)), true)?;
+    let request = v1::GetRunRequest { run: server.run.id.clone() };
+    let answer = server.runs().get_run(bearer(request, &server.account_token)).await;
+    let state = answer.map_err(|status| describe(&status))?.into_inner().run.unwrap_or_default().state();
+    let ends = [RunState::Completed, RunState::Failed, RunState::Cancelled, RunState::Expired];
+    let is_end = ends.contains(&state);
+    expect("GetRun after Goodbye has an end state", (state, is_end), (state, true))?;
+    let opened = server.dial(&server.run_token, Up::Hello(hello())).await;
+    refused("Hello after Goodbye", opened, Reason::RunOver).await
 }

@@ -7,9 +7,15 @@
 mod checks;
 mod frames;
 mod host;
+mod scenario;
+mod stream;
 mod talk;
+#[cfg(test)]
+mod tests;
 mod trials;
+mod unary;
 
 pub use checks::{Check, Outcome, check};
 pub use host::Host;
+pub use scenario::Scenario;
 pub use talk::{Site, Trouble};

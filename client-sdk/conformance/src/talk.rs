@@ -96,6 +96,10 @@ impl Connection {
         Ok(Self { channel, run, run_token: started.run_token, account_token: token.to_owned() })
     }
 
+    pub(crate) fn runs(&self) -> RunServiceClient<Channel> {
+        RunServiceClient::new(self.channel.clone())
+    }
+
     pub(crate) fn play(&self) -> PlayServiceClient<Channel> {
         PlayServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -129,8 +133,13 @@ impl Stream {
         let _ = self.up.send(v1::PlayRequest { frame: Some(frame) }).await;
     }
 
+    /// Acts in slot 0.
     pub(crate) async fn act(&self, episode: &str, step: u32, action: i32) {
-        self.send(Up::Act(v1::Act { slot: 0, episode: episode.to_owned(), step, action })).await;
+        self.act_in(0, episode, step, action).await;
+    }
+
+    pub(crate) async fn act_in(&self, slot: u32, episode: &str, step: u32, action: i32) {
+        self.send(Up::Act(v1::Act { slot, episode: episode.to_owned(), step, action })).await;
     }
 
     pub(crate) async fn next(&mut self) -> Result<Down, String> {
@@ -152,8 +161,13 @@ impl Stream {
         Ok(next.map(|response| response.and_then(|response| response.frame)))
     }
 
+    /// Starts an episode in slot 0.
     pub(crate) async fn start(&mut self) -> Result<v1::EpisodeStart, String> {
-        self.send(Up::Ready(v1::Ready { slot: 0 })).await;
+        self.start_in(0).await
+    }
+
+    pub(crate) async fn start_in(&mut self, slot: u32) -> Result<v1::EpisodeStart, String> {
+        self.send(Up::Ready(v1::Ready { slot })).await;
         match self.next().await? {
             Down::EpisodeStart(start) => Ok(start),
             other => Err(format!("Ready: expected EpisodeStart, got {}", frame_name(&other))),

@@ -53,9 +53,8 @@ class Server:
         self.command("data", "split", "make", "hidden", *size)
         self.command("data", "split", "prepare", "trial")
         self.command("challenge", "phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
-        self.command(
-            "challenge", "phase", "open", CHALLENGE, "--split", "hidden", "--scores", "organiser", "--quota", "50"
-        )
+        limits = ("--quota", "50", "--concurrent", "50")
+        self.command("challenge", "phase", "open", CHALLENGE, "--split", "hidden", "--scores", "organiser", *limits)
         answer = self.command("challenge", "team", "add", "Python")
         found = re.search(r"avln_\S+", answer)
         assert found, answer

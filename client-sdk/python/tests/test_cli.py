@@ -13,7 +13,9 @@ import pytest
 from server import CHALLENGE, PHASE
 
 from avln.cli import main
+from avln.doctor import quota_check
 from avln.player import load_agent
+from avln.service import Quota
 
 if TYPE_CHECKING:
     from conftest import Endpoint
@@ -99,6 +101,30 @@ def test_doctor_passes_healthy_server_and_reports_problems(program: Program) -> 
     code, output = program("doctor", "--phase", "no-such-phase", "--practice", PHASE, "--episodes", 1, "--steps", 2)
     assert code == 6
     assert "there is no phase 'no-such-phase'" in output
+
+
+def quota(window: str, remaining: int | None, limit: int | None) -> Quota:
+    refilled_unix_s = 86_400 if window == "day" else 0
+    return Quota("finals", window, limit, 0, remaining, refilled_unix_s, [])
+
+
+def test_doctor_lists_every_limited_window() -> None:
+    windows = [quota("total", 3, 3), quota("month", None, None), quota("day", 1, 2), quota("concurrent", 1, 1)]
+    check = quota_check(windows)
+    assert check.verdict == "ok"
+    assert check.found == "runs left: 1 of 2 today (UTC), 3 of 3 in all, 1 of 1 at the same time"
+    assert quota_check(windows[1:2]).found == "unlimited runs"
+
+
+def test_doctor_advice_fits_used_up_window() -> None:
+    total, day, concurrent = quota("total", 0, 1), quota("day", 0, 1), quota("concurrent", 0, 1)
+    for windows, advice in [
+        ([concurrent, quota("day", 1, 2)], "finish or cancel the open run"),
+        ([concurrent, day], "wait until 1970-01-02T00:00:00Z"),
+        ([total, day, concurrent], "ask the organiser for more runs"),
+    ]:
+        check = quota_check(windows)
+        assert (check.verdict, check.next) == ("failure", advice)
 
 
 def test_doctor_plays_several_episodes_and_cancels_run(program: Program, endpoint: Endpoint) -> None:

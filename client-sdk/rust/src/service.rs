@@ -163,11 +163,11 @@ wire_enum! {
         Running,
         /// The server is stopping: open episodes finish, no others begin.
         Draining,
-        /// Over: the agent played every episode or sent Goodbye.
+        /// Over: the agent played every episode.
         Completed,
         /// Over: the server failed.
         Failed,
-        /// Over: cancelled.
+        /// Over: cancelled by the team, or left by the agent with episodes unplayed.
         Cancelled,
         /// Over: out of wall time.
         Expired,

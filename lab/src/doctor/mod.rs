@@ -1,6 +1,7 @@
 //! The check before a counted run: reachability, permissions and expected duration.
 
 mod practice;
+mod quota;
 
 use avln_arena::{BENCHMARK_VERSION, now_unix_ms};
 use avln_client::{Client, ConnectOptions, Error, Phase, PhaseState, Quota, Sensors, ServerInfo};
@@ -290,21 +291,8 @@ async fn phase(
         report.failed("phase", found.trim_end(), "runs start only in open phases");
     }
     let quotas = client.quota().await?;
-    quota(report, &phase, &quotas);
+    quota::check(report, &phase.id, &quotas);
     Ok(Some((phase, quotas)))
-}
-
-fn quota(report: &mut DoctorReport, phase: &Phase, quotas: &[Quota]) {
-    let limited = quotas.iter().filter(|quota| quota.phase == phase.id && quota.limit.is_some());
-    let scarcest = limited.min_by_key(|quota| quota.remaining);
-    let Some(scarcest) = scarcest else { return report.ok("quota", "unlimited runs") };
-    let window = format!("{:?}", scarcest.window).to_lowercase();
-    let (left, limit) = (scarcest.remaining.unwrap_or_default(), scarcest.limit.unwrap_or_default());
-    let found = format!("{left} of {limit} runs remain ({window})");
-    match left {
-        0 => report.failed("quota", found, "wait for the next window, or ask the organiser for more runs"),
-        _ => report.ok("quota", found),
-    }
 }
 
 #[cfg(test)]

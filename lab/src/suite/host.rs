@@ -119,6 +119,8 @@ impl SuiteFolder {
 
     /// Starts a server with an empty database and one phase per batch.
     pub(super) async fn host(&self, batches: &[Batch]) -> Result<HostedSuite, Failure> {
+        // Before the old database is deleted: `avln serve` may use it.
+        let lock = self.data.lock()?;
         // Earlier episodes are in the results file: an old database would only contain unfinished runs.
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
@@ -131,7 +133,8 @@ impl SuiteFolder {
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
         let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
-        let (servers, live) = serve(&self.data, &store).await?;
+        let arena = Arena::open_locked(lock, &self.data, store.clone(), SCENE_MEMORY_MIB).await?;
+        let (servers, live) = serve(arena, &store).await?;
         Ok(HostedSuite { store, servers, token, live })
     }
 
@@ -146,14 +149,13 @@ impl SuiteFolder {
     }
 }
 
-/// Starts a local server that reports every episode's state to the returned table.
+/// Serves an arena locally and reports every episode's state to the returned table.
 pub(super) async fn serve(
-    data: &DataFolder,
+    arena: Arena,
     store: &Store,
 ) -> Result<(RunningServers, Arc<LiveEpisodes>), Failure> {
     let live = Arc::new(LiveEpisodes::default());
     let watching = live.clone();
-    let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
     let arena = arena.with_observer(move |handle, referee| watching.note(handle, referee));
     Ok((RunningServers::local_for(arena, store).await?, live))
 }

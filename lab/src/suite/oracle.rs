@@ -2,15 +2,16 @@
 
 use super::hints::{EpisodeState, LiveEpisodes, TrueHints, claimable};
 use super::host::{self, client_order, mission_of};
-use avln_arena::setup::admit;
-use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
+use avln_arena::actions::{TokenRequest, issue, note};
+use avln_arena::challenge::actor;
+use avln_arena::{Arena, Failure, FailureKind, data::DataFolder, dataset::SplitFolder, now_unix_ms};
 use avln_client::{
     Action, Agent, Client, Mission, Observation, Play, Pose, RunOptions, RunSummary, Sensors, TaskSpec,
 };
 use avln_episode::{Order, Rules};
 use avln_geom::Point3;
 use avln_referee::Referee;
-use avln_store::{Phase, Reference, Store};
+use avln_store::{Phase, Reference, Run, RunState, Store, TokenHash, TokenScope};
 use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
 use std::f32::consts::{PI, TAU};
@@ -203,33 +204,105 @@ impl Oracle {
     }
 }
 
-/// Plays a phase with the oracle in all orders, as the upper bound on leaderboards, and passes the results to `on_run`. No
-/// server may use the folder.
+/// Team of the oracle.
+const TEAM: &str = "Oracle";
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// Lifetime of the oracle's token, which is revoked after the runs, milliseconds.
+const TOKEN_MS: i64 = 86_400_000;
+
+/// Plays a phase with the oracle, as the upper bound on leaderboards, in the orders without a completed run of this version.
+/// Passes every order to `on_run`, with the result of a new run. No server may use the folder.
 ///
 /// # Errors
-/// If there is no such phase, it accepts no runs, or a run fails.
+/// If a server uses the folder, there is no such phase, it accepts no runs, or a run fails.
 pub async fn play_oracle(
     data: &DataFolder,
     phase: &str,
-    on_run: &mut (dyn FnMut(Order, &RunSummary) + Send),
+    on_run: &mut (dyn FnMut(Order, Option<&RunSummary>) + Send),
 ) -> Result<(), Failure> {
+    // Before the database is opened, which may migrate it.
+    let lock = data.lock()?;
     let store = data.store().await?;
     let phase = store.phases().await?.into_iter().find(|known| known.id == phase).ok_or_else(|| {
         Failure::new(FailureKind::Data, format!("there is no phase '{phase}'"))
             .hinted("list phases with: avln challenge show")
     })?;
-    let token = admit(&store, "Oracle", Some(Reference::Oracle)).await?;
-    let (servers, live) = host::serve(data, &store).await?;
-    let orders = phase.orders.clone();
-    let split = data.missions(&phase.split)?;
-    let client = Client::connect(servers.grpc_url(), token.as_str()).await.map_err(Failure::run)?;
-    let oracle = OracleRuns { client, store: store.clone(), live, phase, split };
-    for order in orders {
-        on_run(order, &oracle.run(order).await?);
+    let missing = missing_orders(&store, &phase).await?;
+    for &order in phase.orders.iter().filter(|order| !missing.contains(order)) {
+        on_run(order, None);
     }
-    servers.close().await?;
+    if !missing.is_empty() {
+        let arena = Arena::open_phase(lock, data, store.clone(), &phase.id).await?;
+        let split = data.missions(&phase.split)?;
+        play_orders(arena, &store, phase, split, &missing, on_run).await?;
+    }
     store.close().await;
     Ok(())
+}
+
+/// Returns the orders without a completed run of this version's oracle.
+async fn missing_orders(store: &Store, phase: &Phase) -> Result<Vec<Order>, Failure> {
+    let is_ours = |run: &Run| {
+        run.phase == phase.id
+            && run.method.name == Oracle::NAME
+            && run.method.version == VERSION
+            && run.state == RunState::Completed
+            && run.ruling.disqualified.is_none()
+    };
+    let mut missing = phase.orders.clone();
+    for run in store.runs_of(TEAM).await?.iter().filter(|run| is_ours(run)) {
+        missing.retain(|order| *order != run.order);
+    }
+    Ok(missing)
+}
+
+async fn play_orders(
+    arena: Arena,
+    store: &Store,
+    phase: Phase,
+    split: SplitFolder,
+    orders: &[Order],
+    on_run: &mut (dyn FnMut(Order, Option<&RunSummary>) + Send),
+) -> Result<(), Failure> {
+    let (servers, live) = host::serve(arena, store).await?;
+    let token = admit_oracle(store, &phase).await?;
+    let play = async {
+        let client = Client::connect(servers.grpc_url(), token.as_str()).await.map_err(Failure::run)?;
+        let oracle = OracleRuns { client, store: store.clone(), live, phase, split };
+        for &order in orders {
+            on_run(order, Some(&oracle.run(order).await?));
+        }
+        Ok::<_, Failure>(())
+    };
+    let played = play.await;
+    // Also after a failure: a token that remains valid could start runs in the name of the oracle.
+    let revoked = revoke(store, &token).await;
+    servers.close().await?;
+    played.and(revoked)
+}
+
+/// Admits and, where the phase requires it, approves the oracle's team; returns an account token.
+async fn admit_oracle(store: &Store, phase: &Phase) -> Result<String, Failure> {
+    let now = now_unix_ms();
+    store.create_team(TEAM, Some(Reference::Oracle), now).await?;
+    if phase.admission.approval {
+        let what = format!("approved in phase {}", phase.id);
+        let approved = note(&actor(), format!("team {TEAM}"), &what, "a reference does not compete");
+        store.approve(&phase.id, TEAM, true, approved, now).await?;
+    }
+    let request = TokenRequest {
+        kind: TokenScope::Participant,
+        name: "leaderboard oracle",
+        team: Some(TEAM),
+        expires_unix_ms: Some(now + TOKEN_MS),
+    };
+    Ok(issue(store, &request, &actor(), now).await?)
+}
+
+async fn revoke(store: &Store, token: &str) -> Result<(), Failure> {
+    let hash = TokenHash::of(token);
+    let revoked = note(&actor(), format!("token {}", hash.id()), "revoked", "the oracle has played");
+    Ok(store.revoke_token(hash.id(), revoked, now_unix_ms()).await?)
 }
 
 struct OracleRuns {
@@ -242,7 +315,7 @@ struct OracleRuns {
 
 impl OracleRuns {
     async fn run(&self, order: Order) -> Result<RunSummary, Failure> {
-        let options = RunOptions::new(&self.phase.id, Oracle::NAME).method_version(env!("CARGO_PKG_VERSION"));
+        let options = RunOptions::new(&self.phase.id, Oracle::NAME).method_version(VERSION);
         let run = self.client.start_run(options.order(client_order(order))).await.map_err(Failure::run)?;
         let none = Sensors { rgb: false, depth: false, audio: false, ..Sensors::square(64) };
         let mut play = self.client.play(&run, none).await.map_err(Failure::run)?;

@@ -1,9 +1,12 @@
 //! PROTOCOL.md agrees with the .proto files, and these follow conventions.
 
-use avln_proto::v1::Reason;
+use avln_proto::{API_MINOR, v1::Reason};
 use std::{fs, path::Path};
 
 const MARK: &str = "which a test compares:\n`";
+
+/// First words of a client's action after a refusal.
+const REACTIONS: [&str; 5] = ["wait", "resume", "correct", "`Ready`", "stop"];
 
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -62,6 +65,14 @@ fn the_page_has_the_fingerprint_of_the_files() {
 }
 
 #[test]
+fn the_page_describes_this_minor_version() {
+    assert!(
+        page().contains(&format!("API minor {API_MINOR}.")),
+        "PROTOCOL.md describes another minor version"
+    );
+}
+
+#[test]
 fn the_table_of_refusals_matches_the_code() {
     let page = page();
     let (_, refusals) = page.split_once("## Refusals").unwrap();
@@ -70,6 +81,8 @@ fn the_table_of_refusals_matches_the_code() {
         let reason = Reason::from_word(word).unwrap_or_else(|| panic!("{word} is not a reason"));
         let code = format!("{:?}", reason.code()).to_uppercase();
         assert_eq!(cells[1].replace('_', ""), code, "{word}");
+        let reaction = cells.get(3).and_then(|cell| cell.split([' ', ',', ';', ':']).next());
+        assert!(reaction.is_some_and(|first| REACTIONS.contains(&first)), "{word}: {reaction:?}");
     }
     let reasons = (1..).map_while(|number| Reason::try_from(number).ok());
     let missing: Vec<_> = reasons.filter(|r| !listed.iter().any(|(word, _)| *word == r.word())).collect();

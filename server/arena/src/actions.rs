@@ -1,6 +1,7 @@
 //! Organiser actions shared by commands and pages.
 
 use crate::{Failure, challenge, ids::new_token, now_unix_ms};
+use avln_challenge::names::{is_visible, is_visible_text, look_alike_form, mixes_scripts};
 use avln_store::{
     AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
 };
@@ -81,10 +82,8 @@ pub async fn admit(
     reference: Option<Reference>,
     now_unix_ms: i64,
 ) -> Result<String, ActionFailure> {
-    let printable = |letter: char| !letter.is_control();
-    if name.trim().is_empty() || name.len() > 64 || !name.chars().all(printable) {
-        let words = format!("'{}' cannot be the name of a team", name.escape_debug());
-        return Err(ActionFailure::refused(words, "use 1 to 64 bytes of printable text"));
+    if store.team(name).await?.is_none() {
+        check_new_name(store, name).await?;
     }
     let kind = TokenScope::Participant;
     let secret = random_token(kind)?;
@@ -92,6 +91,28 @@ pub async fn admit(
     let token = NewToken { secret: &secret, kind, name: "", team: Some(name), expires_unix_ms: None };
     store.issue_token(&token, now_unix_ms).await?;
     Ok(secret)
+}
+
+/// Rejects a name that is invisible, or that people confuse with the name of another team.
+async fn check_new_name(store: &Store, name: &str) -> Result<(), ActionFailure> {
+    let shown = name.escape_debug();
+    if name.trim().is_empty() || name.len() > 64 || !name.chars().all(is_visible) {
+        let words = format!("'{shown}' cannot be the name of a team");
+        return Err(ActionFailure::refused(words, "use 1 to 64 bytes of printable text"));
+    }
+    if mixes_scripts(name) {
+        let words = format!("the team name '{shown}' mixes Latin letters with Greek or Cyrillic ones");
+        return Err(ActionFailure::refused(words, "use the letters of a single script"));
+    }
+    let form = look_alike_form(name);
+    let names = store.team_names().await?;
+    match names.iter().find(|known| look_alike_form(known) == form) {
+        Some(known) => {
+            let words = format!("the team name '{shown}' looks like that of team '{}'", known.escape_debug());
+            Err(ActionFailure::refused(words, "use a name that nobody confuses with it"))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Issues a token, with an audit entry.
@@ -102,7 +123,7 @@ pub async fn issue(
     now_unix_ms: i64,
 ) -> Result<String, ActionFailure> {
     let TokenRequest { kind, name, team, expires_unix_ms } = *request;
-    if name.chars().count() > 64 || name.chars().any(char::is_control) {
+    if !is_visible_text(name, &(0..=64)) {
         return Err(ActionFailure::refused("a token name has at most 64 printable characters", ""));
     }
     let secret = random_token(kind)?;
@@ -189,5 +210,32 @@ pub fn state_word(state: PhaseState) -> &'static str {
         PhaseState::Open => "open",
         PhaseState::Paused => "paused",
         PhaseState::Closed => "closed since its date",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn new_teams_have_names_of_their_own() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&folder.path().join("arena.db")).await.expect("a database");
+        let refused = async |name: &str| match admit(&store, name, None, 1).await {
+            Err(ActionFailure::Refused { words, .. }) => words,
+            other => panic!("{name} was not refused: {other:?}"),
+        };
+        admit(&store, "Mallory", None, 1).await.expect("a new team");
+        admit(&store, "Mallory", None, 2).await.expect("the same team again");
+        admit(&store, "\u{41c}\u{438}\u{440}", None, 2).await.expect("a single script");
+        for hidden in ["", " ", "two\nlines", "\u{200b}", "Ada\u{202e}"] {
+            assert!(refused(hidden).await.contains("cannot be the name"), "{hidden:?}");
+        }
+        assert!(refused("M\u{430}llory").await.contains("mixes Latin letters"));
+        for alike in ["mallory", "MaIlory", "Ma1l0ry", "Mallory "] {
+            assert!(refused(alike).await.contains("looks like that of team 'Mallory'"), "{alike}");
+        }
+        let names = store.team_names().await.expect("a list");
+        assert_eq!(names, ["Mallory", "\u{41c}\u{438}\u{440}"]);
     }
 }

@@ -3,7 +3,6 @@
 use crate::{
     Arena, Failure,
     metrics::{CONTENT_TYPE, metrics_text},
-    now_unix_ms,
 };
 use avln_grpc::SlotState;
 use avln_store::{Reader, Viewer};
@@ -126,7 +125,9 @@ async fn organisers_only(
     let value = request.headers().get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
     let token = value.and_then(|value| value.strip_prefix("Bearer ")).map(str::to_owned);
     let viewer = match token {
-        Some(token) => state.reader.viewer(&token, now_unix_ms()).await.map_err(internal)?,
+        Some(token) => {
+            state.reader.viewer(&token, state.arena.clock.now_unix_ms()).await.map_err(internal)?
+        }
         None => None,
     };
     match viewer {
@@ -217,7 +218,7 @@ pub async fn ask(
 ) -> Result<AdminReply, Failure> {
     let failed = |error: &dyn Display| {
         Failure::run(format!("{server}{path}: {error}"))
-            .hinted("--server is the address after --admin in `avln serve`, by default http://127.0.0.1:50052; from another machine use: ssh -L 50052:127.0.0.1:50052 HOST")
+            .hinted("--admin is the address after --admin in `avln serve`, by default 127.0.0.1:50052; from another machine use: ssh -L 50052:127.0.0.1:50052 HOST")
     };
     let address: Uri = server.parse().map_err(|error| failed(&format!("the address is invalid: {error}")))?;
     let (Some("http"), Some(authority)) = (address.scheme_str(), address.authority()) else {

@@ -148,10 +148,7 @@ pub(crate) fn token_refusal(state: &TokenState) -> Refusal {
     match state {
         TokenState::Expired => Refusal::new(Reason::TokenExpired, format!("the token has expired; {renew}")),
         TokenState::Revoked => Refusal::new(Reason::TokenRevoked, format!("the token was revoked; {renew}")),
-        TokenState::Valid(_) => Refusal::new(
-            Reason::TokenScope,
-            "the token is of another kind; account tokens start runs, run tokens play them",
-        ),
+        TokenState::Valid(token) => Refusal::new(Reason::TokenScope, wrong_kind(token.kind)),
         TokenState::Unknown => Refusal::new(
             Reason::TokenMalformed,
             format!("this server has not issued the token; check that it was copied completely, or {renew}"),
@@ -159,9 +156,34 @@ pub(crate) fn token_refusal(state: &TokenState) -> Refusal {
     }
 }
 
+/// Describes a token of the wrong kind, and the right kind: only run tokens play, and they do nothing else.
+fn wrong_kind(given: TokenScope) -> String {
+    let run_token = "the run token that StartRun returned";
+    let (given, needed) = match given {
+        TokenScope::Run => ("a run token", "an account token of the team"),
+        TokenScope::Participant => ("an account token", run_token),
+        TokenScope::ReadOnly => ("a read-only account token", run_token),
+        TokenScope::Organiser => ("an organiser token", run_token),
+    };
+    format!("this is {given}; this call needs {needed}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn scope_refusals_name_both_kinds_of_tokens() {
+        for (kind, given, needed) in [
+            (TokenScope::Run, "is a run token;", "needs an account token"),
+            (TokenScope::Participant, "is an account token;", "needs the run token"),
+            (TokenScope::ReadOnly, "is a read-only account token;", "needs the run token"),
+            (TokenScope::Organiser, "is an organiser token;", "needs the run token"),
+        ] {
+            let message = wrong_kind(kind);
+            assert!(message.contains(given) && message.contains(needed), "{message}");
+        }
+    }
 
     #[test]
     fn unranked_runs_report_a_reason() {

@@ -3,6 +3,7 @@
 use crate::{
     Failure,
     audio::{HeadFolder, SoundFolder},
+    backup::sync_folder,
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
     runlog::{RunLogs, SigningKey},
@@ -14,13 +15,13 @@ use avln_store::Store;
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{
-    fs::{File, TryLockError},
-    io,
+    fs::{File, OpenOptions, TryLockError},
+    io::{self, Read, Seek, Write},
     path::{Path, PathBuf},
     sync::Arc,
 };
 
-/// A server's data folder: `avln.db`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible `cache/`.
+/// A server's data folder: `avln.db`, `epoch`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible `cache/`.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -29,14 +30,23 @@ pub struct DataFolder {
 impl DataFolder {
     /// Name of the lock file.
     pub(crate) const LOCK: &str = "server.lock";
+    /// Name of the file with the number of server starts.
+    pub(crate) const EPOCH: &str = "epoch";
 
-    /// Opens the folder, or creates it.
+    /// Opens the folder, or creates it. Removes other users' access to it; prints a warning where this is impossible.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
             Failure::data(format!("cannot write to data folder {}: {error}", root.display()))
                 .hinted("choose another folder with --data FOLDER, or add write permission")
         };
-        private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
+        let folders = [root.to_owned(), root.join("splits")];
+        folders.iter().try_for_each(|folder| create_folder(folder)).map_err(failed)?;
+        if let Err(error) = folders.iter().try_for_each(|folder| make_private(folder)) {
+            let root = root.display();
+            eprintln!(
+                "warning: other users may read data folder {root}: {error}; its owner can run: chmod -R go= {root}"
+            );
+        }
         probe(&root.join(".writable")).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
         Ok(Self { root })
@@ -48,7 +58,8 @@ impl DataFolder {
     pub fn lock(&self) -> Result<File, Failure> {
         let path = self.root.join(Self::LOCK);
         let failed = |error: io::Error| Failure::file("lock", &path, error);
-        let file = File::options().create(true).truncate(false).write(true).open(&path).map_err(failed)?;
+        let opened = private_file().create(true).truncate(false).write(true).open(&path);
+        let file = opened.map_err(failed)?;
         match file.try_lock() {
             Ok(()) => Ok(file),
             Err(TryLockError::WouldBlock) => {
@@ -59,6 +70,29 @@ impl DataFolder {
             }
             Err(TryLockError::Error(error)) => Err(failed(error)),
         }
+    }
+
+    /// Counts a server start; returns its number, from 1. `_lock` is the folder's lock.
+    pub(crate) fn count_start(&self, _lock: &File) -> Result<u64, Failure> {
+        let path = self.root.join(Self::EPOCH);
+        let failed = |error: io::Error| Failure::file("count the server start in", &path, error);
+        let opened = private_file().create(true).truncate(false).read(true).write(true).open(&path);
+        let mut file = opened.map_err(failed)?;
+        let mut text = String::new();
+        file.read_to_string(&mut text).map_err(failed)?;
+        let before = match text.trim() {
+            "" => 0,
+            number => number.parse::<u64>().map_err(|_| {
+                Failure::data(format!("{} contains no number of server starts", path.display())).hinted(
+                    "restore it from a backup; a smaller number would invalidate the logs of open runs",
+                )
+            })?,
+        };
+        let epoch = before.saturating_add(1);
+        // In place and with a fixed width: the owner of the file stays, and a crash leaves the old or the new number.
+        let written = file.rewind().and_then(|()| file.write_all(format!("{epoch:020}\n").as_bytes()));
+        written.and_then(|()| file.sync_all()).and_then(|()| sync_folder(&self.root)).map_err(failed)?;
+        Ok(epoch)
     }
 
     /// Returns the path.
@@ -158,7 +192,10 @@ impl DataFolder {
         }
         let link = Link { dataset: root, split: split.to_owned() };
         let json = serde_json::to_vec(&link).map_err(Failure::internal)?;
-        std::fs::write(&path, json).map_err(|error| Failure::file("write", &path, error))
+        let mut options = private_file();
+        let written = options.create(true).truncate(true).write(true).open(&path);
+        let written = written.and_then(|mut file| file.write_all(&json));
+        written.map_err(|error| Failure::file("write", &path, error))
     }
 
     /// Opens a split; missions are loaded on demand.
@@ -241,12 +278,40 @@ fn probe(file: &Path) -> io::Result<()> {
     }
 }
 
-/// Creates a private folder and parents: the content includes ground truth.
-fn private_folder(folder: &Path) -> io::Result<()> {
+/// Creates a folder and parents, without access for other users: the content includes ground truth.
+fn create_folder(folder: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.recursive(true).create(folder)
+}
+
+/// Removes other users' access to an existing folder.
+#[cfg(unix)]
+fn make_private(folder: &Path) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    const OTHERS: u32 = 0o077;
+    const STICKY: u32 = 0o1000;
+    let mode = std::fs::metadata(folder)?.permissions().mode();
+    match (mode & OTHERS, mode & STICKY) {
+        (0, _) => Ok(()),
+        (_, 0) => std::fs::set_permissions(folder, PermissionsExt::from_mode(0o700)),
+        // Such as /tmp, given by mistake.
+        _ => Err(io::Error::other("the folder is shared by several users")),
+    }
+}
+
+#[cfg(not(unix))]
+fn make_private(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+/// Returns options for a file that, if created, is accessible by its owner only.
+pub(crate) fn private_file() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
 }
 
 #[cfg(test)]
@@ -265,6 +330,29 @@ mod tests {
         );
         drop(lock);
         data.lock().expect("the other server has stopped");
+    }
+
+    #[test]
+    fn server_starts_are_counted() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let data = DataFolder::open(folder.path()).expect("writable");
+        let lock = data.lock().expect("no other server");
+        let starts = [(); 3].map(|()| data.count_start(&lock).expect("a number"));
+        assert_eq!(starts, [1, 2, 3]);
+        std::fs::write(data.root().join(DataFolder::EPOCH), "many\n").expect("a file");
+        let refused = data.count_start(&lock).expect_err("no number").to_string();
+        assert!(refused.contains("epoch") && refused.contains("backup"), "{refused}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn shared_folders_keep_their_mode() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::set_permissions(folder.path(), PermissionsExt::from_mode(0o1777)).expect("our own");
+        DataFolder::open(folder.path()).expect("writable");
+        let mode = std::fs::metadata(folder.path()).expect("a folder").permissions().mode();
+        assert_eq!(mode & 0o7777, 0o1777);
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use crate::{
     Arena, Failure, PendingReturns,
-    budget::MemoryUse,
+    budget::{Budget, MemoryUse},
     conversion::refusal,
-    ids, now_unix_ms,
+    ids,
     phases::{HostedPhase, SceneCache},
     runlog::{Entry, RunLog, SlotLog},
 };
@@ -64,14 +64,22 @@ impl Arena {
             self.store.set_sensors(run, sensors).await.map_err(refusal)?;
         }
         let handle = format!("ep_{}", ids::random_hex().map_err(Refusal::internal)?);
-        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+        let now_unix_ms = self.settled_now().await?;
+        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
         let begun = self.begin(&row, &phase, slot, assigned, sensors).await;
-        if begun.is_err() {
-            self.store.reopen_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+        match begun.as_ref().err().map(Budget::is_agents_choice) {
+            // No fault: otherwise, an agent could make its runs free of charge.
+            Some(true) => {
+                self.store.return_episode(run, &handle).await.map_err(refusal)?;
+            }
+            Some(false) => {
+                self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
+            }
+            None => {}
         }
-        self.prefetch(run, &phase);
+        self.prefetch(&row, &phase);
         begun.map(Some)
     }
 
@@ -92,7 +100,7 @@ impl Arena {
             ordinal: assigned.ordinal,
             episode: assigned.episode.clone(),
             sensors: sensors.clone(),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         };
         log.write(&began).map_err(Refusal::internal)?;
         let (referee, memory) = self.prepare_episode(run, phase, assigned.episode, sensors.clone()).await?;
@@ -108,7 +116,7 @@ impl Arena {
             phase: phase.settings.id.clone(),
             order: run.order,
             digests: run.digests.clone(),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         };
         self.logs.open(&run.id, first).map_err(Refusal::internal)
     }
@@ -153,7 +161,9 @@ impl Arena {
             }
             Ok::<_, Refusal>(prepared)
         };
+        let turn = self.preparing.next(&run.team).await;
         let prepared = self.control().watchdog().run(self.budget.preparation, work).await;
+        drop(turn);
         let PreparedReferee { referee, scene, map } =
             prepared.map_err(|lost| Refusal::new(Reason::SimFault, lost.to_string()))??;
         if let Some(map) = map {
@@ -173,7 +183,7 @@ impl Arena {
         let handle = hosted.handle.clone();
         let stored = self.try_store_result(run, hosted).await;
         if stored.is_err()
-            && let Err(error) = self.store.reopen_episode(run, &handle, now_unix_ms()).await
+            && let Err(error) = self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await
         {
             // Without another attempt the run would wait for this episode until the next server start.
             tracing::error!(run, handle, %error, "cannot store or reissue an episode; it is reissued later");
@@ -191,7 +201,7 @@ impl Arena {
         let issued = self.open_episodes().issued.remove(&ticket);
         let unknown = || Refusal::internal(format!("episode {handle} was never issued"));
         let IssuedEpisode { phase, log, slot, ended, .. } = issued.ok_or_else(unknown)?;
-        let (scoring, name) = (phase.clone(), handle.clone());
+        let (scoring, name, clock) = (phase.clone(), handle.clone(), self.clock.clone());
         let scored = spawn_blocking(move || {
             let (truth, record, metrics) = seal_and_score(episode.referee, &scoring);
             // The log before the database: the restart compares the two and continues from the log.
@@ -201,7 +211,7 @@ impl Arena {
                     handle: name,
                     end: record.end,
                     metrics: Box::new(metrics.clone()),
-                    at_ms: now_unix_ms(),
+                    at_ms: clock.now_unix_ms(),
                 })?;
             }
             log.sync().map(|()| (truth, record, metrics))
@@ -215,7 +225,7 @@ impl Arena {
             metrics: &metrics,
             time: &time_account(&time),
         };
-        let recorded = self.store.record_result(&result, now_unix_ms()).await.map_err(refusal)?;
+        let recorded = self.store.record_result(&result, self.clock.now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&recorded.run).await;
         Ok((recorded.counts && phase.shows_metrics()).then(|| outcome(&metrics)))
     }
@@ -225,7 +235,7 @@ impl Arena {
         loop {
             let Some(first) = self.pending_returns().first().cloned() else { return Ok(()) };
             let (run, handle) = &first;
-            self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal)?;
+            self.store.reopen_episode(run, handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
             self.pending_returns().remove(&first);
         }
     }
@@ -253,19 +263,22 @@ impl Arena {
             (_, None) => EndReason::ServerFault,
         };
         let phase = self.phase(&self.store.run(run).await.map_err(refusal)?.phase).await?;
+        // Before the filter: agents know their own steps in every phase.
+        let steps = found.metrics.as_ref().map_or(0, |metrics| metrics.steps);
         let metrics = found.metrics.filter(|_| phase.shows_metrics());
-        let steps = metrics.as_ref().map_or(0, |metrics| metrics.steps);
         Ok(Some(StoredEnd { reason, steps, outcome: metrics.as_ref().map(outcome) }))
     }
 
     /// Prepares the next episode for `run` in the background.
-    pub(crate) fn prefetch(&self, run: &str, phase: &Arc<HostedPhase>) {
-        let (run, phase, store) = (run.to_owned(), phase.clone(), self.store.clone());
+    pub(crate) fn prefetch(&self, run: &Run, phase: &Arc<HostedPhase>) {
+        let (team, run) = (run.team.clone(), run.id.clone());
+        let (phase, store) = (phase.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.prefetching.clone());
         let (watchdog, limit) = (self.control().watchdog().clone(), self.budget.preparation);
         tokio::spawn(async move {
-            // One episode at a time, in request order: running episodes have priority on the processors.
-            let Ok(_turn) = turns.acquire_owned().await else { return };
+            // One episode at a time, because running episodes have priority on the processors; the teams in turn, because one of
+            // them may start hundreds of runs.
+            let _turn = turns.next(&team).await;
             let next = store.next_pending(&run).await;
             let work = move || next?.map_or(Ok(None), |episode| prepare(&phase, &scenes, &episode));
             let stored = match watchdog.run(limit, work).await {
@@ -290,16 +303,10 @@ impl Arena {
 }
 
 fn check_sensors(most: &Sensors, requested: &Sensors) -> Result<(), Refusal> {
-    let too_large = requested.width > most.width || requested.height > most.height;
-    let missing =
-        (requested.rgb && !most.rgb) || (requested.depth && !most.depth) || (requested.audio && !most.audio);
-    if !too_large && !missing {
+    if requested.is_within(most) {
         return Ok(());
     }
-    let words = |s: &Sensors| {
-        format!("{} x {}, rgb {}, depth {}, audio {}", s.width, s.height, s.rgb, s.depth, s.audio)
-    };
-    let message = format!("the phase allows at most {}; requested: {}", words(most), words(requested));
+    let message = format!("the phase allows at most {most}; requested: {requested}");
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 

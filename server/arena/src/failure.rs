@@ -17,7 +17,7 @@ pub struct Failure {
 pub enum FailureKind {
     /// An internal error.
     Internal = 1,
-    /// An unusable data folder or database.
+    /// An unusable data folder, database or input file.
     Data = 3,
     /// An unavailable address.
     Address = 4,
@@ -25,6 +25,8 @@ pub enum FailureKind {
     Scene = 5,
     /// A failed run, check or request.
     Run = 6,
+    /// An intact run log without proof of completeness.
+    Unproven = 7,
 }
 
 impl Failure {
@@ -56,6 +58,11 @@ impl Failure {
     /// Creates a run failure.
     pub fn run(message: impl fmt::Display) -> Self {
         Self::new(FailureKind::Run, message)
+    }
+
+    /// Creates a failure for an intact run log without proof of completeness.
+    pub fn unproven(message: impl fmt::Display) -> Self {
+        Self::new(FailureKind::Unproven, message)
     }
 
     /// Creates a data failure for a file: "cannot read FILE: error". `verb` is the action.

@@ -1,75 +1,74 @@
 //! Server heartbeat, and deadlines after clock changes.
 
-use crate::{Arena, conversion::refusal};
+use crate::{
+    Arena,
+    clock::{Clock, ClockReading},
+    conversion::refusal,
+};
 use avln_grpc::Refusal;
 use std::{
     sync::{Mutex, PoisonError},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 /// Heartbeat interval; also the precision for measured downtime.
 const INTERVAL: Duration = Duration::from_secs(10);
-/// Largest clock deviation that counts as drift, milliseconds.
-const MAX_DRIFT_MS: i64 = 2000;
 
 pub(crate) struct Heartbeat {
-    pub(crate) started: Instant,
-    last: Mutex<Option<ClockReading>>,
+    /// Last reading with deadlines that follow it. Locked while deadlines move, because no other call may use them meanwhile.
+    last: tokio::sync::Mutex<ClockReading>,
+    recorded: RecordedAge,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct ClockReading {
-    now_unix_ms: i64,
-    /// Uptime by the monotonic clock, which is never set.
-    age: Duration,
-    /// Uptime at the last stored heartbeat.
-    recorded: Duration,
-}
+/// Age at the last stored heartbeat; `None` before the first.
+#[derive(Default)]
+struct RecordedAge(Mutex<Option<Duration>>);
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct DueActions {
-    record_alive: bool,
-    /// Clock change, milliseconds.
-    clock_set_by_ms: i64,
+impl RecordedAge {
+    fn is_due(&self, age: Duration) -> bool {
+        let recorded = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        recorded.is_none_or(|recorded| age.saturating_sub(recorded) >= INTERVAL)
+    }
+
+    fn set(&self, age: Duration) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(age);
+    }
 }
 
 impl Heartbeat {
-    pub(crate) fn new() -> Self {
-        Self { started: Instant::now(), last: Mutex::default() }
-    }
-
-    fn read(&self, now_unix_ms: i64, age: Duration) -> DueActions {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(before) = *last else {
-            *last = Some(ClockReading { now_unix_ms, age, recorded: age });
-            return DueActions { record_alive: true, ..DueActions::default() };
-        };
-        let passed_ms = i64::try_from(age.saturating_sub(before.age).as_millis()).unwrap_or(i64::MAX);
-        let set_by_ms = (now_unix_ms - before.now_unix_ms).saturating_sub(passed_ms);
-        let clock_set_by_ms = if set_by_ms.abs() > MAX_DRIFT_MS { set_by_ms } else { 0 };
-        let record_alive = clock_set_by_ms != 0 || age.saturating_sub(before.recorded) >= INTERVAL;
-        let recorded = if record_alive { age } else { before.recorded };
-        *last = Some(ClockReading { now_unix_ms, age, recorded });
-        DueActions { record_alive, clock_set_by_ms }
+    pub(crate) fn new(clock: &Clock) -> Self {
+        Self { last: tokio::sync::Mutex::new(clock.read()), recorded: RecordedAge::default() }
     }
 }
 
 impl Arena {
-    /// Returns the runs past their deadline at uptime `age`. Deadlines follow changes of the wall clock.
-    pub async fn overdue_at(&self, now_unix_ms: i64, age: Duration) -> Result<Vec<String>, Refusal> {
-        let due = self.heartbeat.read(now_unix_ms, age);
-        if due.clock_set_by_ms != 0 {
-            let runs = self.store.follow_clock(due.clock_set_by_ms, now_unix_ms).await.map_err(refusal)?;
-            tracing::warn!(
-                by_ms = due.clock_set_by_ms,
-                runs,
-                "the system clock was set; deadlines of open runs moved with it"
-            );
+    /// Returns the wall clock, after deadlines of open runs have followed a change of it. Decisions about deadlines need this
+    /// time: a run must neither expire nor gain time between a change and the next look for expired runs.
+    pub(crate) async fn settled_now(&self) -> Result<i64, Refusal> {
+        Ok(self.settled_reading().await?.now_unix_ms)
+    }
+
+    async fn settled_reading(&self) -> Result<ClockReading, Refusal> {
+        let mut last = self.heartbeat.last.lock().await;
+        let reading = self.clock.read();
+        let by_ms = reading.set_by_ms(&last);
+        if by_ms != 0 {
+            // On an error the last reading stays, so that the next call moves the deadlines.
+            let runs = self.store.follow_clock(by_ms, reading.now_unix_ms).await.map_err(refusal)?;
+            tracing::warn!(by_ms, runs, "the system clock was set; deadlines of open runs moved with it");
         }
+        *last = reading;
+        Ok(reading)
+    }
+
+    /// Returns the runs past their deadline, and records that the server is alive.
+    pub(crate) async fn overdue_runs(&self) -> Result<Vec<String>, Refusal> {
+        let ClockReading { now_unix_ms, age } = self.settled_reading().await?;
         // Before the heartbeat: after a failure here, the next call retries both.
         self.flush_pending_returns().await?;
-        if due.record_alive {
+        if self.heartbeat.recorded.is_due(age) {
             self.store.record_heartbeat(now_unix_ms).await.map_err(refusal)?;
+            self.heartbeat.recorded.set(age);
         }
         self.store.overdue(now_unix_ms).await.map_err(refusal)
     }
@@ -81,21 +80,14 @@ mod tests {
 
     #[test]
     fn heartbeat_is_due_initially_and_every_ten_seconds() {
-        let heartbeat = Heartbeat::new();
-        let recorded = (0..31).filter(|&second| {
-            heartbeat.read(1_000_000 + second * 1000, Duration::from_secs(second as u64)).record_alive
+        let recorded = RecordedAge::default();
+        let due = (0..31).map(Duration::from_secs).filter(|&age| {
+            let is_due = recorded.is_due(age);
+            if is_due {
+                recorded.set(age);
+            }
+            is_due
         });
-        assert_eq!(recorded.collect::<Vec<_>>(), [0, 10, 20, 30]);
-    }
-
-    #[test]
-    fn set_clock_is_detected_and_drift_is_not() {
-        let heartbeat = Heartbeat::new();
-        let read = |now_ms, age_ms| heartbeat.read(now_ms, Duration::from_millis(age_ms)).clock_set_by_ms;
-        assert_eq!(read(1_000_000, 0), 0);
-        assert_eq!(read(1_001_900, 1000), 0);
-        assert_eq!(read(4_602_900, 2000), 3_600_000);
-        assert_eq!(read(4_603_900, 3000), 0, "once");
-        assert_eq!(read(1_004_900, 4000), -3_600_000);
+        assert_eq!(due.map(|age| age.as_secs()).collect::<Vec<_>>(), [0, 10, 20, 30]);
     }
 }

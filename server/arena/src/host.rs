@@ -4,7 +4,6 @@ use crate::{
     Arena, BENCHMARK_VERSION,
     conversion::{account_of, phase_info, refusal, status, token_refusal, viewer},
     episodes::ArenaEpisode,
-    now_unix_ms,
     phases::{HostedPhase, PhaseList, find_phase},
     runs::IssuedRun,
 };
@@ -14,7 +13,7 @@ use avln_grpc::{
     ClientRange, Control, Digests, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal, RunRequest,
     RunTicket, ServerInfo, StoredEnd,
 };
-use avln_store::{NewRun, Run, RunState, RunView, StoreError, Token, TokenState, Viewer};
+use avln_store::{NewRun, RunState, RunView, StoreError, Token, TokenState, Viewer};
 use std::sync::Arc;
 
 #[avln_grpc::async_trait]
@@ -35,15 +34,19 @@ impl Host for Arena {
         Some(self.control())
     }
 
+    fn now_unix_ms(&self) -> i64 {
+        self.clock.now_unix_ms()
+    }
+
     async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal> {
         self.now().await?;
         let viewer = account.map_or(Viewer::Anonymous, viewer);
-        let views = self.store.reader().phases(&viewer, now_unix_ms()).await.map_err(refusal)?;
+        let views = self.store.reader().phases(&viewer, self.clock.now_unix_ms()).await.map_err(refusal)?;
         Ok(views.into_iter().map(phase_info).collect())
     }
 
     async fn account(&self, token: &str) -> Result<Account, Refusal> {
-        account_of(self.store.find_token(token, now_unix_ms()).await.map_err(refusal)?)
+        account_of(self.store.find_token(token, self.clock.now_unix_ms()).await.map_err(refusal)?)
     }
 
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
@@ -60,8 +63,8 @@ impl Host for Arena {
             client_request_id: Some(request.client_request_id.as_str()).filter(|id| !id.is_empty()),
             digests: &phase.digests(),
         };
-        let started = self.store.start_run(&new, now_unix_ms()).await.map_err(refusal)?;
-        self.prefetch(&started.run.id, &phase);
+        let started = self.store.start_run(&new, self.settled_now().await?).await.map_err(refusal)?;
+        self.prefetch(&started.run, &phase);
         Ok(RunTicket {
             run: started.run.id,
             token,
@@ -74,7 +77,10 @@ impl Host for Arena {
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
-        self.store.quotas(&account.team, phase, now_unix_ms()).await.map_err(refusal)
+        if let Some(phase) = phase {
+            self.stage_for(phase, account).await?;
+        }
+        self.store.quotas(&account.team, phase, self.clock.now_unix_ms()).await.map_err(refusal)
     }
 
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
@@ -101,11 +107,11 @@ impl Host for Arena {
     }
 
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal> {
-        let id = match self.store.find_token(run_token, now_unix_ms()).await.map_err(refusal)? {
+        let id = match self.store.find_token(run_token, self.clock.now_unix_ms()).await.map_err(refusal)? {
             TokenState::Valid(Token { run: Some(run), .. }) => run,
             other => return Err(token_refusal(&other)),
         };
-        self.describe(&self.store.run(&id).await.map_err(refusal)?).await
+        self.describe(&id).await
     }
 
     async fn next_episode(
@@ -139,21 +145,27 @@ impl Host for Arena {
 
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
         self.open_episodes().issued.remove(&ticket);
-        self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
+        self.store.reopen_episode(run, handle, self.clock.now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     async fn overdue(&self) -> Result<Vec<String>, Refusal> {
-        self.overdue_at(now_unix_ms(), self.heartbeat.started.elapsed()).await
+        self.overdue_runs().await
     }
 
     async fn expire_run(&self, run: &str) -> Result<(), Refusal> {
-        let ended = self.store.end_run(run, RunState::Expired, now_unix_ms()).await.map_err(refusal)?;
+        let ended =
+            self.store.end_run(run, RunState::Expired, self.clock.now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&ended).await;
         Ok(())
     }
 
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
-        let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
+    async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
+        let now = self.clock.now_unix_ms();
+        let mut finished = self.store.finish_run(run, now).await.map_err(refusal)?;
+        if abandons && finished.state.is_open() {
+            let state = if finished.is_overdue(now) { RunState::Expired } else { RunState::Cancelled };
+            finished = self.store.end_run(run, state, now).await.map_err(refusal)?;
+        }
         self.sign_if_over(&finished).await;
         let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
         let missing = || Refusal::internal(format!("run {run} disappeared at its end"));
@@ -164,7 +176,7 @@ impl Host for Arena {
 impl Arena {
     /// Cancels a run and signs the log. Running episodes may still store results.
     pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
-        let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
+        let cancelled = self.store.cancel_run(run, self.clock.now_unix_ms()).await?;
         self.sign_if_over(&cancelled).await;
         Ok(())
     }
@@ -177,7 +189,10 @@ impl Arena {
         Ok(RunStatus { deadline_unix_ms, url: format!("{}{}", self.web_url, status.url), ..status })
     }
 
-    pub(crate) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
+    pub(crate) async fn describe(&self, run: &str) -> Result<OpenRun, Refusal> {
+        // Before the run is read: the deadline follows a change of the clock.
+        let now_unix_ms = self.settled_now().await?;
+        let run = self.store.run(run).await.map_err(refusal)?;
         let phase = self.phase(&run.phase).await?;
         let dataset = self.store.agent_digest(&run.phase, phase.split.digest()).await.map_err(refusal)?;
         let dataset =
@@ -189,7 +204,7 @@ impl Arena {
             deadline_unix_ms: run.deadline_unix_ms,
             over: match run.state {
                 state if !state.is_open() => Some(state),
-                _ if run.is_overdue(now_unix_ms()) => Some(RunState::Expired),
+                _ if run.is_overdue(now_unix_ms) => Some(RunState::Expired),
                 _ => None,
             },
             max_slots: phase.settings.max_slots,

@@ -10,6 +10,7 @@ pub mod backup;
 pub mod budget;
 pub mod cache;
 pub mod challenge;
+pub mod clock;
 mod conversion;
 pub mod data;
 pub mod dataset;
@@ -29,6 +30,7 @@ pub mod runlog;
 pub mod runs;
 pub mod servers;
 pub mod setup;
+mod turns;
 
 pub use conversion::fault_count;
 pub use failure::{Failure, FailureKind};
@@ -38,6 +40,7 @@ use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
 use budget::Budget;
+use clock::Clock;
 use data::DataFolder;
 use episodes::{FaultInjection, Observer, OpenEpisodes};
 use heartbeat::Heartbeat;
@@ -51,7 +54,8 @@ use std::{
     sync::{Arc, Mutex},
     time::Duration,
 };
-use tokio::{sync::Semaphore, task::spawn_blocking};
+use tokio::task::spawn_blocking;
+use turns::TeamTurns;
 
 /// Benchmark version; a possible change in scores needs a new one.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
@@ -67,14 +71,17 @@ pub struct Arena {
     open_episodes: Mutex<OpenEpisodes>,
     logs: Arc<RunLogs>,
     key: Arc<SigningKey>,
-    /// Permit for prefetching, a single one.
-    prefetching: Arc<Semaphore>,
+    /// Preparation of requested episodes.
+    preparing: TeamTurns,
+    /// Preparation in advance, an episode at a time.
+    prefetching: Arc<TeamTurns>,
     control: Control,
     /// Public address of the web server, for links to runs.
     web_url: String,
     /// Keeps other servers away from the data folder.
     _lock: File,
     budget: Budget,
+    clock: Clock,
     heartbeat: Heartbeat,
     replay_renderer: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor reissued.
@@ -89,14 +96,43 @@ impl Arena {
     /// Locks the data folder and reads phases and splits; fails if another server uses the folder. Prepared scenes use
     /// `scene_memory_mib` MiB; scenes in use may exceed it.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
-        let lock = data.lock()?;
-        let phases = Arc::new(PhaseCatalog::open(data, &store).await?);
+        Self::open_locked(data.lock()?, data, store, scene_memory_mib).await
+    }
+
+    /// Reads phases and splits, as [`Arena::open`] does, with the lock of [`DataFolder::lock`]. A program locks the folder before
+    /// it opens the database or changes anything, so that a second server is refused without a trace.
+    pub async fn open_locked(
+        lock: File,
+        data: &DataFolder,
+        store: Store,
+        scene_memory_mib: u32,
+    ) -> Result<Self, Failure> {
+        let phases = PhaseCatalog::open(data, &store, None).await?;
+        Self::host(lock, data, store, phases, scene_memory_mib).await
+    }
+
+    /// Hosts only the phase `id`, with the lock of [`DataFolder::lock`]. Splits of other phases may be sealed or missing, and runs
+    /// of other phases wait for a server with all phases.
+    pub async fn open_phase(lock: File, data: &DataFolder, store: Store, id: &str) -> Result<Self, Failure> {
+        let phases = PhaseCatalog::open(data, &store, Some(id)).await?;
+        Self::host(lock, data, store, phases, SCENE_MEMORY_MIB).await
+    }
+
+    async fn host(
+        lock: File,
+        data: &DataFolder,
+        store: Store,
+        phases: PhaseCatalog,
+        scene_memory_mib: u32,
+    ) -> Result<Self, Failure> {
+        let phases = Arc::new(phases);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
-        let logs = Arc::new(data.run_logs());
+        let logs = Arc::new(data.run_logs().with_epoch(data.count_start(&lock)?));
         sync_periodically(&logs);
         // Before the credit: without a key no server runs, and the downtime continues.
         let key = Arc::new(data.signing_key()?);
-        let credit = store.credit_downtime(now_unix_ms()).await?;
+        let clock = Clock::default();
+        let credit = store.credit_downtime(clock.now_unix_ms()).await?;
         if credit != DowntimeCredit::default() {
             let DowntimeCredit { away_ms, runs, phases } = credit;
             tracing::info!(away_ms, runs, ?phases, "deadlines of open runs are extended by the downtime");
@@ -106,12 +142,14 @@ impl Arena {
             open_episodes: Mutex::default(),
             logs,
             key,
-            prefetching: Arc::new(Semaphore::new(1)),
+            preparing: TeamTurns::half_of_cores(),
+            prefetching: Arc::new(TeamTurns::single()),
             control: Control::default(),
             web_url: String::new(),
             _lock: lock,
             budget: Budget::default(),
-            heartbeat: Heartbeat::new(),
+            heartbeat: Heartbeat::new(&clock),
+            clock,
             replay_renderer: Arc::new(SceneRenderer::new(store.clone(), phases.clone(), data.cache())),
             pending_returns: Mutex::default(),
             faults: None,
@@ -131,6 +169,11 @@ impl Arena {
         Self { web_url, ..self }
     }
 
+    /// Sets the clock, for tests that change it.
+    pub fn with_clock(self, clock: Clock) -> Self {
+        Self { heartbeat: Heartbeat::new(&clock), clock, ..self }
+    }
+
     /// Injects faults, for tests: calls `inject` on the simulator thread before a step, with the step count.
     pub fn with_fault_injection(self, inject: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { faults: Some(Arc::new(inject)), ..self }
@@ -143,7 +186,7 @@ impl Arena {
 
     /// Stops new runs and allows open episodes `patience` to end. The next server extends deadlines by the downtime.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
-        self.store.record_drain(reason, now_unix_ms()).await?;
+        self.store.record_drain(reason, self.clock.now_unix_ms()).await?;
         self.control.drain(reason, patience);
         Ok(())
     }

@@ -4,7 +4,7 @@
 use crate::{
     Arena,
     actions::{self, ActionFailure, Attribution, TokenRequest, note, reschedule},
-    admin, fault_count, now_unix_ms,
+    admin, fault_count,
     phases::seed_to_publish,
 };
 use avln_grpc::{Control, SessionState, SlotState};
@@ -79,7 +79,7 @@ async fn act(arena: &Arena, member: &TeamCredential, action: TeamAction) -> Answ
         }
         TeamAction::RevokeToken { id } => {
             let revoked = note(&actor, format!("token {id}"), "revoked", "");
-            arena.store.revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
+            arena.store.revoke_own_token(&member.team, &id, revoked, arena.clock.now_unix_ms()).await?;
             done(format!("Token {id} is revoked."))
         }
         TeamAction::CancelRun { run } => cancel(arena, member, &actor, &run).await,
@@ -94,7 +94,7 @@ async fn issue(
     looks_only: bool,
     days: Option<u32>,
 ) -> Answer {
-    let (store, now) = (&arena.store, now_unix_ms());
+    let (store, now) = (&arena.store, arena.clock.now_unix_ms());
     let tokens = store.tokens().await?;
     let is_own = |team: &Option<String>| team.as_deref() == Some(member.team.as_str());
     let holds = |revoked: Option<i64>, expires: Option<i64>| {
@@ -131,7 +131,7 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
     // After the database: a client that reconnects must find the run cancelled.
     arena.control().leave(run);
     let cancelled = note(actor, format!("run {run}"), "cancelled", "");
-    arena.store.add_audit_note(cancelled, now_unix_ms()).await?;
+    arena.store.add_audit_note(cancelled, arena.clock.now_unix_ms()).await?;
     done(format!("Run {run} is cancelled."))
 }
 
@@ -144,7 +144,7 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
             let word = if approved { "approved" } else { "no more approved" };
             let decided =
                 note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &origin.reason);
-            arena.store.approve(&phase, &team, approved, decided, now_unix_ms()).await?;
+            arena.store.approve(&phase, &team, approved, decided, arena.clock.now_unix_ms()).await?;
             done(format!("Team {team} is {word} in phase {phase}."))
         }
         OrganiserAction::Grant { team, phase, runs } => {
@@ -152,7 +152,7 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
             let granted =
                 note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &origin.reason);
             let granted = AuditNote { after: Some(format!("{runs} runs")), ..granted };
-            arena.store.grant(&grant, granted, now_unix_ms()).await?;
+            arena.store.grant(&grant, granted, arena.clock.now_unix_ms()).await?;
             done(format!("Team {team} has {runs} more runs in phase {phase}."))
         }
         OrganiserAction::Verify { run, verified } => {
@@ -169,7 +169,7 @@ async fn organise(arena: &Arena, origin: &ActionOrigin, action: OrganiserAction)
 }
 
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
-    let (store, now) = (&arena.store, now_unix_ms());
+    let (store, now) = (&arena.store, arena.clock.now_unix_ms());
     let secret = actions::admit(store, team, None, now).await?;
     let admitted = note(actor, format!("team {team}"), "admitted, token for account", reason);
     store.add_audit_note(admitted, now).await?;
@@ -196,7 +196,10 @@ async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction)
                 (schedule.paused, schedule.closed) = (None, false);
             };
             let phase = reschedule(store, &id, by, change).await?;
-            done(format!("Phase {id} is {}.", actions::state_word(phase.schedule.state(now_unix_ms()))))
+            done(format!(
+                "Phase {id} is {}.",
+                actions::state_word(phase.schedule.state(arena.clock.now_unix_ms()))
+            ))
         }
         OrganiserAction::Close(id) => {
             reschedule(store, &id, by, |schedule| schedule.closed = true).await?;
@@ -206,7 +209,7 @@ async fn rule_phase(arena: &Arena, by: Attribution<'_>, action: OrganiserAction)
             let revealed = note(by.actor, format!("phase {id}"), "revealed", by.reason);
             let seed = seed_to_publish(arena.phases.data(), store, &id).await;
             let seed = seed.map_err(|failure| ActionFailure::System(failure.to_string()))?;
-            store.reveal_phase(&id, seed.as_ref(), revealed, now_unix_ms()).await?;
+            store.reveal_phase(&id, seed.as_ref(), revealed, arena.clock.now_unix_ms()).await?;
             done(format!("The committed values of phase {id} are published."))
         }
         other => Err(ActionFailure::System(format!("{other:?} is not a phase action"))),

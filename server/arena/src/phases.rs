@@ -28,6 +28,8 @@ pub(crate) fn find_phase(phases: &PhaseList, id: &str) -> Option<Arc<HostedPhase
 
 pub(crate) struct PhaseCatalog {
     data: DataFolder,
+    /// Id of the only hosted phase; `None` for all phases.
+    only: Option<String>,
     /// Newest audit entry at the last reading, and the phases.
     read: Mutex<(i64, PhaseList)>,
 }
@@ -37,15 +39,21 @@ impl PhaseCatalog {
         &self.data
     }
 
-    pub(crate) async fn open(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
+    /// Reads all phases, or only the phase `only`. Splits of other phases are not opened.
+    pub(crate) async fn open(data: &DataFolder, store: &Store, only: Option<&str>) -> Result<Self, Failure> {
         // Before the phases: a change during the reading leads to another reading.
         let change = store.newest_audit_id().await?;
         let mut phases = Vec::new();
-        for phase in store.phases().await? {
-            commit(store, &phase.id).await?;
+        for phase in committed(store, only).await? {
             phases.push(Arc::new(HostedPhase::read(data, phase, &[])?));
         }
-        Ok(Self { data: data.clone(), read: Mutex::new((change, Arc::new(phases))) })
+        let only = only.map(str::to_owned);
+        Ok(Self { data: data.clone(), only, read: Mutex::new((change, Arc::new(phases))) })
+    }
+
+    /// Returns false for a phase that this catalog leaves to other servers.
+    pub(crate) fn selects(&self, phase: &str) -> bool {
+        self.only.as_deref().is_none_or(|only| only == phase)
     }
 
     /// Returns the present phases. If a changed phase cannot be hosted, the previous version stays.
@@ -60,10 +68,7 @@ impl PhaseCatalog {
     }
 
     async fn reload(&self, store: &Store, before: &PhaseList) -> Result<PhaseList, Failure> {
-        let phases = store.phases().await?;
-        for phase in &phases {
-            commit(store, &phase.id).await?;
-        }
+        let phases = committed(store, self.only.as_deref()).await?;
         let (data, before) = (self.data.clone(), before.clone());
         run_blocking(move || {
             let reloaded = phases.into_iter().filter_map(|phase| reload_phase(&data, phase, &before));
@@ -86,6 +91,16 @@ fn reload_phase(data: &DataFolder, phase: Phase, before: &[Arc<HostedPhase>]) ->
             previous.cloned()
         }
     }
+}
+
+/// Returns all phases, or only the phase `only`, committed to episodes, scorer and a secret.
+async fn committed(store: &Store, only: Option<&str>) -> Result<Vec<Phase>, Failure> {
+    let mut phases = store.phases().await?;
+    phases.retain(|phase| only.is_none_or(|only| phase.id == only));
+    for phase in &phases {
+        commit(store, &phase.id).await?;
+    }
+    Ok(phases)
 }
 
 /// Commits a phase to episodes, scorer and a secret, unless already committed.
@@ -111,7 +126,12 @@ impl HostedPhase {
     pub(crate) fn read(data: &DataFolder, settings: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
         let split = match before.iter().find(|hosted| hosted.settings.split == settings.split) {
             Some(hosted) => hosted.split.clone(),
-            None => Arc::new(data.missions(&settings.split)?),
+            None => {
+                let split = data.missions(&settings.split)?;
+                // At the start: a damaged file would otherwise interrupt the runs that reach its scene.
+                split.check_files()?;
+                Arc::new(split)
+            }
         };
         let unknown = |episode: &&PhaseEpisode| !split.may_hold(&episode.scene, &episode.episode);
         if let Some(missing) = settings.episodes.iter().find(unknown) {

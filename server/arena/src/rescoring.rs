@@ -9,10 +9,10 @@ use crate::{
 };
 use avln_episode::{Order, Rules, Sensors};
 use avln_scoring::{Metrics, Summary, score};
-use avln_store::{Run, ScoredEpisode, Store};
+use avln_store::{Run, RunState, ScoredEpisode, Store, StoreError};
 use avln_truth::{EpisodeTruth, Record};
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A versioned scoring function.
 #[derive(Clone, Copy, Debug)]
@@ -94,6 +94,38 @@ pub async fn rescore(
         after: rescored.after,
         is_kept: is_other,
     })
+}
+
+/// Compares a run log with the database: fails if the log lacks the end of a scored episode, or the signature of a completed run.
+/// A run of another data folder is not compared.
+pub async fn check_complete(
+    data: &DataFolder,
+    run: &str,
+    episodes: &BTreeMap<String, EpisodeHistory>,
+    is_signed: bool,
+) -> Result<(), Failure> {
+    let store = data.store().await?;
+    let found = match store.run(run).await {
+        Ok(found) => Some((found.state, store.scored_episodes(run).await?)),
+        Err(StoreError::Unknown { .. }) => None,
+        Err(error) => return Err(error.into()),
+    };
+    store.close().await;
+    let Some((state, scored)) = found else { return Ok(()) };
+    let ended = episodes.values().filter(|episode| episode.ended.is_some());
+    let ended: BTreeSet<u32> = ended.map(|episode| episode.ordinal).collect();
+    let cut = |what: String| {
+        let message = format!("{what}: lines are missing at its end");
+        Err(Failure::run(message)
+            .hinted("use the log in the folder runs of the data folder, or download it again"))
+    };
+    if let Some(missing) = scored.iter().find(|episode| !ended.contains(&episode.ordinal)) {
+        return cut(format!("the log lacks the end of episode {}, which has a score", missing.ordinal));
+    }
+    if state == RunState::Completed && !is_signed {
+        return cut("the run is completed, but its log has no signature".to_owned());
+    }
+    Ok(())
 }
 
 /// Memory for scenes, bytes.

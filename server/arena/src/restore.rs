@@ -4,7 +4,6 @@ use crate::{
     Arena,
     conversion::refusal,
     episodes::{ArenaEpisode, IssuedEpisode},
-    now_unix_ms,
     phases::HostedPhase,
     runlog::{Entry, EpisodeHistory, History},
 };
@@ -27,6 +26,10 @@ impl Arena {
     pub(crate) async fn interrupted_runs(&self) -> Result<Vec<String>, Refusal> {
         let mut runs = BTreeSet::new();
         for lost in self.store.running_episodes().await.map_err(refusal)? {
+            let phase = self.store.run(&lost.run).await.map_err(refusal)?.phase;
+            if !self.phases.selects(&phase) {
+                continue;
+            }
             match self.history(&lost.run).await {
                 Ok(_) => drop(runs.insert(lost.run)),
                 Err(why) => self.reissue(&lost, &why.message).await?,
@@ -48,7 +51,11 @@ impl Arena {
 
     async fn reissue(&self, lost: &RunningEpisode, why: &str) -> Result<(), Refusal> {
         tracing::warn!(run = lost.run, episode = lost.handle, why, "an interrupted episode restarts");
-        self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
+        self.store
+            .reopen_episode(&lost.run, &lost.handle, self.clock.now_unix_ms())
+            .await
+            .map_err(refusal)
+            .map(drop)
     }
 
     pub(crate) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
@@ -67,7 +74,7 @@ impl Arena {
                 Err(why) => self.reissue(&lost, &why.message).await?,
             }
         }
-        let open = self.describe(&self.store.run(run).await.map_err(refusal)?).await?;
+        let open = self.describe(run).await?;
         let most = &phase.settings.sensors;
         let sensors = row.sensors.unwrap_or_else(|| Sensors::all(most.width, most.height));
         Ok(Interrupted { open, sensors, episodes, away: history.away() })
@@ -90,7 +97,7 @@ impl Arena {
         let log = self.log_of(run, phase)?;
         let handle = lost.handle.clone();
         // On disk before the attempt, so that a crash in it is counted.
-        let started = Entry::RestoreStarted { slot, handle: handle.clone(), at_ms: now_unix_ms() };
+        let started = Entry::RestoreStarted { slot, handle: handle.clone(), at_ms: self.clock.now_unix_ms() };
         log.write(&started).and_then(|()| log.sync()).map_err(Refusal::internal)?;
         let (referee, memory) =
             self.prepare_episode(run, phase, lost.episode.clone(), history.sensors.clone()).await?;
@@ -98,7 +105,8 @@ impl Arena {
         let replayed =
             self.control().watchdog().run(self.budget.preparation, move || replay(referee, &history));
         let (referee, last) = replayed.await.map_err(Refusal::internal)??;
-        log.write(&Entry::RestoreDone { slot, at_ms: now_unix_ms() }).map_err(Refusal::internal)?;
+        log.write(&Entry::RestoreDone { slot, at_ms: self.clock.now_unix_ms() })
+            .map_err(Refusal::internal)?;
         let (phase, run) = (phase.clone(), run.id.clone());
         let issued = IssuedEpisode { run, memory, phase, log, slot, restored: true, ended };
         let hosted = self.host_episode(handle, referee, issued);

@@ -6,7 +6,7 @@ use crate::{
     ids, now_unix_ms,
     phases::{PhaseCatalog, find_phase},
 };
-use avln_challenge::MethodInfo;
+use avln_challenge::{MethodInfo, names::is_visible_text};
 use avln_episode::Order;
 use avln_store::{NewRun, Run, Store};
 
@@ -48,9 +48,11 @@ pub async fn start_sealed_run(
     enforced: String,
     missing: String,
 ) -> Result<IssuedRun, Failure> {
-    let phases = PhaseCatalog::open(data, store).await?.now(store).await?;
+    let method = method_of(request)?;
+    let phases = PhaseCatalog::open(data, store, Some(request.phase)).await?.now(store).await?;
     let Some(phase) = find_phase(&phases, request.phase) else {
-        return Err(unknown(request.phase, phases.iter().map(|phase| phase.settings.id.as_str()).collect()));
+        let known = store.phases().await?;
+        return Err(unknown(request.phase, known.iter().map(|phase| phase.id.as_str()).collect()));
     };
     let mut digests = phase.digests();
     digests.insert(Run::SEALED.to_owned(), enforced);
@@ -63,13 +65,30 @@ pub async fn start_sealed_run(
         token: &issued.token,
         phase: request.phase,
         team: request.team,
-        method: &MethodInfo::new(request.method, request.version),
+        method: &method,
         order: request.order,
         client_request_id: None,
         digests: &digests,
     };
     store.start_run(&new, now_unix_ms()).await?;
     Ok(issued)
+}
+
+/// Returns the requested method, with the limits for methods of agents.
+fn method_of(request: &SealedRunRequest<'_>) -> Result<MethodInfo, Failure> {
+    let (name, version) = (request.method.trim(), request.version.trim());
+    let limits = [
+        ("--method", name, 1..=MethodInfo::MAX_NAME_CHARS),
+        ("--method-version", version, 0..=MethodInfo::MAX_VERSION_CHARS),
+    ];
+    for (option, text, length) in limits {
+        if !is_visible_text(text, &length) {
+            let message = format!("{option} cannot be '{}'", text.escape_debug());
+            let (least, most) = (length.start(), length.end());
+            return Err(Failure::data(message).hinted(format!("use {least} to {most} printable characters")));
+        }
+    }
+    Ok(MethodInfo::new(name, version))
 }
 
 fn unknown(phase: &str, known: Vec<&str>) -> Failure {
@@ -79,4 +98,29 @@ fn unknown(phase: &str, known: Vec<&str>) -> Failure {
         known => format!("the data folder has: {known}"),
     };
     Failure::data(message).hinted(hint)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn methods_of_sealed_runs_are_limited() {
+        let check = |method: &str, version: &str| {
+            let request = SealedRunRequest { phase: "p", team: "t", method, version, order: Order::Ordered };
+            method_of(&request)
+        };
+        let method = check(" walker ", "").expect("a method");
+        assert_eq!((method.name.as_str(), method.version.as_str()), ("walker", ""));
+        assert!(check(&"x".repeat(80), &"1".repeat(40)).is_ok());
+        for (method, version) in [
+            ("", "1"),
+            (&"x".repeat(81)[..], "1"),
+            ("m\u{202e}", "1"),
+            ("m", &"1".repeat(41)[..]),
+            ("m", "1\n2"),
+        ] {
+            assert!(check(method, version).is_err(), "{method:?} {version:?}");
+        }
+    }
 }

@@ -59,6 +59,15 @@ impl Security {
     }
 }
 
+/// Canonical addresses on pages; without them, pages contain the host of each request.
+#[derive(Clone, Debug, Default)]
+pub struct PublicUrls {
+    /// Web server, such as `https://arena.example`.
+    pub web: Option<String>,
+    /// gRPC server; `None` for the host of `web` with the gRPC port.
+    pub grpc: Option<String>,
+}
+
 /// Bound listeners.
 pub struct Servers {
     grpc: TcpListener,
@@ -68,6 +77,7 @@ pub struct Servers {
     limits: Limits,
     trusted_proxies: Vec<TrustedProxy>,
     documents: Documents,
+    urls: PublicUrls,
 }
 
 /// Running servers.
@@ -97,8 +107,16 @@ impl Servers {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        let (limits, documents) = (Limits::default(), Documents::default());
-        Ok(Self { grpc, web, admin: None, identity, limits, trusted_proxies: vec![], documents })
+        Ok(Self {
+            grpc,
+            web,
+            admin: None,
+            identity,
+            limits: Limits::default(),
+            trusted_proxies: vec![],
+            documents: Documents::default(),
+            urls: PublicUrls::default(),
+        })
     }
 
     /// Adds the admin server; its address must not be reachable from other machines.
@@ -128,6 +146,18 @@ impl Servers {
         Self { documents, ..self }
     }
 
+    /// Shows these addresses on the web pages.
+    pub fn with_public_urls(self, urls: PublicUrls) -> Self {
+        Self { urls, ..self }
+    }
+
+    /// Returns the web server's local URL, for links; `None` if it listens on all addresses.
+    pub fn web_url(&self) -> Option<String> {
+        let address = self.web.local_addr().ok().filter(|address| !address.ip().is_unspecified())?;
+        let scheme = if self.identity.is_some() { "https" } else { "http" };
+        Some(format!("{scheme}://{address}"))
+    }
+
     /// Starts serving.
     pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
         let local = |listener: &TcpListener| listener.local_addr().map_err(Failure::address);
@@ -146,6 +176,9 @@ impl Servers {
         let control = arena.control().clone();
         let site = Site {
             grpc_port: grpc.port(),
+            web_url: self.urls.web,
+            grpc_url: self.urls.grpc,
+            frozen_unix_ms: None,
             logs: Some(SignedLogs { folder: arena.logs.folder().to_owned(), key: arena.key.public() }),
             replay_renderer: Some(arena.replay_renderer.clone()),
             live_status: Some(Arc::new(ControlStatus(arena.control.clone()))),
@@ -244,4 +277,18 @@ async fn signalled() {
         }
     }
     let _ = tokio::signal::ctrl_c().await;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn link_address_is_local_unless_unspecified() {
+        let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
+        let port = servers.web.local_addr().expect("an address").port();
+        assert_eq!(servers.web_url(), Some(format!("http://127.0.0.1:{port}")));
+        let everywhere = TcpListener::bind("0.0.0.0:0").await.expect("a free port");
+        assert_eq!(Servers { web: everywhere, ..servers }.web_url(), None);
+    }
 }

@@ -1,7 +1,11 @@
 //! Setup: splits, phases and teams.
 
 use crate::{
-    Failure, actions, challenge,
+    Failure, actions,
+    challenge::{
+        self,
+        overlap::{Content, REMEDY, overlaps},
+    },
     data::{DataFolder, check_name},
     dataset::SplitFolder,
     now_unix_ms,
@@ -14,7 +18,10 @@ use avln_dataset::{
 };
 use avln_episode::{FeedbackRule, HeadRule, Modality, Rules, Sensors, Sounds};
 use avln_houses::{HouseOptions, Pool};
-use avln_store::{GoalText, Phase, PhaseEpisode, QuotaLimits, Reference, Scene, SceneMap, Store, Visibility};
+use avln_store::{
+    GoalText, Phase, PhaseEpisode, QuotaLimits, Reference, Sampling, Scene, SceneMap, Store, StoreError,
+    Visibility,
+};
 use avln_world::Cache;
 use std::{
     path::{Path, PathBuf},
@@ -61,8 +68,12 @@ pub struct NewPhase {
     pub head: Option<PathBuf>,
     /// Feedback to a Submit; by default the rule set's.
     pub feedback: Option<FeedbackRule>,
-    /// Runs per team; unlimited if `None`.
+    /// Charged runs per team; unlimited if `None`.
     pub quota: Option<u32>,
+    /// Concurrent runs per team; unlimited if `None`.
+    pub concurrent: Option<u32>,
+    /// Uncharged runs per team; unlimited if `None`.
+    pub uncharged: Option<u32>,
     /// Limit for parallel episodes.
     pub max_slots: u32,
     /// Largest picture side, pixels.
@@ -84,6 +95,8 @@ impl NewPhase {
             head: None,
             feedback: None,
             quota: None,
+            concurrent: None,
+            uncharged: None,
             max_slots: 16,
             max_side: 512,
         }
@@ -245,24 +258,55 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
     if let Some(feedback) = new.feedback {
         rules.feedback = feedback;
     }
+    let phases = store.phases().await?;
+    let before = phases.iter().find(|before| before.id == new.id);
+    let drawn = Sampling { shuffle: new.replays != Visibility::Public, sample: None };
     let phase = Phase {
         title: new.title.clone().unwrap_or_else(|| new.id.clone()),
         sensors: Sensors::all(new.max_side, new.max_side),
         scores: new.scores,
         replays: new.replays,
         max_slots: new.max_slots,
-        quotas: QuotaLimits { total: new.quota, ..QuotaLimits::default() },
+        quotas: QuotaLimits {
+            total: new.quota,
+            concurrent: new.concurrent,
+            uncharged: new.uncharged,
+            ..QuotaLimits::default()
+        },
+        sampling: fixed(store, before).await?.map_or(drawn, |before| before.sampling),
         ..Phase::new(&new.id, &name, rules, phase_episodes(&split)?)
     };
     if phase.episodes.is_empty() {
         return Err(Failure::scene(format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
-    let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
-    let notes = challenge::notes(&challenge::actor(), before.as_ref(), &phase, "");
+    check_overlap(data, &phases, &phase)?;
+    let notes = challenge::notes(&challenge::actor(), before, &phase, "");
     store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;
     commit(store, &phase.id).await?;
     Ok(phase)
+}
+
+/// Returns the phase if it has runs, which fix its episodes and their draw.
+pub(crate) async fn fixed<'a>(
+    store: &Store,
+    phase: Option<&'a Phase>,
+) -> Result<Option<&'a Phase>, StoreError> {
+    let Some(phase) = phase else { return Ok(None) };
+    Ok(store.has_runs(&phase.id).await?.then_some(phase))
+}
+
+/// Rejects a hidden phase with scenes or missions of a public one, and the reverse. An overlap from before is only logged.
+fn check_overlap(data: &DataFolder, before: &[Phase], phase: &Phase) -> Result<(), Failure> {
+    let others = before.iter().filter(|other| other.id != phase.id);
+    let after: Vec<Phase> = others.chain([phase]).cloned().collect();
+    for overlap in overlaps(&after, now_unix_ms(), |split| Content::of(&data.missions(split)?))? {
+        if !overlap.is_old(before) {
+            return Err(Failure::scene(overlap).hinted(REMEDY));
+        }
+        tracing::warn!("{overlap}; {REMEDY}");
+    }
+    Ok(())
 }
 
 /// Rejects hidden scores or replays on a split that participants can generate.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 from avln.action import Action, Order
@@ -25,6 +26,16 @@ _ASKED = 20
 _CLOCK_MAY_DIFFER_S = 2.0
 _DAY_S = 86_400
 _SOON_S = 7 * _DAY_S
+_WINDOWS = {
+    "day": "today (UTC)",
+    "month": "this month (UTC)",
+    "total": "in all",
+    "uncharged": "without charge",
+    "concurrent": "at the same time",
+}
+_LISTED = list(_WINDOWS)
+_LASTING = {"concurrent": 0, "day": 1, "month": 2}
+"""Windows with free runs after some time, by that time; the others need the organiser."""
 
 
 @dataclass(frozen=True)
@@ -145,14 +156,32 @@ def _reopens(phase: Phase) -> str:
 
 
 def _quota(client: Client, phase: str) -> Check:
-    limited = [quota for quota in _quotas(client, phase) if quota.remaining is not None]
+    return quota_check(_quotas(client, phase))
+
+
+def quota_check(quotas: list[Quota]) -> Check:
+    """Checks that every limited window has a run left."""
+    known = sorted(quotas, key=lambda quota: _LISTED.index(quota.window) if quota.window in _LISTED else len(_LISTED))
+    limited = [quota for quota in known if quota.limit is not None]
     if not limited:
         return Check("quota", OK, "unlimited runs")
-    least = min(limited, key=lambda quota: quota.remaining or 0)
-    found = f"{least.remaining} of {least.limit} runs remain ({least.window})"
-    if least.remaining:
+    left = (f"{quota.remaining or 0} of {quota.limit} {_WINDOWS.get(quota.window, quota.window)}" for quota in limited)
+    found = f"runs left: {', '.join(left)}"
+    used_up = [quota for quota in limited if quota.remaining == 0]
+    if not used_up:
         return Check("quota", OK, found)
-    return Check("quota", FAILS, found, "wait for the next window, or ask the organiser for more runs")
+    # Waiting does not help against the longest window, so its advice comes first.
+    longest = max(used_up, key=lambda quota: _LASTING.get(quota.window, len(_LASTING)))
+    return Check("quota", FAILS, found, _advice(longest))
+
+
+def _advice(quota: Quota) -> str:
+    if quota.window == "concurrent":
+        return "finish or cancel the open run"
+    if quota.window in _LASTING and quota.next_increase_unix_s:
+        moment = datetime.fromtimestamp(quota.next_increase_unix_s, timezone.utc)
+        return f"wait until {moment.strftime('%Y-%m-%dT%H:%M:%SZ')}"
+    return "ask the organiser for more runs"
 
 
 def _quotas(client: Client, phase: str) -> list[Quota]:

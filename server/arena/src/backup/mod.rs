@@ -1,15 +1,19 @@
 //! Backup and restore of data folders, also while a server runs.
 //!
-//! A backup contains database, run logs, signing key, splits, recordings and heads. It excludes the
+//! A backup contains database, run logs, signing key, number of server starts, splits, recordings and heads. It excludes the
 //! reproducible `cache/` and data outside the folder: data sets and scene files.
 
-use crate::{Failure, data::DataFolder, now_unix_ms};
+use crate::{
+    Failure,
+    data::{DataFolder, private_file},
+    now_unix_ms,
+};
 use archive::Writer;
 pub use archive::{ArchivedFile, Manifest};
 use avln_store::{Inventory, copy_database, inspect_database};
 pub use logs::{PruneOptions, Pruned, prune};
 use std::{
-    fs::{self, File, OpenOptions},
+    fs::{self, File},
     io::{self, BufWriter, Read},
     path::{Path, PathBuf},
 };
@@ -19,7 +23,7 @@ mod logs;
 
 const DATABASE: &str = "avln.db";
 /// Other files in a backup.
-const FILES: [&str; 1] = ["signing.key"];
+const FILES: [&str; 2] = ["signing.key", DataFolder::EPOCH];
 /// Folders in a backup.
 const FOLDERS: [&str; 3] = ["splits", "sounds", "heads"];
 /// Other known names in a data folder; not copied as they are.
@@ -91,10 +95,11 @@ fn write(
     let file = tempfile::Builder::new().prefix(".avln-backup-").tempfile_in(parent(to)).map_err(failed)?;
     let mut writer = Writer::new(BufWriter::new(file.as_file()), Manifest::new(inventory.schema, made_ms));
     add_file(&mut writer, DATABASE, copy)?;
+    logs::add(&mut writer, &data.join("runs"), &inventory.runs)?;
+    // After the logs: none of them then contains a later server start than the number in the backup.
     for name in FILES.into_iter().filter(|name| data.join(name).is_file()) {
         add_file(&mut writer, name, &data.join(name))?;
     }
-    logs::add(&mut writer, &data.join("runs"), &inventory.runs)?;
     for name in FOLDERS.into_iter().filter(|name| data.join(name).is_dir()) {
         add_folder(&mut writer, name, &data.join(name))?;
     }
@@ -213,17 +218,13 @@ fn unpack(from: &Path, to: &Path) -> Result<Manifest, Failure> {
 /// Writes a private file: backups contain ground truth, token hashes and the signing key.
 fn unpack_file(path: &Path, from: &mut dyn Read) -> io::Result<()> {
     fs::create_dir_all(parent(path))?;
-    let mut options = OpenOptions::new();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let mut file = options.open(path)?;
+    let mut file = private_file().write(true).create_new(true).open(path)?;
     io::copy(from, &mut file)?;
     file.sync_all()
 }
 
 /// Syncs the names in a folder, if supported.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 

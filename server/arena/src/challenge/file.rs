@@ -1,18 +1,14 @@
-//! Contents and faults of a challenge file.
+//! Contents of a challenge file.
 
-use crate::Failure;
-use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, Sounds, TimeLimits};
+use super::{Fault, KeyPath, keys};
+use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, SilenceRule, Sounds, TimeLimits};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
-use std::{
-    collections::BTreeMap,
-    fmt,
-    ops::Range,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, path::PathBuf};
 use toml::{
-    de::{DeTable, DeValue},
+    Spanned,
+    de::{DeTable, DeValue, ValueDeserializer},
     value::Datetime,
 };
 
@@ -59,6 +55,8 @@ pub struct PhaseFile {
     pub head: Option<String>,
     /// Feedback to a Submit; the rule set's by default.
     pub feedback: Option<FeedbackRule>,
+    /// Silence of found targets; the rule set's by default.
+    pub silence: Option<SilenceRule>,
     /// Permitted orders; both by default.
     pub orders: Option<Vec<Order>>,
     /// Permitted sensors; all by default.
@@ -115,9 +113,15 @@ pub enum Sensor {
 pub(super) const KEPT: &str = "kept:";
 
 impl ChallengeFile {
-    /// Parses a TOML file; fails for an unknown, missing or invalid key.
-    pub fn parse(text: &str) -> Result<Self, Fault> {
-        toml::from_str(text).map_err(|error| Fault::of_toml(text, &error))
+    /// Parses a TOML file; fails for unknown, missing and invalid keys, with all faults.
+    pub fn parse(text: &str) -> Result<Self, Vec<Fault>> {
+        let table = DeTable::parse(text).map_err(|error| vec![Fault::of_toml(text, &error)])?;
+        let (mut table, mut faults) = (table.into_inner(), Vec::new());
+        keys::correct_file(&mut table, &mut faults);
+        let mut reader = ItemReader { text, faults };
+        let splits = table.remove("splits").map(|value| reader.splits(value)).unwrap_or_default();
+        let phases = table.remove("phases").map(|value| reader.phases(value)).unwrap_or_default();
+        if reader.faults.is_empty() { Ok(Self { splits, phases }) } else { Err(reader.faults) }
     }
 
     /// Returns the complete file for these phases.
@@ -128,6 +132,38 @@ impl ChallengeFile {
     /// Returns the text.
     pub fn text(&self) -> Result<String, toml::ser::Error> {
         toml::to_string_pretty(self)
+    }
+}
+
+/// A reader of single items, so that a fault in one does not hide the faults in others.
+struct ItemReader<'a> {
+    text: &'a str,
+    faults: Vec<Fault>,
+}
+
+impl ItemReader<'_> {
+    fn splits(&mut self, value: Spanned<DeValue<'_>>) -> BTreeMap<String, SplitSource> {
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::Table(splits) => splits
+                .into_iter()
+                .filter_map(|(name, source)| Some((name.into_inner().into_owned(), self.item(source)?)))
+                .collect(),
+            other => self.item(Spanned::new(span, other)).unwrap_or_default(),
+        }
+    }
+
+    fn phases(&mut self, value: Spanned<DeValue<'_>>) -> Vec<PhaseFile> {
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::Array(phases) => phases.into_iter().filter_map(|phase| self.item(phase)).collect(),
+            other => self.item(Spanned::new(span, other)).unwrap_or_default(),
+        }
+    }
+
+    fn item<T: DeserializeOwned>(&mut self, value: Spanned<DeValue<'_>>) -> Option<T> {
+        let read = T::deserialize(ValueDeserializer::from(value));
+        read.map_err(|error| self.faults.push(Fault::of_toml(self.text, &error))).ok()
     }
 }
 
@@ -166,6 +202,7 @@ impl PhaseFile {
             sounds: Some(sounds_word(&phase.rules.sounds)),
             head: Some(head_word(&phase.rules.head)),
             feedback: Some(phase.rules.feedback),
+            silence: Some(phase.rules.silence),
             orders: Some(phase.orders.clone()),
             sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
             opens: phase.schedule.opens_unix_ms.and_then(datetime),
@@ -231,134 +268,4 @@ pub(super) fn unix_ms(written: Option<&Datetime>, path: KeyPath<'_>) -> Result<O
 fn timestamp(written: &Datetime) -> Option<i64> {
     let moment: jiff::Timestamp = written.to_string().parse().ok()?;
     Some(1000 * moment.as_millisecond().div_euclid(1000))
-}
-
-/// Valid lines, each with the keys that it is an example for.
-pub(super) const EXAMPLES: [(&[&str], &str); 38] = [
-    (&["phases"], "[[phases]]"),
-    (&["splits"], "[splits.hidden]"),
-    (&["dataset"], "dataset = \"../data\""),
-    (&["id"], "id = \"practice\""),
-    (&["title"], "title = \"Practice\""),
-    (&["description"], "description = \"Play here first\""),
-    (&["split"], "split = \"val\""),
-    (&["rules"], "rules = \"lh-avln-v1\""),
-    (&["sounds"], "sounds = \"test\""),
-    (&["head"], "head = \"sphere\""),
-    (&["feedback"], "feedback = \"none\""),
-    (&["orders"], "orders = [\"ordered\", \"unordered\"]"),
-    (&["sensors"], "sensors = [\"rgb\", \"depth\", \"audio\"]"),
-    (&["encodings", "depth"], "encodings = { depth = \"millimetres\" }"),
-    (&["rgb"], "encodings = { rgb = \"raw\" }"),
-    (&["audio"], "encodings = { audio = \"int16\" }"),
-    (&["opens"], "opens = 2026-07-01T00:00:00Z"),
-    (&["closes"], "closes = 2026-09-01T00:00:00Z"),
-    (&["scores"], "scores = \"organiser\""),
-    (&["replays"], "replays = \"organiser\""),
-    (&["max_slots"], "max_slots = 16"),
-    (&["max_side"], "max_side = 512"),
-    (&["sealed"], "sealed = true"),
-    (&["shuffle"], "shuffle = true"),
-    (&["sample", "episodes", "anchors"], "sample = { episodes = 100, anchors = 20 }"),
-    (&["quota", "day", "total", "concurrent"], "quota = { day = 3, total = 30, concurrent = 1 }"),
-    (&["month"], "quota = { month = 30, concurrent = 1 }"),
-    (&["uncharged"], "quota = { total = 30, uncharged = 20 }"),
-    (&["time"], "time = { step_ms = 5000, bank_ms = 60000, run_s = 86400 }"),
-    (&["step_ms", "bank_ms"], "time = { step_ms = 5000, bank_ms = 60000 }"),
-    (&["run_s"], "time = { run_s = 86400 }"),
-    (&["disconnect_total_s", "disconnect_s"], "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
-    (&["ranking", "key"], "ranking = { key = \"sr\", entry = \"best\" }"),
-    (&["entry"], "ranking = { key = \"sr\", entry = \"latest\" }"),
-    (&["teams"], "teams = { approval = true, deny = [\"last year's winner\"] }"),
-    (&["approval"], "teams = { approval = true }"),
-    (&["allow"], "teams = { allow = [\"our friends\"] }"),
-    (&["deny"], "teams = { deny = [\"last year's winner\"] }"),
-];
-
-/// A fault in a challenge file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fault {
-    /// Wrong bytes; `None` if only the path is known.
-    span: Option<Range<usize>>,
-    /// Keys from the top.
-    path: Vec<String>,
-    problem: String,
-}
-
-/// A key.
-#[derive(Clone, Copy, Debug)]
-pub struct KeyPath<'a> {
-    /// Keys from the top, and list indices from 0.
-    pub path: &'a [&'a str],
-}
-
-impl KeyPath<'_> {
-    /// Returns a fault at this key.
-    pub fn fault(&self, problem: impl fmt::Display) -> Fault {
-        let path = self.path.iter().map(|&step| step.to_owned()).collect();
-        Fault { span: None, path, problem: problem.to_string() }
-    }
-}
-
-impl Fault {
-    pub(super) fn of_toml(text: &str, error: &toml::de::Error) -> Self {
-        let span = error.span().unwrap_or(0..text.len().min(1));
-        Self { span: Some(span), path: Vec::new(), problem: error.message().trim().to_owned() }
-    }
-
-    /// Returns the line number, from 1.
-    fn line(&self, text: &str) -> usize {
-        let span = self.span.clone().or_else(|| find(text, &self.path)).unwrap_or(0..0);
-        let before = text.get(..span.start).unwrap_or(text);
-        before.matches('\n').count() + 1
-    }
-
-    /// Returns the message: file, line, value, problem and a valid example.
-    pub fn explain(&self, file: &Path, text: &str) -> Failure {
-        const SHOWN: usize = 120;
-        let line = self.line(text);
-        let written: String =
-            text.lines().nth(line - 1).unwrap_or_default().trim().chars().take(SHOWN).collect();
-        let key = self.path.last().map_or("", String::as_str);
-        let message = format!("{}, line {line}: `{}`: {}", file.display(), written, self.problem);
-        let failure = Failure::data(message);
-        match example(key).or_else(|| example_in(&self.problem)).or_else(|| example_in(&written)) {
-            Some(example) => failure.hinted(format!("for example: {example}")),
-            None => failure.hinted("docs/challenge.toml is an example with every key"),
-        }
-    }
-}
-
-fn example(key: &str) -> Option<&'static str> {
-    EXAMPLES.iter().find(|(keys, _)| keys.contains(&key)).map(|(_, example)| *example)
-}
-
-/// Returns the example for the first key in `words`: between backticks in a message, before `=` in a line.
-fn example_in(words: &str) -> Option<&'static str> {
-    let quoted = words.split('`').skip(1).step_by(2);
-    let assigned = words.split_once('=').map(|(key, _)| key.trim());
-    assigned.into_iter().chain(quoted).find_map(example)
-}
-
-/// Returns a key's position; a missing key has the nearest parent's position.
-fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
-    let table = DeTable::parse(text).ok()?;
-    let mut span = None;
-    let mut here = DeValue::Table(table.into_inner());
-    for step in path {
-        let next = match here {
-            DeValue::Table(table) => {
-                let found = table.into_iter().find(|(key, _)| key.get_ref() == step);
-                found.map(|(key, value)| (key.span(), value.into_inner()))
-            }
-            DeValue::Array(items) => {
-                let item = step.parse().ok().and_then(|index| items.into_iter().nth(index));
-                item.map(|item| (item.span(), item.into_inner()))
-            }
-            _ => None,
-        };
-        let Some((found, value)) = next else { break };
-        (span, here) = (Some(found), value);
-    }
-    span
 }

@@ -2,14 +2,22 @@
 //!
 //! Start reading at [`ChallengeFile`], the file, and [`Planner`], which computes the changes.
 
+use crate::Failure;
 use avln_store::{AuditNote, Phase};
-pub use file::{ChallengeFile, Fault, KeyPath, PhaseFile, SplitSource, json, moment_of};
+pub use fault::{Fault, KeyPath};
+pub use file::{ChallengeFile, PhaseFile, SplitSource, json, moment_of};
 pub use plan::{ChallengeChanges, PlanError, Planner};
 use serde_json::Value;
 use std::collections::BTreeMap;
+pub use summary::SummaryStyle;
 
+mod conversion;
+mod fault;
 mod file;
+mod keys;
+pub(crate) mod overlap;
 mod plan;
+mod summary;
 
 /// Returns the command line's actor for audit entries.
 pub fn actor() -> String {
@@ -75,10 +83,19 @@ fn flatten(above: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     }
 }
 
+fn one_line(failure: &Failure) -> String {
+    failure.to_string().replace('\n', "; ")
+}
+
+/// Returns a number with a noun; the plural ends in s.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::challenge::file::EXAMPLES;
+    use crate::challenge::fault::EXAMPLES;
     use avln_episode::Rules;
     use avln_store::Sample;
     use proptest::prelude::*;
@@ -108,8 +125,8 @@ mod tests {
         "[[phases]]\nid = \"a\"\nsplit = \"val\"\nscores = \"public\"\nreplays = \"public\"\n";
 
     fn refused(text: &str) -> String {
-        let fault = ChallengeFile::parse(text).expect_err(text);
-        fault.explain(Path::new("challenge.toml"), text).to_string()
+        let faults = ChallengeFile::parse(text).expect_err(text);
+        Fault::explain_all(&faults, Path::new("challenge.toml"), text).to_string()
     }
 
     #[test]
@@ -147,7 +164,11 @@ mod tests {
     fn refusals_show_line_value_and_a_valid_example() {
         let cases = [
             ("id = 7\n", 1, "`phases`"),
-            (&format!("{SMALL}max_slot = 4\n"), 6, "max_slot"),
+            (
+                &format!("{SMALL}max_slot = 4\n"),
+                6,
+                "did you mean `max_slots`?\nhint: for example: max_slots = 16",
+            ),
             (&format!("{SMALL}max_slots = \"many\"\n"), 6, "max_slots = 16"),
             (&format!("{SMALL}max_slots = -1\n"), 6, "max_slots = 16"),
             (&format!("{SMALL}opens = \"tomorrow\"\n"), 6, "opens = 2026-07-01T00:00:00Z"),
@@ -159,8 +180,32 @@ mod tests {
         ];
         for (text, line, named) in cases {
             let message = refused(text);
-            assert!(message.contains(&format!("challenge.toml, line {line}: ")), "{text}: {message}");
+            assert!(message.starts_with(&format!("challenge.toml, line {line}: ")), "{text}: {message}");
+            assert_eq!(message.lines().count(), 2, "{text}: {message}");
             assert!(message.contains(named), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn all_faults_are_shown_by_line() {
+        let text = "phase = []\n[[phases]]\nid = \"a\"\nsplit = \"val\"\nscore = \"public\"\nreplays = \"public\"\n\
+                    quota = { days = 3, concurent = 1 }\n[[phases]]\nid = \"b\"\nsplit = \"val\"\n\
+                    [splits.val]\ndataset = \"data\"\nsplits = 7\n";
+        let message = refused(text);
+        let problems: Vec<_> = message.lines().filter(|line| line.starts_with("challenge.toml, ")).collect();
+        let expected = [
+            (1, "did you mean `phases`?"),
+            (5, "did you mean `scores`?"),
+            (7, "did you mean `concurrent`?"),
+            (7, "did you mean `day`?"),
+            (8, "missing field `scores`"),
+            (13, "did you mean `split`?"),
+            (13, "invalid type"),
+        ];
+        assert_eq!(problems.len(), expected.len(), "{message}");
+        for (problem, (line, named)) in problems.iter().zip(expected) {
+            assert!(problem.starts_with(&format!("challenge.toml, line {line}: ")), "{problem}");
+            assert!(problem.contains(named), "{problem}");
         }
     }
 
@@ -224,8 +269,8 @@ mod tests {
             let start = EXAMPLE.floor_char_boundary(at);
             let end = EXAMPLE.floor_char_boundary((at + cut).min(EXAMPLE.len())).max(start);
             for file in [text.clone(), format!("{}{text}{}", &EXAMPLE[..start], &EXAMPLE[end..])] {
-                if let Err(fault) = ChallengeFile::parse(&file) {
-                    let message = fault.explain(Path::new("challenge.toml"), &file).to_string();
+                if let Err(faults) = ChallengeFile::parse(&file) {
+                    let message = Fault::explain_all(&faults, Path::new("challenge.toml"), &file).to_string();
                     prop_assert!(message.starts_with("challenge.toml, line "), "{}", message);
                 }
             }

@@ -1,6 +1,6 @@
 //! Data sets on disk, read scene by scene.
 
-use crate::{Failure, lru::LruCache};
+use crate::{Failure, data::private_file, lru::LruCache};
 use avln_dataset::{
     BuiltScene, DatasetError, EpisodeSpec, Manifest, PublicMission, Recipe, SceneLine, SceneSource,
     SceneSpec, SecretFile, Split, SplitLine, Statistics,
@@ -12,7 +12,8 @@ use avln_dataset::{
 use seal::{Keyring, Salt};
 use std::{
     collections::BTreeMap,
-    io::Read,
+    fs::OpenOptions,
+    io::{Read, Write},
     path::{Path, PathBuf},
 };
 
@@ -107,7 +108,7 @@ impl DatasetFiles {
     /// Writes a secret split's seed.
     pub fn write_secret(&self, split: &str, secret: &SecretFile) -> Result<(), Failure> {
         let json = serde_json::to_vec_pretty(secret).map_err(Failure::internal)?;
-        write_whole(&self.secret_path(split), &json)
+        write_private(&self.secret_path(split), &json)
     }
 
     /// Returns true if a split is sealed.
@@ -118,7 +119,7 @@ impl DatasetFiles {
     /// Writes a scene list; returns the split's manifest line.
     pub fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
         let bytes = scenes_bytes(scenes)?;
-        write_whole(&self.scenes_path(split), &bytes)?;
+        write_private(&self.scenes_path(split), &bytes)?;
         let missions = scenes.iter().map(|scene| scene.missions).sum();
         Ok(SplitLine { name: split.to_owned(), scenes: scenes.len(), missions, digest: digest_of(&bytes) })
     }
@@ -161,7 +162,7 @@ impl DatasetFiles {
                 ring.open(&path, bytes)?;
                 sealed.before += 1;
             } else {
-                write_whole(&path, &ring.seal(&salt, &path, &bytes)?)?;
+                write_private(&path, &ring.seal(&salt, &path, &bytes)?)?;
                 sealed.now += 1;
             }
         }
@@ -182,8 +183,8 @@ impl DatasetFiles {
 
     /// Writes the files of a built scene.
     pub fn write_built_scene(&self, split: &str, built: &BuiltScene) -> Result<(), Failure> {
-        write_whole(&self.missions_path(split, &built.line.name), &built.missions)?;
-        write_whole(&self.sealed_path(split, &built.line.name), &built.sealed)
+        write_private(&self.missions_path(split, &built.line.name), &built.missions)?;
+        write_private(&self.sealed_path(split, &built.line.name), &built.sealed)
     }
 
     /// Writes the scene lists and the manifest, which marks a data set as complete.
@@ -208,8 +209,8 @@ impl DatasetFiles {
             let episodes: Vec<_> =
                 split.episodes.iter().filter(|episode| episode.scene == scene.name).cloned().collect();
             let written = write_scene(scene, None, &episodes)?;
-            write_whole(&self.missions_path(&split.name, &scene.name), &written.missions)?;
-            write_whole(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
+            write_private(&self.missions_path(&split.name, &scene.name), &written.missions)?;
+            write_private(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
             lines.push(written.line);
         }
         let line = self.write_scenes(&split.name, &lines)?;
@@ -266,12 +267,22 @@ fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
 
 /// Writes a file under another name and renames it, so that it is always complete.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_file(path, bytes, OpenOptions::new())
+}
+
+/// Writes a file like [`write_whole`], accessible by its owner only.
+fn write_private(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_file(path, bytes, private_file())
+}
+
+fn write_file(path: &Path, bytes: &[u8], mut options: OpenOptions) -> Result<(), Failure> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".partial");
     let partial = path.with_file_name(name);
     let folder = path.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(&partial, bytes))
+        .and_then(|()| options.write(true).create(true).truncate(true).open(&partial))
+        .and_then(|mut file| file.write_all(bytes))
         .and_then(|()| std::fs::rename(&partial, path))
         .map_err(|error| Failure::file("write", path, error))
 }
@@ -421,6 +432,23 @@ impl SplitFolder {
         let public = File { name: &public, bytes: &public_bytes };
         let sealed = File { name: &sealed, bytes: &sealed_bytes };
         Ok(read_scene(scene, public, sealed).map_err(DatasetError::from)?)
+    }
+
+    /// Compares all files with the digests in the scene list; fails at the first difference.
+    pub fn check_files(&self) -> Result<(), Failure> {
+        for scene in &self.scenes {
+            let public = (self.files.missions_path(&self.split, &scene.name), &scene.public);
+            let sealed = (self.files.sealed_path(&self.split, &scene.name), &scene.sealed);
+            for (path, digest) in [public, sealed] {
+                let found = digest_of(&read(&path)?);
+                if found != *digest {
+                    let message =
+                        format!("{} has digest {found}, but the scene list has {digest}", path.display());
+                    return Err(Failure::scene(message).hinted("restore the split's files from a backup"));
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Returns a mission; `None` if unknown.

@@ -83,9 +83,9 @@ impl History {
         }
         history.whole_bytes = whole as u64;
         match history.entries.first() {
-            Some(Entry::Run { format: Entry::FORMAT, .. }) | None => Ok(history),
+            Some(Entry::Run { format: 1..=Entry::FORMAT, .. }) | None => Ok(history),
             Some(Entry::Run { format, .. }) => {
-                Err((1, format!("format {format} is not supported, only {}", Entry::FORMAT)))
+                Err((1, format!("format {format} is not supported, only 1 to {}", Entry::FORMAT)))
             }
             Some(_) => Err((1, "the entry of the run is missing".to_owned())),
         }
@@ -114,6 +114,23 @@ impl History {
             follow(entry, &mut episodes, &mut slots).map_err(|what| (index + 1, what))?;
         }
         Ok(episodes)
+    }
+
+    /// Checks that the server starts increase; an error contains the number of the contradictory line, from 1. Servers on copies
+    /// of a data folder count the same starts, so a log that was moved between the copies repeats a number.
+    pub fn check_epochs(&self) -> Result<(), (usize, String)> {
+        let mut last = 0;
+        for (index, entry) in self.entries.iter().enumerate() {
+            let Entry::ServerStarted { epoch, .. } = entry else { continue };
+            if *epoch <= last {
+                let what = format!(
+                    "server start {epoch} follows start {last}: the run was continued on a copy of the data folder"
+                );
+                return Err((index + 1, what));
+            }
+            last = *epoch;
+        }
+        Ok(())
     }
 
     /// Returns the run's total disconnection time.
@@ -213,7 +230,10 @@ fn follow(
                 episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.ended = Some((*end, metrics.clone()));
         }
-        Entry::Run { .. } | Entry::ClockRestarted { .. } | Entry::Signed { .. } => {}
+        Entry::Run { .. }
+        | Entry::ServerStarted { .. }
+        | Entry::ClockRestarted { .. }
+        | Entry::Signed { .. } => {}
     }
     Ok(())
 }

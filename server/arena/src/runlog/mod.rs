@@ -29,6 +29,7 @@ fn link(before: &str, json: &str) -> String {
 /// - `slot`, `step`: slot and step number; steps start at 1.
 /// - `handle`, `ordinal`, `episode`: name for the agent, index in the run from 0, and id in the split.
 /// - `digests`: digests and versions by name.
+/// - `epoch`: number of the server start on the data folder, from 1.
 /// - `state`: hash of the new state, 16 hexadecimal digits.
 /// - `thought_us`, `bank_us`, `away_us`: thinking time, remaining time bank, disconnection time.
 /// - `head`: digits of the previous line. `key`, `signature`: server's public key and Ed25519 signature over
@@ -49,6 +50,8 @@ pub enum Entry {
         digests: BTreeMap<String, String>,
         at_ms: i64,
     },
+    /// A server has started since the line before; the run's next line follows.
+    ServerStarted { epoch: u64, at_ms: i64 },
     /// An episode was issued.
     Began { slot: u32, handle: String, ordinal: u32, episode: String, sensors: Sensors, at_ms: i64 },
     /// A step was taken.
@@ -71,8 +74,8 @@ pub enum Entry {
 }
 
 impl Entry {
-    /// Format version for new logs.
-    pub const FORMAT: u32 = 1;
+    /// Format version for new logs. Version 1 has no server starts.
+    pub const FORMAT: u32 = 2;
 }
 
 #[cfg(test)]
@@ -203,11 +206,44 @@ mod tests {
     }
 
     #[test]
+    fn server_starts_increase_along_the_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = |epoch| {
+            let logs = RunLogs::at(folder.path()).with_epoch(epoch);
+            for slot in 0..2 {
+                logs.open("run_1", first)
+                    .unwrap()
+                    .write(&began(slot, &format!("ep_{epoch}_{slot}")))
+                    .unwrap();
+                // Unused logs are closed, and opened again without another line.
+                logs.sync();
+                logs.sync();
+            }
+            logs.history("run_1").unwrap().expect("a log")
+        };
+        let history = start(1);
+        assert!(matches!(
+            history.entries[..],
+            [Entry::Run { .. }, Entry::ServerStarted { epoch: 1, .. }, _, _]
+        ));
+        assert_eq!(start(3).check_epochs(), Ok(()));
+        let (line, what) = start(3).check_epochs().unwrap_err();
+        assert_eq!((line, what.contains("server start 3 follows start 3")), (8, true), "{what}");
+    }
+
+    #[test]
+    fn first_format_is_read() {
+        let entry = serde_json::to_string(&first()).unwrap().replace("\"format\":2", "\"format\":1");
+        let history = History::parse(format!("{} {entry}\n", link("", &entry)).as_bytes()).unwrap();
+        assert_eq!((history.entries.len(), history.check_epochs()), (1, Ok(())));
+    }
+
+    #[test]
     fn other_formats_are_refused() {
-        let entry = serde_json::to_string(&first()).unwrap().replace("\"format\":1", "\"format\":9");
+        let entry = serde_json::to_string(&first()).unwrap().replace("\"format\":2", "\"format\":9");
         let line = format!("{} {entry}\n", link("", &entry));
         let (number, what) = History::parse(line.as_bytes()).unwrap_err();
-        assert_eq!((number, what.as_str()), (1, "format 9 is not supported, only 1"));
+        assert_eq!((number, what.as_str()), (1, "format 9 is not supported, only 1 to 2"));
     }
 
     #[test]

@@ -1,14 +1,15 @@
 //! Writing and signing run logs.
 
 use crate::{
+    data::private_file,
     now_unix_ms,
     runlog::{Entry, History, LogError, link},
 };
 use avln_grpc::{Acted, EpisodeLog};
 use ring::signature::{ED25519, Ed25519KeyPair, KeyPair, UnparsedPublicKey};
 use std::{
-    collections::BTreeMap,
-    fs::{File, OpenOptions},
+    collections::{BTreeMap, BTreeSet},
+    fs::File,
     io::{self, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     sync::{
@@ -23,7 +24,17 @@ use tempfile::NamedTempFile;
 #[derive(Debug)]
 pub struct RunLogs {
     folder: PathBuf,
-    open: Mutex<BTreeMap<String, Arc<RunLog>>>,
+    /// Number of the server start; `None` outside a server.
+    epoch: Option<u64>,
+    opened: Mutex<OpenedLogs>,
+}
+
+#[derive(Debug, Default)]
+struct OpenedLogs {
+    /// Open logs by run.
+    open: BTreeMap<String, Arc<RunLog>>,
+    /// Runs whose log contains this server start.
+    marked: BTreeSet<String>,
 }
 
 /// An open run log.
@@ -46,7 +57,12 @@ struct End {
 impl RunLogs {
     /// Opens the logs in `folder`, created on first use.
     pub fn at(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), open: Mutex::default() }
+        Self { folder: folder.to_owned(), epoch: None, opened: Mutex::default() }
+    }
+
+    /// Adds the number of the server start, which is written before a run's first line since then.
+    pub fn with_epoch(self, epoch: u64) -> Self {
+        Self { epoch: Some(epoch), ..self }
     }
 
     /// Returns the folder.
@@ -67,12 +83,17 @@ impl RunLogs {
 
     /// Opens a run's log for writing; `first` creates the first entry.
     pub fn open(&self, run: &str, first: impl FnOnce() -> Entry) -> Result<Arc<RunLog>, LogError> {
-        let mut open = self.opened();
-        if let Some(log) = open.get(run) {
+        let mut opened = self.opened();
+        if let Some(log) = opened.open.get(run) {
             return Ok(log.clone());
         }
         let log = Arc::new(RunLog::open(&self.path(run), first)?);
-        open.insert(run.to_owned(), log.clone());
+        if let Some(epoch) = self.epoch.filter(|_| !opened.marked.contains(run)) {
+            log.write(&Entry::ServerStarted { epoch, at_ms: now_unix_ms() })
+                .map_err(|source| LogError::File { path: log.path.clone(), source })?;
+            opened.marked.insert(run.to_owned());
+        }
+        opened.open.insert(run.to_owned(), log.clone());
         Ok(log)
     }
 
@@ -91,12 +112,12 @@ impl RunLogs {
 
     /// Syncs logs to disk and closes unused ones.
     pub fn sync(&self) {
-        let mut open = self.opened();
+        let mut opened = self.opened();
         // A log with unsynced lines stays open: closing it would skip the sync.
-        open.retain(|_, log| Arc::strong_count(log) > 1 || log.dirty.load(Ordering::Acquire));
-        let logs: Vec<_> = open.values().cloned().collect();
+        opened.open.retain(|_, log| Arc::strong_count(log) > 1 || log.dirty.load(Ordering::Acquire));
+        let logs: Vec<_> = opened.open.values().cloned().collect();
         // Without the lock: a sync waits for the disk, and runs must be able to open their logs meanwhile.
-        drop(open);
+        drop(opened);
         for log in logs {
             if let Err(error) = log.sync() {
                 tracing::error!(path = %log.path.display(), %error, "cannot sync a run log to disk");
@@ -104,8 +125,8 @@ impl RunLogs {
         }
     }
 
-    fn opened(&self) -> MutexGuard<'_, BTreeMap<String, Arc<RunLog>>> {
-        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    fn opened(&self) -> MutexGuard<'_, OpenedLogs> {
+        self.opened.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -116,7 +137,7 @@ impl RunLog {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
         let history = if path.exists() { History::read(path)? } else { History::default() };
-        let options = OpenOptions::new().create(true).write(true).truncate(false).open(path);
+        let options = private_file().create(true).write(true).truncate(false).open(path);
         let mut file = options.map_err(failed)?;
         // A line that a server crash interrupted is removed: the next line must follow the hash chain.
         file.set_len(history.whole_bytes).map_err(failed)?;

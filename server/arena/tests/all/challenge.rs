@@ -3,15 +3,15 @@
 use avln_arena::{
     Arena, Failure, SCENE_MEMORY_MIB,
     actions::{self, Attribution},
-    challenge::{ChallengeChanges, ChallengeFile, PlanError, Planner, actor},
+    challenge::{ChallengeChanges, ChallengeFile, Fault, PlanError, Planner, SummaryStyle, actor},
     data::DataFolder,
-    setup::{NewSplit, admit, make_split},
+    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_dataset::{Seed, SplitSecret};
-use avln_episode::Order;
+use avln_episode::{Order, SilenceRule};
 use avln_grpc::{Host, Reason, RunRequest};
-use avln_store::{AuditNote, Schedule, Store};
+use avln_store::{AuditNote, Phase, Schedule, Store, Viewer, Visibility};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -27,7 +27,7 @@ feedback = "verdict"
 [[phases]]
 id = "finals"
 title = "The finals"
-split = "val"
+split = "hidden"
 scores = "organiser"
 replays = "organiser"
 sample = { episodes = 2, anchors = 1 }
@@ -42,22 +42,29 @@ struct Hall {
 }
 
 impl Hall {
-    /// Creates a data folder with a team and the split `val` with three missions.
+    /// Creates a data folder with a team and the splits `val` and `hidden` with three missions each.
     async fn new() -> Self {
         let folder = TempDir::new().expect("a folder");
         let data = DataFolder::open(folder.path()).expect("writable");
         let store = data.store().await.expect("a database");
+        admit(&store, TEAM, None).await.expect("a team");
+        let hall = Self { _folder: folder, data, store };
+        hall.make("val", 5, 3).await;
+        hall.make("hidden", 6, 3).await;
+        hall
+    }
+
+    /// Makes a split with a secret of equal bytes.
+    async fn make(&self, name: &str, byte: u8, missions: usize) {
         let make = NewSplit {
-            name: "val".to_owned(),
+            name: name.to_owned(),
             houses: 1,
             scenes: vec![],
-            missions: 3,
-            seed: Seed::Secret(SplitSecret::new([5; 32])),
+            missions,
+            seed: Seed::Secret(SplitSecret::new([byte; 32])),
             rules: "lh-avln-v1".to_owned(),
         };
-        make_split(&data, &store, make, |_| ()).await.expect("a house holds missions");
-        admit(&store, TEAM, None).await.expect("a team");
-        Self { _folder: folder, data, store }
+        make_split(&self.data, &self.store, make, |_| ()).await.expect("a house holds missions");
     }
 
     async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
@@ -71,12 +78,16 @@ impl Hall {
     }
 
     async fn plan(&self, text: &str) -> Result<ChallengeChanges, Failure> {
-        let explain = |fault: avln_arena::challenge::Fault| fault.explain(Path::new("challenge.toml"), text);
+        let explain = |faults: Vec<Fault>| Fault::explain_all(&faults, Path::new("challenge.toml"), text);
         let file = ChallengeFile::parse(text).map_err(explain)?;
         self.planner().plan(&file).await.map_err(|unplanned| match unplanned {
-            PlanError::File(fault) => explain(fault),
+            PlanError::File(faults) => explain(faults),
             PlanError::Other(failure) => failure,
         })
+    }
+
+    async fn refused(&self, text: &str) -> String {
+        self.plan(text).await.expect_err(text).to_string()
     }
 
     async fn apply(&self, text: &str) -> Vec<AuditNote> {
@@ -219,12 +230,28 @@ async fn running_server_sees_organiser_changes() {
     assert_eq!((refusal.reason, refusal.retry_after_s.is_some()), (Reason::PhaseNotOpen, true));
 
     let third = format!(
-        "{FILE}\n[[phases]]\nid = \"third\"\nsplit = \"val\"\nscores = \"team\"\nreplays = \"team\"\n"
+        "{FILE}\n[[phases]]\nid = \"third\"\nsplit = \"hidden\"\nscores = \"team\"\nreplays = \"team\"\n"
     );
     hall.apply(&third).await;
     arena.start_run(&account(), request("third")).await.expect("a phase that was not there at the start");
     let refusal = arena.start_run(&account(), request("fourth")).await.expect_err("no such phase");
     assert!(refusal.message.contains("practice, finals, third"), "{refusal}");
+}
+
+#[tokio::test]
+async fn first_run_fixes_silence() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    let late = FILE.replace("feedback = \"verdict\"", "silence = \"window_end\"");
+    hall.apply(&late).await;
+    let rules = hall.store.phase("practice").await.expect("the phase").rules;
+    assert_eq!(rules.silence, SilenceRule::WindowEnd);
+    assert!(hall.shown().await.contains("silence = \"window_end\""));
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    arena.start_run(&account(), request("practice")).await.expect("a run");
+    let changed = late.replace("window_end", "delayed");
+    let refused = hall.plan(&changed).await.expect_err("a run exists").to_string();
+    assert!(refused.contains("existing runs fix") && refused.contains("silence"), "{refused}");
 }
 
 #[tokio::test]
@@ -246,4 +273,143 @@ async fn run_samples_are_fixed_and_fulfilled() {
     assert_eq!((promise.commitment, values.commitment()), (promised.clone(), promised));
     let told = Host::phases(&arena, None).await.expect("a list").remove(1);
     assert_eq!(told.revealed.map(|values| values.secret), Some(values.secret));
+}
+
+/// A file with a single phase.
+fn single(id: &str, split: &str, visible_to: &str) -> String {
+    format!(
+        "[[phases]]\nid = \"{id}\"\nsplit = \"{split}\"\nscores = \"{visible_to}\"\nreplays = \"{visible_to}\"\n"
+    )
+}
+
+#[tokio::test]
+async fn faults_of_all_phases_are_reported() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    let text = FILE
+        .replace("feedback = \"verdict\"", "max_slots = 65\nmax_side = 32")
+        .replace("total = 2", "total = 0");
+    let refused = hall.refused(&text).await;
+    let lines: Vec<_> = refused.lines().filter(|line| line.starts_with("challenge.toml, ")).collect();
+    assert_eq!(lines.len(), 3, "{refused}");
+    let expected = [(7, "65 is outside of"), (8, "32 is outside of"), (17, "0 permits no run")];
+    for (shown, (line, said)) in lines.iter().zip(expected) {
+        assert!(shown.starts_with(&format!("challenge.toml, line {line}: ")), "{shown}");
+        assert!(shown.contains(said), "{shown}");
+    }
+}
+
+#[tokio::test]
+async fn summary_groups_changes_by_phase() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    let summary = hall.plan(FILE).await.expect("a good file").summary(SummaryStyle::default());
+    let expected = [
+        "+ phase practice: 3 episodes of split val, opens at once, scores public, replays public",
+        "+ phase finals: 2 of 3 episodes per run of split hidden, opens at once, scores organiser, replays organiser",
+        "phase practice: two methods differ visibly from over 25 points of SR (3 episodes, 1 scene, few scenes)",
+        "phase finals: two methods differ visibly from over 25 points of SR (2 common episodes, 1 scene, few scenes)",
+        "2 phases to add, 0 to change, 0 splits to take in; 0 unchanged",
+    ];
+    assert_eq!(summary, expected);
+    hall.apply(FILE).await;
+    let plan = hall.plan(&FILE.replace("total = 2", "total = 5")).await.expect("a good file");
+    let applied = SummaryStyle { is_applied: true, is_verbose: false };
+    let expected = [
+        "~ phase finals",
+        "    quota.total: 2 -> 5",
+        "0 phases added, 1 changed, 0 splits taken in; 1 unchanged",
+    ];
+    assert_eq!(plan.summary(applied), expected);
+    let unchanged = hall.plan(FILE).await.expect("a good file").summary(applied);
+    assert_eq!(unchanged, ["nothing to change"]);
+}
+
+#[tokio::test]
+async fn hidden_phase_with_public_missions_is_refused() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.make("twin", 6, 3).await;
+    for public in ["hidden", "twin"] {
+        let text = FILE.replacen("split = \"val\"", &format!("split = \"{public}\""), 1);
+        let refused = hall.refused(&text).await;
+        let said = "phase 'finals' is hidden, but shares 1 scene and 3 missions with public phase 'practice'; make another";
+        assert!(refused.starts_with("challenge.toml, line 12: ") && refused.contains(said), "{refused}");
+    }
+    hall.apply(FILE).await;
+    let refused = hall.refused(&single("late", "val", "team")).await;
+    assert!(refused.contains("line 3: ") && refused.contains("public phase 'practice'"), "{refused}");
+    let late = NewPhase { replays: Visibility::Team, ..NewPhase::public("late", "val") };
+    let refused = open_phase(&hall.data, &hall.store, &late).await.expect_err("shared missions").to_string();
+    assert!(refused.contains("public phase 'practice'") && refused.contains("hint: "), "{refused}");
+}
+
+#[tokio::test]
+async fn closed_phase_shares_missions_with_public() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let published = single("published", "hidden", "public");
+    let refused = hall.refused(&published).await;
+    assert!(refused.contains("phase 'finals' is hidden"), "{refused}");
+    hall.reschedule("finals", |schedule| schedule.closed = true).await;
+    hall.apply(&published).await;
+}
+
+#[tokio::test]
+async fn old_overlap_is_only_a_warning() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let finals = hall.store.phase("finals").await.expect("the phase");
+    let practice = hall.store.phase("practice").await.expect("the phase");
+    let old = Phase { split: finals.split, episodes: finals.episodes, ..practice };
+    hall.store.upsert_phase(&old, 1).await.expect("a phase from before the rule");
+    let text = FILE.replacen("split = \"val\"", "split = \"hidden\"", 1);
+    let plan = hall.plan(&text).await.expect("an old overlap");
+    assert_eq!(plan.notes, []);
+    let summary = plan.summary(SummaryStyle::default());
+    assert!(summary[0].starts_with("warning: phase 'finals' is hidden, but shares"), "{summary:?}");
+    let refused = hall.refused(&text.replace("scores = \"organiser\"", "scores = \"team\"")).await;
+    assert!(refused.contains("phase 'finals' is hidden"), "{refused}");
+}
+
+#[tokio::test]
+async fn published_replays_keep_the_episode_order() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    arena.start_run(&account(), request("finals")).await.expect("a run");
+    let published = FILE.replace("replays = \"organiser\"", "replays = \"public\"");
+    let plan = hall.plan(&published).await.expect("published replays");
+    assert_eq!(plan.notes.iter().map(|note| note.what.as_str()).collect::<Vec<_>>(), ["replays"]);
+    let refused = hall.refused(&published.replace("sample = {", "shuffle = false\nsample = {")).await;
+    assert!(
+        refused.starts_with("challenge.toml, line 15: `shuffle = false`: existing runs fix"),
+        "{refused}"
+    );
+    assert_eq!(refused.lines().count(), 2, "{refused}");
+}
+
+#[tokio::test]
+async fn opened_hidden_phase_draws_the_order() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.make("many", 7, 8).await;
+    let public = NewPhase::public("many", "many");
+    let hidden = NewPhase { scores: Visibility::Organiser, replays: Visibility::Organiser, ..public.clone() };
+    open_phase(&hall.data, &hall.store, &hidden).await.expect("a hidden phase");
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    let mut orders = Vec::new();
+    for _ in 0..2 {
+        let run = arena.start_run(&account(), request("many")).await.expect("a run").run;
+        let view =
+            hall.store.reader().run(&Viewer::Organiser, &run).await.expect("readable").expect("the run");
+        orders.push(view.episodes.into_iter().map(|line| line.episode).collect::<Vec<_>>());
+    }
+    assert_eq!(orders[0].len(), 8);
+    assert_ne!(orders[0], orders[1]);
+    let published = open_phase(&hall.data, &hall.store, &public).await.expect("published replays");
+    assert!(published.sampling.shuffle, "runs fix the draw");
 }

@@ -1,6 +1,7 @@
-//! Challenge files, and damaged files of every kind.
+//! Challenge files, data folders, and damaged files of every kind.
 
 mod challenge;
+mod data_folder;
 mod mangled;
 
 /// Memory of this process: exclusive for tests that measure it.

@@ -4,7 +4,11 @@
 //! Files from past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
 //! tries by a hundred.
 
-use avln_arena::{audio, challenge::ChallengeFile, runlog::History};
+use avln_arena::{
+    audio,
+    challenge::{ChallengeFile, Fault},
+    runlog::History,
+};
 use avln_geom::Rng;
 use std::path::{Path, PathBuf};
 
@@ -100,8 +104,8 @@ fn most_mib() -> Option<u64> {
 fn challenge_files() {
     try_all("challenge", 1, |file, bytes| {
         let text = String::from_utf8_lossy(bytes);
-        if let Err(fault) = ChallengeFile::parse(&text) {
-            let said = fault.explain(file, &text).to_string();
+        if let Err(faults) = ChallengeFile::parse(&text) {
+            let said = Fault::explain_all(&faults, file, &text).to_string();
             assert!(said.contains("line "), "{said}");
         }
     });

@@ -8,6 +8,7 @@
 //! This crate never does I/O, reads a clock, or depends on hidden data.
 
 pub mod calendar;
+pub mod names;
 mod phase;
 mod quota;
 mod run;

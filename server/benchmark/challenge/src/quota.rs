@@ -20,11 +20,20 @@ pub struct QuotaLimits {
     pub total: Option<u32>,
     /// Runs open at the same time.
     pub concurrent: Option<u32>,
-    /// Uncharged runs in the phase. Bounds free failures.
+    /// Uncharged runs in the phase. Bounds free failures. Without a value, 20 in a phase that limits charged runs.
     pub uncharged: Option<u32>,
 }
 
 impl QuotaLimits {
+    /// Uncharged runs in a phase with a limit by day, month or in total, if `uncharged` is not set.
+    pub const DEFAULT_UNCHARGED: u32 = 20;
+
+    /// Returns the limit of uncharged runs; `None` for no limit.
+    fn most_uncharged(&self) -> Option<u32> {
+        let counts_runs = [self.day, self.month, self.total].iter().any(Option::is_some);
+        self.uncharged.or(counts_runs.then_some(Self::DEFAULT_UNCHARGED))
+    }
+
     /// Returns a window's limit; `None` if the window is not reported. The total is always reported.
     pub fn of(&self, window: QuotaWindow) -> Option<Option<u32>> {
         match window {
@@ -32,7 +41,7 @@ impl QuotaLimits {
             QuotaWindow::Month => self.month.map(Some),
             QuotaWindow::Total => Some(self.total),
             QuotaWindow::Concurrent => self.concurrent.map(Some),
-            QuotaWindow::Uncharged => self.uncharged.map(Some),
+            QuotaWindow::Uncharged => self.most_uncharged().map(Some),
         }
     }
 }

@@ -72,6 +72,11 @@ pub struct MethodInfo {
 }
 
 impl MethodInfo {
+    /// Longest name, characters.
+    pub const MAX_NAME_CHARS: usize = 80;
+    /// Longest version, characters.
+    pub const MAX_VERSION_CHARS: usize = 40;
+
     /// A method without a description.
     pub fn new(name: impl Into<String>, version: impl Into<String>) -> Self {
         Self { name: name.into(), version: version.into(), ..Self::default() }
@@ -110,6 +115,17 @@ impl TimeAccount {
             thinking_s: self.thinking_s + other.thinking_s,
         }
     }
+
+    /// Returns the account in whole seconds, for viewers without replays: the exact time of a simulation depends on the results of
+    /// Submits.
+    pub fn rounded(&self) -> Self {
+        Self {
+            simulation_s: self.simulation_s.round(),
+            encoding_s: self.encoding_s.round(),
+            queue_s: self.queue_s.round(),
+            thinking_s: self.thinking_s.round(),
+        }
+    }
 }
 
 /// A run's effect on the team quota.
@@ -143,8 +159,8 @@ pub struct RunUse {
     pub given_up: u32,
     /// Attempts lost by server failures.
     pub server_faults: u32,
-    /// True if an episode has a step.
-    pub stepped: bool,
+    /// True if an episode is assigned and has no result yet.
+    pub in_progress: bool,
 }
 
 impl RunUse {
@@ -156,11 +172,10 @@ impl RunUse {
             RunState::Failed => (false, "the server failed"),
             _ if self.given_up > 0 => (false, "the server lost an episode of it for good"),
             RunState::Completed => (true, "all of its episodes were played"),
-            _ if self.stepped => (true, "it ended after its first step"),
-            _ if self.scored == 0 && self.server_faults > 0 => {
-                (false, "the server failed before its first step")
-            }
-            _ => (false, "it ended before its first step"),
+            // The agent has seen the mission: otherwise, runs without a step would show all missions free of charge.
+            _ if self.scored > 0 || self.in_progress => (true, "it ended after its first episode began"),
+            _ if self.server_faults > 0 => (false, "the server lost every episode that began"),
+            _ => (false, "it ended before its first episode"),
         };
         Charge { run: self.run.clone(), charged, reason }
     }

@@ -14,6 +14,6 @@ pub use observation::{
     Encoding, Encodings, EndReason, Feedback, Observation, Sensors, SensorsError, UnknownEndReason,
 };
 pub use rules::{
-    DepthNoise, DistanceRule, FeedbackRule, HeadRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule,
-    Sounds, TimeLimits, UnknownRules, WrongSubmit,
+    DepthNoise, DistanceRule, FeedbackRule, HeadRule, PoseFrame, RgbNoise, Rules, SilenceRule, SoundClip,
+    SoundingRule, Sounds, TimeLimits, UnknownRules, WrongSubmit,
 };

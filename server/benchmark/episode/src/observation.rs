@@ -2,7 +2,7 @@
 
 use avln_geom::Pose;
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 /// Sensor data after a step. Sensors without a subscription are `None`.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,6 +89,13 @@ impl Sensors {
         Self { rgb: true, depth: true, audio: true, width, height, hfov_rad, encodings }
     }
 
+    /// Returns whether picture size and kinds are within `most`, the limits of a phase.
+    pub fn is_within(&self, most: &Self) -> bool {
+        let fits = self.width <= most.width && self.height <= most.height;
+        let kinds = [(self.rgb, most.rgb), (self.depth, most.depth), (self.audio, most.audio)];
+        fits && kinds.into_iter().all(|(wanted, allowed)| allowed || !wanted)
+    }
+
     /// Checks the limits.
     ///
     /// # Errors
@@ -102,6 +109,28 @@ impl Sensors {
             return Err(SensorsError::FieldOfView { hfov_rad: self.hfov_rad });
         }
         Ok(())
+    }
+}
+
+impl fmt::Display for Sensors {
+    /// Writes size and kinds, like `600 x 600, RGB + DEPTH`; other view angles than 90 degrees, and encodings, follow.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} x {}", self.width, self.height)?;
+        // Exactly, so that two subscriptions that differ look different.
+        if self.hfov_rad.to_bits() != std::f32::consts::FRAC_PI_2.to_bits() {
+            write!(f, ", hfov {} rad", self.hfov_rad)?;
+        }
+        let Encodings { rgb, depth, audio } = self.encodings;
+        let kinds = [(self.rgb, "RGB", rgb), (self.depth, "DEPTH", depth), (self.audio, "AUDIO", audio)];
+        let mut separator = ", ";
+        for (_, name, encoding) in kinds.into_iter().filter(|(wanted, ..)| *wanted) {
+            write!(f, "{separator}{name}")?;
+            if encoding != Encoding::Raw {
+                write!(f, " ({})", encoding.as_str())?;
+            }
+            separator = " + ";
+        }
+        if separator == ", " { f.write_str(", pose only") } else { Ok(()) }
     }
 }
 
@@ -237,6 +266,27 @@ impl Encodings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sensors_are_written_with_their_differences() {
+        let mut sensors = Sensors { audio: false, ..Sensors::all(600, 480) };
+        assert_eq!(sensors.to_string(), "600 x 480, RGB + DEPTH");
+        sensors.hfov_rad = 1.2;
+        sensors.encodings.depth = Encoding::Packed;
+        assert_eq!(sensors.to_string(), "600 x 480, hfov 1.2 rad, RGB + DEPTH (packed)");
+        let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
+        assert_eq!(blind.to_string(), "64 x 64, pose only");
+    }
+
+    #[test]
+    fn phase_limits_apply_to_size_and_kinds() {
+        let most = Sensors { audio: false, ..Sensors::all(512, 256) };
+        assert!(most.is_within(&most));
+        assert!(Sensors { rgb: false, hfov_rad: 2.0, ..most.clone() }.is_within(&most));
+        assert!(!Sensors { width: 513, ..most.clone() }.is_within(&most));
+        assert!(!Sensors { height: 257, ..most.clone() }.is_within(&most));
+        assert!(!Sensors { audio: true, ..most.clone() }.is_within(&most));
+    }
 
     #[test]
     fn stored_sensors_without_encodings_are_raw() {

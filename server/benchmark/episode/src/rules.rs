@@ -36,6 +36,10 @@ pub struct Rules {
     pub sounding: SoundingRule,
     /// Steps per sounding target.
     pub sounding_window_steps: u32,
+    /// Silence of found targets under [`SoundingRule::UnfinishedInDrawnOrder`].
+    // Not serialised by default, so that digests of earlier rules stay the same.
+    #[serde(default, skip_serializing_if = "SilenceRule::is_immediate")]
+    pub silence: SilenceRule,
     /// Source height above the target centre, metres.
     pub source_lift_m: f32,
     /// Sound clip choice.
@@ -77,10 +81,29 @@ pub enum PoseFrame {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundingRule {
-    /// Unfinished targets in turn, in a drawn order; a found target falls silent at once.
+    /// Unfinished targets in turn, in a drawn order; a found target falls silent, see [`SilenceRule`].
     UnfinishedInDrawnOrder,
     /// All targets in goal order, forever. Leaks: the time reveals the goal index.
     AllInGoalOrder,
+}
+
+/// Silence of a found target: the sound shows that a Submit was right, at once or later.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SilenceRule {
+    /// At once, in the observation after the Submit.
+    #[default]
+    Immediate,
+    /// 5 to 20 steps after the Submit, drawn for every episode and goal.
+    Delayed,
+    /// At the end of the target's present window.
+    WindowEnd,
+}
+
+impl SilenceRule {
+    fn is_immediate(&self) -> bool {
+        *self == Self::Immediate
+    }
 }
 
 /// Sound clip choice.
@@ -234,6 +257,7 @@ impl Rules {
             pose_frame: PoseFrame::Start,
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
+            silence: SilenceRule::Immediate,
             source_lift_m: 0.0,
             // The clip must reveal nothing about its target: docs/decisions/0010.
             sound_clip: SoundClip::Anonymous,
@@ -284,12 +308,12 @@ impl Rules {
         }
     }
 
-    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
+    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips, head and silence may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
         // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
         // is listed here.
-        let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, .. } = self.clone();
-        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
+        let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, silence, .. } = self.clone();
+        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, silence, ..other.clone() }
     }
 
     /// Returns the clip count per episode.
@@ -389,6 +413,19 @@ mod tests {
         let noisy = serde_json::to_string(&Rules::noisy()).expect("JSON");
         assert!(noisy.contains(r#""depth_noise":"redwood","rgb_noise":"gaussian""#), "{noisy}");
         assert_eq!(serde_json::from_str::<Rules>(&noisy).expect("rules"), Rules::noisy());
+    }
+
+    #[test]
+    fn default_silence_changes_no_digest() {
+        for name in Rules::NAMES {
+            let rules = Rules::named(name).expect("a rule set");
+            assert!(!serde_json::to_string(&rules).expect("JSON").contains("silence"), "{name}");
+        }
+        let late = Rules { silence: SilenceRule::WindowEnd, ..Rules::paper() };
+        let text = serde_json::to_string(&late).expect("JSON");
+        assert!(text.contains(r#""silence":"window_end""#), "{text}");
+        assert_eq!(serde_json::from_str::<Rules>(&text).expect("rules"), late);
+        assert!(late.fits_episodes_of(&Rules::paper()));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::{
 };
 use avln_episode::{
     Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame, Rules,
-    Sensors, SensorsError, SoundingRule, WrongSubmit,
+    Sensors, SensorsError, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{Bank, Head, Motion, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
@@ -202,7 +202,7 @@ impl Referee {
         if let Some(first) = &self.first {
             return first.clone();
         }
-        self.sounding = self.schedule.next(&self.silent(), false);
+        self.sounding = self.schedule.next(&self.found(), false);
         let senses = self.world.sense(self.sounding);
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
@@ -259,7 +259,7 @@ impl Referee {
             Action::Submit | Action::Stop => self.submit(action),
             _ => Feedback::None,
         };
-        self.sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
+        self.sounding = self.schedule.next(&self.found(), motion != Motion::Stay);
         self.steps.push(StepFacts {
             action,
             pose: self.world.pose(),
@@ -298,17 +298,16 @@ impl Referee {
     /// Evaluates a Submit or Stop at the current position.
     fn submit(&mut self, action: Action) -> Feedback {
         let completed = self.matching_goal();
+        // Also after a right Submit, so that the time does not reveal the result. Before a goal is found or skipped: the fact is
+        // about the goal claimed now.
+        let distractor = self.goal_of_a_distractor();
+        // A claim that completes a goal is not wrong, even with a distractor nearby.
+        let wrong_instance = if completed.is_some() { None } else { distractor };
         let mut skipped = None;
-        let mut wrong_instance = None;
         if let Some(goal) = completed {
             self.goals[goal] = GoalState::Found;
-        } else {
-            // A claim that completes a goal is not wrong, even with a distractor nearby. The distractor is looked up before
-            // the goal is skipped: the fact is about the goal claimed now.
-            wrong_instance = self.goal_of_a_distractor();
-            if self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal {
-                skipped = self.open_goals().next();
-            }
+        } else if self.mission.order == Order::Ordered && self.rules.wrong_submit == WrongSubmit::SkipsGoal {
+            skipped = self.open_goals().next();
         }
         if let Some(goal) = skipped {
             self.goals[goal] = GoalState::Skipped;
@@ -345,12 +344,14 @@ impl Referee {
             .map(|(_, goal)| goal)
     }
 
-    /// Returns the first goal that would match with a distractor as target.
+    /// Returns the first goal that would match with a distractor as target. Tests all goals, so that the time does not depend on
+    /// the result.
     fn goal_of_a_distractor(&self) -> Option<usize> {
-        let targets = &self.truth.targets;
-        let at_distractor =
-            |&goal: &usize| SuccessTest::is_at_distractor(&self.world, &targets[goal], &self.rules);
-        self.claimable_goals().find(at_distractor)
+        self.claimable_goals().fold(None, |first, goal| {
+            let target = &self.truth.targets[goal];
+            let is_there = SuccessTest::is_at_distractor(&self.world, target, &self.rules);
+            first.or(is_there.then_some(goal))
+        })
     }
 
     /// Returns the goals open to a Submit: the next one, or all open ones in an unordered mission.
@@ -378,10 +379,9 @@ impl Referee {
         (0..self.goals.len()).fold(0, |bits, goal| bits | bit(goal))
     }
 
-    /// Returns per goal whether its target is silent.
-    fn silent(&self) -> Vec<bool> {
-        let silences = self.rules.sounding == SoundingRule::UnfinishedInDrawnOrder;
-        self.goals.iter().map(|&state| silences && state == GoalState::Found).collect()
+    /// Returns per goal whether it is found, so that its target falls silent by the rules.
+    fn found(&self) -> Vec<bool> {
+        self.goals.iter().map(|&state| state == GoalState::Found).collect()
     }
 
     /// Returns a hash over body and goal state. Episodes with equal hashes after every step are equal.

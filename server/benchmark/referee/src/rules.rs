@@ -1,6 +1,6 @@
 //! Parts of the rules: success regions, sound schedule, and world options.
 
-use avln_episode::{self as episode, Action, DistanceRule, Rules, Sensors, SoundingRule};
+use avln_episode::{self as episode, Action, DistanceRule, Rules, Sensors, SilenceRule, SoundingRule};
 use avln_truth::Target;
 use avln_world::{
     Camera, CameraView, DepthNoise, DistanceField, Head, InstanceId, Motion, NavPoint, Noise, RgbNoise, Rng,
@@ -65,7 +65,7 @@ impl SuccessTest {
     }
 
     /// Returns whether the body is within the success radius and in sight of another instance in the target's category.
-    /// Measured from camera to box under every rule set.
+    /// Measured from camera to box under every rule set. Tests all instances, so that the time does not depend on the result.
     pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
         let assets = world.assets();
         let base = world.pose().position;
@@ -73,7 +73,7 @@ impl SuccessTest {
             assets.scene.objects.iter().filter(|object| {
                 object.category == target.category && object.id != InstanceId(target.instance)
             });
-        distractors.into_iter().any(|object| {
+        distractors.fold(false, |is_there, object| {
             let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
             // Its floor is unknown. Anything visible within the radius is on the body's floor.
             let it = Target {
@@ -84,7 +84,8 @@ impl SuccessTest {
                 category: String::new(),
                 ..*target
             };
-            it.distance_within_region(&base, rules, sees).is_some()
+            let is_within = it.distance_within_region(&base, rules, sees).is_some();
+            is_there || is_within
         })
     }
 
@@ -106,11 +107,56 @@ fn in_picture(world: &World, target: &Target, rules: &Rules) -> bool {
     world.assets().render(&camera).instances.contains(&InstanceId(target.instance))
 }
 
+/// Fewest and most steps from a Submit to the silence of the found target under [`SilenceRule::Delayed`].
+const DELAY_STEPS: (u32, u32) = (5, 20);
+
 /// Sounding schedule: a function of seed, rules and completion steps.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
     turn: Turn,
     window_steps: u32,
+    silence: Silence,
+}
+
+/// Silence of found targets.
+#[derive(Clone, Debug)]
+struct Silence {
+    rule: SilenceRule,
+    /// Steps from the completion to the silence per goal; empty unless delayed.
+    delay_steps: Vec<u32>,
+    /// Observations since the completion per goal, 0 in the observation after the Submit; `None` for open goals.
+    age: Vec<Option<u32>>,
+}
+
+impl Silence {
+    fn new(rule: SilenceRule, goal_count: usize, rng: &mut Rng) -> Self {
+        let (least, most) = DELAY_STEPS;
+        let delay = |_| least + rng.below((most - least + 1) as usize) as u32;
+        let is_delayed = rule == SilenceRule::Delayed;
+        let delay_steps = if is_delayed { (0..goal_count).map(delay).collect() } else { Vec::new() };
+        Self { rule, delay_steps, age: vec![None; goal_count] }
+    }
+
+    /// Counts an observation. Returns per goal whether its target is silent; `window` is the present one.
+    fn next(&mut self, found: &[bool], window: Window) -> Vec<bool> {
+        let ages = self.age.iter_mut().zip(found);
+        ages.for_each(|(age, &found)| *age = found.then(|| age.map_or(0, |age| age + 1)));
+        let is_silent = |(goal, age): (usize, &Option<u32>)| match (self.rule, *age) {
+            (_, None) => false,
+            (SilenceRule::Immediate, Some(_)) => true,
+            (SilenceRule::Delayed, Some(age)) => age >= self.delay_steps[goal],
+            // Not in the observation after the Submit, which would reveal the result if a window ends there.
+            (SilenceRule::WindowEnd, Some(age)) => age > 0 && (goal != window.goal || window.has_ended),
+        };
+        self.age.iter().enumerate().map(is_silent).collect()
+    }
+}
+
+/// Sounding window.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    goal: usize,
+    has_ended: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -132,18 +178,22 @@ impl Schedule {
             }
             SoundingRule::AllInGoalOrder => Turn::Goals { count: goal_count, moves: 0 },
         };
-        Self { turn, window_steps }
+        // After the order, which is thus the same under every silence rule.
+        let silence = Silence::new(rules.silence, goal_count, rng);
+        Self { turn, window_steps, silence }
     }
 
     /// Returns the sounding target for the next observation; `None` if all are silent. `moved` is true for moves and turns.
-    pub(crate) fn next(&mut self, silent: &[bool], moved: bool) -> Option<usize> {
+    pub(crate) fn next(&mut self, found: &[bool], moved: bool) -> Option<usize> {
         match &mut self.turn {
             Turn::Drawn { order, place, steps_left } => {
+                let window = Window { goal: order[*place], has_ended: *steps_left == 0 };
+                let silent = self.silence.next(found, window);
                 if silent.iter().all(|&silent| silent) {
                     return None;
                 }
-                if *steps_left == 0 || silent[order[*place]] {
-                    *place = next_place(order, *place, silent);
+                if window.has_ended || silent[window.goal] {
+                    *place = next_place(order, *place, &silent);
                     *steps_left = self.window_steps;
                 }
                 *steps_left -= 1;
@@ -245,6 +295,52 @@ mod tests {
         let heard = run(&Rules::paper(), silent_from, 200);
         assert!(heard[..10].iter().all(|&target| target == first));
         assert!(heard[10..].iter().all(|&target| target != first));
+    }
+
+    fn sounding(silence: SilenceRule, seed: u64, found_from: [u32; 3], steps: u32) -> Vec<Option<usize>> {
+        let rules = Rules { silence, ..Rules::paper() };
+        let mut schedule = Schedule::new(&rules, 3, &mut Rng::new(seed));
+        (0..steps).map(|step| schedule.next(&found_from.map(|from| step >= from), step > 0)).collect()
+    }
+
+    #[test]
+    fn later_silence_hides_results_in_the_next_step() {
+        for rule in [SilenceRule::Delayed, SilenceRule::WindowEnd] {
+            for (seed, found_at) in (0..4).flat_map(|seed| (1..110).map(move |step| (seed, step))) {
+                let wrong = sounding(rule, seed, [u32::MAX; 3], 111);
+                for goal in 0..3 {
+                    let mut found_from = [u32::MAX; 3];
+                    found_from[goal] = found_at;
+                    let right = sounding(rule, seed, found_from, 111);
+                    let seen = found_at as usize;
+                    assert_eq!(right[..=seen], wrong[..=seen], "{rule:?}, goal {goal} at {found_at}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn delayed_silence_follows_after_5_to_20_steps() {
+        let mut delays = std::collections::BTreeSet::new();
+        for seed in 0..200 {
+            let heard = sounding(SilenceRule::Delayed, seed, [0; 3], 40);
+            let silent_from = heard.iter().position(Option::is_none).expect("all are found");
+            assert!(heard[silent_from..].iter().all(Option::is_none));
+            delays.insert(silent_from);
+        }
+        assert!(delays.iter().all(|steps| (5..=20).contains(steps)) && delays.len() > 5, "{delays:?}");
+    }
+
+    #[test]
+    fn window_end_silence_completes_the_window() {
+        let all = sounding(SilenceRule::WindowEnd, 4, [u32::MAX; 3], 1)[0].expect("one sounds");
+        let mut found_from = [u32::MAX; 3];
+        found_from[all] = 10;
+        let heard = sounding(SilenceRule::WindowEnd, 4, found_from, 200);
+        assert!(heard[..25].iter().all(|&goal| goal == Some(all)), "the whole window");
+        assert!(heard[25..].iter().all(|&goal| goal.is_some_and(|goal| goal != all)));
+        let last = sounding(SilenceRule::WindowEnd, 4, [10; 3], 60);
+        assert_eq!(last.iter().position(Option::is_none), Some(25));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::{
     metrics::Key,
-    score::{EpisodeScore, Estimate, clusters, intervals, sorted},
+    score::{EpisodeScore, Estimate, FEW_SCENES, clusters, intervals, sorted},
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -16,6 +16,13 @@ pub struct Comparison {
     pub scenes: u32,
     /// In the order of [`Key::ALL`].
     pub differences: Vec<Difference>,
+}
+
+impl Comparison {
+    /// Returns true if the intervals are unreliable.
+    pub fn has_few_scenes(&self) -> bool {
+        self.scenes < FEW_SCENES
+    }
 }
 
 /// Difference between two runs in a metric.

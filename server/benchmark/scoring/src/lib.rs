@@ -1,6 +1,7 @@
 //! Scores: metrics of an episode from its truth and record; means, intervals and ranks of runs.
 //!
-//! Entry points: [`score`], then [`summarise`], [`rank`] and [`compare`]. [`METRICS`] defines every metric once.
+//! Entry points: [`score`], then [`summarise`], [`rank`] and [`compare`]. [`METRICS`] defines every metric once;
+//! [`smallest_difference`] plans the size of a phase.
 //! `docs/scoring.md` explains the formulas.
 //!
 //! This crate never does I/O, uses facts outside the truth and the record of an episode, or depends on the
@@ -8,6 +9,7 @@
 
 mod compare;
 mod metrics;
+mod power;
 mod rank;
 mod score;
 
@@ -15,5 +17,6 @@ pub use compare::{Comparison, Difference, compare};
 pub use metrics::{
     Direction, EpisodeValue, Key, METRICS, Metric, Prominence, SummaryValue, Unit, UnknownKey,
 };
+pub use power::{common_episodes, smallest_difference};
 pub use rank::{Entry, RankedEntry, Standing, best_first, rank};
-pub use score::{EpisodeScore, Estimate, Metrics, Summary, score, summarise};
+pub use score::{EpisodeScore, Estimate, FEW_SCENES, Metrics, Summary, score, summarise};

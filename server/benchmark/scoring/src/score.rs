@@ -85,6 +85,16 @@ pub struct Summary {
     pub final_distance_m: Option<f64>,
 }
 
+/// Scenes below which a bootstrap by scene gives unreliable intervals.
+pub const FEW_SCENES: u32 = 10;
+
+impl Summary {
+    /// Returns true if the intervals are unreliable.
+    pub fn has_few_scenes(&self) -> bool {
+        self.scenes < FEW_SCENES
+    }
+}
+
 /// Computes episode metrics from facts; 0 without goals. Callers exclude episodes with a server fault from means.
 pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
     let goals = truth.targets.len();
@@ -328,5 +338,17 @@ mod tests {
         // …, 201, 203 (25th), 209, 209, … and …, 2136, 2139 (975th), 2149, 2164, ….
         let rows: Vec<_> = (0..10).map(|power| ("a", [f64::from(1_u32 << power)])).collect();
         assert_eq!(intervals(&clusters(&rows), 1), [(203.0 / 10.0, 2139.0 / 10.0)]);
+    }
+
+    #[test]
+    fn nine_scenes_are_few_and_ten_suffice() {
+        let score = |scene: u32| EpisodeScore {
+            episode: format!("e{scene}"),
+            scene: format!("s{scene}"),
+            order: Order::Ordered,
+            metrics: Metrics::default(),
+        };
+        let of = |scenes: u32| summarise(&(0..scenes).map(score).collect::<Vec<_>>(), 1).expect("scores");
+        assert!(of(9).has_few_scenes() && !of(10).has_few_scenes());
     }
 }

@@ -31,13 +31,14 @@ pub(crate) enum StopReason {
     Superseded,
     Resumed,
     Draining,
-    /// The team cancelled the run, or the agent sent Goodbye by a unary call.
+    /// The team cancelled the run.
     Cancelled,
     Expired,
     /// The stream broke, ended without Goodbye, or was not read.
     ConnectionLost,
     /// The client sent Goodbye with `pause`.
     Paused,
+    /// The client sent Goodbye without `pause`, on the stream or by a unary call.
     Goodbye,
     /// No episode remains and none is open.
     NothingLeft,
@@ -102,6 +103,11 @@ impl StopReason {
         matches!(self, Self::Goodbye | Self::NothingLeft | Self::AgentHangs | Self::Expired)
     }
 
+    /// Returns whether the agent leaves the run, which then ends even if episodes are left.
+    pub(crate) fn abandons_run(self) -> bool {
+        matches!(self, Self::Goodbye | Self::AgentHangs)
+    }
+
     /// Returns whether the client may have stopped reading, so that frames must not wait for it.
     pub(crate) fn cuts_stream(self) -> bool {
         !matches!(self, Self::Goodbye | Self::Paused | Self::NothingLeft | Self::AgentHangs)
@@ -145,23 +151,23 @@ mod tests {
     fn every_stop_reason_has_its_ending() {
         use Ending::{Close, Detach, HandOver, KeepForRestart};
         let table = [
-            (StopReason::Superseded, Close(EndReason::Disconnected), false, true),
-            (StopReason::Resumed, HandOver, false, true),
-            (StopReason::Draining, KeepForRestart, false, true),
-            (StopReason::Cancelled, Close(EndReason::Abandoned), false, true),
-            (StopReason::Expired, Close(EndReason::TimeBudget), true, true),
-            (StopReason::ConnectionLost, Detach, false, true),
-            (StopReason::Paused, Detach, false, false),
-            (StopReason::Goodbye, Close(EndReason::Abandoned), true, false),
-            (StopReason::NothingLeft, Close(EndReason::Abandoned), true, false),
-            (StopReason::AgentHangs, Close(EndReason::TimeBudget), true, false),
-            (StopReason::Idle, Close(EndReason::Disconnected), false, true),
-            (StopReason::AwayTooLong, Close(EndReason::Disconnected), false, true),
+            (StopReason::Superseded, Close(EndReason::Disconnected), false, false, true),
+            (StopReason::Resumed, HandOver, false, false, true),
+            (StopReason::Draining, KeepForRestart, false, false, true),
+            (StopReason::Cancelled, Close(EndReason::Abandoned), false, false, true),
+            (StopReason::Expired, Close(EndReason::TimeBudget), true, false, true),
+            (StopReason::ConnectionLost, Detach, false, false, true),
+            (StopReason::Paused, Detach, false, false, false),
+            (StopReason::Goodbye, Close(EndReason::Abandoned), true, true, false),
+            (StopReason::NothingLeft, Close(EndReason::Abandoned), true, false, false),
+            (StopReason::AgentHangs, Close(EndReason::TimeBudget), true, true, false),
+            (StopReason::Idle, Close(EndReason::Disconnected), false, false, true),
+            (StopReason::AwayTooLong, Close(EndReason::Disconnected), false, false, true),
         ];
-        for (reason, ending, finishes, cuts) in table {
+        for (reason, ending, finishes, abandons, cuts) in table {
             assert_eq!(
-                (reason.ending(), reason.finishes_run(), reason.cuts_stream()),
-                (ending, finishes, cuts),
+                (reason.ending(), reason.finishes_run(), reason.abandons_run(), reason.cuts_stream()),
+                (ending, finishes, abandons, cuts),
                 "{reason:?}"
             );
         }

@@ -3,6 +3,7 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
+    places::{TeamPlace, TeamPlaces},
     refusal::{Failure, Refusal, Result, call_host},
     registry::{SessionGuard, SessionRegistry},
     session::Session,
@@ -12,7 +13,6 @@ use crate::{
 };
 use avln_proto::v1::{self, Reason};
 use std::sync::Arc;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::{Response, Status, metadata::MetadataMap};
 
 /// State shared by all gRPC services.
@@ -22,7 +22,7 @@ pub(crate) struct ServiceContext<H: Host> {
     pub(crate) registry: Arc<SessionRegistry<Session<H>>>,
     pool: SimPool,
     watchdog: Watchdog,
-    watchers: Arc<Semaphore>,
+    watchers: Arc<TeamPlaces>,
 }
 
 impl<H: Host> ServiceContext<H> {
@@ -30,7 +30,7 @@ impl<H: Host> ServiceContext<H> {
         let limits = Arc::new(limits);
         let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
-        let watchers = Arc::new(Semaphore::new(limits.max_watchers));
+        let watchers = TeamPlaces::new(limits.max_watchers);
         let registry = SessionRegistry::new(limits.clone());
         Arc::new(Self { host, registry, limits, pool, watchdog, watchers })
     }
@@ -47,10 +47,11 @@ impl<H: Host> ServiceContext<H> {
         Err(Refusal::new(Reason::NoCapacity, message).retry_after(300))
     }
 
-    /// Takes a place among WatchRun calls, until it is dropped.
-    pub(crate) fn watch(&self) -> Result<OwnedSemaphorePermit, Refusal> {
-        self.watchers.clone().try_acquire_owned().map_err(|_| {
-            let message = format!("{} runs are being watched; use GetRun", self.limits.max_watchers);
+    /// Takes a team's place among WatchRun calls, until it is dropped.
+    pub(crate) fn watch(&self, team: &str) -> Result<TeamPlace, Refusal> {
+        self.watchers.take(team).map_err(|share| {
+            let all = self.limits.max_watchers;
+            let message = format!("the team watches its share of {share} of {all} runs; use GetRun");
             Refusal::new(Reason::NoCapacity, message).retry_after(60)
         })
     }
@@ -69,11 +70,11 @@ impl<H: Host> ServiceContext<H> {
         call_host("open a run", &self.host, |host| async move { host.open_run(&token).await }).await
     }
 
-    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd> {
+    /// Completes a run without episodes left. With `abandons`, ends the run in any case.
+    pub(crate) async fn finish_run(&self, run: &str, abandons: bool) -> Result<v1::RunEnd> {
         let run = run.to_owned();
-        call_host("finish a run", &self.host, |host| async move { host.finish_run(&run).await })
-            .await
-            .map(wire::run_end)
+        let finish = |host: Arc<H>| async move { host.finish_run(&run, abandons).await };
+        call_host("finish a run", &self.host, finish).await.map(wire::run_end)
     }
 
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {

@@ -1,7 +1,7 @@
 //! Interface to the application behind the gRPC server.
 
 use crate::{
-    control::{Control, TimeSpent},
+    control::{Control, TimeSpent, unix_ms},
     limits::Limits,
     refusal::Refusal,
 };
@@ -20,6 +20,10 @@ pub trait Host: Send + Sync + 'static {
     /// Returns the operator's controls, if there is an operator.
     fn control(&self) -> Option<&Control> {
         None
+    }
+    /// Returns the wall clock for deadlines, milliseconds since 1970-01-01 UTC; by default the system's.
+    fn now_unix_ms(&self) -> i64 {
+        unix_ms()
     }
 
     /// Returns the phases visible to the account's team, or the public ones without an account.
@@ -57,8 +61,9 @@ pub trait Host: Send + Sync + 'static {
     async fn interrupted(&self) -> Result<Vec<String>, Refusal>;
     /// Restores a run's open episodes. If that is impossible, they restart.
     async fn restore(&self, run: &str) -> Result<Interrupted<Self::Episode>, Refusal>;
-    /// Closes a run after the agent has finished or left, and returns the status. Later calls have no effect.
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
+    /// Completes a run if all episodes are over, and returns the status. With `abandons`, the agent has left: a run with
+    /// episodes left ends as well, as cancelled, or as expired after the deadline. Later calls have no effect.
+    async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal>;
     /// Takes back a hanging episode. It restarts, without charge.
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal>;
     /// Returns expired open runs. Called periodically.

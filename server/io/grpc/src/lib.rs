@@ -34,7 +34,7 @@
 //! | Goodbye, nothing left, agent hangs | | Closing | Closing | | Closing(r) |
 //! | no unary call for too long | | | Closing | | Closing(r) |
 //! | not resumed in time | | | | Closing | Closing(r) |
-//! | superseded, resumed, cancelled, expired, draining | Closing | Closing | Closing | Closing | Closing(r) |
+//! | superseded, resumed, cancelled, expired, draining, unary Goodbye | Closing | Closing | Closing | Closing | Closing(r) |
 //!
 //! An entry is removed when the ending is complete. A connection that supersedes or resumes the session then enters as Admitted.
 //!
@@ -45,8 +45,10 @@
 //! | resumed | pass to the new connection | stays open |
 //! | draining | remain in the run log for the next server | stays open |
 //! | cancelled | end: abandoned | is over already |
-//! | Goodbye, nothing left | end: abandoned | is finished |
-//! | expired, agent hangs | end: time budget | is finished |
+//! | Goodbye | end: abandoned | ends: completed, or cancelled if episodes are left |
+//! | nothing left | end: abandoned | is completed |
+//! | expired | end: time budget | is over already |
+//! | agent hangs | end: time budget | ends: completed, or cancelled if episodes are left |
 //!
 //! # Invariants
 //!
@@ -76,6 +78,7 @@ mod host;
 mod lifecycle;
 mod limits;
 mod outbound;
+mod places;
 mod play_stream;
 mod refusal;
 mod registry;

@@ -41,7 +41,7 @@ impl<H: Host> ServiceContext<H> {
         // Before the present session is stopped: a Hello that will be refused must not end the run of another connection.
         let (open, _) = self.check(token, hello).await?;
         let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
-        let (guard, previous) = self.registry.enter(&open.run, reason).await?;
+        let (guard, previous) = self.registry.enter(&open.run, &open.team, reason).await?;
         // A second time, because the previous session has stored open episodes since: the run may even be over.
         let (open, agreement) = match self.check(token, hello).await {
             Ok(checked) => checked,
@@ -59,6 +59,8 @@ impl<H: Host> ServiceContext<H> {
                     // It was handed over for a connection that resumes, but this one, which starts over, entered first.
                     session.close(EndReason::Disconnected).await;
                 }
+                // Only for a new session: another keeps its sensors when the organiser lowers the limits of the phase.
+                wire::check_sensors(&agreement.sensors, &open.sensors)?;
                 self.session(Interrupted {
                     open: open.clone(),
                     sensors: agreement.sensors.clone(),
@@ -70,7 +72,7 @@ impl<H: Host> ServiceContext<H> {
         let resumed = session.positions().await;
         let wished = agreement.slots.min(slots);
         let held = resumed.iter().map(|held| held.slot + 1).max().unwrap_or(0).min(wished);
-        let granted = guard.take_slots(&open.team, wished, held);
+        let granted = guard.take_slots(wished, held);
         let welcome = self.welcome(&open, &session, Agreement { slots: granted, ..agreement }, resumed);
         Ok(Admission { open, session, guard, welcome })
     }
@@ -86,8 +88,12 @@ impl<H: Host> ServiceContext<H> {
         let info = self.host.info();
         wire::check_client(hello.client.as_ref(), &info.clients)?;
         let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
+        let sensors = wire::requested_sensors(hello.sensors.as_ref(), &open.sensors)?;
+        if !hello.resume {
+            wire::check_sensors(&sensors, &open.sensors)?;
+        }
         let agreement = Agreement {
-            sensors: wire::sensors(hello.sensors.as_ref(), &open.sensors)?,
+            sensors,
             slots: hello.slots.clamp(1, open.slot_limit()),
             api_minor: client_minor.min(info.api_minor),
         };
@@ -130,7 +136,7 @@ impl<H: Host> ServiceContext<H> {
             benchmark: info.benchmark,
             server_version: info.version,
             sealed: open.sealed,
-            server_time_unix_ms: crate::control::unix_ms(),
+            server_time_unix_ms: self.host.now_unix_ms(),
             run_deadline_unix_ms: open.deadline_unix_ms.unwrap_or_default(),
         }
     }
@@ -158,7 +164,7 @@ impl<H: Host> ServiceContext<H> {
             return Ok(None);
         }
         // With the guard alive: a connection that waits for the run enters after the end and learns that the run is over.
-        self.finish_run(&guard.run).await.map(Some)
+        self.finish_run(&guard.run, reason.abandons_run()).await.map(Some)
     }
 
     /// Lets a session wait for the client, or closes it if the run allows no time to reconnect.
@@ -218,7 +224,8 @@ impl<H: Host> ServiceContext<H> {
         };
         let mut guards = Vec::new();
         for run in runs {
-            match self.registry.enter(&run, StopReason::Resumed).await {
+            // Without a team, which is known after the restoration: a run in progress is not refused for a smaller share.
+            match self.registry.enter(&run, "", StopReason::Resumed).await {
                 Ok((guard, _)) => guards.push(guard),
                 Err(refused) => tracing::error!(run, %refused, "an interrupted run is not restored"),
             }
@@ -238,6 +245,7 @@ impl<H: Host> ServiceContext<H> {
         let run = guard.run.clone();
         let restore = |host: Arc<H>| async move { host.restore(&run).await };
         let interrupted = call_host("restore a run", &self.host, restore).await?;
+        guard.set_team(&interrupted.open.team);
         tracing::info!(episodes = interrupted.episodes.len(), "an interrupted run continues");
         // The run may have ended while the server was down.
         let reason = match interrupted.open.over {

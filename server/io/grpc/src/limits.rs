@@ -8,11 +8,12 @@ use std::time::Duration;
 pub struct Limits {
     /// Open connections. A connection costs a file descriptor and some tens of kilobytes.
     pub max_connections: usize,
-    /// Open connections per address, so that no host can use all.
+    /// Open connections per address, so that no host can use all. An address also never holds more than half of the places
+    /// that the others leave.
     pub max_connections_per_address: usize,
-    /// Sessions. A session occupies the memory of at least one scene.
+    /// Sessions. A session occupies the memory of at least one scene. A team may hold half of those that the others leave.
     pub max_sessions: usize,
-    /// Calls of WatchRun in progress. A watched run is looked up once per second.
+    /// Calls of WatchRun in progress, shared like sessions. A watched run is looked up once per second.
     pub max_watchers: usize,
     /// Simulation threads. More threads than processor cores only slow every step down.
     pub max_simulations: usize,

@@ -196,9 +196,9 @@ pub(crate) struct RunDeadline {
 }
 
 impl RunDeadline {
-    pub(crate) fn of(open: &OpenRun) -> Self {
+    pub(crate) fn of(open: &OpenRun, now_unix_ms: i64) -> Self {
         let deadline_unix_ms = open.deadline_unix_ms.unwrap_or_default();
-        let left_ms = u64::try_from(deadline_unix_ms.saturating_sub(unix_ms())).unwrap_or(0);
+        let left_ms = u64::try_from(deadline_unix_ms.saturating_sub(now_unix_ms)).unwrap_or(0);
         let end =
             open.deadline_unix_ms.and_then(|_| Instant::now().checked_add(Duration::from_millis(left_ms)));
         let tenth = Duration::from_secs(u64::from(open.time.run_s) / 10);

@@ -11,6 +11,7 @@ use crate::{
     refusal::{Failure, FaultSubject, Refusal, Result},
     session::{Session, SlotRequest, stored_end},
 };
+use avln_proto::API_MINOR;
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
 use std::{pin::pin, sync::Arc};
 use tokio::time::{Instant, interval_at, timeout};
@@ -66,7 +67,8 @@ impl<H: Host> PlayStream<H> {
             Ok(_) => {
                 guard.apply(AttachmentEvent::StreamAttached);
                 session.attach_stream(&self.out, slots, known).await;
-                self.read(&session, &mut guard, RunDeadline::of(&open)).await
+                let deadline = RunDeadline::of(&open, self.context.host.now_unix_ms());
+                self.read(&session, &mut guard, deadline).await
             }
             Err(_) => Err(unread()),
         };
@@ -141,7 +143,7 @@ impl<H: Host> PlayStream<H> {
             Some(Request::Hello(_)) => {
                 return self.refuse(Reason::BadRequest, "second Hello; send Ready, Act or Goodbye").await;
             }
-            None => return self.refuse(Reason::Unsupported, "the frame is empty or not known here").await,
+            None => return self.refuse(Reason::Unsupported, &unknown_frame()).await,
         };
         if let Err(failure) = session.send(slot, request.clone()) {
             self.fault(&failure, request.subject(slot)).await;
@@ -182,7 +184,8 @@ impl<H: Host> PlayStream<H> {
             }
             StopReason::Draining => {
                 let message = "the server stops now; open episodes continue when it is back";
-                Some(notice(v1::NoticeKind::Draining, message, 0))
+                // Not DRAINING: no episode may finish any more.
+                Some(notice(v1::NoticeKind::Unspecified, message, 0))
             }
             StopReason::AgentHangs => {
                 let timeouts = self.context.limits.timeouts_in_a_row;
@@ -212,12 +215,13 @@ impl<H: Host> PlayStream<H> {
 
     /// Reports to a client that resumes a finished run how the run and the client's last episodes ended.
     async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<()> {
+        let run_end = self.context.finish_run(run, false).await?;
         for position in known.iter().take(Limits::MAX_SLOTS as usize) {
             if let Some(end) = stored_end(&self.context.host, run, position).await? {
+                let end = v1::EpisodeEnd { progress: run_end.progress, ..end };
                 let _ = self.out.send(Frame::EpisodeEnd(end)).await;
             }
         }
-        let run_end = self.context.finish_run(run).await?;
         let _ = self.out.send(Frame::RunEnd(run_end)).await;
         Ok(())
     }
@@ -254,6 +258,12 @@ fn drain_notice(drain: &Drain) -> Frame {
     let remaining = drain.until.saturating_duration_since(Instant::now());
     let cut_unix_ms = unix_ms() + i64::try_from(remaining.as_millis()).unwrap_or(i64::MAX / 2);
     notice(v1::NoticeKind::Draining, message, cut_unix_ms)
+}
+
+fn unknown_frame() -> String {
+    format!(
+        "the frame is empty or of a newer avln.v1; this server knows minor {API_MINOR}: Hello, Ready, Act, Abandon, Pong, Goodbye"
+    )
 }
 
 fn unread() -> Failure {

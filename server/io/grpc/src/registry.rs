@@ -1,10 +1,11 @@
-//! Session registry: at most one session per run, a bound on all sessions, and their attachments.
+//! Session registry: at most one session per run, a bound on all sessions, shared between teams, and their attachments.
 
 use crate::{
     attachment::{Attachment, AttachmentEvent, Ending, StopReason},
     limits::Limits,
     refusal::Refusal,
 };
+use avln_net::fair_share;
 use avln_proto::v1::{self, Reason};
 use parking_lot::Mutex;
 use std::{
@@ -41,11 +42,13 @@ struct SessionEntries<S> {
 struct HandedOver<S> {
     /// Guard that handed it over.
     guard: u64,
+    team: String,
     session: Arc<S>,
 }
 
 struct SessionEntry<S> {
     guard: u64,
+    /// Empty until an interrupted run is restored.
     team: String,
     slots: u32,
     attachment: watch::Sender<Attachment>,
@@ -98,10 +101,12 @@ impl<S> SessionRegistry<S> {
         Err(Refusal::new(Reason::Draining, message).retry_after(30))
     }
 
-    /// Stops a run's present session and returns the right to play, with the previous session if that was handed over.
+    /// Stops a run's present session and returns the right to play, with the previous session if that was handed over. Without a
+    /// team, only the bound on all sessions applies.
     pub(crate) async fn enter(
         self: &Arc<Self>,
         run: &str,
+        team: &str,
         reason: StopReason,
     ) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
         if !self.stop(run, reason).await {
@@ -111,7 +116,7 @@ impl<S> SessionRegistry<S> {
         // Superseded during Resumed: several connections may wait for the same session, some to resume, some to start over. The
         // lock decides who enters first. A connection that starts over closes a session that was handed over to another; the
         // loser then stops the winner, or is refused if both arrived in the same moment.
-        self.claim(run)
+        self.claim(run, team)
     }
 
     /// Stops a run's session and waits until open episodes are stored. Returns false if that takes too long.
@@ -133,7 +138,7 @@ impl<S> SessionRegistry<S> {
         Some(entry.over.clone())
     }
 
-    fn claim(self: &Arc<Self>, run: &str) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
+    fn claim(self: &Arc<Self>, run: &str, team: &str) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
         let mut entries = self.entries.lock();
         // Under the same lock as `shut`: either this call is refused, or `shut` finds the entry and stops it.
         self.check_open()?;
@@ -141,17 +146,14 @@ impl<S> SessionRegistry<S> {
             let message = format!("another connection takes run {run} over at the same time");
             return Err(Refusal::new(Reason::Superseded, message));
         }
-        if entries.by_run.len() >= self.limits.max_sessions {
-            let message = format!("all {} sessions of the server are in use", self.limits.max_sessions);
-            return Err(Refusal::new(Reason::NoCapacity, message).retry_after(60));
-        }
+        entries.check_place(run, team, self.limits.max_sessions)?;
         entries.guards += 1;
         let number = entries.guards;
         let (sender, attachment) = watch::channel(Attachment::Admitted);
         let (over, ended) = watch::channel(());
         let entry = SessionEntry {
             guard: number,
-            team: String::new(),
+            team: team.to_owned(),
             slots: 0,
             attachment: sender,
             over: ended,
@@ -208,6 +210,28 @@ impl<S> SessionEntry<S> {
 }
 
 impl<S> SessionEntries<S> {
+    /// Refuses a session if all are in use, or the team has its share.
+    fn check_place(&self, run: &str, team: &str, all: usize) -> Result<(), Refusal> {
+        // A session between two connections keeps its place. Otherwise, a team could fill the places of its sessions while they are
+        // handed over.
+        let waiting = self.handed_over.iter().filter(|(id, _)| *id != run && !self.by_run.contains_key(*id));
+        let teams = self.by_run.values().map(|entry| &entry.team).chain(waiting.map(|(_, held)| &held.team));
+        let (own, others): (Vec<_>, Vec<_>) = teams.partition(|held| *held == team);
+        let (own, others) = (own.len(), others.len());
+        let is_resumed = self.handed_over.contains_key(run);
+        let refused = |message| Err(Refusal::new(Reason::NoCapacity, message).retry_after(60));
+        if own + others >= all {
+            return refused(format!("all {all} sessions of the server are in use"));
+        }
+        let share = fair_share(all, others);
+        if !team.is_empty() && !is_resumed && own >= share {
+            return refused(format!(
+                "the team has {own} sessions, and its share is {share} of the server's {all}; end a run of the team first"
+            ));
+        }
+        Ok(())
+    }
+
     /// Returns a team's free slots for another session. Active teams have equal shares of `all`.
     fn share(&self, team: &str, all: u32) -> u32 {
         let playing = self.by_run.values().filter(|entry| entry.slots > 0).map(|entry| entry.team.as_str());
@@ -219,15 +243,22 @@ impl<S> SessionEntries<S> {
 
 impl<S> SessionGuard<S> {
     /// Grants slots: `wished`, up to the team's share, but at least 1 and at least the `held` slots with open episodes.
-    pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
+    pub(crate) fn take_slots(&self, wished: u32, held: u32) -> u32 {
         let mut entries = self.registry.entries.lock();
-        let share = entries.share(team, self.registry.limits.max_slots);
+        let team = entries.by_run.get(&self.run).map(|entry| entry.team.clone()).unwrap_or_default();
+        let share = entries.share(&team, self.registry.limits.max_slots);
         let granted = wished.min(share).max(held).max(1);
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
-            entry.team = team.to_owned();
             entry.slots = granted;
         }
         granted
+    }
+
+    /// Sets the team of a session that was claimed without one.
+    pub(crate) fn set_team(&self, team: &str) {
+        if let Some(entry) = self.registry.entries.lock().by_run.get_mut(&self.run) {
+            entry.team = team.to_owned();
+        }
     }
 
     pub(crate) fn apply(&self, event: AttachmentEvent) {
@@ -257,8 +288,11 @@ impl<S> SessionGuard<S> {
     /// Leaves the session to the next connection that enters the run, and returns the number of this guard.
     pub(crate) fn hand_over(self, session: Arc<S>) -> u64 {
         let guard = self.number;
+        let mut entries = self.registry.entries.lock();
+        let team = entries.by_run.get(&self.run).map(|entry| entry.team.clone()).unwrap_or_default();
         // Before the guard is dropped, which wakes that connection.
-        self.registry.entries.lock().handed_over.insert(self.run.clone(), HandedOver { guard, session });
+        entries.handed_over.insert(self.run.clone(), HandedOver { guard, team, session });
+        drop(entries);
         guard
     }
 
@@ -292,10 +326,10 @@ mod tests {
     #[tokio::test]
     async fn a_second_connection_waits_for_the_first() {
         let registry = registry(4);
-        let (mut first, _) = registry.enter("run_a", StopReason::Superseded).await.unwrap();
+        let (mut first, _) = registry.enter("run_a", "red", StopReason::Superseded).await.unwrap();
         let second = tokio::spawn({
             let registry = registry.clone();
-            async move { registry.enter("run_a", StopReason::Superseded).await }
+            async move { registry.enter("run_a", "red", StopReason::Superseded).await }
         });
         assert_eq!(first.stopped().await, StopReason::Superseded);
         assert!(!second.is_finished());
@@ -308,9 +342,9 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn waiting_for_a_stuck_session_is_bounded() {
         let registry = registry(4);
-        let _first = registry.enter("run_a", StopReason::Superseded).await.unwrap();
+        let _first = registry.enter("run_a", "red", StopReason::Superseded).await.unwrap();
         let before = Instant::now();
-        let refused = registry.enter("run_a", StopReason::Superseded).await.err().unwrap();
+        let refused = registry.enter("run_a", "red", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::NoCapacity);
         assert_eq!(before.elapsed(), Duration::from_secs(30));
     }
@@ -318,27 +352,82 @@ mod tests {
     #[tokio::test]
     async fn teams_share_slots() {
         let registry = SessionRegistry::<()>::new(Arc::new(Limits { max_slots: 32, ..Limits::default() }));
-        let enter = async |run| registry.enter(run, StopReason::Superseded).await.unwrap().0;
-        let (greedy, more) = (enter("run_a").await, enter("run_b").await);
-        assert_eq!(greedy.take_slots("red", 20, 0), 20);
-        assert_eq!(more.take_slots("red", 20, 0), 12, "a team's share does not depend on its run count");
-        let other = enter("run_c").await;
-        assert_eq!(other.take_slots("blue", 64, 0), 16, "half of all");
-        let late = enter("run_d").await;
-        assert_eq!(late.take_slots("red", 4, 0), 1, "at least one per session");
-        assert_eq!(late.take_slots("red", 4, 3), 3, "at least the slots with open episodes");
+        let enter = async |run, team| registry.enter(run, team, StopReason::Superseded).await.unwrap().0;
+        let (greedy, more) = (enter("run_a", "red").await, enter("run_b", "red").await);
+        assert_eq!(greedy.take_slots(20, 0), 20);
+        assert_eq!(more.take_slots(20, 0), 12, "a team's share does not depend on its run count");
+        let other = enter("run_c", "blue").await;
+        assert_eq!(other.take_slots(64, 0), 16, "half of all");
+        let late = enter("run_d", "red").await;
+        assert_eq!(late.take_slots(4, 0), 1, "at least one per session");
+        assert_eq!(late.take_slots(4, 3), 3, "at least the slots with open episodes");
         drop((greedy, more, late));
-        let again = enter("run_a").await;
-        assert_eq!(again.take_slots("red", 64, 0), 16);
+        let again = enter("run_a", "red").await;
+        assert_eq!(again.take_slots(64, 0), 16);
+    }
+
+    /// Enters runs of a team until a refusal. Returns the guards and the refusal.
+    async fn fill(registry: &Arc<SessionRegistry<()>>, team: &str) -> (Vec<SessionGuard<()>>, Refusal) {
+        let mut guards = Vec::new();
+        loop {
+            let run = format!("run_{team}_{}", guards.len());
+            match registry.enter(&run, team, StopReason::Superseded).await {
+                Ok((guard, _)) => guards.push(guard),
+                Err(refused) => return (guards, refused),
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn teams_leave_half_of_the_sessions() {
+        let registry = registry(8);
+        let (red, refused) = fill(&registry, "red").await;
+        assert_eq!((red.len(), refused.reason, refused.retry_after_s), (4, Reason::NoCapacity, Some(60)));
+        assert!(refused.message.contains("share is 4 of the server's 8"), "{refused}");
+        let (blue, _) = fill(&registry, "blue").await;
+        let (green, _) = fill(&registry, "green").await;
+        let (late, refused) = fill(&registry, "late").await;
+        assert_eq!((blue.len(), green.len(), late.len()), (2, 1, 1), "a new team gets the last place");
+        assert!(refused.message.contains("all 8 sessions"), "{refused}");
+        drop((blue, green, late));
+        assert_eq!(fill(&registry, "blue").await.0.len(), 2, "ended sessions no longer count");
+    }
+
+    #[tokio::test]
+    async fn sessions_handed_over_keep_their_places() {
+        let registry = registry(4);
+        let (mut red, _) = fill(&registry, "red").await;
+        let run = red[0].run.clone();
+        red.remove(0).hand_over(Arc::new(()));
+        let refused = registry.enter("run_more", "red", StopReason::Superseded).await.err().unwrap();
+        assert_eq!(refused.reason, Reason::NoCapacity, "the handed over session counts");
+        let (_blue, _) = fill(&registry, "blue").await;
+        let (_green, _) = fill(&registry, "green").await;
+        let (_, resumed) = registry.enter(&run, "red", StopReason::Resumed).await.unwrap();
+        assert!(resumed.is_some(), "a smaller share ends no session");
+    }
+
+    #[tokio::test]
+    async fn interrupted_runs_get_their_team_later() {
+        let registry = registry(4);
+        let enter = async |run, team| registry.enter(run, team, StopReason::Resumed).await;
+        let mut guards = Vec::new();
+        for run in ["run_a", "run_b", "run_c"] {
+            guards.push(enter(run, "").await.unwrap().0);
+        }
+        guards[0].set_team("red");
+        assert!(enter("run_d", "red").await.is_err(), "the team has its share");
+        let _new = enter("run_e", "blue").await.unwrap();
+        assert!(enter("run_f", "").await.is_err(), "the server is full");
     }
 
     #[tokio::test]
     async fn late_cleanup_spares_sessions_handed_over_again() {
         let registry = registry(4);
         let session = Arc::new(());
-        let (first, _) = registry.enter("run_a", StopReason::Resumed).await.unwrap();
+        let (first, _) = registry.enter("run_a", "red", StopReason::Resumed).await.unwrap();
         let earlier = first.hand_over(session.clone());
-        let (second, resumed) = registry.enter("run_a", StopReason::Resumed).await.unwrap();
+        let (second, resumed) = registry.enter("run_a", "red", StopReason::Resumed).await.unwrap();
         assert!(resumed.is_some_and(|resumed| Arc::ptr_eq(&resumed, &session)));
         let later = second.hand_over(session);
         assert!(registry.take_unclaimed("run_a", earlier).is_none(), "the earlier hand-over was claimed");
@@ -348,8 +437,8 @@ mod tests {
     #[tokio::test]
     async fn full_and_closed_registries_refuse() {
         let registry = registry(1);
-        let (mut first, _) = registry.enter("run_a", StopReason::Superseded).await.unwrap();
-        let refused = registry.enter("run_b", StopReason::Superseded).await.err().unwrap();
+        let (mut first, _) = registry.enter("run_a", "red", StopReason::Superseded).await.unwrap();
+        let refused = registry.enter("run_b", "blue", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::NoCapacity);
         let shutting = tokio::spawn({
             let registry = registry.clone();
@@ -358,7 +447,7 @@ mod tests {
         assert_eq!(first.stopped().await, StopReason::Draining);
         drop(first);
         shutting.await.unwrap();
-        let refused = registry.enter("run_b", StopReason::Superseded).await.err().unwrap();
+        let refused = registry.enter("run_b", "blue", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::Draining);
     }
 }

@@ -8,7 +8,7 @@ use crate::{
     refusal::{Failure, Refusal, Result, call_host},
     wire,
 };
-use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
+use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope, names::is_visible_text};
 use avln_episode::Order;
 use avln_proto::v1::{self, Reason, run_service_server::RunService};
 use std::{sync::Arc, time::Duration};
@@ -21,8 +21,6 @@ const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 const PAGE: usize = 50;
 const LARGEST_PAGE: usize = 200;
 // Longest texts in requests, characters.
-const MAX_METHOD_CHARS: usize = 80;
-const MAX_VERSION_CHARS: usize = 40;
 const MAX_DESCRIPTION_CHARS: usize = 2000;
 const MAX_URL_CHARS: usize = 500;
 const MAX_NOTE_CHARS: usize = 500;
@@ -119,7 +117,7 @@ impl<H: Host> RunService for RunCalls<H> {
         let account = self.team(request.metadata()).await?;
         let run = request.into_inner().run;
         let first = self.status(&account, &run).await?;
-        let place = self.0.watch()?;
+        let place = self.0.watch(&account.team)?;
         let (updates, stream) = mpsc::channel(1);
         let runs = Self(self.0.clone());
         tokio::spawn(async move {
@@ -226,8 +224,8 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
 
 fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
-        name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
-        version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+        name: text("method.name", method.name.trim(), 1, MethodInfo::MAX_NAME_CHARS)?,
+        version: text("method.version", method.version.trim(), 0, MethodInfo::MAX_VERSION_CHARS)?,
         description: paragraphs("method.description", method.description.trim(), MAX_DESCRIPTION_CHARS)?,
         code_url: url("method.code_url", method.code_url.trim())?,
         paper_url: url("method.paper_url", method.paper_url.trim())?,
@@ -253,12 +251,13 @@ fn paragraphs(field: &str, value: &str, max: usize) -> Result<String, Refusal> {
     Ok(value.to_owned())
 }
 
-/// Checks a text's length, in characters, and refuses control characters.
+/// Checks a text's length, in characters, and refuses control characters and invisible ones.
 fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refusal> {
-    let length = value.chars().count();
-    if !(min..=max).contains(&length) || value.chars().any(char::is_control) {
-        let message =
-            format!("{field} has {length} characters; use {min} to {max}, none of them a control character");
+    if !is_visible_text(value, &(min..=max)) {
+        let length = value.chars().count();
+        let message = format!(
+            "{field} has {length} characters; use {min} to {max}, none of them a control character or invisible"
+        );
         return Err(Refusal::new(Reason::BadRequest, message));
     }
     Ok(value.to_owned())

@@ -31,8 +31,8 @@ use std::{
     time::Duration,
 };
 use tokio::time::{Instant, sleep_until, timeout};
-use tonic::{Request, Response, Streaming, service::Routes};
-use tonic_health::server::HealthReporter;
+use tonic::{Request, Response, Streaming, server::NamedService, service::Routes};
+use tonic_health::{ServingStatus, server::HealthReporter};
 use tower::Service;
 
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
@@ -77,6 +77,7 @@ pub async fn serve<H: Host>(
     let accept_limits = AcceptLimits {
         max_connections: limits.max_connections,
         max_connections_per_address: limits.max_connections_per_address,
+        shares_by_address: true,
         // Refused at once: a client library shows a refused connection as an error, a waiting one as a hang.
         waits_when_full: false,
         handshake: limits.first_request,
@@ -91,10 +92,11 @@ pub async fn serve<H: Host>(
         }) => tracing::error!(%error, "the accept loop ended"),
         () = context.end_expired_runs() => {}
         () = context.end_cancelled_runs() => {}
+        () = report_drain(&context, &health) => {}
         () = shutdown => {}
     }
     let connections = accept.stop_listening();
-    set_health::<H>(&health, false).await;
+    set_health(&health, &services::<H>(), false).await;
     // Sessions before connections: clients must receive the notice of the stop on their streams.
     let end_sessions = async {
         for session in context.registry.shut().await {
@@ -187,7 +189,7 @@ pub(crate) async fn routes<H: Host>(
         .max_decoding_message_size(decode_bytes)
         .max_encoding_message_size(encode_bytes);
     let (reporter, health) = tonic_health::server::health_reporter();
-    set_health::<H>(&reporter, true).await;
+    set_health(&reporter, &services::<H>(), true).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(avln_proto::FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
@@ -197,19 +199,34 @@ pub(crate) async fn routes<H: Host>(
     Ok((routes.prepare(), reporter))
 }
 
-pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
-    use tonic::server::NamedService;
-    use tonic_health::ServingStatus::{NotServing, Serving};
-    let status = if up { Serving } else { NotServing };
-    let names = [
-        "",
+/// Health name of the whole server.
+const SERVER: &str = "";
+
+/// Returns the health names of the server and all services.
+fn services<H: Host>() -> [&'static str; 4] {
+    [
+        SERVER,
         InfoServiceServer::<InfoCalls<H>>::NAME,
         RunServiceServer::<RunCalls<H>>::NAME,
         PlayServiceServer::<PlayCalls<H>>::NAME,
-    ];
+    ]
+}
+
+async fn set_health(reporter: &HealthReporter, names: &[&str], up: bool) {
+    let status = if up { ServingStatus::Serving } else { ServingStatus::NotServing };
     for name in names {
-        reporter.set_service_status(name, status).await;
+        reporter.set_service_status(*name, status).await;
     }
+}
+
+/// Reports at the beginning of a drain that no run starts any more. Open episodes go on, and with them PlayService. Never
+/// returns.
+async fn report_drain<H: Host>(context: &ServiceContext<H>, reporter: &HealthReporter) {
+    if let Some(control) = context.host.control() {
+        control.drain_begins().await;
+        set_health(reporter, &[SERVER, RunServiceServer::<RunCalls<H>>::NAME], false).await;
+    }
+    std::future::pending().await
 }
 
 struct InfoCalls<H: Host>(Arc<ServiceContext<H>>);

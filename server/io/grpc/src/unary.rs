@@ -3,11 +3,12 @@
 use crate::{
     attachment::StopReason,
     context::{RunGuard, ServiceContext, bearer},
-    host::Host,
+    host::{Host, OpenRun},
     refusal::{Failure, Refusal, Result},
     registry::UnaryClient,
     session::{Session, SlotReply, SlotRequest},
 };
+use avln_challenge::RunState;
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
 use std::{sync::Arc, time::Duration};
 use tokio::{
@@ -31,8 +32,26 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         Ok(Self { context, token: bearer(metadata)? })
     }
 
-    /// Handles Reset: Hello and Ready in a single call.
+    /// Handles Reset. A run that is over is answered with its end, also repeatedly: a caller may have missed it.
     pub(crate) async fn reset(&self, request: v1::ResetRequest) -> Result<v1::ResetResponse> {
+        match self.try_reset(request).await {
+            Err(refused) if refused.reason == Reason::RunOver => self.report_end(refused).await,
+            answer => answer,
+        }
+    }
+
+    async fn report_end(&self, refused: Failure) -> Result<v1::ResetResponse> {
+        let run = self.context.any_run(&self.token).await?;
+        // The organiser may have extended the deadline since.
+        if run.over.is_none() {
+            return Err(refused);
+        }
+        let outcome = Outcome::RunEnd(self.leave(&run).await?);
+        Ok(v1::ResetResponse { welcome: None, outcome: Some(outcome) })
+    }
+
+    /// Handles Reset in an open run: Hello and Ready in a single call.
+    async fn try_reset(&self, request: v1::ResetRequest) -> Result<v1::ResetResponse> {
         self.context.registry.check_open()?;
         let hello = request.hello.unwrap_or_default();
         check_slot(request.ready.unwrap_or_default().slot)?;
@@ -47,7 +66,12 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         let request = if hello.resume { SlotRequest::Resume } else { SlotRequest::Ready };
         let outcome = match self.send(&client, request).await? {
             SlotReply::Start(start) => Outcome::EpisodeStart(*start),
-            _ => Outcome::RunEnd(self.leave(&client.welcome.run).await?),
+            SlotReply::NothingYet => {
+                let message = "the run's open episodes use its memory; call Reset again when one has ended";
+                return Err(Failure::new(Reason::NoCapacity, message));
+            }
+            // Never abandons the run: an episode lost by the server may return to it.
+            _ => Outcome::RunEnd(self.stop(&client.welcome.run, StopReason::NothingLeft).await?),
         };
         Ok(v1::ResetResponse { welcome: Some(client.welcome.clone()), outcome: Some(outcome) })
     }
@@ -73,8 +97,8 @@ impl<'a, H: Host> UnaryCall<'a, H> {
                 }
             }
             Some(end_request::Frame::Goodbye(goodbye)) if !goodbye.pause => {
-                let open = self.context.open_run(&self.token).await?;
-                end_response::Frame::RunEnd(self.leave(&open.run).await?)
+                let run = self.context.any_run(&self.token).await?;
+                end_response::Frame::RunEnd(self.leave(&run).await?)
             }
             Some(end_request::Frame::Goodbye(_)) => {
                 let message = "unary calls do not support pause; send Goodbye without it";
@@ -120,10 +144,19 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         Err(Failure::new(Reason::EpisodeUnknown, message))
     }
 
+    /// Ends the run of a caller that leaves; a run that is over keeps its state.
+    async fn leave(&self, run: &OpenRun) -> Result<v1::RunEnd> {
+        let reason = match run.over {
+            Some(RunState::Expired) => StopReason::Expired,
+            _ => StopReason::Goodbye,
+        };
+        self.stop(&run.run, reason).await
+    }
+
     /// Ends the run's session and then the run.
-    async fn leave(&self, run: &str) -> Result<v1::RunEnd> {
-        self.context.registry.stop(run, StopReason::Cancelled).await;
-        self.context.finish_run(run).await
+    async fn stop(&self, run: &str, reason: StopReason) -> Result<v1::RunEnd> {
+        self.context.registry.stop(run, reason).await;
+        self.context.finish_run(run, reason.abandons_run()).await
     }
 }
 

@@ -1,6 +1,9 @@
 //! Accept loop: connection limits, TLS handshakes and orderly shutdown.
 
-use crate::listener::{Listener, Stream};
+use crate::{
+    listener::{Listener, Stream},
+    share::fair_share,
+};
 use parking_lot::Mutex;
 use std::{
     collections::BTreeMap,
@@ -23,6 +26,9 @@ pub struct AcceptLimits {
     pub max_connections: usize,
     /// Open connections per address.
     pub max_connections_per_address: usize,
+    /// True if an address may also hold no more than its [`fair_share`] of `max_connections`. False behind a proxy, whose
+    /// address is that of all clients.
+    pub shares_by_address: bool,
     /// True if connections beyond the limit wait in the system's queue instead of being closed.
     pub waits_when_full: bool,
     /// Time for a TLS handshake.
@@ -79,7 +85,7 @@ impl Closing {
 impl AcceptLoop {
     /// Creates a loop for [`AcceptLoop::run`].
     pub fn new(listener: impl Into<Listener>, limits: AcceptLimits) -> Self {
-        let limiter = ConnectionLimiter::new(limits.max_connections, limits.max_connections_per_address);
+        let limiter = ConnectionLimiter::new(&limits);
         let connections = Connections { closing: watch::Sender::new(false), tasks: JoinSet::new() };
         Self { listener: listener.into(), limits, limiter, connections }
     }
@@ -161,7 +167,9 @@ impl Connections {
 struct ConnectionLimiter {
     total: Arc<Semaphore>,
     by_address: Mutex<BTreeMap<IpAddr, usize>>,
+    limit: usize,
     limit_per_address: usize,
+    shares_by_address: bool,
     /// Ends of penalties by address.
     delayed: Mutex<BTreeMap<IpAddr, Instant>>,
 }
@@ -175,9 +183,16 @@ pub struct ConnectionPermit {
 }
 
 impl ConnectionLimiter {
-    fn new(limit: usize, limit_per_address: usize) -> Arc<Self> {
-        let total = Arc::new(Semaphore::new(limit.min(Semaphore::MAX_PERMITS)));
-        Arc::new(Self { total, by_address: Mutex::default(), limit_per_address, delayed: Mutex::default() })
+    fn new(limits: &AcceptLimits) -> Arc<Self> {
+        let limit = limits.max_connections.min(Semaphore::MAX_PERMITS);
+        Arc::new(Self {
+            total: Arc::new(Semaphore::new(limit)),
+            by_address: Mutex::default(),
+            limit,
+            limit_per_address: limits.max_connections_per_address,
+            shares_by_address: limits.shares_by_address,
+            delayed: Mutex::default(),
+        })
     }
 
     async fn wait(&self) -> Option<OwnedSemaphorePermit> {
@@ -193,7 +208,9 @@ impl ConnectionLimiter {
         let slot = slot.or_else(|| self.total.clone().try_acquire_owned().ok())?;
         let mut by_address = self.by_address.lock();
         let here = by_address.get(&address).copied().unwrap_or(0);
-        if here >= self.limit_per_address {
+        let others = by_address.values().sum::<usize>() - here;
+        let share = if self.shares_by_address { fair_share(self.limit, others) } else { self.limit };
+        if here >= self.limit_per_address.min(share) {
             return None;
         }
         by_address.insert(address, here + 1);
@@ -229,10 +246,25 @@ impl Drop for ConnectionPermit {
 mod tests {
     use super::*;
 
+    fn limiter(max_connections: usize, max_connections_per_address: usize) -> Arc<ConnectionLimiter> {
+        ConnectionLimiter::new(&AcceptLimits {
+            max_connections,
+            max_connections_per_address,
+            shares_by_address: true,
+            waits_when_full: false,
+            handshake: Duration::ZERO,
+            failure_pause: Duration::ZERO,
+            max_failures: None,
+        })
+    }
+
+    fn address(last: u8) -> IpAddr {
+        IpAddr::from([127, 0, 0, last])
+    }
+
     #[test]
     fn permits_are_limited_in_total_and_per_address() {
-        let limiter = ConnectionLimiter::new(3, 2);
-        let address = |last| IpAddr::from([127, 0, 0, last]);
+        let limiter = limiter(3, 2);
         let first = limiter.take(address(1), None).unwrap();
         let _second = limiter.take(address(1), None).unwrap();
         assert!(limiter.take(address(1), None).is_none(), "two per address");
@@ -242,10 +274,24 @@ mod tests {
         assert!(limiter.take(address(3), None).is_some());
     }
 
+    #[test]
+    fn addresses_leave_half_of_the_places() {
+        let limiter = limiter(16, 16);
+        let fill = |from: IpAddr| std::iter::from_fn(|| limiter.take(from, None)).collect::<Vec<_>>();
+        let mut held: Vec<_> = (1..=4).map(|last| fill(address(last))).collect();
+        assert_eq!(held.iter().map(Vec::len).collect::<Vec<_>>(), [8, 4, 2, 1]);
+        held.push(fill(address(5)));
+        assert_eq!(held[4].len(), 1, "the last place is left to a newcomer");
+        assert!(fill(address(6)).is_empty());
+        drop(held);
+        let alone = fill(address(6));
+        assert_eq!(alone.len(), 8, "closed connections no longer count");
+    }
+
     #[tokio::test(start_paused = true)]
     async fn a_penalty_delays_only_its_address() {
-        let limiter = ConnectionLimiter::new(9, 9);
-        let [first, second] = [1, 2].map(|last| IpAddr::from([127, 0, 0, last]));
+        let limiter = limiter(9, 9);
+        let [first, second] = [1, 2].map(address);
         let permit = limiter.take(first, None).unwrap();
         assert_eq!(permit.delayed_until(), None);
         let until = Instant::now() + Duration::from_secs(1);

@@ -8,7 +8,9 @@
 mod accept;
 mod identity;
 mod listener;
+mod share;
 
 pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections};
 pub use identity::{Identity, TlsError};
 pub use listener::{HandshakeError, Handshaker, Listener, Meter, Metered, Protocol, Stream};
+pub use share::fair_share;

@@ -107,6 +107,7 @@ fn limits(waits_when_full: bool) -> AcceptLimits {
     AcceptLimits {
         max_connections: 1,
         max_connections_per_address: 1,
+        shares_by_address: true,
         waits_when_full,
         handshake: Duration::from_secs(5),
         failure_pause: Duration::from_millis(1),

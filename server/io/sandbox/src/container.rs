@@ -1,6 +1,6 @@
 //! Sealed agents in a container: command line of Podman or Docker.
 
-use crate::plan::SandboxPlan;
+use crate::plan::{MAX_PROCESSES, SandboxPlan};
 use std::path::{Path, PathBuf};
 
 /// A program that runs containers.
@@ -33,8 +33,6 @@ pub struct Container {
 
 /// The folder's path inside the container.
 const INSIDE: &str = "/avln";
-/// Maximum processes and threads.
-const PROCESSES: u32 = 4096;
 
 impl Engine {
     /// Supported engines, preferred first.
@@ -57,22 +55,26 @@ impl Engine {
 }
 
 impl Container {
-    /// Enforced restrictions, for people.
-    pub const ENFORCED: [&'static str; 6] = [
-        "no network",
-        "read-only root",
-        "no capabilities",
-        "no new privileges",
-        "limits on processes and memory",
-        "own processes, users and mounts by the container engine",
-    ];
+    /// Returns the enforced restrictions, for people.
+    pub fn enforced(&self) -> Vec<String> {
+        let fixed = [
+            "no network",
+            "read-only root",
+            "no capabilities",
+            "no new privileges",
+            "own processes, users and mounts by the container engine",
+        ];
+        let processes = format!("at most {MAX_PROCESSES} processes");
+        let memory = self.memory_mib.map(|mib| format!("memory limit of {mib} MiB"));
+        fixed.map(String::from).into_iter().chain([processes]).chain(memory).collect()
+    }
 
     /// Returns the engine arguments that run the container. The token is in the environment.
     pub fn arguments(&self, engine: Engine) -> Vec<String> {
         let fixed = "run --rm --interactive=false --network none --read-only --cap-drop ALL --security-opt no-new-privileges";
         let mut arguments: Vec<String> = fixed.split(' ').map(String::from).collect();
         let mut add = |flag: &str, value: String| arguments.extend([flag.to_owned(), value]);
-        add("--pids-limit", PROCESSES.to_string());
+        add("--pids-limit", MAX_PROCESSES.to_string());
         if let Some(mib) = self.memory_mib {
             add("--memory", format!("{mib}m"));
             add("--memory-swap", format!("{mib}m"));
@@ -121,6 +123,13 @@ mod tests {
              --volume /run/sandbox:/avln:ro --user 1001:1002 --device /dev/dri --name avln-run_1 --env HOME=/tmp \
              --env AVLN_SERVER=unix:/avln/arena.sock --env AVLN_TOKEN ada/walker:3 python3 play.py";
         assert_eq!(container().arguments(Engine::Docker).join(" "), expected);
+    }
+
+    #[test]
+    fn memory_limit_is_reported_only_if_set() {
+        let limits = |memory_mib| Container { memory_mib, ..container() }.enforced().split_off(5);
+        assert_eq!(limits(None), ["at most 4096 processes"]);
+        assert_eq!(limits(Some(2048)), ["at most 4096 processes", "memory limit of 2048 MiB"]);
     }
 
     #[test]

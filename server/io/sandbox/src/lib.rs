@@ -8,6 +8,7 @@
 //! kernel did not confirm.
 
 mod container;
+mod group;
 mod plan;
 #[cfg(target_os = "linux")]
 mod process;
@@ -15,12 +16,13 @@ mod process;
 mod restrict;
 
 pub use container::{Container, Engine};
+pub use group::ControlGroup;
 pub use plan::{MissingRestriction, SandboxError, SandboxPlan, SandboxReport};
 
 use std::{convert::Infallible, path::Path};
 
-/// Supervisor: creates namespaces, runs `program` with `child_arguments` inside and waits for the end. Must be called before
-/// any thread starts. Returns the agent's exit code, or 128 plus the signal number.
+/// Supervisor: closes inherited files, creates namespaces, runs `program` with `child_arguments` inside and waits for the end. Must
+/// be called before any thread starts or file is opened. Returns the agent's exit code, or 128 plus the signal number.
 ///
 /// # Errors
 /// If the plan cannot be read, or the child cannot be started.
@@ -34,12 +36,12 @@ pub fn supervise(plan: &Path, program: &Path, child_arguments: &[String]) -> Res
     }
 }
 
-/// Child: restricts this process, reports, waits for the token and becomes the agent. `outside` is the reason for missing
-/// namespaces; `None` if they exist.
+/// Child: closes inherited files, restricts this process, reports, waits for the token and becomes the agent. `outside` is the
+/// reason for missing namespaces; `None` if they exist.
 ///
 /// # Errors
-/// If the plan cannot be read, the agent could read the data folder, no run was started, or the agent cannot be started. Does not
-/// return otherwise.
+/// If the plan cannot be read, the agent could read the data folder, the agent's program cannot be opened, no run was started, or
+/// the agent cannot be started. Does not return otherwise.
 pub fn enter(plan: &Path, outside: Option<&str>) -> Result<Infallible, SandboxError> {
     #[cfg(target_os = "linux")]
     return process::enter(plan, outside);

@@ -6,6 +6,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// Maximum processes and threads of an agent.
+pub(crate) const MAX_PROCESSES: u32 = 4096;
+
 /// Sandbox settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SandboxPlan {

@@ -1,33 +1,39 @@
 //! The processes of a sandbox: the supervisor, which creates namespaces, and the child, which becomes the agent.
 
 use crate::{
-    plan::{SandboxError, SandboxPlan, SandboxReport},
+    group::ControlGroup,
+    plan::{MAX_PROCESSES, SandboxError, SandboxPlan, SandboxReport},
     restrict,
 };
 use nix::{
+    errno::Errno,
     sched::{CloneFlags, unshare},
     sys::{
         prctl::{set_no_new_privs, set_pdeathsig},
         signal::Signal,
     },
-    unistd::{Gid, Uid},
+    unistd::{Gid, Uid, close},
 };
 use std::{
     convert::Infallible,
     fs,
-    io::{BufRead, BufReader, Write},
-    os::unix::{
-        net::UnixStream,
-        process::{CommandExt, ExitStatusExt},
+    io::{self, BufRead, BufReader, Write},
+    os::{
+        fd::RawFd,
+        unix::{
+            net::UnixStream,
+            process::{CommandExt, ExitStatusExt},
+        },
     },
-    path::Path,
+    path::{Path, PathBuf},
     process::Command,
 };
 
 // Restrictions in the report, which results record.
 const LANDLOCK: &str = "files and TCP by Landlock";
 const SECCOMP: &str = "system calls by seccomp, Unix sockets only";
-const LIMITS: &str = "limits on processes, files and memory";
+const FILE_LIMITS: &str = "limits on open files and written bytes";
+const NO_INHERITED_FILES: &str = "no inherited files";
 const NO_PRIVILEGES: &str = "no new privileges";
 const NO_CAPABILITIES: &str = "no capabilities";
 const NAMESPACES: [&str; 4] =
@@ -42,7 +48,11 @@ const ROOT: u32 = 0;
 const AGENT: u32 = 1000;
 
 pub(crate) fn supervise(plan: &Path, program: &Path, child_arguments: &[String]) -> Result<u8, SandboxError> {
-    SandboxPlan::read(plan)?;
+    // The child closes them too, and reports the result.
+    let _ = close_inherited_files();
+    let folder = SandboxPlan::read(plan)?.folder;
+    // Fails without a group; the child checks and reports that.
+    let _ = ControlGroup::join(&folder);
     let mut child = Command::new(program);
     child.args(child_arguments);
     // A process ID namespace holds only later children, so the child is a further process.
@@ -57,6 +67,21 @@ pub(crate) fn supervise(plan: &Path, program: &Path, child_arguments: &[String])
     })?;
     let code = status.code().unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
     Ok(u8::try_from(code).unwrap_or(u8::MAX))
+}
+
+/// Closes all files except standard input, output and error: the caller of the program may have opened secrets.
+fn close_inherited_files() -> Result<(), String> {
+    const STANDARD_ERROR: RawFd = 2;
+    let listed = fs::read_dir("/proc/self/fd").map_err(|error| format!("cannot list open files: {error}"))?;
+    let open: Vec<RawFd> = listed.filter_map(|file| file.ok()?.file_name().to_str()?.parse().ok()).collect();
+    for file in open.into_iter().filter(|&file| file > STANDARD_ERROR) {
+        match close(file) {
+            // The list contains the folder of the list, which is closed already.
+            Ok(()) | Err(Errno::EBADF) => {}
+            Err(error) => return Err(format!("cannot close file {file}: {error}")),
+        }
+    }
+    Ok(())
 }
 
 /// Creates namespaces of all kinds. Later processes are root inside them.
@@ -88,10 +113,12 @@ fn become_in(namespaces: CloneFlags, id: u32) -> Result<(), String> {
 }
 
 pub(crate) fn enter(plan: &Path, outside: Option<&str>) -> Result<Infallible, SandboxError> {
+    let closed = close_inherited_files();
     let plan = SandboxPlan::read(plan)?;
-    let gone = |error: std::io::Error| SandboxError::GivenUp(error.to_string());
+    let gone = |error: io::Error| SandboxError::GivenUp(error.to_string());
     let mut organiser = UnixStream::connect(SandboxPlan::control_socket(&plan.folder)).map_err(gone)?;
-    let report = restrict_process(&plan, outside)?;
+    let mut report = restrict_process(&plan, outside)?;
+    report.note(NO_INHERITED_FILES, closed);
     let line = serde_json::to_string(&report).map_err(|error| SandboxError::GivenUp(error.to_string()))?;
     writeln!(organiser, "{line}").map_err(gone)?;
     let mut token = String::new();
@@ -108,22 +135,60 @@ fn restrict_process(plan: &SandboxPlan, outside: Option<&str>) -> Result<Sandbox
     for what in NAMESPACES {
         report.note(what, outside.map_or(Ok(()), Err));
     }
+    // Before a second user namespace hides the user outside.
+    let bound = bound_by_process_limit(plan);
     // Mounts need root of the namespace, which the next step drops.
     if outside.is_none() {
         restrict::arrange(plan, &mut report);
     }
-    report.note(NO_CAPABILITIES, if outside.is_none() { drop_root() } else { has_no_capabilities() });
+    let dropped = if outside.is_none() { drop_root() } else { has_no_capabilities() };
+    report.note(NO_CAPABILITIES, dropped.clone());
     let _ = std::env::set_current_dir(&plan.workplace);
-    report.note(LIMITS, restrict::limits(plan));
+    set_limits(plan, &dropped, bound, &mut report);
     // Landlock and seccomp require it from processes without privileges.
     report.note(NO_PRIVILEGES, set_no_new_privs());
     // A new process starts without the signal, and a change of user clears it.
     let _ = set_pdeathsig(Signal::SIGKILL);
     report.note(LANDLOCK, restrict::landlock(plan));
     refuse_exposure(plan, &report)?;
+    check_program(plan)?;
     // Last, because the filter denies calls of the earlier steps, such as mount and unshare.
     report.note(SECCOMP, restrict::seccomp());
     Ok(report)
+}
+
+/// Returns an error if neither RLIMIT_NPROC nor a control group limits the processes of this user.
+fn bound_by_process_limit(plan: &SandboxPlan) -> Result<(), String> {
+    if !is_root_outside() || ControlGroup::is_joined(&plan.folder) {
+        return Ok(());
+    }
+    Err("the kernel does not bind root; start the command as another user".to_owned())
+}
+
+/// Returns true if the user outside this user namespace is root, or unknown.
+fn is_root_outside() -> bool {
+    let own = Uid::effective().as_raw();
+    let Ok(map) = fs::read_to_string("/proc/self/uid_map") else { return true };
+    map.lines().any(|line| {
+        let numbers: Vec<u32> = line.split_whitespace().filter_map(|number| number.parse().ok()).collect();
+        // First user inside, first user outside, length.
+        matches!(numbers[..], [inside, ROOT, _] if inside == own)
+    })
+}
+
+/// Sets the limits. With capabilities the agent could raise them, so they count only if these were `dropped`.
+fn set_limits(
+    plan: &SandboxPlan,
+    dropped: &Result<(), String>,
+    bound: Result<(), String>,
+    report: &mut SandboxReport,
+) {
+    let mut note = |what: &str, set: Result<(), String>| report.note(what, dropped.clone().and(set));
+    note(FILE_LIMITS, restrict::limit_files());
+    note(&format!("at most {MAX_PROCESSES} processes"), restrict::limit_processes().and(bound));
+    if let Some(mib) = plan.memory_mib {
+        note(&format!("memory limit of {mib} MiB per process"), restrict::limit_memory(mib));
+    }
 }
 
 fn has_no_capabilities() -> Result<(), String> {
@@ -150,6 +215,26 @@ fn refuse_exposure(plan: &SandboxPlan, report: &SandboxReport) -> Result<(), San
         Some(readable) => exposed(format!("the agent may read {}, and {unhidden}", readable.display())),
         None => Ok(()),
     }
+}
+
+/// Checks that the agent's program can be opened: otherwise a run would start and end without an agent.
+fn check_program(plan: &SandboxPlan) -> Result<(), SandboxError> {
+    let program = plan.command.first().cloned().unwrap_or_default();
+    let candidates = if program.contains('/') {
+        vec![PathBuf::from(&program)]
+    } else {
+        // Without PATH, exec searches these folders.
+        let folders = std::env::var_os("PATH").unwrap_or_else(|| "/bin:/usr/bin".into());
+        std::env::split_paths(&folders).map(|folder| folder.join(&program)).collect()
+    };
+    let mut problem = "there is no such program".to_owned();
+    for path in candidates.iter().filter(|path| path.is_file()) {
+        match fs::File::open(path) {
+            Ok(_) => return Ok(()),
+            Err(error) => problem = format!("{}: {error}", path.display()),
+        }
+    }
+    Err(SandboxError::Command { program, problem })
 }
 
 /// Replaces this process by the agent. Returns only after an error.

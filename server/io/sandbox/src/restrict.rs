@@ -1,6 +1,6 @@
 //! Restrictions of the agent: mounts, Landlock, seccomp and resource limits.
 
-use crate::plan::{SandboxPlan, SandboxReport};
+use crate::plan::{MAX_PROCESSES, SandboxPlan, SandboxReport};
 use landlock::{
     ABI, Access, AccessFs, AccessNet, CompatLevel, Compatible, Ruleset, RulesetAttr, RulesetCreatedAttr,
     RulesetStatus, Scope, path_beneath_rules,
@@ -24,8 +24,6 @@ const SYSTEM: [&str; 10] =
     ["/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt", "/etc", "/proc", "/sys/devices/system"];
 const HARMLESS_DEVICES: [&str; 5] = ["/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"];
 
-/// Maximum processes and threads.
-const PROCESSES: u64 = 4096;
 /// Maximum open files per process.
 const FILES: u64 = 4096;
 /// Maximum size of a written file, bytes: the scratch folder's size.
@@ -62,21 +60,27 @@ pub(crate) fn landlock(plan: &SandboxPlan) -> Result<(), String> {
     }
 }
 
-/// Limits processes, files and bytes.
-pub(crate) fn limits(plan: &SandboxPlan) -> Result<(), String> {
-    let memory = plan.memory_mib.map(|mib| (Resource::RLIMIT_AS, u64::from(mib) << 20));
-    let fixed = [
-        (Resource::RLIMIT_CORE, 0),
-        (Resource::RLIMIT_NPROC, PROCESSES),
-        (Resource::RLIMIT_NOFILE, FILES),
-        (Resource::RLIMIT_FSIZE, FILE_BYTES),
-    ];
-    for (resource, most) in fixed.into_iter().chain(memory) {
-        let (_, hard) = nix::sys::resource::getrlimit(resource).map_err(|error| error.to_string())?;
-        let most = most.min(hard);
-        setrlimit(resource, most, most).map_err(|error| format!("{resource:?}: {error}"))?;
-    }
-    Ok(())
+/// Limits open files and written bytes; disables core dumps.
+pub(crate) fn limit_files() -> Result<(), String> {
+    limit(Resource::RLIMIT_CORE, 0)?;
+    limit(Resource::RLIMIT_NOFILE, FILES)?;
+    limit(Resource::RLIMIT_FSIZE, FILE_BYTES)
+}
+
+/// Limits the processes of this user, except root.
+pub(crate) fn limit_processes() -> Result<(), String> {
+    limit(Resource::RLIMIT_NPROC, MAX_PROCESSES.into())
+}
+
+/// Limits the memory per process.
+pub(crate) fn limit_memory(mib: u32) -> Result<(), String> {
+    limit(Resource::RLIMIT_AS, u64::from(mib) << 20)
+}
+
+fn limit(resource: Resource, most: u64) -> Result<(), String> {
+    let (_, hard) = nix::sys::resource::getrlimit(resource).map_err(|error| error.to_string())?;
+    let most = most.min(hard);
+    setrlimit(resource, most, most).map_err(|error| format!("{resource:?}: {error}"))
 }
 
 /// Denied system calls: they reach beyond the process, and agents do not need them.

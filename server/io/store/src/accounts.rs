@@ -116,6 +116,11 @@ impl Store {
         Ok(found.map(|reference| Team { name: name.to_owned(), reference: value(reference) }))
     }
 
+    /// Returns all team names, sorted.
+    pub async fn team_names(&self) -> Result<Vec<String>> {
+        Ok(sqlx::query_scalar("SELECT name FROM teams ORDER BY name").fetch_all(&self.read).await?)
+    }
+
     /// Stores a secret's hash. A repeated call has no effect. Fails if the team is unknown.
     pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<()> {
         if let Some(team) = token.team

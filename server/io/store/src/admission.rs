@@ -175,7 +175,7 @@ fn run_use(row: SqliteRow) -> Result<RunUse, sqlx::Error> {
         scored: row.try_get("scored")?,
         given_up: row.try_get("given_up")?,
         server_faults: row.try_get("server_faults")?,
-        stepped: row.try_get("stepped")?,
+        in_progress: row.try_get("in_progress")?,
     })
 }
 
@@ -216,9 +216,9 @@ async fn read_uses(
     phase: &str,
     run: Option<&str>,
 ) -> Result<Vec<RunUse>> {
-    // Only scored episodes have metrics. Attempts lost by the server have none, so they charge nothing.
+    // An episode in progress at the end of its run is scored a moment later, or at the next start of the server.
     let select = "SELECT r.id, r.state, r.created_ms, s.scored, s.given_up, s.server_faults, \
-         EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.metrics ->> '$.steps' > 0) AS stepped \
+         EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state = 'running') AS in_progress \
          FROM runs r JOIN run_summaries s ON s.run = r.id \
          WHERE r.team = $1 AND r.phase = $2 AND ($3 IS NULL OR r.id = $3) ORDER BY r.created_ms, r.id";
     let select = sqlx::query(select).bind(team).bind(phase).bind(run).try_map(run_use);

@@ -21,7 +21,6 @@ pub struct Commitment {
     /// The values; `None` before they are published.
     pub revealed: Option<CommitmentValues>,
     /// Secret and recipe of a split without a seed, as in `sealed/seed.json`; published with the values.
-    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Object>)]
     pub seed: Option<serde_json::Value>,
 }

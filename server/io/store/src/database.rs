@@ -17,6 +17,7 @@ use std::{
     any::{Any, TypeId},
     collections::BTreeMap,
     fmt,
+    fs::OpenOptions,
     path::Path,
     str::FromStr,
     sync::Arc,
@@ -58,6 +59,8 @@ impl Store {
         // The migrator creates a table first, so a foreign file must be rejected before it runs.
         if path.exists() {
             reject_foreign(path, busy).await?;
+        } else {
+            create_private(path);
         }
         let write = connect_options(path, busy).create_if_missing(true).journal_mode(SqliteJournalMode::Wal);
         let write =
@@ -125,6 +128,16 @@ pub(crate) fn connect_options(path: &Path, busy: Duration) -> SqliteConnectOptio
         .foreign_keys(true)
         .busy_timeout(busy)
         .pragma("temp_store", "memory")
+}
+
+/// Creates the file, accessible by its owner only: SQLite creates its other files with the same mode.
+fn create_private(path: &Path) {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    // SQLite reports a path where no file can be created.
+    let _ = options.open(path);
 }
 
 /// Rejects an existing foreign file, without changing it.

@@ -14,8 +14,8 @@ use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record};
 use sqlx::{FromRow, types::Json};
 
-/// Attempts at an episode before repeated server failures end it.
-const MAX_ATTEMPTS: i64 = 3;
+/// Server failures that end an episode.
+const MAX_FAULTS: i64 = 3;
 
 /// An assigned episode.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,7 +91,7 @@ pub(crate) struct WrittenResult {
 struct AttemptRow {
     ordinal: i64,
     state: Word<EpisodeState>,
-    attempts: i64,
+    interruptions: i64,
 }
 
 impl Store {
@@ -135,7 +135,7 @@ impl Store {
     }
 
     /// Stores an episode's result, adds it to the run's totals and completes the run with the last episode, in one transaction.
-    /// A second result has no effect. A server failure reopens the episode, up to three attempts. Fails if it is not running.
+    /// A second result has no effect. A server failure reopens the episode, the third ends it. Fails if it is not running.
     pub async fn record_result(
         &self,
         result: &EpisodeResult<'_>,
@@ -175,16 +175,26 @@ impl Store {
         }))
     }
 
-    /// Reopens an episode after a lost attempt, up to three attempts. Returns false if the attempt is not running.
+    /// Returns an episode that could not begin, without a fault. Returns false if the attempt is not running.
+    pub async fn return_episode(&self, run: &str, handle: &str) -> Result<bool> {
+        let mut tx = self.begin().await?;
+        let update =
+            "UPDATE episodes SET state = 'pending' WHERE state = 'running' AND run = $1 AND handle = $2";
+        let changed = sqlx::query(update).bind(run).bind(handle).execute(&mut *tx).await?.rows_affected();
+        tx.commit().await?;
+        Ok(changed > 0)
+    }
+
+    /// Reopens an episode after a lost attempt; the third loss ends it. Returns false if the attempt is not running.
     pub async fn reopen_episode(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<bool> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
-             state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
-             end_reason = CASE WHEN attempts >= $1 THEN 'server_fault' END, \
-             finished_ms = CASE WHEN attempts >= $1 THEN $2 END \
+             state = CASE WHEN interruptions + 1 >= $1 THEN 'infra' ELSE 'pending' END, \
+             end_reason = CASE WHEN interruptions + 1 >= $1 THEN 'server_fault' END, \
+             finished_ms = CASE WHEN interruptions + 1 >= $1 THEN $2 END \
              WHERE state = 'running' AND run = $3 AND handle = $4 RETURNING state = 'infra'";
         let abandoned: Option<bool> = sqlx::query_scalar(reopen)
-            .bind(MAX_ATTEMPTS)
+            .bind(MAX_FAULTS)
             .bind(now_unix_ms)
             .bind(run)
             .bind(handle)
@@ -219,7 +229,7 @@ pub(crate) async fn write_result(
         // The client repeats a result if the answer to the first was lost.
         _ => return Ok(WrittenResult { is_new: false, counts }),
     }
-    let retry = !counts && attempt.attempts < MAX_ATTEMPTS;
+    let retry = !counts && attempt.interruptions + 1 < MAX_FAULTS;
     if counts {
         add_to_totals(tx, result.run, result.truth, result.metrics).await?;
     } else {
@@ -234,7 +244,7 @@ pub(crate) async fn write_result(
 }
 
 async fn find_attempt(tx: &mut Transaction<'_>, result: &EpisodeResult<'_>) -> Result<AttemptRow> {
-    let select = "SELECT ordinal, state, attempts FROM episodes WHERE run = $1 AND handle = $2";
+    let select = "SELECT ordinal, state, interruptions FROM episodes WHERE run = $1 AND handle = $2";
     let found = sqlx::query_as(select).bind(result.run).bind(result.handle).fetch_optional(&mut **tx).await?;
     found.ok_or_else(|| StoreError::unknown("episode", result.handle))
 }

@@ -80,10 +80,13 @@ impl Store {
         Ok(credit)
     }
 
-    /// Moves all open runs' deadlines by `by_ms` after the system clock was set. Returns the run count.
+    /// Moves all open runs' deadlines, and the start of a downtime, by `by_ms` after the system clock was set. Returns the run count.
     pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64> {
         let mut tx = self.begin().await?;
         let runs = extend_runs(&mut tx, by_ms, "the clock was set", now_unix_ms).await?;
+        // The downtime counts from these times: by the old clock, the next start would credit the change a second time.
+        let uptime = "UPDATE uptime SET alive_ms = alive_ms + $1, drain_ms = drain_ms + $1";
+        sqlx::query(uptime).bind(by_ms).execute(&mut *tx).await?;
         tx.commit().await?;
         Ok(runs)
     }

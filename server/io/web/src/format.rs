@@ -1,10 +1,11 @@
 //! Page texts for numbers, times, enums and addresses.
 
+pub(crate) use crate::links::linked_html;
 pub(crate) use avln_store::calendar::rfc3339;
 
 use avln_episode::{Encoding, EndReason, Order, Sensors};
-use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
-use avln_store::{EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, RunState, Visibility};
+use avln_scoring::{Difference, Direction, Estimate, FEW_SCENES, Key, Standing, Summary, Unit};
+use avln_store::{EpisodeState, LeaderboardRow, PhaseState, PhaseView, QuotaWindow, RunState, Visibility};
 use serde::Serialize;
 use serde_json::Value;
 use std::{collections::BTreeMap, fmt::Write};
@@ -125,36 +126,64 @@ pub(crate) fn difference(difference: &Difference) -> String {
     format!("{} ({} to {})", signed(value), signed(low), signed(high))
 }
 
-pub(crate) fn verdict(difference: &Difference) -> &'static str {
+/// The better run. With few scenes, the verdict is restricted to them.
+pub(crate) fn verdict(difference: &Difference, has_few_scenes: bool) -> String {
     let is_more = difference.estimate.value > 0.0;
+    let place = if has_few_scenes { " in these scenes" } else { "" };
     match (difference.is_sure, is_more == (difference.key.direction() == Direction::Higher)) {
-        (false, _) => "≈ no clear difference",
-        (true, true) => "first run is better",
-        (true, false) => "second run is better",
+        (false, _) => "≈ no clear difference".to_owned(),
+        (true, true) => format!("first run is better{place}"),
+        (true, false) => format!("second run is better{place}"),
     }
 }
 
-/// Table cell content: the mean and, if available, the interval as text and bar. It contains only digits, so it needs no escaping.
+/// A mark for intervals from few scenes; empty for others.
+pub(crate) fn few_scenes_html(scenes: &u32) -> String {
+    if *scenes >= FEW_SCENES {
+        return String::new();
+    }
+    let scenes = plural(scenes, "scene");
+    format!(" <abbr title=\"from {scenes}; reliable from about {FEW_SCENES}\">few scenes</abbr>")
+}
+
+/// A caption sentence about marked intervals; empty without any.
+pub(crate) fn few_scenes_note(has_few_scenes: bool) -> String {
+    if has_few_scenes {
+        format!(" Intervals from fewer than {FEW_SCENES} scenes are unreliable and marked.")
+    } else {
+        String::new()
+    }
+}
+
+/// As [`few_scenes_note`], for a leaderboard's rows.
+pub(crate) fn rows_note(rows: &[LeaderboardRow]) -> String {
+    few_scenes_note(rows.iter().any(|row| row.summary.has_few_scenes()))
+}
+
+/// Table cell content: the mean and, if available, the interval as text and bar. It contains only numbers and fixed
+/// words, so it needs no escaping.
 pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
     match key.metric().estimate_of(summary) {
-        Some(estimate) => estimate_html(&estimate),
+        Some(estimate) => estimate_html(&estimate, summary.scenes),
         None => mean(key, &key.mean_of(summary)),
     }
 }
 
-pub(crate) fn estimate_html(estimate: &Estimate) -> String {
+pub(crate) fn estimate_html(estimate: &Estimate, scenes: u32) -> String {
+    let class = if scenes < FEW_SCENES { "bar rough" } else { "bar" };
     let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
     let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
     let mut html = format!("<span class=\"value\">{}</span>", share(&estimate.value));
     let _ = write!(
         html,
-        "<svg class=\"bar\" viewBox=\"0 0 100 10\" aria-hidden=\"true\">\
+        "<svg class=\"{class}\" viewBox=\"0 0 100 10\" aria-hidden=\"true\">\
          <line class=\"axis\" x1=\"5\" y1=\"5\" x2=\"95\" y2=\"5\"/>\
          <line class=\"reach\" x1=\"{low}\" y1=\"5\" x2=\"{high}\" y2=\"5\"/>\
          <circle cx=\"{value}\" cy=\"5\" r=\"4\"/></svg>\
-         <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{:.1} to {:.1}</span>",
+         <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{:.1} to {:.1}{}</span>",
         estimate.low * 100.0,
-        estimate.high * 100.0
+        estimate.high * 100.0,
+        few_scenes_html(&scenes)
     );
     html
 }
@@ -166,13 +195,14 @@ pub(crate) fn order(order: &Order) -> &'static str {
     }
 }
 
-/// The rank with interval. It contains only digits, so it needs no escaping.
-pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
+/// The rank with interval. It contains only numbers and fixed words, so it needs no escaping.
+pub(crate) fn rank_html(standing: &Option<Standing>, summary: &Summary) -> String {
     match standing {
         None => NOTHING.to_owned(),
         Some(Standing { rank, rank_low, rank_high, .. }) if rank_low == rank_high => rank.to_string(),
         Some(Standing { rank, rank_low, rank_high, .. }) => format!(
-            "{rank} <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{rank_low} to {rank_high}</span>"
+            "{rank} <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{rank_low} to {rank_high}{}</span>",
+            few_scenes_html(&summary.scenes)
         ),
     }
 }
@@ -203,8 +233,9 @@ pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
     }
 }
 
-pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
-    match state {
+pub(crate) fn phase_state(phase: &PhaseView) -> &'static str {
+    match phase.state {
+        PhaseState::Closed if phase.closed_by_hand => "closed by the organiser",
         PhaseState::Upcoming => "not open yet",
         PhaseState::Open => "open",
         PhaseState::Paused => "paused",
@@ -333,22 +364,34 @@ mod tests {
         let of = |key, estimate, is_sure| Difference { key, first: 0.0, second: 0.0, estimate, is_sure };
         let sr = of(Key::Sr, estimate(0.123, -0.0001, 0.25), false);
         assert_eq!(
-            (difference(&sr).as_str(), verdict(&sr)),
+            (difference(&sr).as_str(), verdict(&sr, true).as_str()),
             ("+12.3 (0.0 to +25.0)", "≈ no clear difference")
         );
         let steps = of(Key::Steps, estimate(-31.0, -40.0, -22.0), true);
         assert_eq!(
-            (difference(&steps).as_str(), verdict(&steps)),
+            (difference(&steps).as_str(), verdict(&steps, false).as_str()),
             ("−31.0 (−40.0 to −22.0)", "first run is better")
         );
-        assert_eq!(verdict(&of(Key::Spl, estimate(-0.5, -0.6, -0.4), true)), "second run is better");
+        let spl = of(Key::Spl, estimate(-0.5, -0.6, -0.4), true);
+        assert_eq!(verdict(&spl, false), "second run is better");
+        assert_eq!(verdict(&spl, true), "second run is better in these scenes");
     }
 
     #[test]
     fn intervals_are_written_and_drawn() {
-        let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 });
+        let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 }, 10);
         assert!(html.contains("50.0 %") && html.contains("25.0 to 75.0"), "{html}");
         assert!(html.contains("x1=\"28\" y1=\"5\" x2=\"73\"") && html.contains("cx=\"50\""), "{html}");
+        assert!(html.contains("class=\"bar\"") && !html.contains("few scenes"), "{html}");
+    }
+
+    #[test]
+    fn intervals_from_few_scenes_are_marked() {
+        let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 }, 9);
+        let mark = "75.0 <abbr title=\"from 9 scenes; reliable from about 10\">few scenes</abbr></span>";
+        assert!(html.contains(mark) && html.contains("class=\"bar rough\""), "{html}");
+        assert!(few_scenes_html(&1).contains("from 1 scene;") && few_scenes_html(&10).is_empty());
+        assert!(few_scenes_note(true).contains("fewer than 10 scenes") && few_scenes_note(false).is_empty());
     }
 
     #[test]

@@ -52,7 +52,8 @@ pub async fn freeze(
     write: &mut (dyn FnMut(&str, &[u8]) -> io::Result<()> + Send),
 ) -> Result<usize, FreezeError> {
     let scope = Scope::read(reader, phase, now_unix_ms).await?;
-    let router = router(reader.clone(), Site { grpc_port: GRPC_PORT, documents, ..Site::default() });
+    let site = Site { documents, frozen_unix_ms: Some(now_unix_ms), ..Site::default() };
+    let router = router(reader.clone(), site);
     let mut written: BTreeMap<String, String> = BTreeMap::new();
     let mut seen: BTreeSet<String> = scope.roots().collect();
     let mut next: VecDeque<String> = scope.roots().collect();
@@ -67,8 +68,6 @@ pub async fn freeze(
     }
     Ok(written.len())
 }
-
-const GRPC_PORT: u16 = 50051;
 
 /// Rewrites the links in a page, and adds new addresses to `next`.
 fn page(

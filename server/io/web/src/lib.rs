@@ -16,6 +16,7 @@ mod error;
 mod format;
 mod freeze;
 mod leaderboard;
+mod links;
 mod live;
 mod management;
 mod middleware;
@@ -45,6 +46,7 @@ use axum::{Extension, Router, extract::State, middleware::from_fn_with_state, ro
 use error::{RequestError, Result};
 use live::LiveFeed;
 use management::ManagementState;
+use middleware::ResponseSettings;
 use replay_renderer::RenderQueue;
 use request::GrpcEndpoint;
 use std::sync::Arc;
@@ -55,6 +57,12 @@ use tokio::sync::watch;
 pub struct Site {
     /// gRPC server port.
     pub grpc_port: u16,
+    /// Canonical address of this web server, such as `https://arena.example`; `None` for the address in a request.
+    pub web_url: Option<String>,
+    /// Canonical address of the gRPC server; `None` for the canonical web host with the gRPC port.
+    pub grpc_url: Option<String>,
+    /// Time of a static copy, milliseconds since 1970-01-01 UTC; `None` for a server.
+    pub frozen_unix_ms: Option<i64>,
     /// Run logs for download; `None` disables the download.
     pub logs: Option<SignedLogs>,
     /// Renderer for replays; `None` disables pictures and sound.
@@ -77,28 +85,37 @@ pub fn router(reader: Reader, site: Site) -> Router {
 /// As [`router`]. `is_secure`: the servers use TLS. Event streams end when the sender of `closed` is dropped.
 fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watch::Receiver<()>>) -> Router {
     let live_status = site.live_status;
+    let web_url = site.web_url.as_deref();
+    let endpoint = GrpcEndpoint::new(site.grpc_port, is_secure, site.grpc_url.as_deref(), web_url);
+    let responses = ResponseSettings {
+        live_status: live_status.clone(),
+        frozen_unix_ms: site.frozen_unix_ms,
+        requires_tls: is_secure || web_url.is_some_and(|url| url.starts_with("https://")),
+        varies_by_host: !endpoint.is_canonical(),
+    };
+    let origin = web_url.and_then(request::origin);
     let open = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
         .merge(pages::router())
         .merge(api::router())
         .fallback(async || RequestError::NoPage)
-        .layer(Extension(GrpcEndpoint { port: site.grpc_port, is_secure }))
+        .layer(Extension(endpoint))
         .layer(Extension(site.logs))
         .layer(Extension(site.documents))
-        .layer(Extension(Arc::new(LiveFeed::new(live_status.clone(), closed))))
+        .layer(Extension(Arc::new(LiveFeed::new(live_status, closed))))
         .layer(Extension(site.replay_renderer.map(|renderer| Arc::new(RenderQueue::new(renderer)))));
     let router = match site.management {
         None => open.with_state(reader),
         Some(actions) => {
-            let management = Arc::new(ManagementState::new(actions, is_secure));
+            let management = Arc::new(ManagementState::new(actions, is_secure, origin));
             open.merge(pages::management_router())
                 .layer(Extension(management.clone()))
                 .layer(from_fn_with_state((management, reader.clone()), management::identify))
                 .with_state(reader)
         }
     };
-    middleware::with_middleware(router, live_status)
+    middleware::with_middleware(router, responses)
 }
 
 async fn ready(State(reader): State<Reader>) -> Result<&'static str> {

@@ -45,27 +45,77 @@ const MIN_BYTES: usize = 1024;
 
 // Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
 // referrers.
-const HEADERS: [(HeaderName, &str); 3] = [
+static HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "same-origin"),
-    (header::VARY, "authorization, cookie, accept-encoding"),
+    (
+        HeaderName::from_static("permissions-policy"),
+        "camera=(), microphone=(), geolocation=(), payment=(), usb=()",
+    ),
+];
+const VARY: &str = "authorization, cookie, accept-encoding";
+// Without canonical addresses, pages contain the host of the request.
+const VARY_BY_HOST: &str = "authorization, cookie, accept-encoding, host";
+// A year: browsers then use only TLS for this host.
+const ONLY_TLS: (HeaderName, &str) = (header::STRICT_TRANSPORT_SECURITY, "max-age=31536000");
+// Headers with which pages of other sites may read the API, also with a token and with revalidation.
+static SHARED: [(HeaderName, &str); 2] =
+    [(header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"), (header::ACCESS_CONTROL_EXPOSE_HEADERS, "etag")];
+static PREFLIGHT: [(HeaderName, &str); 3] = [
+    (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD"),
+    (header::ACCESS_CONTROL_ALLOW_HEADERS, "authorization, if-none-match"),
+    (header::ACCESS_CONTROL_MAX_AGE, "86400"),
 ];
 const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
-const UNFRAMED: [(HeaderName, &str); 2] = [
+static UNFRAMED: [(HeaderName, &str); 3] = [
     (
         POLICY,
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
 ];
 // Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
-const FRAMED: [(HeaderName, &str); 1] = [(
+static FRAMED: [(HeaderName, &str); 1] = [(
     POLICY,
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
 )];
 
-/// Wraps `router` in all middleware. Pages show the announcement from `live_status`.
-pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveStatus>>) -> Router {
+/// Settings for all responses of a site.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ResponseSettings {
+    /// Source of the announcement on pages.
+    pub(crate) live_status: Option<Arc<dyn LiveStatus>>,
+    /// Time of a static copy, milliseconds since 1970-01-01 UTC.
+    pub(crate) frozen_unix_ms: Option<i64>,
+    /// True if browsers must use TLS for this host.
+    pub(crate) requires_tls: bool,
+    /// True if pages depend on the `Host` header.
+    pub(crate) varies_by_host: bool,
+}
+
+impl ResponseSettings {
+    fn page_context(&self) -> PageContext {
+        let announcement = self.live_status.as_ref().map_or_else(String::new, |status| status.announcement());
+        PageContext { menu: Menu::default(), announcement, frozen_unix_ms: self.frozen_unix_ms }
+    }
+
+    fn add_headers(&self, headers: &mut HeaderMap, path: &str, for_programs: bool) {
+        insert(headers, &HEADERS);
+        insert(headers, &[(header::VARY, if self.varies_by_host { VARY_BY_HOST } else { VARY })]);
+        let framing: &[_] = if path.starts_with("/embed/") { &FRAMED } else { &UNFRAMED };
+        insert(headers, framing);
+        if self.requires_tls {
+            insert(headers, &[ONLY_TLS]);
+        }
+        if for_programs {
+            insert(headers, &SHARED);
+        }
+    }
+}
+
+/// Wraps `router` in all middleware.
+pub(crate) fn with_middleware(router: Router, settings: ResponseSettings) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
     // The path without the query: search words do not belong into a log.
@@ -80,24 +130,21 @@ pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveSt
         .layer(from_fn_with_state(Arc::<CompressedBodies>::default(), cache_and_compress))
         .layer(RequestBodyLimitLayer::new(MAX_FORM_BYTES))
         .layer(CatchPanicLayer::new())
-        .layer(from_fn_with_state(live_status, finish_response))
+        .layer(from_fn_with_state(settings, finish_response))
         // For streamed and private bodies, which `cache_and_compress` leaves as they are.
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(is_compressible))
         .layer(access_log)
 }
 
 /// Limits time and address length, and adds error bodies and headers.
-async fn finish_response(
-    State(live_status): State<Option<Arc<dyn LiveStatus>>>,
-    request: Request,
-    next: Next,
-) -> Response {
+async fn finish_response(State(settings): State<ResponseSettings>, request: Request, next: Next) -> Response {
     let path = request.uri().path().to_owned();
     let for_programs = path.starts_with("/api/") || path == "/readyz";
     let is_too_long = request.uri().path_and_query().is_some_and(|a| a.as_str().len() > MAX_ADDRESS_BYTES);
-    let announcement = live_status.map_or_else(String::new, |status| status.announcement());
-    let context = PageContext { menu: Menu::default(), announcement };
-    let mut response = if is_too_long {
+    let context = settings.page_context();
+    let mut response = if for_programs && request.method() == Method::OPTIONS {
+        preflight()
+    } else if is_too_long {
         RequestError::TooLong { limit: MAX_ADDRESS_BYTES }.into_response()
     } else {
         let answer = CONTEXT.scope(context.clone(), next.run(request));
@@ -108,14 +155,21 @@ async fn finish_response(
     if status.is_client_error() || status.is_server_error() {
         response = with_error_body(response, for_programs, &path, context);
     }
-    let framing: &[_] = if path.starts_with("/embed/") { &FRAMED } else { &UNFRAMED };
-    for (name, value) in HEADERS.iter().chain(framing) {
-        response.headers_mut().insert(name.clone(), HeaderValue::from_static(value));
-    }
-    if for_programs {
-        response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
-    }
+    settings.add_headers(response.headers_mut(), &path, for_programs);
     response
+}
+
+/// Answers the question of a browser whether a page of another site may send a request with a token.
+fn preflight() -> Response {
+    let mut response = StatusCode::NO_CONTENT.into_response();
+    insert(response.headers_mut(), &PREFLIGHT);
+    response
+}
+
+fn insert(headers: &mut HeaderMap, added: &[(HeaderName, &'static str)]) {
+    for (name, value) in added {
+        headers.insert(name.clone(), HeaderValue::from_static(value));
+    }
 }
 
 /// Adds the body of an error: problem details (RFC 9457) for programs, a page for people.
@@ -264,7 +318,8 @@ mod tests {
             .route("/api/panic", get(async || if true { panic!("a secret reason") } else { "" }))
             .route("/endless", get(async || std::future::pending::<&str>().await));
         let request = Request::get(address).body(Body::empty()).expect("a request");
-        let response = with_middleware(broken, None).oneshot(request).await.expect("an answer");
+        let response =
+            with_middleware(broken, ResponseSettings::default()).oneshot(request).await.expect("an answer");
         let status = response.status();
         let body = response.into_body().collect().await.expect("a body").to_bytes();
         (status, String::from_utf8(body.to_vec()).expect("text"))
@@ -285,6 +340,16 @@ mod tests {
         let (status, page) = ask("/endless").await;
         assert_eq!(status, StatusCode::SERVICE_UNAVAILABLE);
         assert!(page.contains("<h1>Busy</h1>"), "{page}");
+    }
+
+    #[test]
+    fn only_tls_sites_require_tls() {
+        for requires_tls in [false, true] {
+            let settings = ResponseSettings { requires_tls, ..ResponseSettings::default() };
+            let mut sent = HeaderMap::new();
+            settings.add_headers(&mut sent, "/", false);
+            assert_eq!(sent.contains_key(header::STRICT_TRANSPORT_SECURITY), requires_tls);
+        }
     }
 
     #[test]

@@ -9,12 +9,13 @@ use avln_store::{
 };
 use axum::{
     extract::{FromRequestParts, Path, Query},
-    http::{header, request::Parts},
+    http::{Uri, header, request::Parts},
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use std::{
     convert::Infallible,
     fmt,
+    sync::Arc,
     time::{SystemTime, UNIX_EPOCH},
 };
 
@@ -87,11 +88,18 @@ pub(crate) struct PageContext {
     pub(crate) menu: Menu,
     /// The organiser's announcement; may be empty.
     pub(crate) announcement: String,
+    /// Time of a static copy, milliseconds since 1970-01-01 UTC; `None` on a server.
+    pub(crate) frozen_unix_ms: Option<i64>,
 }
 
 impl PageContext {
     pub(crate) fn current() -> Self {
         CONTEXT.try_with(Self::clone).unwrap_or_default()
+    }
+
+    /// Returns true for a static copy, which offers nothing to play.
+    pub(crate) fn is_frozen(&self) -> bool {
+        self.frozen_unix_ms.is_some()
     }
 }
 
@@ -116,22 +124,42 @@ impl Menu {
     }
 }
 
-#[derive(Clone, Copy, Default)]
+/// Configured address of the gRPC server.
+#[derive(Clone, Default)]
 pub(crate) struct GrpcEndpoint {
-    pub(crate) port: u16,
-    pub(crate) is_secure: bool,
+    port: u16,
+    is_secure: bool,
+    canonical: Option<Arc<str>>,
 }
 
-/// The gRPC server's address as seen by this visitor: the request's host name with the gRPC port.
-pub(crate) struct GrpcAddress {
-    host: String,
-    endpoint: GrpcEndpoint,
+impl GrpcEndpoint {
+    /// Combines the port and TLS of this server with its canonical addresses, if any.
+    pub(crate) fn new(port: u16, is_secure: bool, grpc_url: Option<&str>, web_url: Option<&str>) -> Self {
+        let mut endpoint = Self { port, is_secure, canonical: None };
+        let web_host = web_url.and_then(|url| url.parse::<Uri>().ok()?.host().map(str::to_owned));
+        let at_web_host = web_host.map(|host| endpoint.at(&host));
+        endpoint.canonical = grpc_url.map(str::to_owned).or(at_web_host).map(Arc::from);
+        endpoint
+    }
+
+    /// Returns true if no page needs the `Host` header.
+    pub(crate) fn is_canonical(&self) -> bool {
+        self.canonical.is_some()
+    }
+
+    fn at(&self, host: &str) -> String {
+        let scheme = if self.is_secure { "https" } else { "http" };
+        format!("{scheme}://{host}:{}", self.port)
+    }
 }
+
+/// The gRPC server's address for commands on a page: the canonical one or, without any, the request's host name with the gRPC
+/// port.
+pub(crate) struct GrpcAddress(String);
 
 impl fmt::Display for GrpcAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let scheme = if self.endpoint.is_secure { "https" } else { "http" };
-        write!(f, "{scheme}://{}:{}", self.host, self.endpoint.port)
+        f.write_str(&self.0)
     }
 }
 
@@ -139,10 +167,24 @@ impl<S: Sync> FromRequestParts<S> for GrpcAddress {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let endpoint = parts.extensions.get::<GrpcEndpoint>().cloned().unwrap_or_default();
+        if let Some(canonical) = endpoint.canonical {
+            return Ok(Self(canonical.to_string()));
+        }
         let value = parts.headers.get(header::HOST).and_then(|value| value.to_str().ok());
-        let endpoint = parts.extensions.get().copied().unwrap_or_default();
-        Ok(Self { host: value.and_then(host_name).unwrap_or("127.0.0.1").to_owned(), endpoint })
+        Ok(Self(endpoint.at(value.and_then(host_name).unwrap_or("127.0.0.1"))))
     }
+}
+
+/// Returns the origin of a URL as browsers write it; `None` for other texts.
+pub(crate) fn origin(url: &str) -> Option<String> {
+    let uri: Uri = url.parse().ok()?;
+    let (scheme, host) = (uri.scheme_str()?, uri.host()?.to_ascii_lowercase());
+    let port = match (scheme, uri.port_u16()) {
+        ("http", Some(80)) | ("https", Some(443)) | (_, None) => String::new(),
+        (_, Some(port)) => format!(":{port}"),
+    };
+    Some(format!("{scheme}://{host}{port}"))
 }
 
 /// Returns the host name from a `Host` header. Visitors copy it into a shell, so unusual characters are rejected.
@@ -307,6 +349,29 @@ mod tests {
         assert_eq!(host_name("a;reboot"), None);
         assert_eq!(host_name(":80"), None);
         assert_eq!(host_name("[::1]:8080"), None);
+    }
+
+    #[test]
+    fn grpc_address_prefers_its_own_url() {
+        let address = |grpc, web| GrpcEndpoint::new(50051, false, grpc, web).canonical;
+        let (grpc, web) = (Some("https://arena.example"), Some("https://www.arena.example:8443"));
+        assert_eq!(address(grpc, web).as_deref(), grpc);
+        assert_eq!(address(None, web).as_deref(), Some("http://www.arena.example:50051"));
+        assert_eq!(address(None, Some("http://[::1]:80")).as_deref(), Some("http://[::1]:50051"));
+        assert!(address(None, None).is_none() && !GrpcEndpoint::new(1, true, None, None).is_canonical());
+    }
+
+    #[test]
+    fn origins_omit_default_ports_and_paths() {
+        for (url, expected) in [
+            ("https://Arena.example", "https://arena.example"),
+            ("https://arena.example:443/board", "https://arena.example"),
+            ("http://127.0.0.1:8080", "http://127.0.0.1:8080"),
+            ("https://arena.example:80", "https://arena.example:80"),
+        ] {
+            assert_eq!(origin(url).as_deref(), Some(expected));
+        }
+        assert_eq!(origin("arena.example"), None);
     }
 
     #[test]

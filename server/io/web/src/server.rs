@@ -89,6 +89,8 @@ async fn serve_connections(
     let limits = AcceptLimits {
         max_connections: MAX_CONNECTIONS,
         max_connections_per_address: MAX_CONNECTIONS,
+        // A proxy forwards the connections of all visitors from its own address.
+        shares_by_address: proxies.is_empty(),
         // Browsers open several connections at once and show a refused one as an error page.
         waits_when_full: true,
         handshake: HEADER_TIMEOUT,

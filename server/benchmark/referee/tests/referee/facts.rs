@@ -57,6 +57,19 @@ fn distractors_share_the_category_on_any_floor() {
 }
 
 #[test]
+fn right_submits_are_not_wrong_beside_distractors() {
+    // The target is the far box of the category, in the place of the near one, which is thus its distractor.
+    for (instance, facts) in [(4, (Some(0), None)), (99, (None, Some(0)))] {
+        let mut truth = start_at(0.0, -3.0, Order::Ordered);
+        truth.targets[0].instance = instance;
+        let mut referee = play(truth, Rules::paper());
+        go(&mut referee, &[(Submit, 1)]);
+        let submits = record(referee).submits;
+        assert_eq!((submits[0].completed, submits[0].wrong_instance), facts, "instance {instance}");
+    }
+}
+
+#[test]
 fn authors_rules_need_the_target_in_the_picture() {
     let mut referee = episode(Order::Unordered, Rules::authors(), blind());
     go(&mut referee, &AHEAD);

@@ -4,7 +4,7 @@ use crate::{AHEAD, ASSETS, BACK, blind, episode, go, mission, quick, record, tru
 use avln_episode::{
     Action::{self, MoveForward, Stop, Submit, TurnLeft, TurnRight},
     EndReason, Feedback, FeedbackRule, GoalCue, Mission, Modality, Observation, Order, Point3, Pose,
-    RgbNoise, Rules, Sensors, SoundClip, Sounds,
+    RgbNoise, Rules, Sensors, SilenceRule, SoundClip, Sounds,
 };
 use avln_referee::{Audio, Bank, Referee, RefereeError, made_bank};
 use avln_truth::{EpisodeTruth, Record};
@@ -134,6 +134,24 @@ fn found_target_falls_silent_and_others_alternate() {
     let sounding: Vec<_> = facts.steps[12..].iter().map(|step| step.sounding).collect();
     assert!(!sounding.contains(&Some(0)) && !sounding.contains(&None));
     assert!(sounding.contains(&Some(1)) && sounding.contains(&Some(2)));
+}
+
+#[test]
+fn later_silence_hides_a_right_submit() {
+    let sounding = |silence: SilenceRule, action: Action| {
+        let mut referee = episode(Order::Unordered, Rules { silence, ..Rules::paper() }, blind());
+        go(&mut referee, &AHEAD);
+        go(&mut referee, &[(action, 1), (TurnLeft, 80)]);
+        let facts = record(referee);
+        assert_eq!(facts.submits.iter().any(|submit| submit.completed == Some(0)), action == Submit);
+        facts.steps.iter().map(|step| step.sounding).collect::<Vec<_>>()
+    };
+    for silence in [SilenceRule::Delayed, SilenceRule::WindowEnd] {
+        let (right, none) = (sounding(silence, Submit), sounding(silence, TurnLeft));
+        assert_eq!(right[..13], none[..13], "{silence:?}: the next observation is the same");
+        assert!(!right[60..].contains(&Some(0)), "{silence:?}: it falls silent later");
+    }
+    assert!(!sounding(SilenceRule::Immediate, Submit)[12..].contains(&Some(0)));
 }
 
 #[test]

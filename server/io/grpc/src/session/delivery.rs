@@ -204,7 +204,7 @@ pub(crate) async fn stored_end<H: Host>(
 fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply>) -> Vec<Frame> {
     match reply {
         Ok(SlotReply::Start(start)) => vec![Frame::EpisodeStart(*start)],
-        Ok(SlotReply::NothingLeft) => vec![],
+        Ok(SlotReply::NothingLeft | SlotReply::NothingYet) => vec![],
         Ok(SlotReply::Ended(end)) => vec![Frame::EpisodeEnd(*end)],
         Ok(SlotReply::Step(step)) => {
             let observation = step.observation.map(Frame::Observation);

@@ -139,7 +139,10 @@ impl<H: Host> Session<H> {
         if self.state.sensors == *wanted {
             return Ok(());
         }
-        let message = "the first Hello of a run fixes its sensors; request the same ones";
+        let message = format!(
+            "the first Hello of the run fixed its sensors to {}; request the same ones instead of {wanted}",
+            self.state.sensors
+        );
         Err(Refusal::new(Reason::SensorNotAllowed, message))
     }
 
@@ -262,6 +265,15 @@ async fn switch(
     sent.is_ok() && restarted.await.unwrap_or(false)
 }
 
+/// Event that lets a waiting slot request an episode.
+#[derive(Clone, Copy, Debug)]
+enum WaitingFor {
+    /// More than `seen` episodes were returned to the host.
+    Return { seen: u32 },
+    /// More than `seen` episodes are over, and their memory is free.
+    End { seen: u32 },
+}
+
 /// A run's progress, counted over all slots.
 struct ProgressTracker {
     tally: watch::Sender<Tally>,
@@ -281,6 +293,10 @@ struct Tally {
     is_dry: bool,
     /// Episodes returned to the host.
     returned: u32,
+    /// Episodes that are over, with the returned ones.
+    ended: u32,
+    /// Slots whose episode waits for the end of another.
+    parked: u32,
     timeouts_in_a_row: u32,
 }
 
@@ -293,14 +309,18 @@ impl ProgressTracker {
         self.tally.send_modify(|tally| tally.busy += 1);
     }
 
-    fn returned(&self) -> u32 {
-        self.tally.borrow().returned
+    fn returned_and_ended(&self) -> (u32, u32) {
+        let tally = self.tally.borrow();
+        (tally.returned, tally.ended)
     }
 
-    /// Waits until more than `seen` episodes were returned.
-    async fn refilled(&self, seen: u32) {
+    async fn wait(&self, event: WaitingFor) {
+        let has_happened = |tally: &Tally| match event {
+            WaitingFor::Return { seen } => tally.returned > seen,
+            WaitingFor::End { seen } => tally.ended > seen,
+        };
         // The sender lives in self, so waiting cannot fail.
-        let _ = self.tally.subscribe().wait_for(|tally| tally.returned > seen).await;
+        let _ = self.tally.subscribe().wait_for(has_happened).await;
     }
 
     /// Counts a request that got no episode.
@@ -309,6 +329,20 @@ impl ProgressTracker {
             tally.busy -= 1;
             tally.is_dry |= is_dry;
         });
+    }
+
+    /// Counts a request whose episode waits for the end of another.
+    fn parked(&self) {
+        self.tally.send_modify(|tally| {
+            tally.busy -= 1;
+            tally.is_dry = false;
+            tally.parked += 1;
+        });
+    }
+
+    /// Counts another request of a parked slot, after [`Self::requested`].
+    fn unparked(&self) {
+        self.tally.send_modify(|tally| tally.parked -= 1);
     }
 
     /// Counts an episode that began. Returns the number in the run, from 1.
@@ -320,6 +354,7 @@ impl ProgressTracker {
     fn ended(&self, reason: EndReason) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
+            tally.ended += 1;
             match reason {
                 EndReason::ServerFault => {
                     tally.returned += 1;
@@ -359,7 +394,9 @@ impl ProgressTracker {
             return Some(StopReason::AgentHangs);
         }
         // Not before the last busy slot is done: a server fault there would return an episode that must be played.
-        (tally.is_dry && tally.busy == 0).then_some(StopReason::NothingLeft)
+        // Nor while an episode waits for memory: meanwhile the host may have had none for another slot.
+        let is_over = tally.is_dry && tally.busy == 0 && tally.parked == 0;
+        is_over.then_some(StopReason::NothingLeft)
     }
 }
 
@@ -388,13 +425,35 @@ mod tests {
     async fn failed_episodes_are_played_again() {
         let tracker = ProgressTracker::new(2, 0, 20);
         tracker.requested();
-        let seen = tracker.returned();
+        let (seen, _) = tracker.returned_and_ended();
         tracker.requested();
         tracker.refused(true);
         tracker.ended(EndReason::ServerFault);
-        tracker.refilled(seen).await;
+        tracker.wait(WaitingFor::Return { seen }).await;
         assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "a slot must ask again first");
         assert_eq!(tracker.progress().done, 0);
+    }
+
+    #[tokio::test]
+    async fn parked_episodes_wait_for_any_end() {
+        let tracker = ProgressTracker::new(2, 0, 20);
+        tracker.requested();
+        tracker.requested();
+        tracker.refused(true);
+        let (_, seen) = tracker.returned_and_ended();
+        tracker.requested();
+        tracker.parked();
+        let early = tokio::time::timeout(Duration::from_millis(20), tracker.wait(WaitingFor::End { seen }));
+        assert!(early.await.is_err(), "the first slot still plays");
+        tracker.ended(EndReason::Stopped);
+        tracker.wait(WaitingFor::End { seen }).await;
+        tracker.requested();
+        tracker.refused(true);
+        assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "the parked episode is left");
+        tracker.requested();
+        tracker.unparked();
+        tracker.ended(EndReason::Stopped);
+        assert_eq!(tracker.over().await, StopReason::NothingLeft);
     }
 
     #[tokio::test]

@@ -26,6 +26,8 @@ pub(crate) enum SlotRequest {
 pub(crate) enum SlotReply {
     Start(Box<v1::EpisodeStart>),
     NothingLeft,
+    /// An episode follows unasked when another has ended.
+    NothingYet,
     Step(Box<v1::StepResponse>),
     Ended(Box<v1::EpisodeEnd>),
 }
@@ -77,8 +79,21 @@ impl LastStep {
         if act.step == taken && self.action == Some(act.action) {
             return Ok(None);
         }
-        let message = format!("step {} is past, {taken} steps were taken; send step {}", act.step, taken + 1);
-        Err(Failure::new(Reason::StepConflict, message))
+        Err(self.conflict(act.step))
+    }
+
+    /// Refuses a step that was taken: a repetition must have the action of the last step.
+    fn conflict(&self, step: u32) -> Failure {
+        let taken = self.observation.step;
+        let next = taken + 1;
+        let message = match self.action {
+            Some(action) if step == taken => {
+                format!("step {step} was taken with action {action}; repeat that action or send step {next}")
+            }
+            Some(_) => format!("step {step} is past; only step {taken} can be repeated; send step {next}"),
+            None => format!("step {step} is the start of the episode; send step {next}"),
+        };
+        Failure::new(Reason::StepConflict, message)
     }
 
     pub(super) fn is_last(&self) -> bool {
@@ -284,6 +299,20 @@ mod tests {
         clock.handed_over();
         advance(Duration::from_secs(seconds)).await;
         clock.stop()
+    }
+
+    #[test]
+    fn conflicts_name_the_repeatable_step() {
+        let conflict = |taken, action, step, number| {
+            let observation = v1::Observation { step: taken, ..v1::Observation::default() };
+            let act = v1::Act { step, action: number, ..v1::Act::default() };
+            LastStep { action, observation }.due(&act).unwrap_err().message
+        };
+        let last = "step 2 was taken with action 2; repeat that action or send step 3";
+        assert_eq!(conflict(2, Some(2), 2, 1), last);
+        let earlier = "step 1 is past; only step 2 can be repeated; send step 3";
+        assert_eq!(conflict(2, Some(2), 1, 2), earlier);
+        assert_eq!(conflict(0, None, 0, 1), "step 0 is the start of the episode; send step 1");
     }
 
     #[tokio::test(start_paused = true)]

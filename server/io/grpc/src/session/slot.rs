@@ -1,7 +1,7 @@
 //! Slot: a task that owns an episode at a time.
 
 use super::{
-    Hosted, SessionContext, SlotEnding,
+    Hosted, SessionContext, SlotEnding, WaitingFor,
     playing::{
         Audience, ChessClock, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead,
         same_episode,
@@ -43,8 +43,8 @@ pub(super) struct Slot<H: Host> {
     pub(super) session: Arc<SessionContext<H>>,
     pub(super) audience: Audience,
     pub(super) state: SlotContent<H::Episode>,
-    /// Returned episodes when the host had none for this slot.
-    waiting: Option<u32>,
+    /// Event before the next request to the host, which had no episode for this slot.
+    waiting: Option<WaitingFor>,
 }
 
 pub(super) enum SlotContent<E> {
@@ -85,7 +85,7 @@ impl<H: Host> Slot<H> {
         self.store_finished().await;
         loop {
             let session = self.session.clone();
-            let refilled = self.waiting().map(|seen| session.progress.refilled(seen));
+            let refilled = self.waiting().map(|event| session.progress.wait(event));
             tokio::select! {
                 // In this order: the end of the session first, and the clock before requests, so that a flood of requests buys
                 // no time.
@@ -127,7 +127,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    fn waiting(&self) -> Option<u32> {
+    fn waiting(&self) -> Option<WaitingFor> {
         // Only a stream can receive an episode unasked; unary callers repeat Reset.
         self.waiting.filter(|_| matches!(self.audience, Audience::Stream(_)))
     }
@@ -183,10 +183,14 @@ impl<H: Host> Slot<H> {
         if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
-        self.waiting = None;
-        // Before the request: an episode that another slot returns meanwhile must wake this slot.
-        let returned = self.session.progress.returned();
+        let was_parked = matches!(self.waiting.take(), Some(WaitingFor::End { .. }));
+        // Before the request: an episode that another slot ends or returns meanwhile must wake this slot.
+        let (returned, ended) = self.session.progress.returned_and_ended();
+        let is_called = matches!(self.audience, Audience::Callers);
         self.session.progress.requested();
+        if was_parked {
+            self.session.progress.unparked();
+        }
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
@@ -194,9 +198,15 @@ impl<H: Host> Slot<H> {
         match call_host("next episode", &self.session.host, next).await {
             Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
-                self.waiting = (!matches!(self.audience, Audience::Callers)).then_some(returned);
+                self.waiting = (!is_called).then_some(WaitingFor::Return { seen: returned });
                 self.session.progress.refused(true);
                 Ok(SlotReply::NothingLeft)
+            }
+            // The run's open episodes use its memory.
+            Err(failure) if failure.reason == Reason::NoCapacity && !is_called => {
+                self.waiting = Some(WaitingFor::End { seen: ended });
+                self.session.progress.parked();
+                Ok(SlotReply::NothingYet)
             }
             Err(failure) => {
                 self.session.progress.refused(false);

@@ -16,7 +16,7 @@ mod sensors;
 
 pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
 pub(crate) use run::{episode_end, phase, quota, run, run_end, scope, seconds, server_info};
-pub(crate) use sensors::{check_client, sensors};
+pub(crate) use sensors::{check_client, check_sensors, requested_sensors};
 
 /// Defines conversions of enums with the same variants in the benchmark and in the protocol.
 macro_rules! same_variants {

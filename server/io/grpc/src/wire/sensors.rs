@@ -137,12 +137,30 @@ fn blocking<T>(work: impl FnOnce() -> T) -> T {
     }
 }
 
-/// Default width and height of pictures, pixels.
+/// Default width and height of pictures, pixels, if the phase allows them.
 const DEFAULT_SIDE: u32 = 256;
 
-/// Returns the subscribed sensors; all sensors by default. `most` are the phase's sensors.
-pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> Result<Sensors, Refusal> {
-    let Some(wish) = wish else { return Ok(Sensors::all(DEFAULT_SIDE, DEFAULT_SIDE)) };
+/// Returns all sensors of the phase, for a client that requests none.
+fn default_sensors(most: &Sensors) -> Sensors {
+    let Sensors { rgb, depth, audio, width, height, .. } = *most;
+    Sensors { rgb, depth, audio, ..Sensors::all(width.min(DEFAULT_SIDE), height.min(DEFAULT_SIDE)) }
+}
+
+/// Refuses sensors beyond those of the phase, `most`.
+pub(crate) fn check_sensors(sensors: &Sensors, most: &Sensors) -> Result<(), Refusal> {
+    if sensors.is_within(most) {
+        return Ok(());
+    }
+    let message = format!("the phase allows at most {most}; requested: {sensors}");
+    Err(Refusal::new(Reason::SensorNotAllowed, message))
+}
+
+/// Returns the subscribed sensors; by default all of the phase, `most`. Their limits are checked by [`check_sensors`].
+pub(crate) fn requested_sensors(
+    wish: Option<&v1::SensorSubscription>,
+    most: &Sensors,
+) -> Result<Sensors, Refusal> {
+    let Some(wish) = wish else { return Ok(default_sensors(most)) };
     let mut sensors = Sensors {
         rgb: false,
         depth: false,
@@ -216,6 +234,11 @@ mod tests {
         Sensors::all(1024, 1024)
     }
 
+    fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> Result<Sensors, Refusal> {
+        let sensors = requested_sensors(wish, most)?;
+        check_sensors(&sensors, most).map(|()| sensors)
+    }
+
     fn wish(kind: SensorKind, encodings: &[Encoding]) -> v1::SensorWish {
         v1::SensorWish { kind: kind.into(), encodings: encodings.iter().map(|&e| e.into()).collect() }
     }
@@ -229,7 +252,13 @@ mod tests {
         let asked = subscription(vec![wish(SensorKind::Depth, &[Encoding::Png, Encoding::Raw])]);
         let expected = Sensors { rgb: false, audio: false, hfov_rad: 1.5, ..Sensors::all(128, 96) };
         assert_eq!(sensors(Some(&asked), &most()), Ok(expected));
+    }
+
+    #[test]
+    fn default_sensors_are_those_of_the_phase() {
         assert_eq!(sensors(None, &most()), Ok(Sensors::all(256, 256)));
+        let few = Sensors { depth: false, ..Sensors::all(512, 128) };
+        assert_eq!(sensors(None, &few), Ok(Sensors { depth: false, ..Sensors::all(256, 128) }));
     }
 
     #[test]
@@ -279,6 +308,20 @@ mod tests {
         for (asked, reason) in cases {
             assert_eq!(sensors(Some(&asked), &most()).unwrap_err().reason, reason, "{asked:?}");
         }
+        let modest = Sensors { audio: false, ..Sensors::all(512, 512) };
+        let wide = v1::SensorSubscription {
+            width: 600,
+            height: 600,
+            hfov_rad: modest.hfov_rad,
+            ..subscription(vec![wish(SensorKind::Rgb, &[])])
+        };
+        for asked in [wide.clone(), subscription(vec![wish(SensorKind::Audio, &[])])] {
+            assert_eq!(sensors(Some(&asked), &modest).unwrap_err().reason, Reason::SensorNotAllowed);
+        }
+        assert_eq!(
+            sensors(Some(&wide), &modest).unwrap_err().message,
+            "the phase allows at most 512 x 512, RGB + DEPTH; requested: 600 x 600, RGB"
+        );
     }
 
     #[test]

@@ -260,7 +260,9 @@ async fn a_hanging_agent_loses_its_run() {
     let fault = agent.fault().await;
     assert_eq!((fault.reason(), fault.recoverable), (Reason::TooSlow, false));
     assert!(!agent.run_end().await.complete);
-    assert!(server.host.finished());
+    assert!(server.host.cancelled() && !server.host.finished());
+    let mut again = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(hello(1))]).await.unwrap();
+    assert_eq!(reason(&again.next().await.unwrap_err()), "RUN_OVER");
 }
 
 #[tokio::test]
@@ -273,7 +275,7 @@ async fn open_episodes_survive_a_stop_of_the_server() {
     let host = server.host.clone();
     let closed = server.close();
     let Ok(Some(Down::Notice(notice))) = agent.next().await else { panic!("no Notice") };
-    assert_eq!(notice.kind(), v1::NoticeKind::Draining);
+    assert_eq!(notice.kind(), v1::NoticeKind::Unspecified, "open episodes cannot finish");
     assert_eq!(agent.fault().await.reason(), Reason::Draining);
     let status = agent.next().await.unwrap_err();
     assert_eq!((status.code(), reason(&status).as_str()), (Code::Unavailable, "DRAINING"));

@@ -35,11 +35,14 @@ async fn an_impossible_hello_is_refused_with_its_reason() {
     let old = v1::ClientInfo { name: "old-client".into(), version: "1.9.9".into(), api_minor: 0 };
     let mut huge = hello(1);
     huge.sensors.as_mut().unwrap().width = 5000;
+    let mut wide = hello(1);
+    wide.sensors.as_mut().unwrap().width = 600;
     let cases = [
         (Up::Ready(v1::Ready { slot: 0 }), "BAD_REQUEST"),
         (Up::Hello(v1::Hello { run: "run_other".into(), ..hello(1) }), "TOKEN_SCOPE"),
         (Up::Hello(v1::Hello { client: Some(old), ..hello(1) }), "CLIENT_TOO_OLD"),
         (Up::Hello(huge), "BAD_REQUEST"),
+        (Up::Hello(wide), "SENSOR_NOT_ALLOWED"),
     ];
     for (first, word) in cases {
         let mut agent = Agent::dial(&server, RUN_TOKEN, vec![first]).await.unwrap();
@@ -96,7 +99,9 @@ async fn frames_out_of_turn_are_refused() {
         }
     }
     agent.send_raw(v1::PlayRequest { frame: None }).await;
-    assert_eq!(agent.fault().await.reason(), Reason::Unsupported);
+    let fault = agent.fault().await;
+    assert_eq!(fault.reason(), Reason::Unsupported);
+    assert!(fault.message.contains("this server knows minor 0: Hello, Ready"), "{}", fault.message);
 
     agent.act(0, &episode, 3, FORWARD).await;
     let next = agent.observation().await;
@@ -205,7 +210,7 @@ async fn a_slow_client_loses_its_connection() {
 
 #[tokio::test]
 async fn thousands_of_idle_connections_are_bounded() {
-    let limits = Limits { max_connections: 64, max_connections_per_address: 64, ..Limits::default() };
+    let limits = Limits { max_connections: 128, max_connections_per_address: 64, ..Limits::default() };
     let server = TestServer::with_limits(Plan::plain(1), limits).await;
     let mut idle = Vec::new();
     for _ in 0..64 {

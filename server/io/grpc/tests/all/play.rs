@@ -1,10 +1,11 @@
 //! Agents that behave: whole runs through the stream and by unary calls.
 
 use crate::common::{
-    Agent, Book, PATIENT, Plan, Quirk, RUN_TOKEN, TestServer, authorised, hello, play_client, reason, soon,
+    Agent, Book, PATIENT, Plan, Quirk, RUN, RUN_TOKEN, TestServer, authorised, hello, play_client, reason,
+    soon,
 };
 use avln_episode::{EndReason, TimeLimits};
-use avln_grpc::Limits;
+use avln_grpc::{Host, Limits};
 use avln_proto::v1::{
     self, end_request, end_response, goal::Cue, play_request::Frame as Up, reset_response::Outcome,
 };
@@ -140,6 +141,27 @@ async fn a_waiting_slot_gets_a_returned_episode() {
 }
 
 #[tokio::test]
+async fn slots_without_memory_wait_for_ends() {
+    let server = TestServer::open(Plan { most_open: 1, ..Plan::plain(3) }).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let mut start = agent.ready(0).await;
+    agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
+    for slot in [1, 0] {
+        agent.act(start.slot, &start.episode, 1, STOP).await;
+        assert!(agent.observation().await.terminated, "no fault for the other slot");
+        agent.episode_end().await;
+        start = agent.episode_start().await;
+        assert_eq!(start.slot, slot);
+        agent.send(Up::Ready(v1::Ready { slot: 1 - slot })).await;
+    }
+    agent.act(start.slot, &start.episode, 1, STOP).await;
+    agent.observation().await;
+    agent.episode_end().await;
+    assert!(agent.run_end().await.complete);
+    assert_eq!(server.host.ends(3).await, [Some(EndReason::Stopped); 3]);
+}
+
+#[tokio::test]
 async fn goodbye_abandons_open_episodes() {
     let server = TestServer::open(Plan::plain(3)).await;
     let mut agent = Agent::enter(&server, 1).await;
@@ -248,6 +270,13 @@ async fn end(server: &TestServer, frame: end_request::Frame) -> Result<end_respo
     play_client(server).await.end(request).await.map(|answer| answer.into_inner().frame.unwrap())
 }
 
+async fn leave(server: &TestServer) -> v1::RunEnd {
+    match end(server, end_request::Frame::Goodbye(v1::Goodbye { pause: false })).await {
+        Ok(end_response::Frame::RunEnd(end)) => end,
+        other => panic!("no RunEnd but {other:?}"),
+    }
+}
+
 #[tokio::test]
 async fn unary_calls_play_a_whole_run() {
     let server = TestServer::open(Plan::plain(2)).await;
@@ -275,6 +304,8 @@ async fn unary_calls_play_a_whole_run() {
     assert_eq!(end.reason(), v1::EndReason::Abandoned);
     let Outcome::RunEnd(end) = reset(&server).await else { panic!("an episode too many") };
     assert!(end.complete && server.host.finished());
+    assert_eq!(reset(&server).await, Outcome::RunEnd(end.clone()), "a lost answer can be repeated");
+    assert_eq!(leave(&server).await, end);
     assert_eq!(server.host.ends(2).await, [Some(EndReason::Stopped), Some(EndReason::Abandoned)]);
 }
 
@@ -303,10 +334,38 @@ async fn refusals_are_statuses_and_harm_nothing() {
 async fn goodbye_closes_the_run() {
     let server = TestServer::open(Plan::plain(2)).await;
     start(&server).await;
-    let goodbye = end_request::Frame::Goodbye(v1::Goodbye { pause: false });
-    let Ok(end_response::Frame::RunEnd(end)) = end(&server, goodbye).await else { panic!("no RunEnd") };
+    let end = leave(&server).await;
     assert_eq!((end.complete, end.progress.unwrap().done), (false, 1));
     assert_eq!(server.host.ends(1).await, [Some(EndReason::Abandoned)]);
+    assert!(server.host.cancelled());
+    assert_eq!(leave(&server).await, end, "a lost answer can be repeated");
+    let over = reset_with(&server, hello(1)).await.unwrap();
+    assert_eq!((over.welcome, over.outcome), (None, Some(Outcome::RunEnd(end))));
+}
+
+#[tokio::test]
+async fn an_expired_run_ends_unary_play() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    start(&server).await;
+    server.host.expire_run(RUN).await.unwrap();
+    let Outcome::RunEnd(end) = reset(&server).await else { panic!("an episode too many") };
+    assert_eq!((end.complete, end.progress.unwrap().done), (false, 1));
+    assert_eq!(server.host.ends(1).await, [Some(EndReason::TimeBudget)]);
+    assert!(!server.host.cancelled());
+}
+
+#[tokio::test]
+async fn reset_without_episodes_keeps_the_run_open() {
+    let book = Book::default();
+    let server = TestServer::with_book(Plan::plain(1), Limits::default(), book.clone()).await;
+    let episode = start(&server).await.episode;
+    // An episode that the server has lost and will return.
+    book.lock().unwrap().insert("ep_lost".into(), Default::default());
+    step(&server, &episode, 1, STOP).await.unwrap();
+    let Outcome::RunEnd(end) = reset(&server).await else { panic!("an episode too many") };
+    assert!(!server.host.cancelled() && !server.host.finished(), "{end:?}");
+    server.host.refill();
+    assert_ne!(start(&server).await.episode, episode, "it returned");
 }
 
 #[tokio::test]

@@ -194,20 +194,45 @@ async fn other_sensors_are_refused_on_resume() {
     let mut blind = v1::Hello { resume: true, ..hello(1) };
     blind.sensors.as_mut().unwrap().wishes.clear();
     let mut refused = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(blind)]).await.unwrap();
-    assert_eq!(reason(&refused.next().await.unwrap_err()), "SENSOR_NOT_ALLOWED");
+    let status = refused.next().await.unwrap_err();
+    assert_eq!(reason(&status), "SENSOR_NOT_ALLOWED");
+    let both = "to 64 x 64, hfov 1.5 rad, RGB + DEPTH + AUDIO; request the same ones instead of 64 x 64";
+    assert!(status.message().contains(both), "{status}");
     let mut agent = Agent::resume(&server, 1, &[(0, &episode, 1)]).await;
     assert_eq!(agent.observation().await.step, 1);
 }
 
 #[tokio::test]
-async fn a_finished_run_is_reported_on_resume() {
+async fn lowered_sensor_limits_spare_open_episodes() {
     let server = server(1).await;
-    let (mut agent, _) = walked(&server, 1).await;
+    let (mut agent, episode) = walked(&server, 1).await;
+    server.host.narrow(32);
+    agent.send(Up::Goodbye(v1::Goodbye { pause: true })).await;
+    assert!(agent.next().await.unwrap().is_none());
+    let mut agent = Agent::resume(&server, 1, &[(0, &episode, 1)]).await;
+    assert_eq!(agent.observation().await.step, 1);
     agent.goodbye().await;
     agent.episode_end().await;
     agent.run_end().await;
-    let hello = v1::Hello { resume: true, ..hello(1) };
+    assert!(agent.next().await.unwrap().is_none());
+    server.host.refill();
+    let fresh = v1::Hello { resume: true, ..hello(1) };
+    let mut refused = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(fresh)]).await.unwrap();
+    assert_eq!(reason(&refused.next().await.unwrap_err()), "SENSOR_NOT_ALLOWED", "no session is left");
+}
+
+#[tokio::test]
+async fn a_finished_run_is_reported_on_resume() {
+    let server = server(1).await;
+    let (mut agent, episode) = walked(&server, 1).await;
+    agent.goodbye().await;
+    agent.episode_end().await;
+    agent.run_end().await;
+    let known = vec![v1::SlotPosition { slot: 0, episode: episode.clone(), step: 1 }];
+    let hello = v1::Hello { resume: true, known, ..hello(1) };
     let mut agent = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+    let end = agent.episode_end().await;
+    assert_eq!((end.episode, end.step, end.progress.unwrap().done), (episode, 1, 1));
     assert_eq!(agent.run_end().await.progress.unwrap().done, 1);
     assert!(agent.next().await.unwrap().is_none());
 }

@@ -34,7 +34,7 @@ pub struct EpisodeView {
     pub metrics: Option<Metrics>,
     /// The mission; `None` if scores are hidden.
     pub mission: Option<MissionView>,
-    /// Wall-clock time by activity.
+    /// Wall-clock time by activity; whole seconds if replays are hidden.
     pub time: TimeAccount,
     /// Result time, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
@@ -142,7 +142,7 @@ impl Reader {
             None => None,
         };
         let goals = read_goals(&mut tx, &run.phase, &row.episode).await?;
-        let time = row.time();
+        let time = if sight.replays { row.time() } else { row.time().rounded() };
         let metrics = row.metrics.filter(|_| sight.replays).map(|Json(metrics)| metrics);
         let order = run.order;
         let mission = MissionView { order, goals: goal_views(goals, metrics.as_ref(), sight) };

@@ -29,6 +29,8 @@ pub struct PhaseView {
     pub state: PhaseState,
     /// Pause reason; `None` in other states.
     pub state_reason: Option<String>,
+    /// True if the organiser closed the phase by hand; its closing date then has no effect.
+    pub closed_by_hand: bool,
     /// Opening time; `None` if the phase is open from the beginning.
     pub opens_unix_ms: Option<i64>,
     /// Closing time; `None` if it never closes.
@@ -79,6 +81,7 @@ impl PhaseView {
             episodes: phase.sampling.episodes_of_run(episodes),
             promise: read_commitment(tx, &phase.id).await?,
             state,
+            closed_by_hand: phase.schedule.closed,
             state_reason: phase.schedule.paused.filter(|_| state == PhaseState::Paused),
             opens_unix_ms: phase.schedule.opens_unix_ms,
             closes_unix_ms: phase.schedule.closes_unix_ms,

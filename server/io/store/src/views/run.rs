@@ -76,7 +76,7 @@ pub struct RunView {
     pub health: BTreeMap<&'static str, u32>,
     /// Attempts lost by server failures, which do not count.
     pub server_faults: u32,
-    /// Wall-clock time by activity, over all episodes.
+    /// Wall-clock time by activity, over all episodes; whole seconds if replays are hidden.
     pub time: TimeAccount,
     /// Sensors requested in the last session; `None` before the first session.
     pub sensors: Option<Sensors>,
@@ -233,7 +233,7 @@ async fn read_view(tx: &mut Transaction<'_>, run: &Run, sight: Sight, totals: &T
         by_scene: if sight.replays { by_scene(&scores) } else { vec![] },
         health,
         server_faults: totals.server_faults,
-        time,
+        time: if sight.replays { time } else { time.rounded() },
         sensors: run.sensors.clone(),
         digests: read_digests(tx, run, sight).await?,
         rescores: vec![],

@@ -1,7 +1,7 @@
 //! Run lists, open runs and run comparison.
 
 use crate::{
-    database::Transaction,
+    database::{Transaction, Word},
     error::Result,
     phases::{PhaseHead, read_heads},
     runs::{Run, RunFilter, read_runs},
@@ -37,13 +37,14 @@ pub struct LiveRun {
 }
 
 impl Reader {
-    /// Returns the newest `limit` runs visible to the viewer, in one phase or all.
+    /// Returns the newest `limit` runs listed for the viewer, in one phase or all.
     pub async fn runs(&self, viewer: &Viewer, phase: Option<&str>, limit: u32) -> Result<Vec<RunLine>> {
         let list = self.older_runs(viewer, phase, None, limit).await?;
         Ok(list.map(|list| list.runs).unwrap_or_default())
     }
 
     /// Returns the newest `limit` visible runs older than the run called `before`; `None` if that run is hidden or unknown.
+    /// Cancelled runs, such as those of checks, are listed only for their team and the organiser.
     pub async fn older_runs(
         &self,
         viewer: &Viewer,
@@ -58,15 +59,16 @@ impl Reader {
             return Ok(None);
         }
         let phases = read_heads(&mut tx, phase).await?;
-        let select = "SELECT id, phase, team FROM runs WHERE ($1 IS NULL OR phase = $1) AND ($2 IS NULL OR EXISTS \
+        let select = "SELECT id, phase, team, state FROM runs WHERE ($1 IS NULL OR phase = $1) AND ($2 IS NULL OR EXISTS \
              (SELECT 1 FROM runs b WHERE b.id = $2 AND (runs.created_ms < b.created_ms \
               OR (runs.created_ms = b.created_ms AND runs.id > b.id)))) ORDER BY created_ms DESC, id";
-        let runs: Vec<(String, String, String)> =
+        let runs: Vec<(String, String, String, Word<RunState>)> =
             sqlx::query_as(select).bind(phase).bind(before).fetch_all(&mut *tx).await?;
         // Visibility is decided here and not in SQL, so ids are filtered until the page is full.
         let mut visible = runs
             .into_iter()
-            .filter_map(|(run, phase, team)| Some((run, sight_in(&phases, viewer, &phase, &team)?)));
+            .filter(|(_, _, team, state)| state.0 != RunState::Cancelled || viewer.owns(team))
+            .filter_map(|(run, phase, team, _)| Some((run, sight_in(&phases, viewer, &phase, &team)?)));
         let page: Vec<_> = visible.by_ref().take(limit as usize).collect();
         let last = page.last().map(|(run, _)| run.clone());
         let next = if visible.next().is_some() { last } else { None };

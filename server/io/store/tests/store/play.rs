@@ -143,6 +143,24 @@ async fn failing_starts_are_abandoned() {
 }
 
 #[tokio::test]
+async fn returned_episodes_count_no_fault() {
+    let arena = started(1).await;
+    for attempt in 0..5 {
+        let handle = format!("h{attempt}");
+        arena.assign("run_1", &handle).await.expect("the episode is pending again");
+        assert!(!arena.store.return_episode("run_1", "other").await.expect("an answer"));
+        assert!(arena.store.return_episode("run_1", &handle).await.expect("an answer"));
+    }
+    for attempt in 5..8 {
+        let handle = format!("h{attempt}");
+        let assigned = arena.assign("run_1", &handle).await.expect("only faults are counted");
+        let fault = Played::new(&assigned, Order::Unordered, 2, EndReason::ServerFault);
+        let run = arena.record("run_1", &handle, &fault).await.expect("an answer").run;
+        assert_eq!(run.state == RunState::Completed, attempt == 7);
+    }
+}
+
+#[tokio::test]
 async fn parallel_results_add_up() {
     let arena = started(8).await;
     let mut seats = Vec::new();
@@ -259,6 +277,18 @@ async fn maintenance_extends_runs_and_phases() {
         0,
         "a maintenance counts once"
     );
+}
+
+#[tokio::test]
+async fn clock_change_is_no_downtime() {
+    let (arena, _) = started_in(&timed(3600, Some(100 * HOUR_MS)), 10).await;
+    arena.store.credit_downtime(20).await.expect("a first start");
+    arena.store.record_drain("new disks", 1_000_000).await.expect("a note");
+    let set_ms = 72 * HOUR_MS;
+    arena.store.follow_clock(set_ms, 1_001_000 + set_ms).await.expect("an answer");
+    let credit = arena.store.credit_downtime(1_005_000 + set_ms).await.expect("the next start");
+    assert_eq!(credit, DowntimeCredit { away_ms: 5_000, runs: 1, phases: vec!["practice".to_owned()] });
+    assert_eq!(deadline(&arena).await, Some(10 + HOUR_MS + set_ms + 5_000));
 }
 
 #[tokio::test]

@@ -108,10 +108,13 @@ async fn concurrent_quota_limits_open_runs() {
 async fn stored_facts_decide_charges() {
     let arena = Arena::new(&limited(QuotaLimits { total: Some(9), ..QuotaLimits::default() })).await;
     let charge = async |run: &str| arena.store.charge(run).await.expect("a run").charged;
-    for run in ["run_open", "run_idle", "run_left", "run_whole", "run_lost", "run_failed", "run_late"] {
+    let runs =
+        ["run_open", "run_idle", "run_left", "run_seen", "run_whole", "run_lost", "run_failed", "run_late"];
+    for run in runs {
         start(&arena, run, 10).await.expect("a run");
     }
     play(&arena, "run_left", EndReason::Abandoned).await;
+    let seen = arena.assign("run_seen", "seen").await.expect("an episode");
     play(&arena, "run_late", EndReason::TimeBudget).await;
     for _ in 0..2 {
         play(&arena, "run_whole", EndReason::Disconnected).await;
@@ -119,7 +122,7 @@ async fn stored_facts_decide_charges() {
     for _ in 0..6 {
         play(&arena, "run_lost", EndReason::ServerFault).await;
     }
-    for run in ["run_idle", "run_left", "run_lost"] {
+    for run in ["run_idle", "run_left", "run_seen", "run_lost"] {
         arena.store.cancel_run(run, 20).await.expect("a run");
     }
     arena.store.end_run("run_failed", RunState::Failed, 20).await.expect("a run");
@@ -128,6 +131,7 @@ async fn stored_facts_decide_charges() {
         ("run_open", true),
         ("run_idle", false),
         ("run_left", true),
+        ("run_seen", true),
         ("run_whole", true),
         ("run_lost", false),
         ("run_failed", false),
@@ -137,7 +141,41 @@ async fn stored_facts_decide_charges() {
         assert_eq!(charge(run).await, charged, "{run}");
     }
     let total = quota(&arena, QuotaWindow::Total, 30).await;
-    assert_eq!((total.used, total.remaining), (4, Some(5)));
+    assert_eq!((total.used, total.remaining), (5, Some(4)));
+    let closed = Played::new(&seen, Order::Unordered, 0, EndReason::Abandoned);
+    arena.record("run_seen", "seen", &closed).await.expect("a result");
+    assert!(charge("run_seen").await, "a result after the end changes nothing");
+}
+
+#[tokio::test]
+async fn runs_without_step_are_charged() {
+    let arena = Arena::new(&limited(QuotaLimits { total: Some(9), ..QuotaLimits::default() })).await;
+    let charge = async |run: &str| arena.store.charge(run).await.expect("a run");
+    for run in ["run_seen", "run_lost"] {
+        start(&arena, run, 10).await.expect("a run");
+        let assigned = arena.assign(run, &format!("{run}-h")).await.expect("an episode");
+        let end = if run == "run_seen" { EndReason::Abandoned } else { EndReason::ServerFault };
+        let mut played = Played::new(&assigned, Order::Unordered, 0, end);
+        played.metrics.steps = 0;
+        arena.record(run, &assigned.handle, &played).await.expect("a result");
+        arena.store.cancel_run(run, 20).await.expect("a run");
+    }
+    let seen = charge("run_seen").await;
+    assert_eq!((seen.charged, seen.reason), (true, "it ended after its first episode began"));
+    let lost = charge("run_lost").await;
+    assert_eq!((lost.charged, lost.reason), (false, "the server lost every episode that began"));
+}
+
+#[tokio::test]
+async fn counted_phases_limit_uncharged_runs() {
+    let counted = limited(QuotaLimits { month: Some(900), ..QuotaLimits::default() });
+    let arena = Arena::new(&counted).await;
+    assert_eq!(quota(&arena, QuotaWindow::Uncharged, 10).await.limit, Some(20));
+    let open = limited(QuotaLimits { concurrent: Some(1), ..QuotaLimits::default() });
+    arena.store.upsert_phase(&open, 11).await.expect("another quota");
+    let windows = arena.store.quotas(TEAM, Some("practice"), 12).await.expect("quotas").into_iter();
+    let windows: Vec<_> = windows.map(|quota| quota.window).collect();
+    assert_eq!(windows, [QuotaWindow::Total, QuotaWindow::Concurrent]);
 }
 
 #[tokio::test]

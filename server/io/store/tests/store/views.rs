@@ -44,6 +44,21 @@ async fn open_runs_show_progress_by_visibility() {
 }
 
 #[tokio::test]
+async fn times_without_replays_are_whole_seconds() {
+    let arena = Arena::new(&Phase { replays: Visibility::Team, ..phase("practice", 3) }).await;
+    arena.play("run_1", "walker", Order::Unordered, 1).await;
+    let reader = arena.store.reader();
+    for (viewer, run_s, episode_s) in
+        [(Viewer::Anonymous, (2.0, 5.0), (1.0, 2.0)), (red(), (1.5, 4.5), (0.5, 1.5))]
+    {
+        let run = reader.run(&viewer, "run_1").await.expect("an answer").expect("the run");
+        assert_eq!((run.time.simulation_s, run.time.thinking_s), run_s, "{viewer:?}");
+        let episode = reader.episode(&viewer, "run_1", 0).await.expect("an answer").expect("the episode");
+        assert_eq!((episode.time.simulation_s, episode.time.thinking_s), episode_s, "{viewer:?}");
+    }
+}
+
+#[tokio::test]
 async fn run_list_continues_after_last_run() {
     let arena = Arena::new(&guarded()).await;
     for (id, now) in [("run_1", 40), ("run_2", 50), ("run_3", 60)] {
@@ -59,6 +74,35 @@ async fn run_list_continues_after_last_run() {
     assert_eq!(page(None).await, Some((newest, Some("run_2".to_owned()))));
     assert_eq!(page(Some("run_2")).await, Some((vec!["run_1".to_owned()], None)));
     assert_eq!(page(Some("run_9")).await, None);
+}
+
+#[tokio::test]
+async fn cancelled_runs_are_listed_for_their_team() {
+    let arena = Arena::new(&phase("practice", 2)).await;
+    for (id, now) in [("run_1", 40), ("run_2", 50), ("run_3", 60)] {
+        open(&arena, id, "practice", now).await;
+    }
+    arena.store.cancel_run("run_2", 70).await.expect("an open run");
+    let reader = arena.store.reader();
+    let blue = Viewer::Team("blue".to_owned());
+    for (viewer, count) in [(&blue, 0), (&red(), 3), (&Viewer::Organiser, 0)] {
+        let own = reader.own_runs(viewer, 9).await.expect("a list");
+        assert_eq!(own.len(), count, "own runs of {viewer:?} in a public phase");
+    }
+    for (viewer, expected) in [
+        (Viewer::Anonymous, ["run_3", "run_1"]),
+        (blue, ["run_3", "run_1"]),
+        (red(), ["run_3", "run_2"]),
+        (Viewer::Organiser, ["run_3", "run_2"]),
+    ] {
+        let page = reader.older_runs(&viewer, None, None, 2).await.expect("an answer").expect("a page");
+        let runs: Vec<_> = page.runs.iter().map(|line| line.run.as_str()).collect();
+        let next = (expected[1] != "run_1").then_some(expected[1]);
+        assert_eq!((runs, page.next.as_deref()), (expected.to_vec(), next), "{viewer:?}");
+        assert!(reader.run(&viewer, "run_2").await.expect("an answer").is_some(), "its page: {viewer:?}");
+    }
+    let older = reader.older_runs(&Viewer::Anonymous, None, Some("run_2"), 2).await.expect("an answer");
+    assert_eq!(older.expect("a page").runs.len(), 1, "lists continue after a cancelled run");
 }
 
 #[tokio::test]
@@ -155,9 +199,10 @@ async fn teams_read_own_quotas_of_visible_phases() {
         quotas.map(|quota| (quota.phase, quota.limit, quota.used)).collect::<Vec<_>>()
     };
     let [practice, second] = ["practice", "second"].map(str::to_owned);
-    assert_eq!(listed(red()).await, [(practice.clone(), Some(3), 1)]);
+    let uncharged = (practice.clone(), Some(QuotaLimits::DEFAULT_UNCHARGED), 0);
+    assert_eq!(listed(red()).await, [(practice.clone(), Some(3), 1), uncharged.clone()]);
     let blue = Viewer::Team("blue".to_owned());
-    assert_eq!(listed(blue).await, [(practice, Some(3), 0), (second, None, 0)]);
+    assert_eq!(listed(blue).await, [(practice, Some(3), 0), uncharged, (second, None, 0)]);
     assert!(listed(Viewer::Anonymous).await.is_empty() && listed(Viewer::Organiser).await.is_empty());
 }
 
@@ -174,6 +219,22 @@ async fn reason_is_shown_during_pause_only() {
     };
     assert_eq!(shown(9).await, (PhaseState::Upcoming, None));
     assert_eq!(shown(10).await, (PhaseState::Paused, paused));
+}
+
+#[tokio::test]
+async fn closing_by_hand_differs_from_closing_date() {
+    let dated = Schedule { closes_unix_ms: Some(10), ..Schedule::default() };
+    let arena = Arena::new(&Phase { schedule: dated.clone(), ..phase("practice", 1) }).await;
+    let by_hand = Schedule { closed: true, ..dated };
+    arena.store.upsert_phase(&Phase { schedule: by_hand, ..phase("second", 1) }, 2).await.expect("a phase");
+    let reader = arena.store.reader();
+    let shown = async |id: &str, now: i64| {
+        let view = reader.phase(&Viewer::Anonymous, id, now).await.expect("an answer").expect("the phase");
+        (view.state, view.closed_by_hand)
+    };
+    assert_eq!(shown("practice", 9).await, (PhaseState::Open, false));
+    assert_eq!(shown("practice", 10).await, (PhaseState::Closed, false));
+    assert_eq!(shown("second", 9).await, (PhaseState::Closed, true));
 }
 
 #[tokio::test]

@@ -103,7 +103,9 @@ fn run_endpoints() -> Vec<Endpoint> {
             .about("The common episodes as a table."),
         Endpoint::json::<RunList>("/runs", get(json::runs))
             .query(RUNS_QUERY)
-            .about("Runs, newest first. Pass next as before to get the next page."),
+            .about(
+                "Runs, newest first; cancelled runs only for their team and the organiser. Pass next as before to get the next page.",
+            ),
         Endpoint::csv("/runs.csv", get(csv::runs))
             .query(RUNS_QUERY)
             .about("The same runs as a table. Pass the last run as before to get the next page."),

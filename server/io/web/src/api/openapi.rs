@@ -16,6 +16,9 @@ pub(super) struct Body {
     components: Vec<(String, RefOr<Schema>)>,
 }
 
+/// Rules that are not serialised by default.
+const OMITTED_RULES: [&str; 2] = ["head", "silence"];
+
 impl Body {
     /// A body without inner structure, such as a table.
     pub(super) fn text(media_type: &'static str) -> Self {
@@ -132,8 +135,12 @@ fn adapt(schema: &mut Value) {
             fields.remove("propertyNames");
             if let Some(Value::Object(properties)) = fields.get_mut("properties") {
                 *properties = std::mem::take(properties).into_iter().map(named_time).collect();
-                // `Option` is null, never missing; only the default head is left out of `Rules`.
-                let required = properties.keys().filter(|name| *name != "head").cloned().collect();
+                // `Option` is null, never missing; only defaults of some rules are left out.
+                let required = properties
+                    .keys()
+                    .filter(|name| !OMITTED_RULES.contains(&name.as_str()))
+                    .cloned()
+                    .collect();
                 fields.insert("required".to_owned(), required);
             }
             fields.values_mut().for_each(adapt);

@@ -1,7 +1,10 @@
 //! Markdown as HTML, and as sections for the search.
 
 use super::{Document, DocumentSection};
-use pulldown_cmark::{Alignment, CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, html};
+use crate::links::{linked_html, start_tag};
+use pulldown_cmark::{
+    Alignment, CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, TextMergeStream, html,
+};
 use std::{
     collections::{BTreeMap, BTreeSet},
     iter,
@@ -19,6 +22,67 @@ pub(super) fn render(path: &str, text: &str, pages: &BTreeSet<&str>) -> Document
     // Scrollable blocks must be reachable by keyboard (accessibility).
     let html = html.replace("<pre>", "<pre tabindex=\"0\">");
     Document { slug: slug(path), title, html, sections }
+}
+
+/// Renders an organiser's text below a page heading. HTML is removed, images become their descriptions, URLs become links, and
+/// links within this site and with other schemes become plain text.
+pub(crate) fn brief(text: &str) -> String {
+    let events = Parser::new_ext(text, Options::empty()).filter(|event| !is_foreign(event));
+    // The parser splits texts inside URLs, such as at underscores.
+    let events = TextMergeStream::new(events);
+    // Open links: true for those with a tag.
+    let mut links = Vec::new();
+    let mut is_code = false;
+    let kept = events.filter_map(|event| match event {
+        Event::Start(Tag::Link { dest_url, .. }) => {
+            let tag = start_tag(&dest_url);
+            links.push(tag.is_some());
+            tag.map(|tag| Event::InlineHtml(tag.into()))
+        }
+        Event::End(TagEnd::Link) => links.pop().unwrap_or(false).then(|| Event::InlineHtml("</a>".into())),
+        Event::Text(words) if links.is_empty() && !is_code => {
+            Some(Event::InlineHtml(linked_html(&words).into()))
+        }
+        other => {
+            match &other {
+                Event::Start(Tag::CodeBlock(_)) => is_code = true,
+                Event::End(TagEnd::CodeBlock) => is_code = false,
+                _ => {}
+            }
+            Some(demoted(other))
+        }
+    });
+    let mut html = String::new();
+    html::push_html(&mut html, kept);
+    html.replace("<pre>", "<pre tabindex=\"0\">")
+}
+
+/// Returns true for HTML and for the frames of images; an image's description is a text of its own.
+fn is_foreign(event: &Event) -> bool {
+    matches!(
+        event,
+        Event::Html(_)
+            | Event::InlineHtml(_)
+            | Event::Start(Tag::HtmlBlock | Tag::Image { .. })
+            | Event::End(TagEnd::HtmlBlock | TagEnd::Image)
+    )
+}
+
+/// Moves a heading two levels down, because the page has levels 1 and 2; returns other events unchanged.
+fn demoted(event: Event<'_>) -> Event<'_> {
+    let lower = |level| match level {
+        HeadingLevel::H1 => HeadingLevel::H3,
+        HeadingLevel::H2 => HeadingLevel::H4,
+        HeadingLevel::H3 => HeadingLevel::H5,
+        HeadingLevel::H4 | HeadingLevel::H5 | HeadingLevel::H6 => HeadingLevel::H6,
+    };
+    match event {
+        Event::Start(Tag::Heading { level, id, classes, attrs }) => {
+            Event::Start(Tag::Heading { level: lower(level), id, classes, attrs })
+        }
+        Event::End(TagEnd::Heading(level)) => Event::End(TagEnd::Heading(lower(level))),
+        other => other,
+    }
 }
 
 /// Returns the document's address below `/docs/`.
@@ -213,6 +277,33 @@ mod tests {
         let text = "[s](../scoring.md) [n](javascript:alert) [o](../../../../etc)";
         let html = html("docs/decisions/x.md", text);
         assert_eq!(html, "<p><a href=\"/docs/scoring\">s</a> n o</p>\n");
+    }
+
+    #[test]
+    fn brief_texts_keep_only_safe_links() {
+        let text = "**Read** [a](https://e.org/x?b=1&c=2) [b](javascript:alert(1)) [c](/me) [d](#scenes)";
+        let expected = "<strong>Read</strong> <a rel=\"nofollow noopener\" href=\"https://e.org/x?b=1&#38;c=2\">a</a> \
+                        b c <a href=\"#scenes\">d</a>";
+        assert_eq!(brief(text), format!("<p>{expected}</p>\n"));
+    }
+
+    #[test]
+    fn brief_texts_lose_html_and_images() {
+        let text = "<script>alert(1)</script>\n\nA <b onclick=\"x\">bold</b> ![floor *plan*](https://e.org/p.png) & 1 < 2";
+        assert_eq!(brief(text), "<p>A bold floor <em>plan</em> &#38; 1 &#60; 2</p>\n");
+        assert_eq!(brief("a &lt;i> b"), "<p>a &#60;i&#62; b</p>\n");
+        assert_eq!(brief("# Dates\n\n## May\n"), "<h3>Dates</h3>\n<h4>May</h4>\n");
+    }
+
+    #[test]
+    fn brief_texts_link_bare_urls() {
+        let url = "https://e.org/a_b_c";
+        let link = format!("<a rel=\"nofollow noopener\" href=\"{url}\">{url}</a>");
+        assert_eq!(brief(&format!("See {url}.")), format!("<p>See {link}.</p>\n"));
+        assert_eq!(brief(&format!("<{url}>")), format!("<p>{link}</p>\n"), "no link in a link");
+        assert_eq!(brief(&format!("`{url}`")), format!("<p><code>{url}</code></p>\n"));
+        let block = brief(&format!("    {url}\n"));
+        assert_eq!(block, format!("<pre tabindex=\"0\"><code>{url}\n</code></pre>\n"));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 mod markdown;
 
+pub(crate) use markdown::brief;
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{Arc, OnceLock},

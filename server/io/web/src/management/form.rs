@@ -1,14 +1,15 @@
 //! Management forms, protected against requests from other sites.
 
-use super::SignedIn;
+use super::{ManagementState, SignedIn};
 use crate::error::{RequestError, Result};
+use avln_challenge::names::is_visible_text;
 use axum::{
     body::to_bytes,
     extract::{FromRequest, FromRequestParts, Request},
     http::{HeaderMap, header},
     response::{IntoResponse, Response},
 };
-use std::{collections::BTreeMap, ops::RangeInclusive};
+use std::{collections::BTreeMap, ops::RangeInclusive, sync::Arc};
 
 // Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
 pub(crate) const MAX_FORM_BYTES: usize = 16 << 10;
@@ -31,7 +32,7 @@ impl<S: Send + Sync> FromRequest<S> for SignInForm {
     type Rejection = RequestError;
 
     async fn from_request(request: Request, _: &S) -> Result<Self> {
-        reject_other_sites(request.headers())?;
+        reject_other_sites(request.headers(), canonical_origin(&request))?;
         FormFields::read(request).await.map(Self)
     }
 }
@@ -40,7 +41,8 @@ impl<S: Send + Sync> FromRequest<S> for SignedForm {
     type Rejection = Response;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Response> {
-        reject_other_sites(request.headers()).map_err(RequestError::into_response)?;
+        let checked = reject_other_sites(request.headers(), canonical_origin(&request));
+        checked.map_err(RequestError::into_response)?;
         let (mut parts, body) = request.into_parts();
         let by = SignedIn::from_request_parts(&mut parts, state).await?;
         let request = Request::from_parts(parts, body);
@@ -54,16 +56,23 @@ impl<S: Send + Sync> FromRequest<S> for SignedForm {
     }
 }
 
+fn canonical_origin(request: &Request) -> Option<&str> {
+    request.extensions().get::<Arc<ManagementState>>()?.origin.as_deref()
+}
+
 // Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
 // cannot change either header.
-fn reject_other_sites(headers: &HeaderMap) -> Result<()> {
+fn reject_other_sites(headers: &HeaderMap, canonical: Option<&str>) -> Result<()> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let is_own = match (text(header::HeaderName::from_static("sec-fetch-site")), text(header::ORIGIN)) {
         (Some(site), _) => site == "same-origin",
-        (None, Some(origin)) => {
-            let host = origin.split_once("://").map(|(_, host)| host);
-            host.is_some() && host == text(header::HOST)
-        }
+        (None, Some(origin)) => match canonical {
+            Some(canonical) => origin == canonical,
+            None => {
+                let host = origin.split_once("://").map(|(_, host)| host);
+                host.is_some() && host == text(header::HOST)
+            }
+        },
         (None, None) => false,
     };
     if is_own { Ok(()) } else { Err(RequestError::Foreign) }
@@ -123,7 +132,7 @@ impl FormFields {
 
 fn printable(what: &str, text: &str, max_chars: usize) -> Result<String> {
     let text = text.trim();
-    if text.chars().count() <= max_chars && !text.chars().any(char::is_control) {
+    if is_visible_text(text, &(0..=max_chars)) {
         return Ok(text.to_owned());
     }
     let message = format!("{what} must be a single line of at most {max_chars} printable characters");
@@ -135,17 +144,17 @@ mod tests {
     use super::*;
     use axum::{body::Body, http::HeaderValue};
 
-    fn from(headers: &[(&'static str, &'static str)]) -> bool {
+    fn from(headers: &[(&'static str, &'static str)], canonical: Option<&str>) -> bool {
         let pairs = headers
             .iter()
             .map(|&(name, value)| (header::HeaderName::from_static(name), HeaderValue::from_static(value)));
-        reject_other_sites(&pairs.collect()).is_ok()
+        reject_other_sites(&pairs.collect(), canonical).is_ok()
     }
 
     #[test]
     fn forms_of_other_sites_are_rejected() {
-        assert!(from(&[("sec-fetch-site", "same-origin"), ("origin", "null"), ("host", "a.example")]));
-        assert!(from(&[("origin", "http://a.example:8080"), ("host", "a.example:8080")]));
+        assert!(from(&[("sec-fetch-site", "same-origin"), ("origin", "null"), ("host", "a.example")], None));
+        assert!(from(&[("origin", "http://a.example:8080"), ("host", "a.example:8080")], None));
         for foreign in [
             &[][..],
             &[("host", "a.example")],
@@ -156,7 +165,17 @@ mod tests {
             &[("origin", "http://a.example"), ("host", "a.example"), ("sec-fetch-site", "cross-site")],
             &[("sec-fetch-site", "none"), ("host", "a.example")],
         ] {
-            assert!(!from(foreign), "{foreign:?}");
+            assert!(!from(foreign, None), "{foreign:?}");
+        }
+    }
+
+    #[test]
+    fn canonical_origin_replaces_the_host_header() {
+        let canonical = Some("https://a.example");
+        assert!(from(&[("origin", "https://a.example"), ("host", "127.0.0.1:8080")], canonical));
+        assert!(from(&[("sec-fetch-site", "same-origin"), ("host", "127.0.0.1:8080")], canonical));
+        for foreign in ["https://evil.example", "http://a.example", "https://a.example:8443", "null"] {
+            assert!(!from(&[("origin", foreign), ("host", "evil.example")], canonical), "{foreign}");
         }
     }
 

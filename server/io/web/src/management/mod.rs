@@ -151,11 +151,14 @@ pub(crate) struct ManagementState {
     pub(crate) sessions: Sessions,
     pub(crate) sign_in_limiter: SignInLimiter,
     pub(crate) is_secure: bool,
+    /// Canonical origin of the pages; `None` for the host in a request.
+    pub(crate) origin: Option<String>,
 }
 
 impl ManagementState {
-    pub(crate) fn new(actions: Arc<dyn Management>, is_secure: bool) -> Self {
-        Self { actions, sessions: Sessions::default(), sign_in_limiter: SignInLimiter::default(), is_secure }
+    pub(crate) fn new(actions: Arc<dyn Management>, is_secure: bool, origin: Option<String>) -> Self {
+        let (sessions, sign_in_limiter) = (Sessions::default(), SignInLimiter::default());
+        Self { actions, sessions, sign_in_limiter, is_secure, origin }
     }
 }
 

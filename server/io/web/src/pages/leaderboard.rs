@@ -191,7 +191,7 @@ fn tied_with(rows: &[LeaderboardRow], row: &LeaderboardRow) -> Option<u32> {
 
 fn caption(view: &LeaderboardView) -> String {
     format!(
-        "{} over {} in {}, ranked by {} ({}); each method is represented by its {} run{}.{}",
+        "{} over {} in {}, ranked by {} ({}); each method is represented by its {} run{}.{}{}",
         entry_count(view),
         format::plural(&view.phase.episodes, "episode"),
         format::plural(&view.phase.scenes, "scene"),
@@ -200,19 +200,22 @@ fn caption(view: &LeaderboardView) -> String {
         view.pick,
         as_of(view),
         scorers(&view.rows),
+        format::rows_note(&view.rows),
     )
 }
 
 fn orders_caption(views: &[LeaderboardView], controls: &LeaderboardControls) -> String {
     let counts: Vec<String> =
         views.iter().map(|view| format!("{}: {}", format::order(&view.order), entry_count(view))).collect();
+    let has_few_scenes = views.iter().flat_map(|view| &view.rows).any(|row| row.summary.has_few_scenes());
     format!(
-        "{}. Ranked by {} ({}) in each order; each method is represented by its {} run{}.",
+        "{}. Ranked by {} ({}) in each order; each method is represented by its {} run{}.{}",
         counts.join("; "),
         format::metric(&controls.key),
         format::better(&controls.key.direction()),
         controls.pick,
         views.first().map_or_else(String::new, as_of),
+        format::few_scenes_note(has_few_scenes),
     )
 }
 

@@ -176,8 +176,8 @@ struct HomePage {
     shell: PageShell,
     phases: Vec<PhaseView>,
     grpc_address: GrpcAddress,
-    /// Phase id for the example command.
-    example: String,
+    /// Id of an open phase for the commands; `None` if there is nothing to play.
+    example: Option<String>,
     leaderboards: Vec<LeaderboardView>,
     columns: [Key; 4],
 }
@@ -197,10 +197,11 @@ async fn home(context: RequestContext, grpc_address: GrpcAddress, _: StrictQuery
     }
     leaderboards.retain(|leaderboard| !leaderboard.rows.is_empty());
     leaderboards.iter_mut().for_each(|leaderboard| leaderboard.rows.truncate(TOP_ENTRIES));
+    let shell = PageShell::new("LH-AVLN Arena", SiteSection::Home);
     let example = phases.iter().find(|phase| phase.state == PhaseState::Open);
-    let example = example.map_or_else(|| "PHASE".to_owned(), |phase| phase.id.clone());
+    let example = example.filter(|_| !shell.context.is_frozen()).map(|phase| phase.id.clone());
     render(&HomePage {
-        shell: PageShell::new("LH-AVLN Arena", SiteSection::Home),
+        shell,
         phases,
         grpc_address,
         example,

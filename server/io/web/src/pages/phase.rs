@@ -2,6 +2,7 @@
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
+    documents::brief,
     error::{RequestError, Result},
     format::{self, url_encode},
     replay::plan,
@@ -9,9 +10,10 @@ use crate::{
 };
 use askama::Template;
 use avln_episode::{
-    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
+    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SilenceRule, SoundClip, SoundingRule,
+    WrongSubmit,
 };
-use avln_store::{MissionsView, PhaseView, QuotaLimits};
+use avln_store::{MissionsView, PhaseState, PhaseView, QuotaLimits};
 use axum::{
     http::header,
     response::{IntoResponse, Response},
@@ -46,6 +48,15 @@ pub(super) async fn page(
 }
 
 impl PhasePage {
+    fn description(&self) -> String {
+        brief(&self.phase.description)
+    }
+
+    /// Returns true if agents can start runs.
+    fn is_playable(&self) -> bool {
+        self.phase.state == PhaseState::Open && !self.shell.context.is_frozen()
+    }
+
     fn actions(&self) -> [Row; 4] {
         let Rules { forward_m, turn_deg, wrong_submit, .. } = self.phase.rules;
         let wrong = match wrong_submit {
@@ -107,7 +118,12 @@ impl PhasePage {
         let steps = rules.sounding_window_steps;
         let sounding = match rules.sounding {
             SoundingRule::UnfinishedInDrawnOrder => format!(
-                "unfound targets sound in turn, {steps} steps each, in a random order; a found target falls silent"
+                "unfound targets sound in turn, {steps} steps each, in a random order; a found target falls silent{}",
+                match rules.silence {
+                    SilenceRule::Immediate => "",
+                    SilenceRule::Delayed => " 5 to 20 steps later",
+                    SilenceRule::WindowEnd => " at the end of its turn",
+                }
             ),
             SoundingRule::AllInGoalOrder => {
                 format!("all targets sound in the order of the goals, {steps} steps each")
@@ -189,12 +205,12 @@ fn run_limits(quotas: &QuotaLimits) -> String {
 
 struct MissionTable {
     heading: &'static str,
-    caption: &'static str,
+    caption: String,
     rows: Vec<(String, u32)>,
 }
 
 fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
-    let table = |heading, caption, rows| MissionTable { heading, caption, rows };
+    let table = |heading, caption: &str, rows| MissionTable { heading, caption: caption.to_owned(), rows };
     let mut all = vec![
         table(
             "Goals per mission",
@@ -202,11 +218,20 @@ fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
             counted(&missions.goals, |goals| format::plural(goals, "goal")),
         ),
         table("Goal cues", "Goals", modalities(missions)),
-        table("Length of the reference tour", "Missions", lengths(&missions.reference_m)),
+        table("Length of the reference tour", &lengths_caption(missions), lengths(&missions.reference_m)),
         table("Categories", "Goals with a category cue", counted(&missions.categories, Clone::clone)),
     ];
     all.retain(|statistic| !statistic.rows.is_empty());
     all
+}
+
+/// Names the missions with known lengths: a run with a sample plays only some.
+fn lengths_caption(missions: &MissionsView) -> String {
+    let (all, played) = (missions.goals.values().sum::<u32>(), missions.reference_m.len() as u32);
+    if played == all {
+        return "Missions".to_owned();
+    }
+    format!("{played} of {all} missions, as played in the latest completed run")
 }
 
 impl MissionTable {
@@ -283,5 +308,19 @@ mod tests {
         let goals = BTreeMap::from([(2, 3), (4, 1)]);
         let texts = statistics(&MissionsView { goals, ..MissionsView::default() });
         assert_eq!((texts.len(), texts[0].most(), texts[0].rows[1].0.as_str()), (1, 3, "4 goals"));
+    }
+
+    #[test]
+    fn sampled_lengths_name_their_run() {
+        let missions = |played: usize| MissionsView {
+            goals: BTreeMap::from([(2, 5), (3, 4)]),
+            reference_m: vec![12.0; played],
+            ..MissionsView::default()
+        };
+        let captions = |played: usize| -> Vec<String> {
+            statistics(&missions(played)).into_iter().map(|table| table.caption).collect()
+        };
+        assert_eq!(captions(9), ["Missions", "Missions"]);
+        assert_eq!(captions(4), ["Missions", "4 of 9 missions, as played in the latest completed run"]);
     }
 }

@@ -102,6 +102,11 @@ impl RunPage {
         all.into_iter().filter(|(_, groups)| !groups.is_empty())
     }
 
+    fn rescores_note(&self) -> String {
+        let mut summaries = self.view.rescores.iter().filter_map(|rescore| rescore.summary.as_ref());
+        format::few_scenes_note(summaries.any(Summary::has_few_scenes))
+    }
+
     fn ends_bar(&self) -> String {
         let counts: Vec<u32> = format::ends(&self.view.health).iter().map(|(count, _)| *count).collect();
         plot::stacked(&counts)

@@ -86,7 +86,7 @@ async fn responses_are_compressed_on_request() {
         let packed = arena.measure(request.body(Body::empty()).expect("a request")).await;
         assert_eq!(packed.1.get(header::CONTENT_ENCODING).expect(address), "gzip");
         assert!(packed.0 * 3 < plain.body.len() * 2, "{address}: {} of {} bytes", packed.0, plain.body.len());
-        assert_eq!(packed.1[header::VARY], "authorization, cookie, accept-encoding", "{address}");
+        assert_eq!(packed.1[header::VARY], "authorization, cookie, accept-encoding, host", "{address}");
         assert_eq!(packed.1[header::ETAG], plain.headers[header::ETAG], "{address}");
     }
 }
@@ -163,7 +163,45 @@ async fn all_responses_have_security_headers() {
         assert_eq!(answer.header(header::X_CONTENT_TYPE_OPTIONS), "nosniff", "{address}");
         let shared = answer.header(header::ACCESS_CONTROL_ALLOW_ORIGIN) == "*";
         assert_eq!(shared, address.starts_with("/api/") || address == "/readyz", "{address}");
+        assert_eq!(answer.header(header::ACCESS_CONTROL_EXPOSE_HEADERS) == "etag", shared, "{address}");
+        assert!(
+            answer.headers["permissions-policy"].to_str().is_ok_and(|policy| policy.contains("camera=()"))
+        );
+        assert_eq!(answer.headers["cross-origin-opener-policy"], "same-origin", "{address}");
+        assert_eq!(answer.header(header::STRICT_TRANSPORT_SECURITY), "", "without TLS: {address}");
     }
+    let framed = arena.get("/embed/open").await;
+    assert!(!framed.headers.contains_key("cross-origin-opener-policy"));
+    for (web_url, requires_tls) in [("https://arena.example", true), ("http://arena.example", false)] {
+        let answer = Arena::with_addresses(web_url, None).await.get("/").await;
+        let expected = if requires_tls { "max-age=31536000" } else { "" };
+        assert_eq!(answer.header(header::STRICT_TRANSPORT_SECURITY), expected, "{web_url}");
+    }
+}
+
+#[tokio::test]
+async fn browsers_may_ask_before_api_requests() {
+    let arena = Arena::new().await;
+    let ask = async |address: &str| {
+        let request = Request::options(address)
+            .header(header::ORIGIN, "https://elsewhere.example")
+            .header(header::ACCESS_CONTROL_REQUEST_METHOD, "GET")
+            .header(header::ACCESS_CONTROL_REQUEST_HEADERS, "authorization");
+        arena.ask(request.body(Body::empty()).expect("a request")).await
+    };
+    let answer = ask("/api/v1/runs").await;
+    assert_eq!((answer.status, answer.body.as_str()), (StatusCode::NO_CONTENT, ""));
+    for (name, value) in [
+        (header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"),
+        (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD"),
+        (header::ACCESS_CONTROL_ALLOW_HEADERS, "authorization, if-none-match"),
+        (header::ACCESS_CONTROL_MAX_AGE, "86400"),
+    ] {
+        assert_eq!(answer.header(name.clone()), value, "{name}");
+    }
+    let page = ask("/runs").await;
+    assert_eq!(page.status, StatusCode::METHOD_NOT_ALLOWED);
+    assert_eq!(page.header(header::ACCESS_CONTROL_ALLOW_ORIGIN), "");
 }
 
 #[tokio::test]

@@ -115,6 +115,12 @@ impl Arena {
         Self::open(site).await
     }
 
+    /// As [`Arena::new`], with canonical addresses.
+    pub(crate) async fn with_addresses(web_url: &str, grpc_url: Option<&str>) -> Self {
+        let (web_url, grpc_url) = (Some(web_url.to_owned()), grpc_url.map(str::to_owned));
+        Self::open(|_| Site { web_url, grpc_url, documents: documents(), ..Site::default() }).await
+    }
+
     async fn open(site: impl FnOnce(Store) -> Site) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
@@ -287,7 +293,7 @@ pub(crate) fn listed(summary: &str) -> Vec<String> {
     links.map(path).collect()
 }
 
-fn phase(id: &str, visibility: Visibility) -> Phase {
+pub(crate) fn phase(id: &str, visibility: Visibility) -> Phase {
     let goals = vec![
         GoalText { modality: Modality::Category, text: Some("chair".to_owned()) },
         GoalText { modality: Modality::Description, text: Some(RUDE_SENTENCE.to_owned()) },

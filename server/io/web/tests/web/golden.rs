@@ -274,6 +274,10 @@ async fn copies_are_complete_and_self_contained() {
         for page in pages {
             let html = text(&files, page);
             assert!(html.contains("<html class=\"frozen\""), "{page}");
+            let moment =
+                "Frozen copy of <time datetime=\"1970-01-01T00:00:00Z\">1970-01-01 00:00 UTC</time>:";
+            assert!(html.contains(moment), "{page}");
+            assert!(!html.contains("--token TOKEN</code>") || page.starts_with("docs/"), "{page}");
             for address in addresses(html).filter(|address| !address.starts_with('#')) {
                 let is_link_elsewhere =
                     address.starts_with("https://") && !html.contains(&format!("src=\"{address}"));

@@ -223,6 +223,10 @@ async fn announcements_belong_to_their_server() {
         assert!(page.contains("role=\"status\">Maintenance at &#60;noon&#62;</p>"), "{address}: {page}");
         assert!(!other.get(address).await.body.contains("Maintenance"), "{address}");
     }
+    status.announce("See https://e.org/?a=1&b=2.");
+    let page = arena.get("/").await.body;
+    let link = "<a rel=\"nofollow noopener\" href=\"https://e.org/?a=1&#38;b=2\">https://e.org/?a=1&#38;b=2</a>.</p>";
+    assert!(page.contains(&format!("role=\"status\">See {link}")), "{page}");
     status.announce("");
-    assert!(!arena.get("/").await.body.contains("Maintenance"));
+    assert!(!arena.get("/").await.body.contains("https://e.org"));
 }

@@ -26,7 +26,7 @@ async fn visitors_sign_in_and_out() {
     assert!(cookie.ends_with("; Path=/; HttpOnly; SameSite=Strict") && !cookie.contains(TOKEN), "{cookie}");
     let me = browser.get("/me").await;
     assert_eq!(me.header(header::CACHE_CONTROL), "private, no-store");
-    assert_eq!(me.header(header::VARY), "authorization, cookie, accept-encoding");
+    assert_eq!(me.header(header::VARY), "authorization, cookie, accept-encoding, host");
     for words in ["secret walker", "good walker", "this one", "Quota", "/runs/run_sealed"] {
         assert!(me.body.contains(words), "{words}: {}", me.body);
     }

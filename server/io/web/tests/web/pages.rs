@@ -1,5 +1,10 @@
-use crate::fixture::{Arena, ORGANISER, RUDE_TEAM, TOKEN};
-use axum::http::{StatusCode, header};
+use crate::fixture::{Answer, Arena, ORGANISER, RUDE_TEAM, TOKEN, phase};
+use avln_challenge::Schedule;
+use avln_store::{Phase, Visibility};
+use axum::{
+    body::Body,
+    http::{Request, StatusCode, header},
+};
 use serde_json::json;
 
 const PAGES: [&str; 12] = [
@@ -133,6 +138,86 @@ async fn phase_pages_show_the_rules() {
     assert_eq!(arena.get("/phases/nowhere").await.status, StatusCode::NOT_FOUND);
 }
 
+/// Requests a page with a `Host` header.
+async fn get_at(arena: &Arena, host: &str, address: &str) -> Answer {
+    let request = Request::get(address).header(header::HOST, host);
+    arena.ask(request.body(Body::empty()).expect("a request")).await
+}
+
+#[tokio::test]
+async fn commands_contain_the_canonical_address() {
+    let web = "https://arena.example:8443";
+    let own_name = Some("https://agents.example");
+    for (grpc_url, shown) in [(own_name, "https://agents.example"), (None, "http://arena.example:50051")] {
+        let arena = Arena::with_addresses(web, grpc_url).await;
+        for address in ["/", "/docs", "/phases/open"] {
+            let page = get_at(&arena, "evil.example", address).await;
+            assert!(page.body.contains(&format!("--server {shown} ")), "{address}: {}", page.body);
+            assert!(!page.body.contains("evil.example"), "{address}: {}", page.body);
+            assert_eq!(page.header(header::VARY), "authorization, cookie, accept-encoding", "{address}");
+        }
+    }
+    let page = get_at(&Arena::new().await, "lab.example:8080", "/").await;
+    assert!(page.body.contains("--server http://lab.example:50051 "), "{}", page.body);
+}
+
+/// Changes the phase `open`.
+async fn change(arena: &Arena, changed: impl FnOnce(Phase) -> Phase) {
+    let open = changed(phase("open", Visibility::Public));
+    arena.store.upsert_phase(&open, 50).await.expect("the phase");
+}
+
+#[tokio::test]
+async fn commands_need_an_open_phase() {
+    let arena = Arena::new().await;
+    let closed = Schedule { closed: true, closes_unix_ms: Some(4_000_000_000_000), ..Schedule::default() };
+    change(&arena, |open| Phase { schedule: closed.clone(), ..open }).await;
+    let page = arena.get("/phases/open").await.body;
+    assert!(page.contains("state: closed by the organiser)") && !page.contains("--phase open"), "{page}");
+    let home = arena.get("/").await.body;
+    assert!(home.contains("<td>closed by the organiser</td>") && !home.contains("until"), "{home}");
+    assert!(home.contains("--phase sealed"), "the other phase is open: {home}");
+    let sealed = Phase { schedule: closed, ..phase("sealed", Visibility::Organiser) };
+    arena.store.upsert_phase(&sealed, 60).await.expect("the phase");
+    let home = arena.get("/").await.body;
+    assert!(home.contains("No phase is open now.") && !home.contains("avln challenge team add"), "{home}");
+}
+
+#[tokio::test]
+async fn descriptions_are_markdown_without_html() {
+    let arena = Arena::new().await;
+    let text = "Play **fair**.<script>alert(1)</script> [rules](https://e.org/r) https://e.org/a [x](javascript:alert(1))";
+    change(&arena, |open| Phase { description: text.to_owned(), ..open }).await;
+    let page = arena.get("/phases/open").await.body;
+    assert!(page.contains("Play <strong>fair</strong>.alert(1) "), "{page}");
+    for link in ["href=\"https://e.org/r\">rules</a>", "href=\"https://e.org/a\">https://e.org/a</a>"] {
+        assert!(page.contains(&format!("<a rel=\"nofollow noopener\" {link}")), "{page}");
+    }
+    assert!(!page.contains("<script") && !page.contains("javascript:"), "{page}");
+    let json = arena.get("/api/v1/phases/open").await.json();
+    assert_eq!(json["phase"]["description"], text);
+}
+
+#[tokio::test]
+async fn intervals_from_few_scenes_are_marked() {
+    let arena = Arena::new().await;
+    let note = "Intervals from fewer than 10 scenes are unreliable and marked.";
+    let mark = "<abbr title=\"from 1 scene; reliable from about 10\">few scenes</abbr>";
+    for address in [
+        "/",
+        "/leaderboard/open",
+        "/leaderboard/open?order=unordered",
+        "/embed/open",
+        "/runs/run_rude",
+        "/compare?first=run_rude&second=run_formula",
+    ] {
+        let page = arena.get(address).await.body;
+        assert!(page.contains(note) && page.contains(mark), "{address}: {page}");
+    }
+    let empty = arena.get("/leaderboard/open?order=ordered").await.body;
+    assert!(!empty.contains(note) && !empty.contains("few scenes"), "{empty}");
+}
+
 #[tokio::test]
 async fn run_pages_group_episodes() {
     let arena = Arena::new().await;
@@ -191,7 +276,10 @@ async fn only_embedded_leaderboards_allow_frames() {
 async fn comparisons_list_episodes() {
     let arena = Arena::new().await;
     let page = arena.get("/compare?first=run_rude&second=run_formula").await.body;
-    assert!(page.contains("+50.0 (+50.0 to +50.0)") && page.contains("first run is better"), "{page}");
+    assert!(
+        page.contains("+50.0 (+50.0 to +50.0)") && page.contains("first run is better in these scenes"),
+        "{page}"
+    );
     assert!(page.contains("href=\"#first\">Only the first found all goals</a>: 2"), "{page}");
     assert!(page.contains("href=\"/runs/run_formula/episodes/1\">1 of 2</a>"), "{page}");
     let half = arena.get("/compare?first=run_begun&second=run_rude").await.body;
@@ -347,7 +435,7 @@ async fn private_responses_are_not_cached() {
     let arena = Arena::new().await;
     let own = arena.get_as("/runs/run_sealed", TOKEN).await;
     assert_eq!(own.header(header::CACHE_CONTROL), "private, no-store");
-    assert_eq!(own.header(header::VARY), "authorization, cookie, accept-encoding");
+    assert_eq!(own.header(header::VARY), "authorization, cookie, accept-encoding, host");
     let bad = arena.get_as("/api/v1/runs", "no such token").await;
     assert_eq!(bad.status, StatusCode::UNAUTHORIZED);
     assert_eq!(bad.header(header::WWW_AUTHENTICATE), "Bearer");

@@ -1,4 +1,5 @@
 use super::{
+    plan::Plan,
     soon, {Quirk, ToyRunner},
 };
 use avln_challenge::{
@@ -26,34 +27,6 @@ pub(crate) const ORGANISER: &str = "organiser-token";
 pub(crate) const RUN: &str = "run_toy";
 pub(crate) const RUN_TOKEN: &str = "run-token";
 
-/// A minute per action, and no time for lost connections.
-pub(crate) const PATIENT: TimeLimits =
-    TimeLimits { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 0, disconnect_total_s: 0 };
-
-/// Episodes and limits of the toy host.
-pub(crate) struct Plan {
-    /// One entry per episode.
-    pub(crate) episodes: Vec<Quirk>,
-    pub(crate) max_steps: u32,
-    pub(crate) shows_metrics: bool,
-    pub(crate) time: TimeLimits,
-}
-
-impl Plan {
-    pub(crate) fn plain(episodes: usize) -> Self {
-        Self::odd((0..episodes).map(|_| Quirk::None).collect())
-    }
-
-    pub(crate) fn odd(episodes: Vec<Quirk>) -> Self {
-        Self { episodes, max_steps: 10, shows_metrics: true, time: PATIENT }
-    }
-
-    /// Plain episodes with time limits.
-    pub(crate) fn timed(episodes: usize, time: TimeLimits) -> Self {
-        Self { time, ..Self::plain(episodes) }
-    }
-}
-
 /// Episode that was concluded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Concluded {
@@ -67,6 +40,7 @@ pub(crate) struct ToyHost {
     concluded: watch::Sender<Vec<Concluded>>,
     total: u32,
     max_steps: u32,
+    most_open: usize,
     shows_metrics: bool,
     time: TimeLimits,
     book: Book,
@@ -114,6 +88,8 @@ struct State {
     cancelled: bool,
     expired: bool,
     deadline_unix_ms: Option<i64>,
+    /// Largest side of pictures that the phase allows.
+    max_side: u32,
     lost: Vec<String>,
     requests: Vec<RunRequest>,
 }
@@ -127,6 +103,7 @@ impl ToyHost {
             cancelled: false,
             expired: false,
             deadline_unix_ms: None,
+            max_side: 512,
             lost: Vec::new(),
             requests: Vec::new(),
         };
@@ -135,6 +112,7 @@ impl ToyHost {
             state: Mutex::new(state),
             concluded: watch::Sender::default(),
             max_steps: plan.max_steps,
+            most_open: plan.most_open,
             shows_metrics: plan.shows_metrics,
             time: plan.time,
             book,
@@ -145,11 +123,43 @@ impl ToyHost {
         self.state.lock().unwrap()
     }
 
+    fn run_state(&self) -> RunState {
+        let state = self.state();
+        match (state.expired, state.cancelled, state.finished) {
+            (true, ..) => RunState::Expired,
+            (_, true, _) => RunState::Cancelled,
+            (.., true) => RunState::Completed,
+            _ => RunState::Running,
+        }
+    }
+
     /// Adds a plain episode and reopens the run.
     pub(crate) fn refill(&self) {
         let mut state = self.state();
-        state.finished = false;
+        (state.finished, state.cancelled) = (false, false);
         state.left.push_back(Quirk::None);
+    }
+
+    /// Lowers the largest side of pictures.
+    pub(crate) fn narrow(&self, max_side: u32) {
+        self.state().max_side = max_side;
+    }
+
+    fn finish_if(&self, none_is_open: bool) {
+        let mut state = self.state();
+        if none_is_open && state.left.is_empty() {
+            state.finished = true;
+        }
+    }
+
+    fn sensors(&self) -> Sensors {
+        let side = self.state().max_side;
+        Sensors::all(side, side)
+    }
+
+    /// Returns whether the run ended before all episodes were played.
+    pub(crate) fn cancelled(&self) -> bool {
+        self.state().cancelled
     }
 
     pub(crate) fn finished(&self) -> bool {
@@ -209,18 +219,12 @@ impl ToyHost {
     }
 
     fn status(&self) -> RunStatus {
-        let state = self.state();
         RunStatus {
             run: RUN.into(),
             phase: "practice".into(),
             method: MethodInfo::new("toy", "1"),
             order: Order::Unordered,
-            state: match (state.cancelled, state.finished) {
-                _ if state.expired => RunState::Expired,
-                (true, _) => RunState::Cancelled,
-                (_, true) => RunState::Completed,
-                _ => RunState::Running,
-            },
+            state: self.run_state(),
             episodes: self.total,
             done: self.done(),
             in_flight: 2,
@@ -231,7 +235,7 @@ impl ToyHost {
             ineligible_because: vec![],
             sealed: true,
             charge: Charge { run: RUN.into(), charged: true, reason: "it is open" },
-            deadline_unix_ms: state.deadline_unix_ms,
+            deadline_unix_ms: self.deadline_unix_ms(),
             url: String::new(),
         }
     }
@@ -293,7 +297,7 @@ impl Host for ToyHost {
             episode_count: self.total,
             feedback: FeedbackRule::None,
             max_slots: 4,
-            sensors: Sensors::all(512, 512),
+            sensors: self.sensors(),
             state: PhaseState::Open,
             state_reason: None,
             opens_unix_ms: None,
@@ -357,18 +361,14 @@ impl Host for ToyHost {
                 team: "red".into(),
                 max_slots: 4,
                 rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
-                sensors: Sensors::all(1024, 1024),
+                sensors: self.sensors(),
                 episodes: self.total,
                 done: self.done(),
                 sealed: true,
                 digests: Digests::default(),
                 time: self.time,
                 deadline_unix_ms: self.deadline_unix_ms(),
-                over: match (self.expired(), self.finished()) {
-                    (true, _) => Some(RunState::Expired),
-                    (_, true) => Some(RunState::Completed),
-                    _ => None,
-                },
+                over: Some(self.run_state()).filter(|state| !state.is_open()),
             }),
             ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is unknown")),
@@ -383,6 +383,9 @@ impl Host for ToyHost {
     ) -> Result<Option<HostedEpisode<ToyRunner>>, Refusal> {
         own(run)?;
         let mut state = self.state();
+        if self.book.lock().unwrap().len() >= self.most_open {
+            return Err(Refusal::new(Reason::NoCapacity, "the open episodes use the memory"));
+        }
         let Some(quirk) = state.left.pop_front() else { return Ok(None) };
         state.handed_out += 1;
         let ticket = state.handed_out;
@@ -431,9 +434,14 @@ impl Host for ToyHost {
         hosted: HostedEpisode<ToyRunner>,
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         own(run)?;
-        self.book.lock().unwrap().remove(&hosted.handle);
+        let is_last = {
+            let mut book = self.book.lock().unwrap();
+            book.remove(&hosted.handle);
+            book.is_empty()
+        };
         let toy = hosted.episode;
         let concluded = Concluded { handle: hosted.handle, end: toy.end(), steps: toy.steps() };
+        self.finish_if(is_last);
         self.concluded.send_modify(|list| list.push(concluded));
         Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))
     }
@@ -459,9 +467,11 @@ impl Host for ToyHost {
         Ok(())
     }
 
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
+    async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
         own(run)?;
-        self.state().finished = true;
+        if abandons && self.run_state().is_open() {
+            self.state().cancelled = true;
+        }
         Ok(self.status())
     }
 }

@@ -16,9 +16,11 @@ use tonic::transport::Channel;
 
 mod clients;
 mod host;
+mod plan;
 
 pub(crate) use clients::{Agent, Attack, Siege, authorised, channel, hello, play_client, reason};
-pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, PATIENT, Plan, RUN, RUN_TOKEN, ToyHost};
+pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, RUN, RUN_TOKEN, ToyHost};
+pub(crate) use plan::{PATIENT, Plan};
 
 /// A gRPC server on a free port.
 pub(crate) struct TestServer {

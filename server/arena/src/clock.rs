@@ -1,0 +1,89 @@
+//! The wall clock and the monotonic clock of an arena.
+
+use crate::now_unix_ms;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicI64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+/// The system's clocks. Clones share an adjustment of the wall clock, zero except in tests.
+#[derive(Clone, Debug)]
+pub struct Clock {
+    started: Instant,
+    set_by_ms: Arc<AtomicI64>,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { started: Instant::now(), set_by_ms: Arc::default() }
+    }
+}
+
+impl Clock {
+    /// Sets the wall clock forwards or back, for tests. The monotonic clock continues.
+    pub fn set_by(&self, by_ms: i64) {
+        self.set_by_ms.fetch_add(by_ms, Ordering::SeqCst);
+    }
+
+    /// Returns the wall clock, milliseconds since 1970-01-01 UTC.
+    pub fn now_unix_ms(&self) -> i64 {
+        now_unix_ms() + self.set_by_ms.load(Ordering::SeqCst)
+    }
+
+    /// Returns the wall clock, and the monotonic time since the clock's creation.
+    pub(crate) fn read(&self) -> ClockReading {
+        ClockReading { now_unix_ms: self.now_unix_ms(), age: self.started.elapsed() }
+    }
+}
+
+/// Both clocks at the same moment.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ClockReading {
+    pub(crate) now_unix_ms: i64,
+    /// Monotonic time, which is never set.
+    pub(crate) age: Duration,
+}
+
+impl ClockReading {
+    /// Largest deviation of the wall clock that counts as drift, milliseconds.
+    const MAX_DRIFT_MS: i64 = 2000;
+
+    /// Returns the change of the wall clock since an earlier reading, milliseconds; 0 for drift.
+    pub(crate) fn set_by_ms(&self, before: &Self) -> i64 {
+        let passed_ms = self.age.saturating_sub(before.age).as_millis();
+        let passed_ms = i64::try_from(passed_ms).unwrap_or(i64::MAX);
+        let set_by_ms = (self.now_unix_ms - before.now_unix_ms).saturating_sub(passed_ms);
+        if set_by_ms.abs() > Self::MAX_DRIFT_MS { set_by_ms } else { 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_clock_is_detected_and_drift_is_not() {
+        let read = |now_unix_ms, age_ms| ClockReading { now_unix_ms, age: Duration::from_millis(age_ms) };
+        let readings = [
+            read(1_000_000, 0),
+            read(1_001_900, 1000),
+            read(4_602_900, 2000),
+            read(4_603_900, 3000),
+            read(1_004_900, 4000),
+        ];
+        let changes: Vec<_> = readings.windows(2).map(|pair| pair[1].set_by_ms(&pair[0])).collect();
+        assert_eq!(changes, [0, 3_600_000, 0, -3_600_000]);
+    }
+
+    #[test]
+    fn clones_share_the_wall_clock() {
+        let clock = Clock::default();
+        let before = clock.read();
+        clock.clone().set_by(-86_400_000);
+        let set_by_ms = clock.read().set_by_ms(&before);
+        assert!((-86_400_000 - set_by_ms).abs() < 1000, "{set_by_ms}");
+    }
+}

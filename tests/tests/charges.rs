@@ -1,0 +1,282 @@
+//! Every way to end a run, with the agent's knowledge and the charge: the table in PROTOCOL.md. `AVLN_BLESS=1` writes it.
+
+use crate::faults::{at_first, begin, brief, disturbed, expect, play_on, server, set_up_with, verdict};
+use avln_arena::{
+    Arena,
+    budget::Budget,
+    data::DataFolder,
+    now_unix_ms,
+    servers::{Addresses, Servers},
+};
+use avln_client::{Action, Client, EndReason, Order, Play, Reason, Run, RunOptions, Sensors};
+use avln_store::RunState;
+use avln_tests::{
+    PHASE, TestServer,
+    repository::{root, text},
+    scripted_run::NO_SENSORS,
+    store,
+};
+use std::{collections::BTreeSet, path::Path, pin::pin, sync::Arc, time::Duration};
+use tempfile::TempDir;
+use tokio::time::{sleep, timeout};
+
+const PAGE: &str = "proto/PROTOCOL.md";
+const HEAD: &str = "| end | the agent has seen | state | charged |\n| --- | --- | --- | --- |\n";
+
+/// Missions and steps that an agent has received in a run of two episodes.
+#[derive(Default)]
+struct Seen {
+    missions: BTreeSet<String>,
+    steps: u32,
+}
+
+impl Seen {
+    /// Begins the next episode and takes `steps` steps. Returns false at the end of the run.
+    async fn episode(&mut self, play: &mut Play, steps: u32) -> bool {
+        let Some(mut episode) = play.next_episode().await.expect("an answer") else { return false };
+        self.missions.insert(format!("{:?}", episode.mission()));
+        for _ in 0..steps {
+            episode.step(Action::TurnLeft).await.expect("a step, or the end");
+            self.steps += u32::from(episode.end().is_none_or(|end| end.reason != EndReason::ServerFault));
+        }
+        true
+    }
+
+    fn words(&self) -> String {
+        match (self.missions.len(), self.steps) {
+            (0, _) => "nothing".to_owned(),
+            (missions, 0) => format!("{missions} of 2 missions, no step"),
+            (missions, 1) => format!("{missions} of 2 missions, 1 step"),
+            (missions, steps) => format!("{missions} of 2 missions, {steps} steps"),
+        }
+    }
+}
+
+/// Row of the table.
+fn row(end: &str, seen: &Seen, state: RunState, charged: bool) -> String {
+    let charged = if charged { "yes" } else { "no" };
+    format!("| {end} | {} | `{}` | {charged} |\n", seen.words(), state.as_str().to_uppercase())
+}
+
+async fn judged(end: &str, seen: &Seen, server: &TestServer, run: &Run) -> String {
+    let (_, state, charged) = verdict(server.folder.path(), &run.id).await;
+    row(end, seen, state, charged)
+}
+
+async fn cancel(server: &TestServer, run: &Run) {
+    let client = Client::connect(server.agents_url(), &server.token).await.expect("a connection");
+    client.cancel_run(&run.id).await.expect("it is its own");
+}
+
+async fn played_to_the_end() -> Vec<String> {
+    let server = server(|_| ()).await;
+    let mut rows = Vec::new();
+    for (steps, end) in [(1, "all episodes played"), (0, "all episodes abandoned before a step")] {
+        let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+        let mut seen = Seen::default();
+        while seen.episode(&mut play, steps).await {}
+        rows.push(judged(end, &seen, &server, &run).await);
+    }
+    rows
+}
+
+async fn cancelled() -> Vec<String> {
+    let server = server(|_| ()).await;
+    let ways = [
+        (None, false, "cancelled before the first `Ready`"),
+        (Some(0), false, "cancelled after the first `EpisodeStart`"),
+        (Some(0), true, "an episode abandoned before a step, then cancelled"),
+        (Some(1), false, "cancelled after a step"),
+    ];
+    let mut rows = Vec::new();
+    for (steps, abandons, end) in ways {
+        let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+        let mut seen = Seen::default();
+        if let Some(steps) = steps {
+            seen.episode(&mut play, steps).await;
+        }
+        if abandons {
+            play.finish().await.expect("a summary");
+        }
+        cancel(&server, &run).await;
+        rows.push(judged(end, &seen, &server, &run).await);
+    }
+    rows
+}
+
+async fn left_open() -> Vec<String> {
+    let server = server(brief).await;
+    let mut rows = Vec::new();
+    for (begins, end) in [(false, "`Goodbye` before the first `Ready`"), (true, "`Goodbye` after it")] {
+        let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+        let mut seen = Seen::default();
+        if begins {
+            seen.episode(&mut play, 0).await;
+        }
+        play.finish().await.expect("a summary");
+        rows.push(judged(end, &seen, &server, &run).await);
+    }
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+    let mut seen = Seen::default();
+    seen.episode(&mut play, 0).await;
+    drop(play);
+    sleep(Duration::from_millis(1500)).await;
+    rows.push(judged("disconnected and not resumed", &seen, &server, &run).await);
+    cancel(&server, &run).await;
+    rows.push(judged("disconnected, then cancelled", &seen, &server, &run).await);
+    rows
+}
+
+async fn expired() -> Vec<String> {
+    let server = server(|phase| phase.time.run_s = 3).await;
+    let mut rows = Vec::new();
+    let ways = [(false, "wall time used up before the first `Ready`"), (true, "wall time used up after it")];
+    for (begins, end) in ways {
+        let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+        let mut seen = Seen::default();
+        if begins {
+            seen.episode(&mut play, 0).await;
+        }
+        sleep(Duration::from_secs(5)).await;
+        rows.push(judged(end, &seen, &server, &run).await);
+    }
+    rows
+}
+
+async fn lost_by_the_server() -> Vec<String> {
+    let mut rows = Vec::new();
+    let server = disturbed(at_first(3, || panic!("a fault of the simulator"))).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+    let mut seen = Seen::default();
+    while seen.episode(&mut play, 1).await {}
+    rows.push(judged("an episode lost by the server three times", &seen, &server, &run).await);
+
+    let server = disturbed(at_first(1, || panic!("a fault of the simulator"))).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+    let mut seen = Seen::default();
+    seen.episode(&mut play, 1).await;
+    cancel(&server, &run).await;
+    rows.push(judged("cancelled after the server lost the only episode", &seen, &server, &run).await);
+    rows
+}
+
+async fn cancelled_without_server() -> Vec<String> {
+    let server = server(|_| ()).await;
+    let (run, mut play) = begin(&server.agents_url(), &server.token).await;
+    let mut seen = Seen::default();
+    seen.episode(&mut play, 0).await;
+    let TestServer { folder, servers, .. } = server;
+    servers.close().await.expect("a shutdown");
+    let store = store(folder.path()).await;
+    assert_eq!(
+        store.running_episodes().await.expect("a list").len(),
+        1,
+        "its result comes at the next start"
+    );
+    let state = store.cancel_run(&run.id, now_unix_ms()).await.expect("the run").state;
+    let charged = store.charge(&run.id).await.expect("a charge").charged;
+    vec![row("cancelled while the server is stopped, with an open episode", &seen, state, charged)]
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn protocol_lists_every_end_with_its_charge() {
+    let rows = [
+        played_to_the_end().await,
+        cancelled().await,
+        cancelled_without_server().await,
+        left_open().await,
+        expired().await,
+        lost_by_the_server().await,
+    ];
+    let rows = rows.concat();
+    let free = ["lost by the server", "server lost", "| nothing | `CANCELLED`", "| nothing | `EXPIRED`"];
+    for row in &rows {
+        let is_free = free.iter().any(|words| row.contains(words));
+        assert_eq!(row.ends_with("| no |\n"), is_free, "a look at a mission is charged: {row}");
+    }
+    let page = text(PAGE);
+    let (before, rest) = page.split_once(HEAD).expect("the table of charges");
+    let after: String = rest.split_inclusive('\n').skip_while(|line| line.starts_with('|')).collect();
+    let expected = format!("{before}{HEAD}{}{after}", rows.concat());
+    if std::env::var_os("AVLN_BLESS").is_some() {
+        std::fs::write(root().join(PAGE), &expected).expect("the page can be written");
+    }
+    assert_eq!(text(PAGE), expected, "run AVLN_BLESS=1 cargo test -p avln-tests charges");
+}
+
+/// Pictures of 10 MiB in the memory of a session.
+const LARGE: Sensors = Sensors { rgb: true, width: 512, height: 512, ..NO_SENSORS };
+/// Memory of an episode besides the scene and the pictures, at most; MiB.
+const MARGIN_MIB: u32 = 5;
+
+async fn begin_large(url: &str, token: &str, slots: u32) -> (Run, Vec<Play>) {
+    let client = Client::connect(url, token).await.expect("a connection");
+    let run = client.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
+    let plays = client.play_slots(&run, LARGE, slots).await.expect("a stream");
+    (run, plays)
+}
+
+/// Data folder with two episodes in a house, team token, and the memory of the prepared house, MiB.
+async fn house_of_known_size() -> (TempDir, String, u32) {
+    let (folder, token) = set_up_with(|phase| {
+        (phase.sensors.width, phase.sensors.height, phase.sensors.audio) = (512, 512, false);
+    })
+    .await;
+    let data = DataFolder::open(folder.path()).expect("the folder");
+    let store = store(folder.path()).await;
+    let arena = Arc::new(Arena::open(&data, store.clone(), 256).await.expect("phases"));
+    let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
+    let servers = servers.open(arena.clone(), store.reader()).expect("running servers");
+    let (_, mut plays) = begin_large(&servers.grpc_url(), &token, 1).await;
+    plays[0].next_episode().await.expect("an answer").expect("an episode");
+    let mib = arena.scene_bytes().div_ceil(1 << 20) as u32;
+    plays.remove(0).finish().await.expect("a summary");
+    servers.close().await.expect("a shutdown");
+    (folder, token, mib)
+}
+
+async fn with_memory(folder: TempDir, token: String, session_memory_mib: u32) -> TestServer {
+    let budget = Budget { session_memory_mib, ..Budget::default() };
+    TestServer::open_with(folder, token, |arena| arena.with_budget(budget), |limits| limits).await
+}
+
+async fn charge(folder: &Path, run: &Run) -> bool {
+    store(folder).await.charge(&run.id).await.expect("a charge").charged
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn slots_without_memory_wait_and_count() {
+    let (folder, token, house_mib) = house_of_known_size().await;
+    // One episode fits, two do not.
+    let server = with_memory(folder, token, house_mib + 10 + MARGIN_MIB).await;
+    let (run, mut plays) = begin_large(&server.agents_url(), &server.token, 2).await;
+    let (mut right, mut left) = (plays.pop().expect("two slots"), plays.pop().expect("two slots"));
+    let mut first = left.next_episode().await.expect("an answer").expect("an episode");
+    let mut waiting = pin!(right.next_episode());
+    assert!(timeout(Duration::from_secs(2), waiting.as_mut()).await.is_err(), "no fault and no episode");
+    first.step(Action::Stop).await.expect("a whole episode");
+    let mut second = waiting.await.expect("an answer").expect("an episode");
+    second.step(Action::Stop).await.expect("a whole episode");
+    play_on(left).await.expect("the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected, "slots make no run free");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pictures_beyond_the_memory_are_refused() {
+    let (folder, token, house_mib) = house_of_known_size().await;
+    let server = with_memory(folder, token, house_mib + MARGIN_MIB).await;
+    let (run, mut plays) = begin_large(&server.agents_url(), &server.token, 1).await;
+    for _ in 0..4 {
+        let Err(refused) = plays[0].next_episode().await else { panic!("an episode without memory began") };
+        assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");
+        assert!(!refused.to_string().contains("MiB"), "how large a scene is is hidden: {refused}");
+    }
+    assert!(charge(server.folder.path(), &run).await, "it is open");
+    cancel(&server, &run).await;
+    assert!(!charge(server.folder.path(), &run).await, "no mission was sent");
+    let (run, play) = begin(&server.agents_url(), &server.token).await;
+    play_on(play).await.expect("without pictures to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
+}
