@@ -48,9 +48,9 @@ mutants *args:
     cargo mutants --package avln-scoring --package avln-referee {{args}}
     cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
 
-# Read damaged input files, `times` as many as in the tests
-fuzz times="100":
-    AVLN_MANGLE={{times}} cargo test -p avln-arena mangled
+# Fuzz all readers of external bytes for `seconds` each, or only the given targets
+fuzz seconds="300" *targets:
+    fuzz/run.sh {{seconds}} {{targets}}
 
 # Build the release archive in dist/: static program, man pages, completions, licences
 dist *target:

@@ -9,12 +9,13 @@ targets=("$@")
 if [ ${#targets[@]} = 0 ]; then
     for file in targets/*.rs; do targets+=("$(basename "$file" .rs)"); done
 fi
-cargo build --release --quiet
+host=$(rustc -vV | sed -n 's/^host: //p')
+cargo build --release --quiet --target "$host"
 for target in "${targets[@]}"; do
     mkdir -p "found/$target" "artifacts/$target"
     log=$(mktemp)
     # New inputs go to `found`; `corpus` stays as it is in the repository. Larger inputs only cost time.
-    if ! target/x86_64-unknown-linux-gnu/release/"$target" -max_total_time="$seconds" -max_len=65536 -rss_limit_mb=1024 \
+    if ! target/"$host"/release/"$target" -max_total_time="$seconds" -max_len=65536 -rss_limit_mb=1024 \
         -timeout=10 -print_final_stats=1 -artifact_prefix="artifacts/$target/" "found/$target" "corpus/$target" >"$log" 2>&1; then
         tail -n 40 "$log" >&2
         echo "fuzz: $target failed; the input is in fuzz/artifacts/$target" >&2

@@ -1,7 +1,7 @@
 //! Frames of the protocol, and encodings of depth and sound: the first byte selects.
 #![no_main]
 
-use avln_proto::{v1, wire};
+use avln_proto::v1;
 use prost::Message;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -1,7 +1,7 @@
 //! Data sets: the first byte selects the kind of file.
 #![no_main]
 
-use avln_dataset::format::{File, digest_of, read_manifest, read_missions, read_scene, read_scenes, read_secret};
+use avln_dataset::format::{File, digest_of, read_manifest, read_missions, read_scenes, read_secret};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Some((kind, bytes)) = bytes.split_first() else { return };
