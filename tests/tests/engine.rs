@@ -272,7 +272,7 @@ fn prepare_challenge(engine: &Engine) -> String {
         let words = [&["run", "--rm", "--no-deps", "challenge-server", "avln"], words].concat();
         engine.compose("challenge", &words)
     };
-    run(&["data", "split", "make", "val", "--houses", "1", "--missions", "1", "--seed", "7"]);
+    run(&["data", "split", "make", "val", "--houses", "1", "--missions", "4", "--seed", "7"]);
     run(&["data", "split", "make", "hidden", "--houses", "2", "--missions", "2"]);
     run(&["data", "split", "seal", "hidden"]);
     run(&["challenge", "apply", "/challenge/challenge.toml", "--reason", "test"]);
