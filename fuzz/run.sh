@@ -21,8 +21,8 @@ for target in "${targets[@]}"; do
         echo "fuzz: $target failed; the input is in fuzz/artifacts/$target" >&2
         exit 1
     fi
-    coverage=$(grep -o 'cov: [0-9]*' "$log" | tail -n 1)
+    coverage=$(sed -n 's/.*cov: \([0-9]*\).*/\1/p' "$log" | tail -n 1)
     runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
-    echo "fuzz: $target, ${coverage:-cov: 0} branches, $runs inputs in $seconds s"
+    echo "fuzz: $target, ${coverage:-0} branches, $runs inputs in $seconds s"
     rm -f "$log"
 done
