@@ -163,6 +163,11 @@ pub(crate) async fn read_commitment(tx: &mut Transaction<'_>, phase: &str) -> Re
     Ok(read_secret(tx, phase).await?.map(SecretRow::into_commitment))
 }
 
+/// Returns whether the values behind a phase's commitment are published.
+pub(crate) async fn is_revealed(tx: &mut Transaction<'_>, phase: &str) -> Result<bool> {
+    Ok(read_secret(tx, phase).await?.is_some_and(|row| row.revealed_ms.is_some()))
+}
+
 /// Returns the key for a phase's draws; `None` without commitment.
 pub(crate) async fn read_key(tx: &mut Transaction<'_>, phase: &str) -> Result<Option<PhaseSecret>> {
     read_secret(tx, phase).await?.map(|row| parse(&row.secret)).transpose()

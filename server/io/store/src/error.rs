@@ -58,6 +58,9 @@ pub enum StoreError {
         "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
     )]
     NotClosed(String),
+    /// A revealed phase that would accept runs again.
+    #[error("phase '{0}' is revealed, so its episodes are known; open another phase on a new split")]
+    Revealed(String),
     /// Runs continue, so the secret cannot be published.
     #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
     StillPlayed {

@@ -2,6 +2,7 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
+    commitment::is_revealed,
     database::{Store, Transaction, json, word},
     error::{Result, StoreError},
 };
@@ -161,7 +162,7 @@ const CLOSED: &str = "closed";
 
 impl Store {
     /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling. Fails if the split or a
-    /// scene is unknown, or runs fix a changed value.
+    /// scene is unknown, or runs fix a changed value, or a revealed phase would accept runs again.
     pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<()> {
         self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
     }
@@ -170,6 +171,10 @@ impl Store {
     pub async fn change_phases(&self, phases: &[Phase], notes: &[AuditNote], now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         for phase in phases {
+            let is_closed = phase.schedule.state(now_unix_ms) == PhaseState::Closed;
+            if !is_closed && is_revealed(&mut tx, &phase.id).await? {
+                return Err(StoreError::Revealed(phase.id.clone()));
+            }
             change_phase(&mut tx, phase, now_unix_ms).await?;
         }
         add_notes(&mut tx, notes, now_unix_ms).await?;

@@ -160,6 +160,11 @@ async fn commitment_is_revealed_after_closing() {
     }
     let public = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
     assert_eq!(public.revealed, Some(values));
+    promised.scores = Visibility::Public;
+    arena.store.upsert_phase(&promised, 7).await.expect("publication after the phase");
+    promised.schedule.closed = false;
+    let reopened = arena.store.upsert_phase(&promised, 8).await;
+    assert!(matches!(reopened, Err(StoreError::Revealed(_))), "{reopened:?}");
 }
 
 #[tokio::test]
