@@ -310,7 +310,9 @@ mod admin_server {
         assert!(episode.is_over());
         let output: Vec<_> = play.take_notices().into_iter().map(|notice| notice.message).collect();
         assert!(output.iter().any(|message| message.contains("new disks")), "{output:?}");
-        let refused = play.next_episode().await.unwrap_err();
+        // The server asks to wait for 30 seconds, longer than the client's patience.
+        let refused = timeout(Duration::from_secs(20), play.next_episode()).await.expect("patience is over");
+        let refused = refused.unwrap_err();
         let is_refusal = refused.reason() == Some(Reason::Draining) || matches!(refused, Error::Lost { .. });
         assert!(is_refusal, "{refused}");
         drop((play, client, probe));

@@ -144,8 +144,13 @@ impl Reader {
             match self.open_next().await {
                 Ok(Some(responses)) => return Ok(responses),
                 Ok(None) => return Err(end),
-                Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
-                Err(error) => sleep(backoff.after(&error)).await,
+                Err(error) => {
+                    let pause = backoff.after(&error);
+                    if !error.is_passing() || Instant::now() + pause >= until {
+                        return Err(Some(error));
+                    }
+                    sleep(pause).await;
+                }
             }
         }
     }

@@ -246,9 +246,9 @@ class Connection:
             try:
                 return self._dial()
             except Error as failure:
-                if not is_passing(failure) or time.monotonic() >= until:
-                    raise
                 pause_s = backoff.after(failure)
+                if not is_passing(failure) or time.monotonic() + pause_s >= until:
+                    raise
             self._closing.wait(pause_s)
         return False
 
