@@ -1,13 +1,7 @@
 //! Every way to end a run, with the agent's knowledge and the charge: the table in PROTOCOL.md. `AVLN_BLESS=1` writes it.
 
 use crate::faults::{at_first, begin, brief, disturbed, expect, play_on, server, set_up_with, verdict};
-use avln_arena::{
-    Arena,
-    budget::Budget,
-    data::DataFolder,
-    now_unix_ms,
-    servers::{Addresses, Servers},
-};
+use avln_arena::{budget::Budget, now_unix_ms};
 use avln_client::{Action, Client, EndReason, Order, Play, Reason, Run, RunOptions, Sensors};
 use avln_store::RunState;
 use avln_tests::{
@@ -16,7 +10,7 @@ use avln_tests::{
     scripted_run::NO_SENSORS,
     store,
 };
-use std::{collections::BTreeSet, path::Path, pin::pin, sync::Arc, time::Duration};
+use std::{collections::BTreeSet, path::Path, pin::pin, time::Duration};
 use tempfile::TempDir;
 use tokio::time::{sleep, timeout};
 
@@ -206,33 +200,22 @@ async fn protocol_lists_every_end_with_its_charge() {
 
 /// Pictures of 10 MiB in the memory of a session.
 const LARGE: Sensors = Sensors { rgb: true, width: 512, height: 512, ..NO_SENSORS };
-/// Memory of an episode besides the scene and the pictures, at most; MiB.
-const MARGIN_MIB: u32 = 5;
+/// Pictures of 40 MiB.
+const HUGE: Sensors = Sensors { width: 1024, height: 1024, ..LARGE };
 
-async fn begin_large(url: &str, token: &str, slots: u32) -> (Run, Vec<Play>) {
+async fn begin_seeing(url: &str, token: &str, sensors: Sensors, slots: u32) -> (Run, Vec<Play>) {
     let client = Client::connect(url, token).await.expect("a connection");
     let run = client.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
-    let plays = client.play_slots(&run, LARGE, slots).await.expect("a stream");
+    let plays = client.play_slots(&run, sensors, slots).await.expect("a stream");
     (run, plays)
 }
 
-/// Data folder with two episodes in a house, team token, and the memory of the prepared house, MiB.
-async fn house_of_known_size() -> (TempDir, String, u32) {
-    let (folder, token) = set_up_with(|phase| {
-        (phase.sensors.width, phase.sensors.height, phase.sensors.audio) = (512, 512, false);
+/// Data folder with two episodes in a house, and the team's token.
+async fn house() -> (TempDir, String) {
+    set_up_with(|phase| {
+        (phase.sensors.width, phase.sensors.height, phase.sensors.audio) = (1024, 1024, false);
     })
-    .await;
-    let data = DataFolder::open(folder.path()).expect("the folder");
-    let store = store(folder.path()).await;
-    let arena = Arc::new(Arena::open(&data, store.clone(), 256).await.expect("phases"));
-    let servers = Servers::bind(&Addresses::LOCAL).await.expect("free ports");
-    let servers = servers.open(arena.clone(), store.reader()).expect("running servers");
-    let (_, mut plays) = begin_large(&servers.grpc_url(), &token, 1).await;
-    plays[0].next_episode().await.expect("an answer").expect("an episode");
-    let mib = arena.scene_bytes().div_ceil(1 << 20) as u32;
-    plays.remove(0).finish().await.expect("a summary");
-    servers.close().await.expect("a shutdown");
-    (folder, token, mib)
+    .await
 }
 
 async fn with_memory(folder: TempDir, token: String, session_memory_mib: u32) -> TestServer {
@@ -246,10 +229,10 @@ async fn charge(folder: &Path, run: &Run) -> bool {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn slots_without_memory_wait_and_count() {
-    let (folder, token, house_mib) = house_of_known_size().await;
-    // One episode fits, two do not.
-    let server = with_memory(folder, token, house_mib + 10 + MARGIN_MIB).await;
-    let (run, mut plays) = begin_large(&server.agents_url(), &server.token, 2).await;
+    let (folder, token) = house().await;
+    // One episode is charged 32 MiB for the house and 10 MiB for the pictures.
+    let server = with_memory(folder, token, 64).await;
+    let (run, mut plays) = begin_seeing(&server.agents_url(), &server.token, LARGE, 2).await;
     let (mut right, mut left) = (plays.pop().expect("two slots"), plays.pop().expect("two slots"));
     let mut first = left.next_episode().await.expect("an answer").expect("an episode");
     let mut waiting = pin!(right.next_episode());
@@ -264,9 +247,9 @@ async fn slots_without_memory_wait_and_count() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn pictures_beyond_the_memory_are_refused() {
-    let (folder, token, house_mib) = house_of_known_size().await;
-    let server = with_memory(folder, token, house_mib + MARGIN_MIB).await;
-    let (run, mut plays) = begin_large(&server.agents_url(), &server.token, 1).await;
+    let (folder, token) = house().await;
+    let server = with_memory(folder, token, 64).await;
+    let (run, mut plays) = begin_seeing(&server.agents_url(), &server.token, HUGE, 1).await;
     for _ in 0..4 {
         let Err(refused) = plays[0].next_episode().await else { panic!("an episode without memory began") };
         assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");

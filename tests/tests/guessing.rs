@@ -166,6 +166,14 @@ fn revealed_secret_rebuilds_the_split() {
     assert!(!done("challenge reveal first").contains("avln-seed"), "the second phase still plays the split");
     done("challenge phase close second");
     let revealed = done("challenge reveal first");
+    for reopened in ["open third --split test --scores organiser --replays organiser", "resume second"]
+        .map(|line| format!("challenge phase {line}"))
+    {
+        let refused = avln(&data, &reopened.split(' ').collect::<Vec<_>>());
+        let words = String::from_utf8(refused.stderr).expect("text");
+        let said = "the secret of split 'test' is published with phase 'first'; make another split";
+        assert!(!refused.status.success() && words.contains(said), "{reopened}: {words}");
+    }
     fs::write(&file, &revealed).expect("a file");
     let verify = |at: &str| {
         let at = folder.path().join(at);

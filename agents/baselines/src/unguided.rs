@@ -1,10 +1,13 @@
 //! Agents that ignore goals: random, forward-and-turn, frontier, and a sound follower.
 
-use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, Pose, TaskSpec};
+use avln_client::{
+    Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, Pose, SilenceRule, TaskSpec,
+};
 use avln_kit::explorer::Explorer;
 use avln_kit::geometry::FloorPoint;
-use avln_kit::hearing::{Ear, HeardSound, SoundSchedule, SubmitOutcome};
+use avln_kit::hearing::{Ear, HeardSound, SoundSchedule};
 use avln_kit::map::{SoundField, SourceBelief, SourceEstimate, range_m};
+use avln_kit::outcome::SubmitOutcome;
 
 /// A step forward below this share was blocked.
 const BLOCKED: f32 = 0.5;
@@ -221,6 +224,8 @@ struct SoundFollowerState {
     /// The last Submit's source and outcome so far.
     pending: Option<(usize, SubmitOutcome)>,
     has_verdicts: bool,
+    /// Silence of found targets.
+    silence: SilenceRule,
     /// True if a Submit may be for any target: an unsuccessful one then rules out all sources near it.
     is_any_right: bool,
 }
@@ -248,6 +253,7 @@ impl SoundFollowerState {
             levels: Vec::new(),
             pending: None,
             has_verdicts: task.feedback == FeedbackRule::Verdict,
+            silence: task.silence,
             is_any_right: mission.order == Order::Unordered,
         }
     }
@@ -257,7 +263,7 @@ impl SoundFollowerState {
         let Some((source, outcome)) = &mut self.pending else { return };
         let Some(found) = outcome.update(feedback, heard, FOUND_LEVEL) else { return };
         if found {
-            self.schedule.silence(*source);
+            outcome.silence(*source, &mut self.schedule);
         } else {
             let here = self.explorer.pose().place;
             let source = &mut self.sources[*source];
@@ -307,7 +313,7 @@ impl SoundFollowerState {
             && place.distance_m(self.explorer.pose().place) <= NEAR_M
             && let Some(level) = self.loudness_of(source)
         {
-            self.pending = Some((source, SubmitOutcome::new(level)));
+            self.pending = Some((source, SubmitOutcome::new(self.silence, source, &self.schedule, level)));
             return Action::Submit;
         }
         self.explorer.go_to(place, REACH_M).unwrap_or(Action::TurnLeft)

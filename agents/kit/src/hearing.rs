@@ -1,6 +1,6 @@
-//! Hearing: interaural delay and level, the sounding order, and Submit outcomes inferred from sound.
+//! Hearing: interaural delay and level, and the sounding order.
 
-use avln_client::{Audio, Feedback};
+use avln_client::Audio;
 use realfft::num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -132,13 +132,16 @@ pub struct SoundSchedule {
     current: usize,
     steps_left: u32,
     deferred: u32,
+    /// A found source that sounds until its turn ends.
+    ending: Option<usize>,
 }
 
 impl SoundSchedule {
     /// Creates a schedule with `count` open sources and windows of `window_steps`.
     pub fn new(count: usize, window_steps: u32) -> Self {
         let window_steps = window_steps.max(1);
-        Self { silent: vec![false; count], window_steps, current: 0, steps_left: window_steps, deferred: 0 }
+        let silent = vec![false; count];
+        Self { silent, window_steps, current: 0, steps_left: window_steps, deferred: 0, ending: None }
     }
 
     /// Skips an observation whose source is not known yet; the next call to [`Self::advance`] catches up.
@@ -155,7 +158,20 @@ impl SoundSchedule {
         self.step()
     }
 
+    /// Follows the first `steps` skipped observations, before a source is marked as found.
+    pub fn catch_up(&mut self, steps: u32) {
+        for _ in 0..steps.min(self.deferred) {
+            self.deferred -= 1;
+            self.step();
+        }
+    }
+
     fn step(&mut self) -> Option<usize> {
+        if self.steps_left == 0
+            && let Some(ended) = self.ending.take()
+        {
+            self.silence(ended);
+        }
         if self.steps_left == 0 || *self.silent.get(self.current)? {
             self.current = self.after(self.current)?;
             self.steps_left = self.window_steps;
@@ -176,9 +192,18 @@ impl SoundSchedule {
         }
     }
 
+    /// Marks a source as found that sounds until its present turn ends.
+    pub fn silence_after_turn(&mut self, source: usize) {
+        if source == self.current && self.steps_left > 0 {
+            self.ending = Some(source);
+        } else {
+            self.silence(source);
+        }
+    }
+
     /// Returns true if the source was found or does not exist.
     pub fn is_silent(&self, source: usize) -> bool {
-        self.silent.get(source).copied().unwrap_or(true)
+        self.ending == Some(source) || self.silent.get(source).copied().unwrap_or(true)
     }
 
     /// Returns the current source.
@@ -189,6 +214,12 @@ impl SoundSchedule {
     /// Returns the remaining observations of the current window.
     pub fn steps_left(&self) -> u32 {
         self.steps_left
+    }
+
+    /// Returns the observations until the next turn of the current source, if it is not found.
+    pub fn return_steps(&self) -> u32 {
+        let others = (0..self.silent.len()).filter(|&other| other != self.current && !self.is_silent(other));
+        self.steps_left + self.window_steps * others.count() as u32
     }
 
     /// Returns true in the first observation of a window.
@@ -212,41 +243,6 @@ impl SoundSchedule {
             };
         }
         wait
-    }
-}
-
-/// A Submit's outcome, inferred from sound without a verdict: a found target falls silent.
-#[derive(Clone, Copy, Debug)]
-pub struct SubmitOutcome {
-    level: f32,
-    steps: u32,
-}
-
-impl SubmitOutcome {
-    /// Steps between Submit and outcome; the source must be scheduled to sound throughout.
-    pub const STEPS: u32 = 2;
-
-    /// Starts at a Submit, given the source's current level.
-    pub fn new(level: f32) -> Self {
-        Self { level, steps: 0 }
-    }
-
-    /// Adds the next step; `None` while open. True below `found_level` (0 to 1) of the level at the Submit.
-    pub fn update(
-        &mut self,
-        feedback: Feedback,
-        heard: Option<&HeardSound>,
-        found_level: f32,
-    ) -> Option<bool> {
-        self.steps += 1;
-        match feedback {
-            Feedback::Verdict(found) => Some(found),
-            // The first step still contains the reverberation of the step before the Submit.
-            Feedback::None | Feedback::Accepted if self.steps < Self::STEPS => None,
-            Feedback::None | Feedback::Accepted => {
-                Some(heard.is_none_or(|heard| heard.level < found_level * self.level))
-            }
-        }
     }
 }
 
@@ -343,26 +339,5 @@ mod tests {
     #[test]
     fn without_sources_nothing_sounds() {
         assert_eq!(SoundSchedule::new(0, 25).advance(), None);
-    }
-
-    fn heard(level: f32) -> Option<HeardSound> {
-        Some(HeardSound { itd_s: 0.0, level })
-    }
-
-    #[test]
-    fn outcome_waits_for_the_reverberation() {
-        for (second, found) in [(0.07, false), (0.02, true)] {
-            let mut outcome = SubmitOutcome::new(0.1);
-            assert_eq!(outcome.update(Feedback::Accepted, heard(0.06).as_ref(), 0.5), None);
-            assert_eq!(outcome.update(Feedback::None, heard(second).as_ref(), 0.5), Some(found));
-        }
-        let mut alone = SubmitOutcome::new(0.1);
-        assert_eq!([(); 2].map(|()| alone.update(Feedback::None, None, 0.5)), [None, Some(true)]);
-    }
-
-    #[test]
-    fn verdicts_need_no_sound() {
-        let found = SubmitOutcome::new(0.1).update(Feedback::Verdict(false), None, 0.5);
-        assert_eq!(found, Some(false));
     }
 }

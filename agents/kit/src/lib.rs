@@ -33,6 +33,7 @@ pub mod map {
 }
 #[cfg(feature = "onnx")]
 pub mod onnx;
+pub mod outcome;
 pub mod path;
 pub mod perception;
 pub mod run;

@@ -6,12 +6,15 @@ use crate::stairs::StairClimber;
 use crate::trace::lines::TraceInput;
 use crate::trace::{Recorder, TraceError};
 use crate::weights::{Ablation, Weights};
-use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
+use avln_client::{
+    Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, SilenceRule, TaskSpec,
+};
 use avln_kit::LOOK_M;
 use avln_kit::explorer::MotionController;
 use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use avln_kit::hearing::{Ear, HeardSound, SoundSchedule, SubmitOutcome};
+use avln_kit::hearing::{Ear, HeardSound, SoundSchedule};
 use avln_kit::map::{Cell, ObjectMemory, Occupancy, SoundField, SourceEstimate, Storeys, range_m};
+use avln_kit::outcome::SubmitOutcome;
 use avln_kit::path::PathFollower;
 use avln_kit::perception::{ClassicalRecognition, Hints, NetworkRecognition, Query, Recognition};
 use std::{mem, sync::Arc};
@@ -52,6 +55,8 @@ pub struct PagNav {
     levels: Vec<f32>,
     /// True if the phase returns the verdict of a Submit.
     has_verdicts: bool,
+    /// Silence of found targets.
+    silence: SilenceRule,
     pub(crate) remaining_steps: u32,
     pub(crate) decision: Decision,
     trace: Option<Recorder>,
@@ -108,6 +113,7 @@ impl PagNav {
             pending: None,
             levels: Vec::new(),
             has_verdicts: false,
+            silence: task.silence,
             remaining_steps: task.max_steps,
             decision: Decision::default(),
             trace: None,
@@ -226,7 +232,7 @@ impl PagNav {
         self.pending = None;
         self.levels.clear();
         if found {
-            self.schedule.silence(pending.source);
+            pending.outcome.silence(pending.source, &mut self.schedule);
             if self.ablation.no_audio {
                 self.goals.close(pending.goal);
                 self.objects.refute(pending.object);
@@ -336,7 +342,7 @@ impl PagNav {
                 return None;
             }
         }
-        let outcome = SubmitOutcome::new(level);
+        let outcome = SubmitOutcome::new(self.silence, source, &self.schedule, level);
         self.pending = Some(PendingSubmit { source, object, goal, level, outcome });
         Some(Action::Submit)
     }
@@ -365,6 +371,7 @@ impl Agent for PagNav {
             goals: GoalPairing::new(count, mission.order == Order::Ordered),
             sources: mission.goals.iter().map(|_| SourceMemory::default()).collect(),
             has_verdicts: task.feedback == FeedbackRule::Verdict,
+            silence: task.silence,
             ..Self::with(self.weights.clone(), perception)
         };
         self.trace(|trace, agent| trace.begin(agent, mission));

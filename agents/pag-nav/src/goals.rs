@@ -2,8 +2,8 @@
 
 use crate::weights::Weights;
 use avln_kit::geometry::FloorPoint;
-use avln_kit::hearing::SubmitOutcome;
 use avln_kit::map::{IntensityMemory, SourceBelief, SourceEstimate, range_m};
+use avln_kit::outcome::SubmitOutcome;
 
 /// Log-likelihood per unit fit.
 const TRUST: f32 = 5.0;

@@ -18,7 +18,7 @@
 //! - V becomes less strict the longer a source has been sought, and near the end of the episode (`VerificationDemand::after`).
 //! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`).
 //! - If the phase returns no feedback to a Submit, the agent waits at an open gate until the target sounds again: only silence after the
-//!   Submit is evidence.
+//!   Submit is evidence. If found targets fall silent later (`SilenceRule`), it waits until a right Submit must have silenced the target.
 //!
 //! [`Weights`] are the tunable numbers, documented in `pag-nav.toml`. [`Ablation`] disables parts of the agent;
 //! [`PagNav::hinted`] measures the value of perfect hearing, for privileged variants only.

@@ -62,8 +62,8 @@ pub(crate) struct ServeArgs {
     /// Memory for cached scenes in MiB; scenes in use may exceed it
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     scene_memory: u32,
-    /// Memory for a session's open episodes in MiB: scenes, ears and frames; more episodes wait, larger scenes are reported as
-    /// server faults
+    /// Memory for a session's open episodes in MiB: an allowance per scene, sound and frames; more episodes wait, larger scenes
+    /// are reported as server faults
     #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
     session_memory: u32,
     /// Time limit for a simulator step in seconds; the episode is repeated if it is exceeded
@@ -127,10 +127,14 @@ pub(crate) async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
             "make one with: avln data split make NAME && avln challenge phase open ID --split NAME; in a container, before `docker compose up`: docker compose run --rm challenge-server avln …",
         ));
     }
+    let memory_warnings = arena.memory_warnings().await?;
     let open = servers.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
     print_addresses(&open);
+    for warning in memory_warnings {
+        eprintln!("warning: {warning}");
+    }
     if link_url.is_none() {
         eprintln!("warning: links to runs lack an address: set --web-url");
     }

@@ -149,6 +149,6 @@ pub use service::{
 pub use slot::TimeLeft;
 pub use summary::{EpisodeEnd, Metric, Notice, Progress, RunSummary};
 pub use task::{
-    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Sensors, SoundClip, SoundingRule, TaskSpec,
-    WrongSubmit,
+    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Sensors, SilenceRule, SoundClip,
+    SoundingRule, TaskSpec, WrongSubmit,
 };

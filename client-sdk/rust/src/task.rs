@@ -95,10 +95,21 @@ wire_enum! {
 wire_enum! {
     /// Sounding schedule.
     SoundingRule {
-        /// Unfinished targets in turn, in an order drawn per episode; a found target falls silent at once.
+        /// Unfinished targets in turn, in an order drawn per episode; a found target falls silent, see [`SilenceRule`].
         UnfinishedInDrawnOrder,
         /// All targets in goal order, repeated. Leaks: the time reveals the goal index.
         AllInGoalOrder,
+    }
+}
+wire_enum! {
+    /// Silence of a found target; [`Other`](SilenceRule::Other) for older servers, where it is immediate.
+    SilenceRule {
+        /// At once, in the observation after the Submit.
+        Immediate,
+        /// 5 to 20 steps after the Submit, drawn for every episode and goal.
+        Delayed,
+        /// At the end of the target's present turn.
+        WindowEnd,
     }
 }
 wire_enum! {
@@ -184,6 +195,8 @@ pub struct TaskSpec {
     pub sounding: SoundingRule,
     /// Sounding steps per target and turn.
     pub sounding_window_steps: u32,
+    /// Silence of found targets.
+    pub silence: SilenceRule,
     /// Sound clip assignment.
     pub sound_clip: SoundClip,
     /// Source height above the target centre, metres.
@@ -225,6 +238,7 @@ impl Default for TaskSpec {
             feedback: FeedbackRule::None,
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
+            silence: SilenceRule::Immediate,
             sound_clip: SoundClip::Anonymous,
             source_lift_m: 0.0,
             depth_noise: DepthNoise::None,
@@ -262,6 +276,7 @@ impl TaskSpec {
             feedback: FeedbackRule::from_wire(task.feedback),
             sounding: SoundingRule::from_wire(task.sounding),
             sounding_window_steps: task.sounding_window_steps,
+            silence: SilenceRule::from_wire(task.silence),
             sound_clip: SoundClip::from_wire(task.sound_clip),
             source_lift_m: task.source_lift_m,
             depth_noise: DepthNoise::from_wire(task.depth_noise),
@@ -318,5 +333,7 @@ mod tests {
         assert_eq!(SoundClip::from_wire(9), SoundClip::Other);
         assert_eq!(DepthNoise::from_wire(v1::DepthNoise::Redwood as i32), DepthNoise::Redwood);
         assert_eq!(RgbNoise::from_wire(0), RgbNoise::Other);
+        assert_eq!(SilenceRule::from_wire(v1::SilenceRule::Delayed as i32), SilenceRule::Delayed);
+        assert_eq!(SilenceRule::from_wire(0), SilenceRule::Other);
     }
 }

@@ -1,6 +1,7 @@
 //! Resource limits per session.
 
-use crate::Arena;
+use crate::{Arena, Failure, dataset::SplitFolder};
+use avln_dataset::SceneSource;
 use avln_episode::Sensors;
 use avln_grpc::{Reason, Refusal};
 use avln_referee::Referee;
@@ -10,16 +11,28 @@ use std::{sync::Arc, time::Duration};
 /// Time after which another episode of the run may have ended, seconds.
 const RETRY_S: u32 = 10;
 
-/// Default memory for a session's open episodes, MiB: sixteen scans, or a hundred houses.
+/// Default memory for a session's open episodes, MiB: sixteen scans, or sixty-four houses.
 pub const SESSION_MEMORY_MIB: u32 = 4096;
 
 /// Bytes per pixel for colour, depth and instance in rendering, observation, encoding and queue.
 const BYTES_PER_PIXEL: usize = 40;
 
+/// Bytes charged for a procedural house with its sound sources: more than a house of 24 rooms takes.
+const HOUSE_BYTES: usize = 40 << 20;
+
+/// Least bytes charged for a scene file with its sound sources.
+const SCAN_BYTES: usize = 160 << 20;
+
+/// Bytes charged per byte of the split's largest scene file: unpacked textures and the structures for rays and sound.
+const BYTES_PER_FILE_BYTE: usize = 2;
+
+/// Bytes charged for the ringing sound of an episode: eight sources with two seconds of reverberation.
+const SOUND_BYTES: usize = 16 << 20;
+
 /// Session limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Memory for open episodes, MiB: scenes (counted once), sound sources, ears and frames.
+    /// Memory for open episodes, MiB: an allowance for each scene, sound and frames.
     pub session_memory_mib: u32,
     /// Longest episode preparation; longer ones count as hanging.
     pub preparation: Duration,
@@ -52,17 +65,25 @@ impl Budget {
         self.check_scene(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 
-    /// Rejects an episode that does not fit the session memory beside the run's open episodes, `open`.
+    /// Returns the bytes charged for an episode. All arguments are public: a charge by the scene of the episode would reveal
+    /// its size to an agent that tries slots and picture sizes.
+    pub(crate) fn charge(&self, scene_allowance: usize, sensors: &Sensors) -> usize {
+        // Under a small limit too, half of the memory is left to pictures and sound.
+        let scene = scene_allowance.min(self.session_bytes() / 2);
+        let sound = if sensors.audio { SOUND_BYTES } else { 0 };
+        scene + sound + frame_bytes(sensors)
+    }
+
+    /// Rejects an episode whose charge does not fit the session memory beside the run's open episodes, `open`.
     fn check(&self, open: Vec<MemoryUse>, new: MemoryUse) -> Result<(), Refusal> {
+        self.check_scene(new.scene.resident_bytes())?;
         let is_alone = open.is_empty();
-        let scene_bytes = new.scene.resident_bytes();
-        let uses = open.into_iter().chain([new]).collect();
-        if bytes_of(uses) <= self.session_bytes() {
+        let uses: Vec<_> = open.into_iter().chain([new]).collect();
+        if uses.iter().map(|memory| memory.charged_bytes).sum::<usize>() <= self.session_bytes() {
+            self.report_overuse(uses);
             return Ok(());
         }
-        self.check_scene(scene_bytes)?;
-        // Agents choose slots and picture size, so the rest is not the server's fault. No message has a size: sizes of scenes are
-        // hidden.
+        // Agents choose slots and picture size, so this is not the server's fault.
         if !is_alone {
             let message = "the run's open episodes use the memory of the session; play the episode when another has ended, with fewer slots, or with smaller pictures";
             return Err(Refusal::new(Reason::NoCapacity, message).retry_after(RETRY_S));
@@ -71,23 +92,62 @@ impl Budget {
         Err(Refusal::new(Reason::SensorNotAllowed, message))
     }
 
+    /// Logs open episodes that use more than they are charged and than the session memory. They continue: a refusal would
+    /// depend on their scenes.
+    fn report_overuse(&self, uses: Vec<MemoryUse>) {
+        let (episodes, bytes) = (uses.len(), bytes_of(uses));
+        if bytes > self.session_bytes() {
+            let (mib, limit_mib) = (bytes.div_ceil(1 << 20), self.session_memory_mib);
+            tracing::warn!(
+                episodes,
+                mib,
+                limit_mib,
+                "open episodes of a run exceed the session memory; lower max_slots of the phase, or raise avln serve --session-memory"
+            );
+        }
+    }
+
+    /// Returns a warning for a phase whose scenes may exceed the session memory.
+    fn warning(&self, phase: &str, scene_allowance: usize) -> Option<String> {
+        let (mib, limit) = (scene_allowance.div_ceil(1 << 20), self.session_memory_mib);
+        (scene_allowance > self.session_bytes()).then(|| {
+            format!(
+                "a scene of phase '{phase}' may use {mib} MiB, but a session may use {limit} MiB; episodes in larger scenes are server faults: raise --session-memory"
+            )
+        })
+    }
+
     /// Returns whether the agent caused a refusal, by slots or sensors.
     pub(crate) fn is_agents_choice(refused: &Refusal) -> bool {
         matches!(refused.reason, Reason::NoCapacity | Reason::SensorNotAllowed | Reason::BadRequest)
     }
 }
 
+/// Returns the bytes charged for a scene, the same for all scenes of the split.
+pub(crate) fn scene_allowance(split: &SplitFolder) -> usize {
+    split.scenes().iter().map(|scene| allowance_of(&scene.source)).max().unwrap_or(HOUSE_BYTES)
+}
+
+fn allowance_of(source: &SceneSource) -> usize {
+    let SceneSource::File { path } = source else { return HOUSE_BYTES };
+    let file_bytes = std::fs::metadata(path).map_or(0, |file| file.len());
+    let bytes = usize::try_from(file_bytes).unwrap_or(usize::MAX).saturating_mul(BYTES_PER_FILE_BYTE);
+    bytes.max(SCAN_BYTES)
+}
+
 #[derive(Clone)]
 pub(crate) struct MemoryUse {
-    pub(crate) scene: Arc<SceneAssets>,
+    scene: Arc<SceneAssets>,
     /// Bytes without the scene: ears and frames.
-    pub(crate) own_bytes: usize,
+    own_bytes: usize,
+    /// Bytes by [`Budget::charge`].
+    charged_bytes: usize,
 }
 
 impl MemoryUse {
-    pub(crate) fn of(scene: Arc<SceneAssets>, referee: &Referee) -> Self {
+    pub(crate) fn of(scene: Arc<SceneAssets>, referee: &Referee, charged_bytes: usize) -> Self {
         let own_bytes = referee.most_bytes() + frame_bytes(referee.sensors());
-        Self { scene, own_bytes }
+        Self { scene, own_bytes, charged_bytes }
     }
 }
 
@@ -97,6 +157,14 @@ impl Arena {
         let open = self.open_episodes().memory_of(run).cloned().collect();
         // Without the lock: measuring scenes takes time.
         self.budget.check(open, new.clone())
+    }
+
+    /// Returns a warning per phase whose scenes may exceed the session memory.
+    pub async fn memory_warnings(&self) -> Result<Vec<String>, Failure> {
+        let phases = self.phases.now(&self.store).await?;
+        let warnings =
+            phases.iter().filter_map(|phase| self.budget.warning(&phase.settings.id, phase.scene_allowance));
+        Ok(warnings.collect())
     }
 }
 
@@ -119,15 +187,16 @@ mod tests {
     use avln_houses::{HouseOptions, house};
     use avln_world::Body;
 
-    fn scene(seed: u64) -> Arc<SceneAssets> {
-        let house = house("house", seed, &HouseOptions { rooms: 6..=6, ..HouseOptions::default() });
+    fn scene(seed: u64, rooms: u8) -> Arc<SceneAssets> {
+        let house = house("house", seed, &HouseOptions { rooms: rooms..=rooms, ..HouseOptions::default() });
         Arc::new(SceneAssets::prepare(house, &Body::default()).expect("a house to walk in"))
     }
 
     #[test]
     fn shared_scenes_count_once() {
-        let (a, b) = (scene(1), scene(2));
-        let memory = |scene: &Arc<SceneAssets>| MemoryUse { scene: scene.clone(), own_bytes: 1000 };
+        let (a, b) = (scene(1, 6), scene(2, 6));
+        let memory =
+            |scene: &Arc<SceneAssets>| MemoryUse { scene: scene.clone(), own_bytes: 1000, charged_bytes: 0 };
         let one = bytes_of(vec![memory(&a)]);
         assert_eq!(one, a.resident_bytes() + 1000);
         assert!(a.resident_bytes() > 100_000, "a house is not nothing: {}", a.resident_bytes());
@@ -148,16 +217,14 @@ mod tests {
 
     #[test]
     fn agents_answer_for_slots_and_pictures() {
-        let scene = scene(1);
-        let mib = |bytes: usize| bytes.div_ceil(1 << 20);
-        let budget =
-            Budget { session_memory_mib: mib(scene.resident_bytes()) as u32 + 10, ..Budget::default() };
-        let with = |own_mib: usize| MemoryUse { scene: scene.clone(), own_bytes: own_mib << 20 };
-        assert_eq!(budget.check(vec![with(4)], with(4)), Ok(()));
+        let scene = scene(1, 6);
+        let budget = Budget { session_memory_mib: 64, ..Budget::default() };
+        let with = |mib: usize| MemoryUse { scene: scene.clone(), own_bytes: 0, charged_bytes: mib << 20 };
+        assert_eq!(budget.check(vec![with(32)], with(32)), Ok(()));
         let reason = |open, new| budget.check(open, new).unwrap_err().reason;
-        assert_eq!(reason(vec![with(6)], with(6)), Reason::NoCapacity);
-        assert_eq!(reason(vec![], with(12)), Reason::SensorNotAllowed);
-        for refused in [budget.check(vec![with(6)], with(6)), budget.check(vec![], with(12))] {
+        assert_eq!(reason(vec![with(32)], with(33)), Reason::NoCapacity);
+        assert_eq!(reason(vec![], with(65)), Reason::SensorNotAllowed);
+        for refused in [budget.check(vec![with(32)], with(33)), budget.check(vec![], with(65))] {
             let refused = refused.unwrap_err();
             assert!(Budget::is_agents_choice(&refused) && !refused.message.contains("MiB"), "{refused}");
         }
@@ -165,5 +232,53 @@ mod tests {
         let refused = small.check(vec![with(0)], with(0)).unwrap_err();
         assert_eq!(refused.reason, Reason::SimFault);
         assert!(!Budget::is_agents_choice(&refused));
+    }
+
+    #[test]
+    fn answers_are_equal_for_small_and_large_scenes() {
+        let (small, large) = (scene(1, 4), scene(2, 12));
+        assert!(large.resident_bytes() > small.resident_bytes());
+        let mut answers = Vec::new();
+        for session_memory_mib in [64, 100, 200] {
+            let budget = Budget { session_memory_mib, ..Budget::default() };
+            for (side, open) in (64..=1024).step_by(64).flat_map(|side| [0, 1, 3].map(|open| (side, open))) {
+                let sensors = Sensors::all(side, side);
+                let charged_bytes = budget.charge(HOUSE_BYTES, &sensors);
+                let answer = |scene: &Arc<SceneAssets>| {
+                    let (scene, own_bytes) = (scene.clone(), frame_bytes(&sensors));
+                    let new = MemoryUse { scene, own_bytes, charged_bytes };
+                    budget.check(vec![new.clone(); open], new).err().map(|refused| refused.reason)
+                };
+                let expected = answer(&small);
+                assert_eq!(answer(&large), expected, "{session_memory_mib} MiB, {side} pixels, {open} open");
+                answers.push(expected);
+            }
+        }
+        for seen in [None, Some(Reason::NoCapacity), Some(Reason::SensorNotAllowed)] {
+            assert!(answers.contains(&seen), "{seen:?} is among the answers");
+        }
+    }
+
+    #[test]
+    fn default_memory_suffices_for_all_slots() {
+        let budget = Budget::default();
+        assert!(16 * budget.charge(SCAN_BYTES, &Sensors::all(1024, 1024)) <= budget.session_bytes());
+        assert!(64 * budget.charge(HOUSE_BYTES, &Sensors::all(256, 256)) <= budget.session_bytes());
+        assert_eq!(budget.warning("finals", SCAN_BYTES), None);
+    }
+
+    #[test]
+    fn scene_files_are_charged_by_the_largest() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("scan.glb");
+        std::fs::File::create(&path).and_then(|file| file.set_len(100 << 20)).expect("a sparse file");
+        assert_eq!(allowance_of(&SceneSource::File { path: path.clone() }), 200 << 20);
+        let budget = Budget { session_memory_mib: 100, ..Budget::default() };
+        let warning = budget.warning("finals", 200 << 20).expect("a small limit");
+        for part in ["phase 'finals'", "200 MiB", "100 MiB", "--session-memory"] {
+            assert!(warning.contains(part), "{warning}");
+        }
+        std::fs::remove_file(&path).expect("the file");
+        assert_eq!(allowance_of(&SceneSource::File { path }), SCAN_BYTES);
     }
 }

@@ -152,6 +152,7 @@ impl Arena {
     ) -> Result<(Referee, MemoryUse), Refusal> {
         let (phase, scenes, order, budget) = (phase.clone(), self.scenes.clone(), run.order, self.budget);
         let needs_pictures = sensors.rgb || sensors.depth;
+        let charged_bytes = budget.charge(phase.scene_allowance, &sensors);
         let work = move || {
             // First by file size: a scene beyond the limit must not be loaded.
             budget.check_file(phase.scene_file_bytes(&episode).map_err(Refusal::internal)?)?;
@@ -169,7 +170,7 @@ impl Arena {
         if let Some(map) = map {
             self.store.upsert_scene(&map).await.map_err(refusal)?;
         }
-        let memory = MemoryUse::of(scene, &referee);
+        let memory = MemoryUse::of(scene, &referee, charged_bytes);
         self.check_memory(&run.id, &memory)?;
         Ok((referee, memory))
     }

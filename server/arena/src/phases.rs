@@ -1,8 +1,8 @@
 //! Hosted phases, reloaded after changes by the organiser.
 
 use crate::{
-    BENCHMARK_VERSION, Failure, data::DataFolder, dataset::SplitFolder, ids, lru::LruCache, now_unix_ms,
-    run_blocking, setup::check_seed,
+    BENCHMARK_VERSION, Failure, budget::scene_allowance, data::DataFolder, dataset::SplitFolder, ids,
+    lru::LruCache, now_unix_ms, run_blocking, setup::check_seed,
 };
 use avln_dataset::{DatasetError, EpisodeSpec, SceneSource, SceneSpec};
 use avln_episode::Rules;
@@ -16,6 +16,8 @@ use tokio::sync::Mutex;
 pub(crate) struct HostedPhase {
     pub(crate) settings: Phase,
     pub(crate) split: Arc<SplitFolder>,
+    /// Bytes charged for the scene of an open episode.
+    pub(crate) scene_allowance: usize,
     pub(crate) audio: Audio,
 }
 
@@ -144,7 +146,8 @@ impl HostedPhase {
             tracing::warn!(phase = settings.id, %failure, "a hidden phase can be guessed");
         }
         let audio = data.audio(&settings.rules)?;
-        Ok(Self { settings, split, audio })
+        let scene_allowance = scene_allowance(&split);
+        Ok(Self { settings, split, scene_allowance, audio })
     }
 
     /// Returns the mission `id`, from the cache or the scene's files.

@@ -280,6 +280,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         return Err(Failure::scene(format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
+    store.published_splits().await?.check(&phase, split.digest(), now_unix_ms())?;
     check_overlap(data, &phases, &phase)?;
     let notes = challenge::notes(&challenge::actor(), before, &phase, "");
     store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;

@@ -124,6 +124,10 @@ class TaskSpec:
     """Sounding schedule: `unfinished_in_drawn_order` or `all_in_goal_order`."""
     sounding_window_steps: int = 25
     """Sounding steps per target and turn."""
+    silence: str = "immediate"
+    """Silence of a found target: `immediate`, `delayed` (5 to 20 steps after the Submit) or `window_end`
+    (at the end of its turn); `unspecified` from older servers, where it is immediate.
+    """
     sound_clip: str = "anonymous"
     """Sound clip assignment: `anonymous`, `by_category` or `distinct`."""
     source_lift_m: float = 0.0
@@ -163,6 +167,7 @@ _RULES = {
     "wrong_submit": task_pb2.WrongSubmit,
     "feedback": task_pb2.FeedbackRule,
     "sounding": task_pb2.SoundingRule,
+    "silence": task_pb2.SilenceRule,
     "sound_clip": task_pb2.SoundClip,
     "depth_noise": task_pb2.DepthNoise,
     "rgb_noise": task_pb2.RgbNoise,

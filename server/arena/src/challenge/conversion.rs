@@ -9,10 +9,11 @@ use crate::{
     Failure,
     data::{DataFolder, check_name},
     dataset::SplitFolder,
+    now_unix_ms,
     setup::{self, check_seed, check_sounds, rules_for_phase, sounds_for_phase},
 };
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
-use avln_store::{Phase, PhaseEpisode, Sampling, Schedule, Visibility};
+use avln_store::{Phase, PhaseEpisode, PublishedSplits, Sampling, Schedule, Visibility};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
@@ -33,6 +34,7 @@ pub(super) struct PhaseConversion<'a> {
     pub(super) old: Option<&'a Phase>,
     /// The previous version, if runs fix a part of it.
     pub(super) fixed: Option<&'a Phase>,
+    pub(super) published: &'a PublishedSplits,
 }
 
 /// Stores the value, or records its fault.
@@ -120,6 +122,8 @@ impl PhaseConversion<'_> {
             let sounds = check_sounds(self.data, phase);
             faults.extend(sounds.err().map(|failure| self.failed("sounds", &failure)));
             faults.extend(self.changes_of_fixed(phase));
+            let published = self.published.check(phase, split.digest(), now_unix_ms());
+            faults.extend(published.err().map(|error| self.fault("split", error)));
         }
     }
 

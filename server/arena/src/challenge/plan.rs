@@ -77,6 +77,7 @@ impl Planner<'_> {
     /// Computes the changes. Writes nothing except imported recordings and heads.
     pub async fn plan(&self, file: &ChallengeFile) -> Result<ChallengeChanges, PlanError> {
         let before = self.store.phases().await?;
+        let published = &self.store.published_splits().await?;
         let mut faults = repeated_ids(file);
         let splits = self.splits(file, &mut faults);
         let mut plan = ChallengeChanges::default();
@@ -84,7 +85,7 @@ impl Planner<'_> {
             let old = before.iter().find(|phase| phase.id == entry.id);
             let fixed = fixed(self.store, old).await?;
             let (data, base, index) = (self.data, self.base, &index.to_string());
-            match (PhaseConversion { data, base, index, entry, old, fixed }).phase(&splits) {
+            match (PhaseConversion { data, base, index, entry, old, fixed, published }).phase(&splits) {
                 Ok(phase) => plan.add(old, Phase { position, ..phase }, self.reason),
                 Err(of_phase) => faults.extend(of_phase),
             }

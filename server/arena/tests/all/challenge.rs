@@ -5,6 +5,7 @@ use avln_arena::{
     actions::{self, Attribution},
     challenge::{ChallengeChanges, ChallengeFile, Fault, PlanError, Planner, SummaryStyle, actor},
     data::DataFolder,
+    seed_to_publish,
     setup::{NewPhase, NewSplit, admit, make_split, open_phase},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
@@ -354,6 +355,32 @@ async fn closed_phase_shares_missions_with_public() {
     assert!(refused.contains("phase 'finals' is hidden"), "{refused}");
     hall.reschedule("finals", |schedule| schedule.closed = true).await;
     hall.apply(&published).await;
+}
+
+#[tokio::test]
+async fn published_secret_refuses_hidden_phases() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let late = single("late", "hidden", "team");
+    let early = hall.plan(&late).await.expect("the secret is not published");
+    hall.reschedule("finals", |schedule| schedule.closed = true).await;
+    let seed = seed_to_publish(&hall.data, &hall.store, "finals").await.expect("a readable split");
+    let note = AuditNote::default();
+    hall.store.reveal_phase("finals", seed.as_ref(), note, 1 << 42).await.expect("a closed phase");
+
+    let said = "phase 'late' is hidden, but the secret of split 'hidden' is published with phase 'finals'; \
+                make another split: avln data split make NAME";
+    let refused = hall.refused(&late).await;
+    assert!(refused.starts_with("challenge.toml, line 3: ") && refused.contains(said), "{refused}");
+    let refused = hall.planner().apply(early).await.expect_err("published since the check").to_string();
+    assert!(refused.contains(said), "{refused}");
+    let opened = NewPhase { replays: Visibility::Team, ..NewPhase::public("late", "hidden") };
+    let refused = open_phase(&hall.data, &hall.store, &opened).await.expect_err("published").to_string();
+    assert!(refused.contains(said), "{refused}");
+
+    assert_eq!(hall.plan(FILE).await.expect("the closed phase stays").notes, []);
+    hall.apply(&single("published", "hidden", "public")).await;
 }
 
 #[tokio::test]

@@ -3,7 +3,6 @@
 use crate::{
     host::{Host, Interrupted, OpenRun},
     limits::Limits,
-    places::{TeamPlace, TeamPlaces},
     refusal::{Failure, Refusal, Result, call_host},
     registry::{SessionGuard, SessionRegistry},
     session::Session,
@@ -11,6 +10,7 @@ use crate::{
     watchdog::Watchdog,
     wire,
 };
+use avln_net::{Place, Places};
 use avln_proto::v1::{self, Reason};
 use std::sync::Arc;
 use tonic::{Response, Status, metadata::MetadataMap};
@@ -22,7 +22,8 @@ pub(crate) struct ServiceContext<H: Host> {
     pub(crate) registry: Arc<SessionRegistry<Session<H>>>,
     pool: SimPool,
     watchdog: Watchdog,
-    watchers: Arc<TeamPlaces>,
+    /// WatchRun calls per team.
+    watchers: Arc<Places<String>>,
 }
 
 impl<H: Host> ServiceContext<H> {
@@ -30,7 +31,7 @@ impl<H: Host> ServiceContext<H> {
         let limits = Arc::new(limits);
         let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
-        let watchers = TeamPlaces::new(limits.max_watchers);
+        let watchers = Places::new(Some(limits.max_watchers), limits.max_watchers);
         let registry = SessionRegistry::new(limits.clone());
         Arc::new(Self { host, registry, limits, pool, watchdog, watchers })
     }
@@ -48,8 +49,8 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Takes a team's place among WatchRun calls, until it is dropped.
-    pub(crate) fn watch(&self, team: &str) -> Result<TeamPlace, Refusal> {
-        self.watchers.take(team).map_err(|share| {
+    pub(crate) fn watch(&self, team: &str) -> Result<Place<String>, Refusal> {
+        self.watchers.take(team.to_owned()).map_err(|share| {
             let all = self.limits.max_watchers;
             let message = format!("the team watches its share of {share} of {all} runs; use GetRun");
             Refusal::new(Reason::NoCapacity, message).retry_after(60)

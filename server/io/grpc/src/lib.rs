@@ -78,7 +78,6 @@ mod host;
 mod lifecycle;
 mod limits;
 mod outbound;
-mod places;
 mod play_stream;
 mod refusal;
 mod registry;

@@ -2,7 +2,7 @@
 
 use crate::{
     listener::{Listener, Stream},
-    share::fair_share,
+    places::{Place, Places},
 };
 use parking_lot::Mutex;
 use std::{
@@ -26,8 +26,8 @@ pub struct AcceptLimits {
     pub max_connections: usize,
     /// Open connections per address.
     pub max_connections_per_address: usize,
-    /// True if an address may also hold no more than its [`fair_share`] of `max_connections`. False behind a proxy, whose
-    /// address is that of all clients.
+    /// True if an address may also hold no more than its [`fair_share`](crate::fair_share) of `max_connections`. False
+    /// behind a proxy, whose address is that of all clients.
     pub shares_by_address: bool,
     /// True if connections beyond the limit wait in the system's queue instead of being closed.
     pub waits_when_full: bool,
@@ -166,10 +166,7 @@ impl Connections {
 #[derive(Debug)]
 struct ConnectionLimiter {
     total: Arc<Semaphore>,
-    by_address: Mutex<BTreeMap<IpAddr, usize>>,
-    limit: usize,
-    limit_per_address: usize,
-    shares_by_address: bool,
+    by_address: Arc<Places<IpAddr>>,
     /// Ends of penalties by address.
     delayed: Mutex<BTreeMap<IpAddr, Instant>>,
 }
@@ -178,19 +175,17 @@ struct ConnectionLimiter {
 #[derive(Debug)]
 pub struct ConnectionPermit {
     limiter: Arc<ConnectionLimiter>,
-    address: IpAddr,
+    place: Place<IpAddr>,
     _slot: OwnedSemaphorePermit,
 }
 
 impl ConnectionLimiter {
     fn new(limits: &AcceptLimits) -> Arc<Self> {
         let limit = limits.max_connections.min(Semaphore::MAX_PERMITS);
+        let per_address = limits.max_connections_per_address.min(limit);
         Arc::new(Self {
             total: Arc::new(Semaphore::new(limit)),
-            by_address: Mutex::default(),
-            limit,
-            limit_per_address: limits.max_connections_per_address,
-            shares_by_address: limits.shares_by_address,
+            by_address: Places::new(limits.shares_by_address.then_some(limit), per_address),
             delayed: Mutex::default(),
         })
     }
@@ -206,39 +201,22 @@ impl ConnectionLimiter {
         slot: Option<OwnedSemaphorePermit>,
     ) -> Option<ConnectionPermit> {
         let slot = slot.or_else(|| self.total.clone().try_acquire_owned().ok())?;
-        let mut by_address = self.by_address.lock();
-        let here = by_address.get(&address).copied().unwrap_or(0);
-        let others = by_address.values().sum::<usize>() - here;
-        let share = if self.shares_by_address { fair_share(self.limit, others) } else { self.limit };
-        if here >= self.limit_per_address.min(share) {
-            return None;
-        }
-        by_address.insert(address, here + 1);
-        Some(ConnectionPermit { limiter: self.clone(), address, _slot: slot })
+        let place = self.by_address.take(address).ok()?;
+        Some(ConnectionPermit { limiter: self.clone(), place, _slot: slot })
     }
 }
 
 impl ConnectionPermit {
     /// Delays new connections from this address.
     pub fn delay_others(&self, until: Instant) {
-        self.limiter.delayed.lock().insert(self.address, until);
+        self.limiter.delayed.lock().insert(*self.place.party(), until);
     }
 
     /// Returns the end of this connection's delay.
     fn delayed_until(&self) -> Option<Instant> {
         let mut delayed = self.limiter.delayed.lock();
         delayed.retain(|_, until| *until > Instant::now());
-        delayed.get(&self.address).copied()
-    }
-}
-
-impl Drop for ConnectionPermit {
-    fn drop(&mut self) {
-        let mut by_address = self.limiter.by_address.lock();
-        match by_address.get_mut(&self.address) {
-            Some(count) if *count > 1 => *count -= 1,
-            _ => drop(by_address.remove(&self.address)),
-        }
+        delayed.get(self.place.party()).copied()
     }
 }
 

@@ -8,9 +8,11 @@
 mod accept;
 mod identity;
 mod listener;
+mod places;
 mod share;
 
 pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections};
 pub use identity::{Identity, TlsError};
 pub use listener::{HandshakeError, Handshaker, Listener, Meter, Metered, Protocol, Stream};
+pub use places::{Place, Places};
 pub use share::fair_share;

@@ -61,6 +61,11 @@ pub enum StoreError {
     /// A revealed phase that would accept runs again.
     #[error("phase '{0}' is revealed, so its episodes are known; open another phase on a new split")]
     Revealed(String),
+    /// A hidden phase that would accept runs on a split with a published secret.
+    #[error(
+        "phase '{phase}' is hidden, but the secret of split '{split}' is published with phase '{by}'; make another split: avln data split make NAME"
+    )]
+    SecretPublished { phase: String, split: String, by: String },
     /// Runs continue, so the secret cannot be published.
     #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
     StillPlayed {

@@ -33,7 +33,7 @@ pub use avln_challenge::{
     TimeAccount, TokenScope, Visibility, calendar, pool_digest,
 };
 pub use catalog::{Scene, SceneMap, Split};
-pub use commitment::Commitment;
+pub use commitment::{Commitment, PublishedSplits};
 pub use database::{Inventory, KeptRun, SCHEMA_VERSION, Store, copy_database, inspect_database};
 pub use episodes::{AssignedEpisode, EpisodeResult, EpisodeStatus, RecordedResult, RunningEpisode};
 pub use error::{Result, StoreError};

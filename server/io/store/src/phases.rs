@@ -2,7 +2,7 @@
 
 use crate::{
     audit::{AuditNote, add_notes},
-    commitment::is_revealed,
+    commitment::{is_revealed, read_published},
     database::{Store, Transaction, json, word},
     error::{Result, StoreError},
 };
@@ -93,6 +93,11 @@ impl Phase {
         }
     }
 
+    /// Returns whether scores or replays are hidden from other teams.
+    pub fn is_hidden(&self) -> bool {
+        [self.scores, self.replays] != [Visibility::Public; 2]
+    }
+
     /// Counts episodes in a run.
     pub fn episodes_of_run(&self) -> u32 {
         self.sampling.episodes_of_run(self.episodes.len() as u32)
@@ -162,7 +167,8 @@ const CLOSED: &str = "closed";
 
 impl Store {
     /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling. Fails if the split or a
-    /// scene is unknown, or runs fix a changed value, or a revealed phase would accept runs again.
+    /// scene is unknown, runs or a revealed commitment fix a changed value, a revealed phase would accept runs again, or a
+    /// hidden phase would accept runs on a split with a published secret.
     pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<()> {
         self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
     }
@@ -171,10 +177,7 @@ impl Store {
     pub async fn change_phases(&self, phases: &[Phase], notes: &[AuditNote], now_unix_ms: i64) -> Result<()> {
         let mut tx = self.begin().await?;
         for phase in phases {
-            let is_closed = phase.schedule.state(now_unix_ms) == PhaseState::Closed;
-            if !is_closed && is_revealed(&mut tx, &phase.id).await? {
-                return Err(StoreError::Revealed(phase.id.clone()));
-            }
+            check_secrets(&mut tx, phase, now_unix_ms).await?;
             change_phase(&mut tx, phase, now_unix_ms).await?;
         }
         add_notes(&mut tx, notes, now_unix_ms).await?;
@@ -200,24 +203,38 @@ impl Store {
     }
 }
 
+/// Rejects a phase that would accept runs although published secrets show its episodes.
+async fn check_secrets(tx: &mut Transaction<'_>, phase: &Phase, now_unix_ms: i64) -> Result<()> {
+    let is_closed = phase.schedule.state(now_unix_ms) == PhaseState::Closed;
+    if !is_closed && is_revealed(tx, &phase.id).await? {
+        return Err(StoreError::Revealed(phase.id.clone()));
+    }
+    let select = "SELECT digest FROM splits WHERE name = $1";
+    let digest: Option<String> =
+        sqlx::query_scalar(select).bind(&phase.split).fetch_optional(&mut **tx).await?;
+    match digest {
+        Some(digest) => read_published(tx).await?.check(phase, &digest, now_unix_ms),
+        None => Err(StoreError::unknown("split", &phase.split)),
+    }
+}
+
 async fn change_phase(tx: &mut Transaction<'_>, phase: &Phase, now_unix_ms: i64) -> Result<()> {
-    check_references(tx, phase).await?;
+    check_scenes(tx, phase).await?;
     let before = read_phases(tx, Some(&phase.id)).await?.pop();
     let plays_differently = before.as_ref().is_none_or(|before| !before.plays_as(phase));
     // Runs before and after such a change could not be compared on one leaderboard.
     if plays_differently && before.is_some() && has_runs(tx, &phase.id).await? {
         return Err(StoreError::Taken { what: "phase with runs", name: phase.id.clone() });
     }
+    // Other episodes would get another commitment, in place of the published one.
+    if plays_differently && is_revealed(tx, &phase.id).await? {
+        return Err(StoreError::Revealed(phase.id.clone()));
+    }
     write_phase(tx, phase, now_unix_ms).await?;
     if plays_differently { write_phase_episodes(tx, phase).await } else { Ok(()) }
 }
 
-async fn check_references(tx: &mut Transaction<'_>, phase: &Phase) -> Result<()> {
-    let split: Option<i64> = sqlx::query_scalar("SELECT 1 FROM splits WHERE name = $1")
-        .bind(&phase.split)
-        .fetch_optional(&mut **tx)
-        .await?;
-    split.ok_or_else(|| StoreError::unknown("split", &phase.split))?;
+async fn check_scenes(tx: &mut Transaction<'_>, phase: &Phase) -> Result<()> {
     let known: Vec<String> =
         sqlx::query_scalar("SELECT name FROM scenes ORDER BY name").fetch_all(&mut **tx).await?;
     let missing = phase.episodes.iter().find(|episode| known.binary_search(&episode.scene).is_err());

@@ -38,6 +38,13 @@ class SoundingRule(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     SOUNDING_RULE_UNFINISHED_IN_DRAWN_ORDER: _ClassVar[SoundingRule]
     SOUNDING_RULE_ALL_IN_GOAL_ORDER: _ClassVar[SoundingRule]
 
+class SilenceRule(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    SILENCE_RULE_UNSPECIFIED: _ClassVar[SilenceRule]
+    SILENCE_RULE_IMMEDIATE: _ClassVar[SilenceRule]
+    SILENCE_RULE_DELAYED: _ClassVar[SilenceRule]
+    SILENCE_RULE_WINDOW_END: _ClassVar[SilenceRule]
+
 class SoundClip(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     SOUND_CLIP_UNSPECIFIED: _ClassVar[SoundClip]
@@ -72,6 +79,10 @@ FEEDBACK_RULE_VERDICT: FeedbackRule
 SOUNDING_RULE_UNSPECIFIED: SoundingRule
 SOUNDING_RULE_UNFINISHED_IN_DRAWN_ORDER: SoundingRule
 SOUNDING_RULE_ALL_IN_GOAL_ORDER: SoundingRule
+SILENCE_RULE_UNSPECIFIED: SilenceRule
+SILENCE_RULE_IMMEDIATE: SilenceRule
+SILENCE_RULE_DELAYED: SilenceRule
+SILENCE_RULE_WINDOW_END: SilenceRule
 SOUND_CLIP_UNSPECIFIED: SoundClip
 SOUND_CLIP_ANONYMOUS: SoundClip
 SOUND_CLIP_BY_CATEGORY: SoundClip
@@ -124,7 +135,7 @@ class TensorSpec(_message.Message):
     def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., kind: _Optional[_Union[_common_pb2.SensorKind, str]] = ..., dtype: _Optional[_Union[_common_pb2.Dtype, str]] = ..., shape: _Optional[_Iterable[int]] = ..., encoding: _Optional[_Union[_common_pb2.Encoding, str]] = ..., minimum: _Optional[float] = ..., maximum: _Optional[float] = ...) -> None: ...
 
 class TaskSpec(_message.Message):
-    __slots__ = ("rules", "forward_m", "turn_deg", "step_s", "max_steps", "body_radius_m", "body_height_m", "width", "height", "hfov_rad", "camera_height_m", "ear_height_m", "depth_max_m", "depth_divisor", "sample_rate_hz", "audio_samples", "samples_per_step", "pose_frame", "success_radius_m", "success_distance", "wrong_submit", "feedback", "sounding", "sounding_window_steps", "sound_clip", "source_lift_m", "depth_noise", "rgb_noise", "head")
+    __slots__ = ("rules", "forward_m", "turn_deg", "step_s", "max_steps", "body_radius_m", "body_height_m", "width", "height", "hfov_rad", "camera_height_m", "ear_height_m", "depth_max_m", "depth_divisor", "sample_rate_hz", "audio_samples", "samples_per_step", "pose_frame", "success_radius_m", "success_distance", "wrong_submit", "feedback", "sounding", "sounding_window_steps", "sound_clip", "source_lift_m", "depth_noise", "rgb_noise", "head", "silence")
     RULES_FIELD_NUMBER: _ClassVar[int]
     FORWARD_M_FIELD_NUMBER: _ClassVar[int]
     TURN_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -154,6 +165,7 @@ class TaskSpec(_message.Message):
     DEPTH_NOISE_FIELD_NUMBER: _ClassVar[int]
     RGB_NOISE_FIELD_NUMBER: _ClassVar[int]
     HEAD_FIELD_NUMBER: _ClassVar[int]
+    SILENCE_FIELD_NUMBER: _ClassVar[int]
     rules: str
     forward_m: float
     turn_deg: int
@@ -183,7 +195,8 @@ class TaskSpec(_message.Message):
     depth_noise: DepthNoise
     rgb_noise: RgbNoise
     head: str
-    def __init__(self, rules: _Optional[str] = ..., forward_m: _Optional[float] = ..., turn_deg: _Optional[int] = ..., step_s: _Optional[float] = ..., max_steps: _Optional[int] = ..., body_radius_m: _Optional[float] = ..., body_height_m: _Optional[float] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., hfov_rad: _Optional[float] = ..., camera_height_m: _Optional[float] = ..., ear_height_m: _Optional[float] = ..., depth_max_m: _Optional[float] = ..., depth_divisor: _Optional[float] = ..., sample_rate_hz: _Optional[int] = ..., audio_samples: _Optional[int] = ..., samples_per_step: _Optional[int] = ..., pose_frame: _Optional[_Union[PoseFrame, str]] = ..., success_radius_m: _Optional[float] = ..., success_distance: _Optional[_Union[DistanceRule, str]] = ..., wrong_submit: _Optional[_Union[WrongSubmit, str]] = ..., feedback: _Optional[_Union[FeedbackRule, str]] = ..., sounding: _Optional[_Union[SoundingRule, str]] = ..., sounding_window_steps: _Optional[int] = ..., sound_clip: _Optional[_Union[SoundClip, str]] = ..., source_lift_m: _Optional[float] = ..., depth_noise: _Optional[_Union[DepthNoise, str]] = ..., rgb_noise: _Optional[_Union[RgbNoise, str]] = ..., head: _Optional[str] = ...) -> None: ...
+    silence: SilenceRule
+    def __init__(self, rules: _Optional[str] = ..., forward_m: _Optional[float] = ..., turn_deg: _Optional[int] = ..., step_s: _Optional[float] = ..., max_steps: _Optional[int] = ..., body_radius_m: _Optional[float] = ..., body_height_m: _Optional[float] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., hfov_rad: _Optional[float] = ..., camera_height_m: _Optional[float] = ..., ear_height_m: _Optional[float] = ..., depth_max_m: _Optional[float] = ..., depth_divisor: _Optional[float] = ..., sample_rate_hz: _Optional[int] = ..., audio_samples: _Optional[int] = ..., samples_per_step: _Optional[int] = ..., pose_frame: _Optional[_Union[PoseFrame, str]] = ..., success_radius_m: _Optional[float] = ..., success_distance: _Optional[_Union[DistanceRule, str]] = ..., wrong_submit: _Optional[_Union[WrongSubmit, str]] = ..., feedback: _Optional[_Union[FeedbackRule, str]] = ..., sounding: _Optional[_Union[SoundingRule, str]] = ..., sounding_window_steps: _Optional[int] = ..., sound_clip: _Optional[_Union[SoundClip, str]] = ..., source_lift_m: _Optional[float] = ..., depth_noise: _Optional[_Union[DepthNoise, str]] = ..., rgb_noise: _Optional[_Union[RgbNoise, str]] = ..., head: _Optional[str] = ..., silence: _Optional[_Union[SilenceRule, str]] = ...) -> None: ...
 
 class Mission(_message.Message):
     __slots__ = ("order", "goals")

@@ -4,7 +4,7 @@ use crate::host::Digests;
 use avln_challenge::{PhaseState, QuotaWindow, RunState, Visibility};
 use avln_episode::{
     Action, DepthNoise, DistanceRule, EndReason, FeedbackRule, GoalCue, HeadRule, Mission, Order, PoseFrame,
-    RgbImage, RgbNoise, Rules, Sensors, SoundClip, SoundingRule, TimeLimits, WrongSubmit,
+    RgbImage, RgbNoise, Rules, Sensors, SilenceRule, SoundClip, SoundingRule, TimeLimits, WrongSubmit,
 };
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
@@ -39,6 +39,7 @@ same_variants! {
     distance_rule: DistanceRule { CameraToBox, BaseToViewpoint }
     wrong_submit: WrongSubmit { KeepsGoal, SkipsGoal }
     sounding_rule: SoundingRule { UnfinishedInDrawnOrder, AllInGoalOrder }
+    silence_rule: SilenceRule { Immediate, Delayed, WindowEnd }
     sound_clip: SoundClip { Anonymous, Distinct, ByCategory }
     visibility: Visibility { Organiser, Team, Public }
     run_state: RunState { Created, Running, Completed, Failed, Cancelled, Expired }
@@ -87,6 +88,7 @@ pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
         depth_noise: depth_noise(rules.depth_noise).into(),
         rgb_noise: rgb_noise(rules.rgb_noise).into(),
         head: head(&rules.head),
+        silence: silence_rule(rules.silence).into(),
     }
 }
 
@@ -184,5 +186,8 @@ mod tests {
         assert_eq!((paper.depth_noise(), paper.rgb_noise()), (v1::DepthNoise::None, v1::RgbNoise::None));
         let measured = Rules { head: HeadRule::Measured("c0ffee".into()), ..Rules::paper() };
         assert_eq!((paper.head.as_str(), task_spec(&measured, &sensors).head.as_str()), ("", "c0ffee"));
+        let late = Rules { silence: SilenceRule::WindowEnd, ..Rules::paper() };
+        assert_eq!(paper.silence(), v1::SilenceRule::Immediate);
+        assert_eq!(task_spec(&late, &sensors).silence(), v1::SilenceRule::WindowEnd);
     }
 }

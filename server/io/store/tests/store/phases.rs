@@ -6,7 +6,10 @@ use avln_challenge::{
     pool_digest,
 };
 use avln_episode::{Order, TimeLimits};
-use avln_store::{Member, NewRun, NewToken, Phase, Run, StartedRun, Store, StoreError, TokenState, Viewer};
+use avln_store::{
+    Member, NewRun, NewToken, Phase, Run, Split, StartedRun, Store, StoreError, TokenState, Viewer,
+};
+use serde_json::json;
 use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -165,6 +168,45 @@ async fn commitment_is_revealed_after_closing() {
     promised.schedule.closed = false;
     let reopened = arena.store.upsert_phase(&promised, 8).await;
     assert!(matches!(reopened, Err(StoreError::Revealed(_))), "{reopened:?}");
+}
+
+#[tokio::test]
+async fn published_split_accepts_no_hidden_phase() {
+    let hidden =
+        |id, split: &str| Phase { split: split.to_owned(), scores: Visibility::Organiser, ..phase(id, 3) };
+    let mut first = hidden("practice", "val");
+    let arena = Arena::new(&first).await;
+    for (name, digest) in [("twin", "d"), ("new", "e")] {
+        let split = Split { name: name.to_owned(), digest: digest.to_owned(), scenes: 2, episodes: 9 };
+        arena.store.upsert_split(&split).await.expect("a split");
+    }
+    arena.store.upsert_phase(&hidden("before", "val"), 1).await.expect("the secret is not published");
+    arena.store.commit_phase("practice", SECRET, "1.0.0", 2).await.expect("a commitment");
+    let schedule = Schedule { closed: true, ..Schedule::default() };
+    for id in ["practice", "before"] {
+        let closed = Phase { schedule: schedule.clone(), ..hidden(id, "val") };
+        arena.store.upsert_phase(&closed, 3).await.expect("closed");
+    }
+    let seed = json!({ "secret": SECRET });
+    let revealed = arena.store.reveal_phase("practice", Some(&seed), note("revealed"), 4).await;
+    assert!(revealed.expect("closed").0.seed.is_some());
+    for refused in [hidden("before", "val"), hidden("late", "val"), hidden("late", "twin")] {
+        let refused = arena.store.upsert_phase(&refused, 5).await.expect_err("a published secret");
+        assert!(matches!(refused, StoreError::SecretPublished { .. }), "{refused}");
+        for part in [" is hidden", "published with phase 'practice'", "avln data split make"] {
+            assert!(refused.to_string().contains(part), "{refused}");
+        }
+    }
+    first.split = "new".to_owned();
+    first.schedule = schedule;
+    let moved = arena.store.upsert_phase(&first, 6).await;
+    assert!(matches!(moved, Err(StoreError::Revealed(_))), "its commitment is published: {moved:?}");
+    let mut late = phase("late", 3);
+    arena.store.upsert_phase(&late, 7).await.expect("a public phase");
+    late.replays = Visibility::Team;
+    let refused = arena.store.upsert_phase(&late, 8).await;
+    assert!(matches!(refused, Err(StoreError::SecretPublished { .. })), "{refused:?}");
+    arena.store.upsert_phase(&hidden("late", "new"), 9).await.expect("a new split");
 }
 
 #[tokio::test]
