@@ -48,8 +48,8 @@ mutants *args:
     cargo mutants --package avln-scoring --package avln-referee {{args}}
     cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
 
-# Fuzz all readers of external bytes for `seconds` each, or only the given targets
-fuzz seconds="300" *targets:
+# Fuzz all readers of external bytes for `seconds` each, or only the given targets; without arguments an hour of processor time
+fuzz seconds="164" *targets:
     fuzz/run.sh {{seconds}} {{targets}}
 
 # Build the release archive in dist/: static program, man pages, completions, licences

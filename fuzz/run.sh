@@ -10,19 +10,35 @@ if [ ${#targets[@]} = 0 ]; then
     for file in targets/*.rs; do targets+=("$(basename "$file" .rs)"); done
 fi
 host=$(rustc -vV | sed -n 's/^host: //p')
+begun=$SECONDS
 cargo build --release --quiet --target "$host"
-for target in "${targets[@]}"; do
-    mkdir -p "found/$target" "artifacts/$target"
-    log=$(mktemp)
+echo "fuzz: compiled in $((SECONDS - begun)) s"
+
+logs=$(mktemp -d)
+trap 'rm -rf "$logs"' EXIT
+mkdir "$logs/temporary"
+# Targets write temporary files, also if they are killed.
+export TMPDIR=$logs/temporary
+export host logs seconds
+
+# Fuzzes the target $1, and adds its branches and inputs to the totals.
+fuzz() {
+    local log=$logs/$1.log branches inputs
+    mkdir -p "found/$1" "artifacts/$1"
     # New inputs go to `found`; `corpus` stays as it is in the repository. Larger inputs only cost time.
-    if ! target/"$host"/release/"$target" -max_total_time="$seconds" -max_len=65536 -rss_limit_mb=1024 \
-        -timeout=10 -print_final_stats=1 -artifact_prefix="artifacts/$target/" "found/$target" "corpus/$target" >"$log" 2>&1; then
+    if ! "target/$host/release/$1" -max_total_time="$seconds" -max_len=65536 -rss_limit_mb=1024 \
+        -timeout=10 -print_final_stats=1 -artifact_prefix="artifacts/$1/" "found/$1" "corpus/$1" >"$log" 2>&1; then
         tail -n 40 "$log" >&2
-        echo "fuzz: $target failed; the input is in fuzz/artifacts/$target" >&2
-        exit 1
+        echo "fuzz: $1 failed; the input is in fuzz/artifacts/$1" >&2
+        return 1
     fi
-    coverage=$(sed -n 's/.*cov: \([0-9]*\).*/\1/p' "$log" | tail -n 1)
-    runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
-    echo "fuzz: $target, ${coverage:-0} branches, $runs inputs in $seconds s"
-    rm -f "$log"
-done
+    branches=$(sed -n 's/.*cov: \([0-9]*\).*/\1/p' "$log" | tail -n 1)
+    inputs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+    echo "${branches:-0} ${inputs:-0}" >>"$logs/totals"
+    echo "fuzz: $1, ${branches:-0} branches, ${inputs:-0} inputs in $seconds s"
+}
+export -f fuzz
+
+# A target per processor at a time.
+printf '%s\n' "${targets[@]}" | xargs -n 1 -P "$(nproc)" bash -euo pipefail -c 'fuzz "$1"' fuzz
+awk '{ branches += $1; inputs += $2 } END { print "fuzz: " NR " targets, " branches " branches, " inputs " inputs" }' "$logs/totals"

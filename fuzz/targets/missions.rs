@@ -1,7 +1,10 @@
-//! Data sets: the first byte selects the kind of file.
+//! Data sets and recipes: the first byte selects the kind of file.
 #![no_main]
 
-use avln_dataset::format::{File, digest_of, read_manifest, read_missions, read_scenes, read_secret};
+use avln_dataset::{
+    Recipe,
+    format::{File, digest_of, read_manifest, read_missions, read_scenes, read_secret},
+};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Some((kind, bytes)) = bytes.split_first() else { return };
@@ -11,6 +14,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         b'l' => drop(read_scenes(file, &digest_of(bytes))),
         b'd' => drop(read_manifest(file)),
         b's' => drop(read_secret(file)),
+        b'r' => drop(Recipe::from_json(&String::from_utf8_lossy(bytes))),
         // A line of the scene list, the public file and the hidden file, separated by empty lines.
         _ => avln_fuzz::read_parts(bytes),
     }

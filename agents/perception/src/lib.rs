@@ -234,13 +234,29 @@ fn unusable(reason: impl Into<String>) -> WeightsError {
 mod tests {
     use super::*;
 
+    /// A file without tensors.
+    fn file(header: &str) -> Vec<u8> {
+        [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat()
+    }
+
     #[test]
     fn malformed_files_are_refused() {
-        let file = |header: &str| [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat();
         let error = |bytes: &[u8]| WeightsFile::read(bytes).err().expect("refused").to_string();
         assert!(error(b"abc").contains("malformed"));
         assert!(error(&u64::MAX.to_le_bytes()).contains("malformed"));
         assert!(error(&file("{]")).contains("malformed"));
         assert!(error(&file("{}")).contains("no description"));
+    }
+
+    #[test]
+    fn huge_embeddings_are_refused() {
+        let training = r#"{"recipe":"","split":"","seeds":[],"views":0,"steps":0,"batch":0}"#;
+        let info = format!(
+            r#"{{"version":1,"categories":[],"building":0,"embedding":{},"offset_px":1,"side_px":16,"training":{training}}}"#,
+            u64::MAX
+        );
+        let header = serde_json::json!({ "__metadata__": { "avln-perception": info } });
+        let error = VisionNetwork::from_bytes(&file(&header.to_string())).err().expect("refused").to_string();
+        assert!(error.contains("`stem.weight` is missing"), "{error}");
     }
 }

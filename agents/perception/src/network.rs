@@ -205,7 +205,8 @@ impl UNetBuffers {
 
 impl UNet {
     pub(crate) fn read(weights: &WeightsFile) -> Result<Self, WeightsError> {
-        let outputs = weights.info.categories.len() + 2 + weights.info.embedding;
+        // No layer has a saturated number of outputs, so a huge embedding is refused below.
+        let outputs = (weights.info.categories.len() + 2).saturating_add(weights.info.embedding);
         let conv = |name: &str, inputs, outputs| weights.layer(name, [9, inputs, outputs]);
         let point = |name: &str, inputs, outputs| weights.layer(name, [1, inputs, outputs]);
         let [a, b, c, d] = WIDTHS;

@@ -2,7 +2,7 @@
 //!
 //! [`read`] parses a file, gzip or plain, to [`ForeignEpisode`]s; [`Importer`] finds the goals in an opened
 //! scene and makes missions. Goals that cannot be imported are reported as [`Loss`]es.
-//! [`authors_index`] and [`authors_scene`] write the layout of the LH-AVLN authors, [`Tables`] write Parquet.
+//! [`authors_index`] and [`authors_scene`] write the layout of the LH-AVLN authors, [`Tables`] (feature `tables`) write Parquet.
 //!
 //! This crate never touches a disk or writes ground truth into a public export.
 
@@ -12,6 +12,7 @@ mod foreign;
 mod habitat;
 mod importer;
 mod json;
+#[cfg(feature = "tables")]
 mod tables;
 
 pub use authors_export::{ExportedFile, SceneMissions, authors_index, authors_scene};
@@ -20,6 +21,7 @@ pub use foreign::{
     Loss,
 };
 pub use importer::{Imported, Importer, MAX_GOALS};
+#[cfg(feature = "tables")]
 pub use tables::Tables;
 
 use json::Cursor;

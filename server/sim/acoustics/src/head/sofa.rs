@@ -181,3 +181,23 @@ fn check_view(file: &ParsedHdf<'_>) -> Result<(), HeadError> {
     }
     Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An HDF5 superblock that announces a file of `bytes` bytes.
+    fn superblock(bytes: u64) -> Vec<u8> {
+        let addresses = [0, u64::MAX, bytes, 48].map(u64::to_le_bytes).concat();
+        [&b"\x89HDF\r\n\x1a\n\x02\x08\x08\x00"[..], &addresses].concat()
+    }
+
+    #[test]
+    fn contradictory_files_are_errors_without_a_panic() {
+        // Not `MeasuredHead::from_sofa`, which also catches panics.
+        for bytes in [0, 43, 45, u64::MAX] {
+            let read = Measurements::read(&superblock(bytes));
+            assert_eq!(read.err(), Some(HeadError::NoSofa), "{bytes} bytes announced");
+        }
+    }
+}
