@@ -10,7 +10,7 @@ use std::{
 };
 use tokio::{
     task::JoinSet,
-    time::{Instant, sleep},
+    time::{Instant, sleep, timeout_at},
 };
 
 pub(crate) const SLOTS: u32 = 8;
@@ -99,9 +99,10 @@ pub(crate) async fn play(mut agent: Agent) {
         }
     });
     let Some(client) = connect(&agent).await else { return };
-    if let Some(run) = resumed {
-        resume::play_on(&agent, &run).await;
-        end_early(&agent, &client, &run[0]).await;
+    if let Some(run) = resumed
+        && timeout_at(agent.until, resume::play_on(&agent, &run)).await.is_err()
+    {
+        cancel(&client, &run[0]).await;
     }
     while !agent.is_over() {
         if let Err(error) = play_run(&agent, &client).await {
@@ -132,11 +133,12 @@ async fn play_run(agent: &Arc<Agent>, client: &Client) -> Result<(), Error> {
         players.spawn(play_slot(play, agent.clone()));
     }
     // All slots are awaited before the first is dropped, because the stream ends with the last.
-    let plays: Result<Vec<_>, Error> = players.join_all().await.into_iter().collect();
-    let mut plays = plays?;
-    if plays.iter().any(|(_, is_over)| !is_over) {
-        end_early(agent, client, &run.id).await;
-    } else if let Some((play, _)) = plays.pop()
+    let Ok(plays) = timeout_at(agent.until, players.join_all()).await else {
+        cancel(client, &run.id).await;
+        return Ok(());
+    };
+    let plays: Result<Vec<_>, Error> = plays.into_iter().collect();
+    if let Some(play) = plays?.pop()
         && play.finish().await?.complete
     {
         println!("complete {}", run.id);
@@ -144,22 +146,16 @@ async fn play_run(agent: &Arc<Agent>, client: &Client) -> Result<(), Error> {
     Ok(())
 }
 
-/// Cancels the run at the end of the soak.
-async fn end_early(agent: &Agent, client: &Client, run: &str) {
-    if agent.is_over()
-        && let Err(error) = client.cancel_run(run).await
-    {
+async fn cancel(client: &Client, run: &str) {
+    if let Err(error) = client.cancel_run(run).await {
         report_error(&error.to_string());
     }
 }
 
-/// Plays a slot; returns it, and true at the end of the run.
-async fn play_slot(mut play: Play, agent: Arc<Agent>) -> Result<(Play, bool), Error> {
+/// Plays a slot to the end of the run; returns it.
+async fn play_slot(mut play: Play, agent: Arc<Agent>) -> Result<Play, Error> {
     while let Some(mut episode) = play.next_episode().await? {
         while !episode.is_over() {
-            if agent.is_over() {
-                return Ok((play, false));
-            }
             sleep(agent.pause).await;
             let action = action(episode.id(), episode.observation().step);
             episode.step(action).await?;
@@ -167,7 +163,7 @@ async fn play_slot(mut play: Play, agent: Arc<Agent>) -> Result<(Play, bool), Er
         }
         report_episode(&episode);
     }
-    Ok((play, true))
+    Ok(play)
 }
 
 fn report_episode(episode: &Episode<'_>) {

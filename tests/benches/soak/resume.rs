@@ -174,7 +174,7 @@ impl PlayRequest {
 
 /// Continues a run to its end, over lost connections too.
 pub(crate) async fn play_on(agent: &Arc<Agent>, [id, token]: &RunAccess) {
-    while !agent.is_over() {
+    loop {
         match play_stream(agent, token).await {
             Ok(complete) => {
                 if complete {
@@ -219,7 +219,7 @@ async fn stream(
     Ok(grpc.streaming(request, path, codec).await?.into_inner())
 }
 
-/// Plays until the end of the run, or of the soak; returns true if the run is complete.
+/// Plays until the end of the run; returns true if it is complete.
 async fn play_stream(agent: &Arc<Agent>, token: &str) -> Result<bool, Status> {
     let (requests, outbound) = mpsc::channel(8 * SLOTS as usize);
     let _ = requests.try_send(PlayRequest::hello());
@@ -228,9 +228,6 @@ async fn play_stream(agent: &Arc<Agent>, token: &str) -> Result<bool, Status> {
     while let Some(response) = responses.message().await? {
         if let Some(end) = response.run_end {
             return Ok(end.complete);
-        }
-        if agent.is_over() {
-            return Ok(false);
         }
         player.answer(response);
     }
