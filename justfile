@@ -34,6 +34,10 @@ book:
 bench *args:
     cargo bench --workspace {{args}}
 
+# Run 64 slots with killed agents, short connections and page views for `minutes`; with --kill-server the server dies too
+soak minutes="5" *args:
+    cargo bench -p avln-tests --bench soak -- {{minutes}} {{args}}
+
 # Compare this build with the published calibration
 calibrate:
     cargo run --release -- lab calibrate

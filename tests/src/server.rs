@@ -25,13 +25,18 @@ impl Server {
         Self::start_with(program, folder, &[])
     }
 
-    /// Starts `program` with more `serve` options.
+    /// Starts `program` on free ports with more `serve` options, without an admin server.
     pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
+        let free = ["--admin", "off", "--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
+        Self::serve(program, folder, &[&free[..], options].concat())
+    }
+
+    /// Starts `program` with `options` for `serve`, which include the addresses.
+    pub fn serve(program: &str, folder: &Path, options: &[&str]) -> Self {
         let path = folder.join("server.log");
         let log = File::options().create(true).append(true).open(&path).expect("a log of the server");
         let mut serve = Command::new(program);
-        serve.arg("--data").arg(folder).args(["serve", "--admin", "off"]).args(options);
-        serve.args(["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"]);
+        serve.arg("--data").arg(folder).arg("serve").args(options);
         let mut process = serve.stdout(Stdio::piped()).stderr(log).spawn().expect("the program starts");
         let mut output = BufReader::new(process.stdout.take().expect("its output")).lines();
         let addresses = address(&mut output, "agents").zip(address(&mut output, "leaderboard"));
