@@ -60,6 +60,10 @@ pub(crate) struct SealedRunArgs {
     /// Memory limit for the container or each process in MiB; unlimited by default
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..), value_name = "MIB")]
     memory_mib: Option<u32>,
+    /// Stop the agent when less than this is available of the machine's memory, in MiB; an eighth by default, 0
+    /// for never
+    #[arg(long, value_name = "MIB")]
+    reserve_mib: Option<u64>,
     /// Additional readable path, besides system programs and the current folder
     #[arg(long, value_name = "PATH", conflicts_with = "image")]
     read: Vec<PathBuf>,
@@ -117,7 +121,8 @@ async fn play(data: &Path, args: SealedRunArgs) -> Result<(), Failure> {
     let store = data.store().await?;
     let kind = choose_sandbox(&data, &args)?;
     let host = SealedHost::open(choice, &data, &store, &args.phase).await?;
-    let played = match Sandbox::prepare(&kind, host.address()).await {
+    let reserve_mib = args.reserve_mib.unwrap_or_else(avln_sandbox::default_reserve_mib);
+    let played = match Sandbox::prepare(&kind, host.address(), reserve_mib).await {
         Ok(sandbox) => play_in(sandbox, &data, &store, &args).await,
         Err(failure) => Err(failure),
     };
@@ -264,6 +269,7 @@ fn choose_sandbox(data: &DataFolder, args: &SealedRunArgs) -> Result<SandboxKind
             owner: (0, 0),
             memory_mib: args.memory_mib,
             devices: args.device.clone(),
+            has_share: false,
         },
     ))
 }

@@ -1,7 +1,7 @@
 //! Sandbox from outside: folder, sockets, and the process or container inside.
 
 use avln_arena::Failure;
-use avln_sandbox::{Container, ControlGroup, Engine, SandboxPlan, SandboxReport};
+use avln_sandbox::{Container, ControlGroup, Engine, SandboxPlan, SandboxReport, available_mib};
 use std::{
     io,
     net::SocketAddr,
@@ -16,11 +16,15 @@ use tokio::{
     net::{TcpStream, UnixListener, UnixStream},
     process::{Child, Command},
     task::JoinSet,
-    time::timeout,
+    time::{sleep, timeout},
 };
 
-/// Time for a failed sandbox to write the reason.
-const LAST_WORDS: Duration = Duration::from_secs(10);
+/// Time for a failed sandbox to write the reason, at its low priority.
+const LAST_WORDS: Duration = Duration::from_secs(60);
+/// Interval between looks at the available memory. In this time an agent fills some hundred megabytes.
+const LOOK: Duration = Duration::from_millis(50);
+/// Open connections of an agent: the server counts them as its own address, like those of a proxy in front of it.
+const MAX_CONNECTIONS: usize = 16;
 
 pub(super) enum SandboxKind {
     /// A process. `folder` is not yet set.
@@ -39,10 +43,12 @@ pub(super) enum AgentExit {
 pub(super) struct Sandbox {
     folder: TempDir,
     inside: Inside,
+    /// Memory that remains available to others, MiB; 0 for none.
+    reserve_mib: u64,
     /// Proxy between the sandbox's socket and the server; dropped with the sandbox.
     _passage: JoinSet<()>,
-    /// Limits for agents of root; dropped with the sandbox.
-    _group: Option<ControlGroup>,
+    /// The agent's control group, if this user may create one; dropped with the sandbox.
+    group: Option<ControlGroup>,
 }
 
 enum Inside {
@@ -60,8 +66,16 @@ pub(super) fn failed(what: &str, error: impl std::fmt::Display) -> Failure {
 }
 
 impl Sandbox {
-    /// Creates the folder and the sockets. Connections from inside are forwarded to `server`.
-    pub(super) async fn prepare(kind: &SandboxKind, server: SocketAddr) -> Result<Self, Failure> {
+    /// Creates the folder and the sockets. Connections from inside are forwarded to `server`. Fails if less memory than
+    /// `reserve_mib` is available.
+    pub(super) async fn prepare(
+        kind: &SandboxKind,
+        server: SocketAddr,
+        reserve_mib: u64,
+    ) -> Result<Self, Failure> {
+        if !has_reserve(reserve_mib) {
+            return Err(Failure::run(low_memory(reserve_mib)).hinted("end other programs, or choose less"));
+        }
         let unusable = |error: io::Error| failed("cannot create a folder for the sandbox", error);
         let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
@@ -71,7 +85,8 @@ impl Sandbox {
         let inside = match kind {
             SandboxKind::Process(plan) => {
                 let control = listen(SandboxPlan::control_socket(&place))?;
-                group = ControlGroup::create(&place);
+                let most_mib = available_mib().map(|mib| mib.saturating_sub(reserve_mib));
+                group = ControlGroup::create(&place, most_mib);
                 let plan = SandboxPlan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(Failure::run)?;
                 Inside::Process { control, plan, running: None }
@@ -79,10 +94,11 @@ impl Sandbox {
             SandboxKind::Container(engine, container) => {
                 let owner = std::fs::metadata(&place).map_err(unusable)?;
                 let owner = (owner.uid(), owner.gid());
-                Inside::Container(*engine, Container { folder: place, owner, ..container.clone() })
+                let has_share = engine.has_shares(owner.0);
+                Inside::Container(*engine, Container { folder: place, owner, has_share, ..container.clone() })
             }
         };
-        Ok(Self { folder, inside, _passage: passage, _group: group })
+        Ok(Self { folder, inside, reserve_mib, _passage: passage, group })
     }
 
     /// Returns a word for the run's record.
@@ -95,6 +111,15 @@ impl Sandbox {
 
     /// Starts the sandboxed process and returns the restrictions. A container starts only with its run.
     pub(super) async fn enter(&mut self) -> Result<SandboxReport, Failure> {
+        let mut report = self.start().await?;
+        if self.reserve_mib > 0 {
+            let looked = available_mib().map(|_| ()).ok_or("the system does not report its available memory");
+            report.note(&format!("end below {} MiB of available memory", self.reserve_mib), looked);
+        }
+        Ok(report)
+    }
+
+    async fn start(&mut self) -> Result<SandboxReport, Failure> {
         match &mut self.inside {
             Inside::Process { control, plan, running } => {
                 let mut supervisor = spawn_supervisor(plan)?;
@@ -114,9 +139,7 @@ impl Sandbox {
                 *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
             }
-            Inside::Container(_, container) => {
-                Ok(SandboxReport { enforced: container.enforced(), missing: vec![] })
-            }
+            Inside::Container(_, container) => Ok(container.report()),
         }
     }
 
@@ -145,16 +168,40 @@ impl Sandbox {
                 (spawn_container(engine, &container, token)?, Some((engine, container.name)))
             }
         };
-        let ended = match timeout(limit, child.wait()).await {
+        let stopped = || format!("the agent was stopped: {}", low_memory(self.reserve_mib));
+        let outcome = tokio::select! {
+            status = child.wait() => Ok(status),
+            () = sleep(limit) => Err(format!("the agent was stopped after {wall_s} s (--wall-s)")),
+            () = memory_shortage(self.reserve_mib) => Err(stopped()),
+        };
+        let is_full = self.group.as_ref().is_some_and(ControlGroup::is_out_of_memory);
+        let ended = match outcome {
+            Ok(_) if is_full => AgentExit::Badly(stopped()),
             Ok(status) => ended(status.map_err(|error| failed("the agent", error))?),
-            Err(_) => {
+            Err(why) => {
                 stop(&mut child, container).await;
-                AgentExit::Badly(format!("the agent was stopped after {wall_s} s (--wall-s)"))
+                AgentExit::Badly(why)
             }
         };
         drop(self.folder);
         Ok(ended)
     }
+}
+
+/// Waits until less than `reserve_mib` of memory is available.
+async fn memory_shortage(reserve_mib: u64) {
+    while has_reserve(reserve_mib) {
+        sleep(LOOK).await;
+    }
+}
+
+/// Returns whether more than `reserve_mib` of memory is available; true if there is no reserve, or the system reports nothing.
+fn has_reserve(reserve_mib: u64) -> bool {
+    reserve_mib == 0 || available_mib().is_none_or(|available| available > reserve_mib)
+}
+
+fn low_memory(reserve_mib: u64) -> String {
+    format!("this machine has less than {reserve_mib} MiB of available memory (--reserve-mib)")
 }
 
 fn ended(status: ExitStatus) -> AgentExit {
@@ -199,6 +246,10 @@ fn listen(path: PathBuf) -> Result<UnixListener, Failure> {
 async fn pass(listener: UnixListener, server: SocketAddr) {
     let mut connections = JoinSet::new();
     loop {
+        // Further connections wait in the socket's queue.
+        while connections.len() >= MAX_CONNECTIONS {
+            connections.join_next().await;
+        }
         let Ok((mut inside, _)) = listener.accept().await else { continue };
         connections.spawn(async move {
             let Ok(mut outside) = TcpStream::connect(server).await else { return };

@@ -1,7 +1,7 @@
 //! Thread pool for simulation.
 
 use crate::{
-    host::{Episode, HostedEpisode},
+    host::{Episode, HostedEpisode, OpenRun},
     limits::Limits,
     refusal::{Failure, Result},
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
@@ -34,10 +34,14 @@ struct PoolState {
 #[derive(Default)]
 struct JobQueue {
     jobs: FairQueue<Job>,
+    /// Threads with jobs of sealed runs, and their maximum.
+    sealed_running: usize,
+    max_sealed: usize,
     is_closed: bool,
 }
 
 struct Job {
+    is_sealed: bool,
     limit: Duration,
     token: Arc<CancelToken>,
     body: Box<dyn FnOnce(&CancelToken) + Send>,
@@ -46,17 +50,20 @@ struct Job {
 impl SimPool {
     /// Starts `threads` threads, at least one.
     pub(crate) fn new(threads: usize, watchdog: Watchdog) -> Self {
-        let state = Arc::new(PoolState { queue: Mutex::default(), changed: Condvar::new(), watchdog });
+        let queue = Mutex::new(JobQueue::new(threads));
+        let state = Arc::new(PoolState { queue, changed: Condvar::new(), watchdog });
         for _ in 0..threads.max(1) {
             state.spawn_worker();
         }
         Self(Arc::new(PoolOwner(state)))
     }
 
-    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start.
+    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start. Jobs of sealed runs
+    /// leave a thread to others.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         team: &str,
+        is_sealed: bool,
         limit: Duration,
         work: impl FnOnce(&CancelToken) -> T + Send + 'static,
     ) -> Result<T, Lost> {
@@ -69,7 +76,7 @@ impl SimPool {
             }
         };
         let token = Arc::new(CancelToken::default());
-        let job = Job { limit, token: token.clone(), body: Box::new(body) };
+        let job = Job { is_sealed, limit, token: token.clone(), body: Box::new(body) };
         let PoolOwner(state) = &*self.0;
         state.queue.lock().jobs.push(team, job);
         state.changed.notify_one();
@@ -88,19 +95,19 @@ impl PoolState {
 
     /// Runs jobs until the pool closes or this thread is abandoned.
     fn work(self: Arc<Self>) {
-        while let Some((team, Job { limit, token, body })) = self.next() {
+        while let Some((team, Job { is_sealed, limit, token, body })) = self.next() {
             let begun = Instant::now();
             let state = self.clone();
             let abandoned_team = team.clone();
             let replace = move || {
-                state.queue.lock().jobs.done(&abandoned_team, limit);
+                state.queue.lock().done(&abandoned_team, is_sealed, limit);
                 state.spawn_worker();
             };
             // An abandoned thread was already replaced: it must not take another job.
             if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
                 return;
             }
-            self.queue.lock().jobs.done(&team, begun.elapsed());
+            self.queue.lock().done(&team, is_sealed, begun.elapsed());
         }
     }
 
@@ -110,11 +117,30 @@ impl PoolState {
             if queue.is_closed {
                 return None;
             }
-            match queue.jobs.take() {
+            match queue.take() {
                 Some(next) => return Some(next),
                 None => self.changed.wait(&mut queue),
             }
         }
+    }
+}
+
+impl JobQueue {
+    fn new(threads: usize) -> Self {
+        // The agent computes on this machine too, and its steps must not delay those of others.
+        Self { max_sealed: threads.saturating_sub(1).max(1), ..Self::default() }
+    }
+
+    fn take(&mut self) -> Option<(String, Job)> {
+        let has_room = self.sealed_running < self.max_sealed;
+        let (team, job) = self.jobs.take(|job| has_room || !job.is_sealed)?;
+        self.sealed_running += usize::from(job.is_sealed);
+        Some((team, job))
+    }
+
+    fn done(&mut self, team: &str, is_sealed: bool, took: Duration) {
+        self.sealed_running = self.sealed_running.saturating_sub(usize::from(is_sealed));
+        self.jobs.done(team, took);
     }
 }
 
@@ -129,15 +155,16 @@ impl Drop for PoolOwner {
 pub(crate) struct SimClient {
     pool: SimPool,
     team: String,
+    is_sealed: bool,
     /// Limit of the first observation, which may have to prepare the scene.
     pub(crate) longest_start: Duration,
     pub(crate) longest_step: Duration,
 }
 
 impl SimClient {
-    pub(crate) fn new(pool: SimPool, team: &str, limits: &Limits) -> Self {
-        let team = team.to_owned();
-        Self { pool, team, longest_start: limits.preparation, longest_step: limits.step }
+    pub(crate) fn new(pool: SimPool, run: &OpenRun, limits: &Limits) -> Self {
+        let (team, is_sealed) = (run.team.clone(), run.sealed);
+        Self { pool, team, is_sealed, longest_start: limits.preparation, longest_step: limits.step }
     }
 
     /// Runs simulator work on an episode. Returns the episode even after a panic, but not if the work hangs.
@@ -148,7 +175,7 @@ impl SimClient {
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
     ) -> Result<(HostedEpisode<E>, Result<T>)> {
         let queued = Instant::now();
-        let done = self.pool.run(&self.team, limit, move |token| {
+        let done = self.pool.run(&self.team, self.is_sealed, limit, move |token| {
             let begun = Instant::now();
             // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
             let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
@@ -213,8 +240,9 @@ impl<J> FairQueue<J> {
         queue.waiting.push_back(job);
     }
 
-    fn take(&mut self) -> Option<(String, J)> {
-        let waiting = self.teams.iter_mut().filter(|(_, queue)| !queue.waiting.is_empty());
+    /// Takes the next job among those that `may` run.
+    fn take(&mut self, may: impl Fn(&J) -> bool) -> Option<(String, J)> {
+        let waiting = self.teams.iter_mut().filter(|(_, queue)| queue.waiting.front().is_some_and(&may));
         let (team, queue) = waiting.min_by_key(|(_, queue)| queue.used)?;
         let job = queue.waiting.pop_front()?;
         self.level = self.level.max(queue.used);
@@ -254,13 +282,13 @@ mod tests {
         let watchdog = Watchdog::default();
         let pool = SimPool::new(1, watchdog.clone());
         let (release, wait) = mpsc::channel::<()>();
-        let lost = pool.run("red", SOON, move |token| wait.recv().is_ok() && token.commit()).await;
+        let lost = pool.run("red", false, SOON, move |token| wait.recv().is_ok() && token.commit()).await;
         assert_eq!(lost, Err(Lost::Hangs(SOON)));
         assert_eq!(watchdog.hanging(), 1);
-        assert_eq!(pool.run("red", LONG, |_| 7).await, Ok(7), "another thread replaced it");
-        let lost = pool.run("red", LONG, |_| panic!("the roof")).await;
+        assert_eq!(pool.run("red", false, LONG, |_| 7).await, Ok(7), "another thread replaced it");
+        let lost = pool.run("red", false, LONG, |_| panic!("the roof")).await;
         assert_eq!(lost, Err::<(), _>(Lost::Panicked("the roof".to_owned())));
-        assert_eq!(pool.run("red", LONG, |_| 8).await, Ok(8), "a panic costs no thread");
+        assert_eq!(pool.run("red", false, LONG, |_| 8).await, Ok(8), "a panic costs no thread");
         release.send(()).unwrap();
         for _ in 0..500 {
             if watchdog.hanging() == 0 {
@@ -281,7 +309,7 @@ mod tests {
                 let begun = Instant::now();
                 let mut steps = 0;
                 while begun.elapsed() < Duration::from_millis(800) {
-                    pool.run(team, LONG, work).await.unwrap();
+                    pool.run(team, false, LONG, work).await.unwrap();
                     steps += 1;
                 }
                 steps
@@ -307,7 +335,7 @@ mod tests {
         }
         let mut had: BTreeMap<String, (u32, Duration)> = BTreeMap::new();
         for _ in 0..turns {
-            let (team, ()) = fair.take().unwrap();
+            let (team, ()) = fair.take(|()| true).unwrap();
             let took = teams.iter().find(|(name, ..)| *name == team).unwrap().2;
             let so_far = had.entry(team.clone()).or_default();
             *so_far = (so_far.0 + 1, so_far.1 + took);
@@ -335,7 +363,7 @@ mod tests {
         let mut fair = FairQueue::default();
         for _ in 0..100 {
             fair.push("early", ());
-            let (team, ()) = fair.take().unwrap();
+            let (team, ()) = fair.take(|()| true).unwrap();
             fair.done(&team, 10 * MS);
         }
         for _ in 0..20 {
@@ -344,7 +372,7 @@ mod tests {
         }
         let first: Vec<_> = (0..20)
             .map(|_| {
-                let (team, ()) = fair.take().unwrap();
+                let (team, ()) = fair.take(|()| true).unwrap();
                 fair.done(&team, 10 * MS);
                 team
             })
@@ -360,7 +388,7 @@ mod tests {
         (0..50).for_each(|_| fair.push("other", ()));
         let mut taken = BTreeMap::new();
         for _ in 0..10 {
-            let round: Vec<_> = (0..4).map(|_| fair.take().unwrap().0).collect();
+            let round: Vec<_> = (0..4).map(|_| fair.take(|()| true).unwrap().0).collect();
             for team in round {
                 *taken.entry(team.clone()).or_insert(0) += 1;
                 fair.done(&team, 3 * MS);
@@ -372,11 +400,26 @@ mod tests {
     }
 
     #[test]
+    fn sealed_jobs_leave_a_thread() {
+        let job = |is_sealed| Job { is_sealed, limit: LONG, token: Arc::default(), body: Box::new(|_| ()) };
+        let mut queue = JobQueue::new(2);
+        (0..2).for_each(|_| queue.jobs.push("sealed", job(true)));
+        assert!(queue.take().is_some() && queue.take().is_none());
+        queue.jobs.push("remote", job(false));
+        assert_eq!(queue.take().unwrap().0, "remote");
+        queue.done("sealed", true, MS);
+        assert_eq!(queue.take().unwrap().0, "sealed");
+        let mut alone = JobQueue::new(1);
+        alone.jobs.push("sealed", job(true));
+        assert!(alone.take().is_some(), "a single thread serves all");
+    }
+
+    #[test]
     fn idle_teams_are_forgotten() {
         let mut fair = FairQueue::default();
         for team in 0..50 {
             fair.push(&team.to_string(), ());
-            let (team, ()) = fair.take().unwrap();
+            let (team, ()) = fair.take(|()| true).unwrap();
             fair.done(&team, MS);
         }
         assert!(fair.teams.len() <= 2, "{:?}", fair.teams);

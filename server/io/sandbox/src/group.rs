@@ -1,6 +1,6 @@
-//! Control group (cgroup version 2) of an agent: RLIMIT_NPROC does not bind root.
+//! Control group (cgroup version 2) of an agent: RLIMIT_NPROC does not bind root, and only groups limit memory in total.
 
-use crate::plan::MAX_PROCESSES;
+use crate::plan::max_processes;
 use std::{
     fs,
     io::{self, Write},
@@ -11,21 +11,50 @@ use std::{
 
 const HIERARCHY: &str = "/sys/fs/cgroup";
 
-/// A control group that limits the number of processes, deleted on drop.
+/// A control group that limits processes and memory and yields processor time to other groups, deleted on drop.
 #[derive(Debug)]
 pub struct ControlGroup {
     path: PathBuf,
 }
 
 impl ControlGroup {
-    /// Creates the group for the sandbox in `folder`; `None` if the user may not, or the system has no writable cgroup version 2.
-    pub fn create(folder: &Path) -> Option<Self> {
-        put(&Path::new(HIERARCHY).join("cgroup.subtree_control"), "+pids").ok()?;
+    /// Creates the group for the sandbox in `folder`, with at most `memory_mib`; `None` if the user may not, or the system has no
+    /// writable cgroup version 2.
+    pub fn create(folder: &Path, memory_mib: Option<u64>) -> Option<Self> {
+        let controllers = Path::new(HIERARCHY).join("cgroup.subtree_control");
+        put(&controllers, "+pids").ok()?;
+        // Each by itself: a system may lack either.
+        let _ = put(&controllers, "+cpu");
+        let _ = put(&controllers, "+memory");
         let path = path_of(folder)?;
         fs::create_dir(&path).ok()?;
         let group = Self { path };
-        put(&group.path.join("pids.max"), &MAX_PROCESSES.to_string()).ok()?;
+        group.set("pids.max", &max_processes().to_string()).ok()?;
+        group.yield_to_others(memory_mib);
         Some(group)
+    }
+
+    /// Lowers the priority of the group and limits its memory, as far as the controllers exist.
+    fn yield_to_others(&self, memory_mib: Option<u64>) {
+        // Before Linux 5.15, the least weight is the closest.
+        if self.set("cpu.idle", "1").is_err() {
+            let _ = self.set("cpu.weight", "1");
+        }
+        if let Some(mib) = memory_mib {
+            let _ = self.set("memory.max", &format!("{mib}M"));
+            let _ = self.set("memory.swap.max", "0");
+            let _ = self.set("memory.oom.group", "1");
+        }
+    }
+
+    /// Returns whether the kernel has killed the agent at the memory limit.
+    pub fn is_out_of_memory(&self) -> bool {
+        let events = fs::read_to_string(self.path.join("memory.events")).unwrap_or_default();
+        events.lines().any(|line| line.strip_prefix("oom_kill ").is_some_and(|count| count != "0"))
+    }
+
+    fn set(&self, file: &str, value: &str) -> io::Result<()> {
+        put(&self.path.join(file), value)
     }
 
     /// Moves this process into the group for the sandbox in `folder`.
@@ -83,7 +112,7 @@ mod tests {
     fn dropped_groups_leave_no_folder() {
         let folder = tempfile::tempdir().unwrap();
         let place = path_of(folder.path()).unwrap();
-        match ControlGroup::create(folder.path()) {
+        match ControlGroup::create(folder.path(), Some(512)) {
             Some(group) => drop(group),
             None => eprintln!("skipped: cgroup version 2 is missing or not writable"),
         }

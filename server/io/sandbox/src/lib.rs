@@ -9,7 +9,10 @@
 
 mod container;
 mod group;
+mod memory;
 mod plan;
+#[cfg(target_os = "linux")]
+mod priority;
 #[cfg(target_os = "linux")]
 mod process;
 #[cfg(target_os = "linux")]
@@ -17,6 +20,7 @@ mod restrict;
 
 pub use container::{Container, Engine};
 pub use group::ControlGroup;
+pub use memory::{available_mib, default_reserve_mib};
 pub use plan::{MissingRestriction, SandboxError, SandboxPlan, SandboxReport};
 
 use std::{convert::Infallible, path::Path};

@@ -9,6 +9,15 @@ use std::{
 /// Maximum processes and threads of an agent.
 pub(crate) const MAX_PROCESSES: u32 = 4096;
 
+/// Returns the maximum processes and threads of an agent in namespaces on this machine.
+pub(crate) fn max_processes() -> u32 {
+    // The kernel gives even the lowest priority a share: that of 341 busy threads equals the share of an ordinary one.
+    const PER_CORE: usize = 128;
+    const LEAST: u32 = 256;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    u32::try_from(cores * PER_CORE).unwrap_or(MAX_PROCESSES).clamp(LEAST, MAX_PROCESSES)
+}
+
 /// Sandbox settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SandboxPlan {

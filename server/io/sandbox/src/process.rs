@@ -2,8 +2,8 @@
 
 use crate::{
     group::ControlGroup,
-    plan::{MAX_PROCESSES, SandboxError, SandboxPlan, SandboxReport},
-    restrict,
+    plan::{MAX_PROCESSES, SandboxError, SandboxPlan, SandboxReport, max_processes},
+    priority, restrict,
 };
 use nix::{
     errno::Errno,
@@ -53,6 +53,7 @@ pub(crate) fn supervise(plan: &Path, program: &Path, child_arguments: &[String])
     let folder = SandboxPlan::read(plan)?.folder;
     // Fails without a group; the child checks and reports that.
     let _ = ControlGroup::join(&folder);
+    priority::lower();
     let mut child = Command::new(program);
     child.args(child_arguments);
     // A process ID namespace holds only later children, so the child is a further process.
@@ -137,6 +138,8 @@ fn restrict_process(plan: &SandboxPlan, outside: Option<&str>) -> Result<Sandbox
     }
     // Before a second user namespace hides the user outside.
     let bound = bound_by_process_limit(plan);
+    // Without namespaces, the limit counts the user's other processes too.
+    let most_processes = if outside.is_none() { max_processes() } else { MAX_PROCESSES };
     // Mounts need root of the namespace, which the next step drops.
     if outside.is_none() {
         restrict::arrange(plan, &mut report);
@@ -144,16 +147,23 @@ fn restrict_process(plan: &SandboxPlan, outside: Option<&str>) -> Result<Sandbox
     let dropped = if outside.is_none() { drop_root() } else { has_no_capabilities() };
     report.note(NO_CAPABILITIES, dropped.clone());
     let _ = std::env::set_current_dir(&plan.workplace);
-    set_limits(plan, &dropped, bound, &mut report);
+    set_limits(plan, &dropped, (most_processes, bound), &mut report);
     // Landlock and seccomp require it from processes without privileges.
     report.note(NO_PRIVILEGES, set_no_new_privs());
     // A new process starts without the signal, and a change of user clears it.
     let _ = set_pdeathsig(Signal::SIGKILL);
+    let lowest = dropped.and(restrict::limit_priority()).and(priority::check_processor());
+    let first_to_end = priority::check_memory();
     report.note(LANDLOCK, restrict::landlock(plan));
     refuse_exposure(plan, &report)?;
     check_program(plan)?;
+    // Landlock makes these files read-only.
+    let fixed = priority::check_files();
     // Last, because the filter denies calls of the earlier steps, such as mount and unshare.
-    report.note(SECCOMP, restrict::seccomp());
+    let filtered = restrict::seccomp();
+    report.note(priority::LOWEST, lowest.and(fixed.clone()).and(filtered.clone()));
+    report.note(priority::FIRST_TO_END, first_to_end.and(fixed));
+    report.note(SECCOMP, filtered);
     Ok(report)
 }
 
@@ -180,12 +190,13 @@ fn is_root_outside() -> bool {
 fn set_limits(
     plan: &SandboxPlan,
     dropped: &Result<(), String>,
-    bound: Result<(), String>,
+    (most_processes, bound): (u32, Result<(), String>),
     report: &mut SandboxReport,
 ) {
     let mut note = |what: &str, set: Result<(), String>| report.note(what, dropped.clone().and(set));
     note(FILE_LIMITS, restrict::limit_files());
-    note(&format!("at most {MAX_PROCESSES} processes"), restrict::limit_processes().and(bound));
+    let processes = format!("at most {most_processes} processes");
+    note(&processes, restrict::limit_processes(most_processes).and(bound));
     if let Some(mib) = plan.memory_mib {
         note(&format!("memory limit of {mib} MiB per process"), restrict::limit_memory(mib));
     }

@@ -1,6 +1,6 @@
 //! Restrictions of the agent: mounts, Landlock, seccomp and resource limits.
 
-use crate::plan::{MAX_PROCESSES, SandboxPlan, SandboxReport};
+use crate::plan::{SandboxPlan, SandboxReport};
 use landlock::{
     ABI, Access, AccessFs, AccessNet, CompatLevel, Compatible, Ruleset, RulesetAttr, RulesetCreatedAttr,
     RulesetStatus, Scope, path_beneath_rules,
@@ -68,8 +68,14 @@ pub(crate) fn limit_files() -> Result<(), String> {
 }
 
 /// Limits the processes of this user, except root.
-pub(crate) fn limit_processes() -> Result<(), String> {
-    limit(Resource::RLIMIT_NPROC, MAX_PROCESSES.into())
+pub(crate) fn limit_processes(most: u32) -> Result<(), String> {
+    limit(Resource::RLIMIT_NPROC, most.into())
+}
+
+/// Forbids this process to raise its priority.
+pub(crate) fn limit_priority() -> Result<(), String> {
+    limit(Resource::RLIMIT_NICE, 0)?;
+    limit(Resource::RLIMIT_RTPRIO, 0)
 }
 
 /// Limits the memory per process.
@@ -96,6 +102,8 @@ const DENIED: &[i64] = &[
     libc::SYS_delete_module, libc::SYS_reboot, libc::SYS_swapon, libc::SYS_swapoff, libc::SYS_acct, libc::SYS_syslog,
     libc::SYS_settimeofday, libc::SYS_clock_settime, libc::SYS_adjtimex, libc::SYS_clock_adjtime,
     libc::SYS_sethostname, libc::SYS_setdomainname, libc::SYS_quotactl, libc::SYS_vhangup,
+    // A new session would have ordinary priority, and the kernel permits a higher one for disks.
+    libc::SYS_setsid, libc::SYS_ioprio_set,
 ];
 
 /// Flags for namespaces in clone.

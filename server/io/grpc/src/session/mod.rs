@@ -92,7 +92,7 @@ impl<H: Host> Session<H> {
             sensors,
             run: open.run.clone(),
             time: open.time,
-            simulator: SimClient::new(pool, &open.team, limits),
+            simulator: SimClient::new(pool, &open, limits),
             progress: ProgressTracker::new(open.episodes, open.done, limits.timeouts_in_a_row),
             host,
         });

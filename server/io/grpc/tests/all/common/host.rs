@@ -364,7 +364,7 @@ impl Host for ToyHost {
                 sensors: self.sensors(),
                 episodes: self.total,
                 done: self.done(),
-                sealed: true,
+                sealed: false,
                 digests: Digests::default(),
                 time: self.time,
                 deadline_unix_ms: self.deadline_unix_ms(),
