@@ -14,7 +14,7 @@ const NAMES: [&str; 7] = [
     "metadata/objects.csv",
 ];
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+libfuzzer_sys::fuzz_target!(init: avln_fuzz::permit_panics_in_libraries(), |bytes: &[u8]| {
     let mut files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(bytes.split(|byte| *byte == 0)).collect();
     files.push(("meshes/box.glb", BOX));
     with_files(&files, |folder| drop(avln_formats::open::open(&folder.join(NAMES[3]))));

@@ -99,6 +99,15 @@ fn damaged_basis_images_never_panic() {
     }
 }
 
+#[test]
+fn basis_slice_larger_than_its_picture_is_refused() {
+    let mut file = unpacked(ETC1S);
+    let table = u32::from_le_bytes(file[65..69].try_into().unwrap()) as usize;
+    // 65,535 x 65,535 blocks: hours of work.
+    file[table + 9..table + 13].fill(0xff);
+    assert!(images::decode(&file, &mut 1000).unwrap_err().contains("contradict its size"));
+}
+
 /// The UASTC picture as a KTX2 file without further compression; `orientation` is `rd` or `ru`.
 fn ktx2(orientation: &str) -> Vec<u8> {
     const HEADER_BYTES: u32 = 80;
@@ -145,6 +154,16 @@ fn ktx2_orientation_is_respected() {
         refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
     }
     assert!(refused > 700, "{refused}");
+}
+
+#[test]
+fn ktx2_levels_beyond_their_picture_are_refused() {
+    // Start, bytes and uncompressed bytes of the only level.
+    for (at, value) in [(80, u64::MAX), (88, u64::MAX), (96, 1 << 50)] {
+        let mut file = ktx2("rd");
+        file[at..at + 8].copy_from_slice(&value.to_le_bytes());
+        assert!(images::decode(&file, &mut 1000).unwrap_err().contains("contradict its size"));
+    }
 }
 
 /// A grid of 3 x 3 m with texture coordinates and colours, packed with Draco, and its numbers of attributes.
