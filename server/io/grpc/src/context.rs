@@ -10,7 +10,7 @@ use crate::{
     watchdog::Watchdog,
     wire,
 };
-use avln_net::{Place, Places};
+use avln_net::{HeldPlace, Places};
 use avln_proto::v1::{self, Reason};
 use std::sync::Arc;
 use tonic::{Response, Status, metadata::MetadataMap};
@@ -49,7 +49,7 @@ impl<H: Host> ServiceContext<H> {
     }
 
     /// Takes a team's place among WatchRun calls, until it is dropped.
-    pub(crate) fn watch(&self, team: &str) -> Result<Place<String>, Refusal> {
+    pub(crate) fn watch(&self, team: &str) -> Result<HeldPlace<String>, Refusal> {
         self.watchers.take(team.to_owned()).map_err(|share| {
             let all = self.limits.max_watchers;
             let message = format!("the team watches its share of {share} of {all} runs; use GetRun");

@@ -2,7 +2,7 @@
 
 use crate::{
     listener::{Listener, Stream},
-    places::{Place, Places},
+    places::{HeldPlace, Places},
 };
 use parking_lot::Mutex;
 use std::{
@@ -175,7 +175,7 @@ struct ConnectionLimiter {
 #[derive(Debug)]
 pub struct ConnectionPermit {
     limiter: Arc<ConnectionLimiter>,
-    place: Place<IpAddr>,
+    place: HeldPlace<IpAddr>,
     _slot: OwnedSemaphorePermit,
 }
 

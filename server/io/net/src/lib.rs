@@ -14,5 +14,5 @@ mod share;
 pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, ConnectionPermit, Connections};
 pub use identity::{Identity, TlsError};
 pub use listener::{HandshakeError, Handshaker, Listener, Meter, Metered, Protocol, Stream};
-pub use places::{Place, Places};
+pub use places::{HeldPlace, Places};
 pub use share::fair_share;

@@ -15,7 +15,7 @@ pub struct Places<K> {
 
 /// A party's place, until it is dropped.
 #[derive(Debug)]
-pub struct Place<K: Ord> {
+pub struct HeldPlace<K: Ord> {
     places: Arc<Places<K>>,
     party: K,
 }
@@ -27,7 +27,7 @@ impl<K: Ord + Clone> Places<K> {
     }
 
     /// Takes a place. Fails with the party's limit if the party holds that many.
-    pub fn take(self: &Arc<Self>, party: K) -> Result<Place<K>, usize> {
+    pub fn take(self: &Arc<Self>, party: K) -> Result<HeldPlace<K>, usize> {
         let mut held = self.held.lock();
         let own = held.get(&party).copied().unwrap_or(0);
         let others = held.values().sum::<usize>() - own;
@@ -37,18 +37,18 @@ impl<K: Ord + Clone> Places<K> {
             return Err(limit);
         }
         held.insert(party.clone(), own + 1);
-        Ok(Place { places: self.clone(), party })
+        Ok(HeldPlace { places: self.clone(), party })
     }
 }
 
-impl<K: Ord> Place<K> {
+impl<K: Ord> HeldPlace<K> {
     /// Returns the party.
     pub fn party(&self) -> &K {
         &self.party
     }
 }
 
-impl<K: Ord> Drop for Place<K> {
+impl<K: Ord> Drop for HeldPlace<K> {
     fn drop(&mut self) {
         let mut held = self.places.held.lock();
         match held.get_mut(&self.party) {
