@@ -128,7 +128,12 @@ impl Arena {
         referee: Referee,
         issued: IssuedEpisode,
     ) -> HostedEpisode<ArenaEpisode> {
-        let log = Box::new(SlotLog { log: issued.log.clone(), slot: issued.slot, restored: issued.restored });
+        let log = Box::new(SlotLog {
+            log: issued.log.clone(),
+            slot: issued.slot,
+            restored: issued.restored,
+            clock: self.clock.clone(),
+        });
         let mut open = self.open_episodes();
         open.next_ticket += 1;
         let ticket = open.next_ticket;

@@ -52,7 +52,7 @@ impl Host for Arena {
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
         self.control().check_open()?;
         let phase = self.stage_for(&request.phase, account).await?;
-        let IssuedRun { run, token } = IssuedRun::random().map_err(Refusal::internal)?;
+        let IssuedRun { run, token } = self.run_ids.next().map_err(Refusal::internal)?;
         let new = NewRun {
             id: &run,
             token: &token,

@@ -48,6 +48,7 @@ use jiff::Timestamp;
 use phases::{PhaseCatalog, SceneCache};
 use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
+use runs::RunIds;
 use std::{
     collections::BTreeSet,
     fs::File,
@@ -86,6 +87,7 @@ pub struct Arena {
     replay_renderer: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor reissued.
     pending_returns: Mutex<PendingReturns>,
+    run_ids: RunIds,
     faults: Option<FaultInjection>,
     observer: Option<Observer>,
 }
@@ -108,14 +110,25 @@ impl Arena {
         scene_memory_mib: u32,
     ) -> Result<Self, Failure> {
         let phases = PhaseCatalog::open(data, &store, None).await?;
-        Self::host(lock, data, store, phases, scene_memory_mib).await
+        Self::host(lock, data, store, phases, scene_memory_mib, Clock::default()).await
+    }
+
+    /// Opens the data folder, as [`Arena::open`] does, by another clock than the system's, for simulations.
+    pub async fn open_at(
+        clock: Clock,
+        data: &DataFolder,
+        store: Store,
+        scene_memory_mib: u32,
+    ) -> Result<Self, Failure> {
+        let phases = PhaseCatalog::open(data, &store, None).await?;
+        Self::host(data.lock()?, data, store, phases, scene_memory_mib, clock).await
     }
 
     /// Hosts only the phase `id`, with the lock of [`DataFolder::lock`]. Splits of other phases may be sealed or missing, and runs
     /// of other phases wait for a server with all phases.
     pub async fn open_phase(lock: File, data: &DataFolder, store: Store, id: &str) -> Result<Self, Failure> {
         let phases = PhaseCatalog::open(data, &store, Some(id)).await?;
-        Self::host(lock, data, store, phases, SCENE_MEMORY_MIB).await
+        Self::host(lock, data, store, phases, SCENE_MEMORY_MIB, Clock::default()).await
     }
 
     async fn host(
@@ -124,6 +137,7 @@ impl Arena {
         store: Store,
         phases: PhaseCatalog,
         scene_memory_mib: u32,
+        clock: Clock,
     ) -> Result<Self, Failure> {
         let phases = Arc::new(phases);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
@@ -131,7 +145,6 @@ impl Arena {
         sync_periodically(&logs);
         // Before the credit: without a key no server runs, and the downtime continues.
         let key = Arc::new(data.signing_key()?);
-        let clock = Clock::default();
         let credit = store.credit_downtime(clock.now_unix_ms()).await?;
         if credit != DowntimeCredit::default() {
             let DowntimeCredit { away_ms, runs, phases } = credit;
@@ -152,6 +165,7 @@ impl Arena {
             clock,
             replay_renderer: Arc::new(SceneRenderer::new(store.clone(), phases.clone(), data.cache())),
             pending_returns: Mutex::default(),
+            run_ids: RunIds::default(),
             faults: None,
             observer: None,
             store,
@@ -172,6 +186,11 @@ impl Arena {
     /// Sets the clock, for tests that change it.
     pub fn with_clock(self, clock: Clock) -> Self {
         Self { heartbeat: Heartbeat::new(&clock), clock, ..self }
+    }
+
+    /// Takes the ids of new runs from `next`, which must be unique, for simulations.
+    pub fn with_run_ids(self, next: impl Fn() -> String + Send + Sync + 'static) -> Self {
+        Self { run_ids: RunIds(Some(Arc::new(next))), ..self }
     }
 
     /// Injects faults, for tests: calls `inject` on the simulator thread before a step, with the step count.

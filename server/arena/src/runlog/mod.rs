@@ -81,6 +81,7 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Clock;
     use avln_grpc::{Acted, EpisodeLog};
     use std::{path::Path, sync::Arc, time::Duration};
 
@@ -106,13 +107,17 @@ mod tests {
         Acted { step, action, state_hash: u64::from(step) << 60 | 5, thought, bank_left }
     }
 
+    fn slot_log(log: &Arc<RunLog>, slot: u32, restored: bool) -> SlotLog {
+        SlotLog { log: log.clone(), slot, restored, clock: Clock::default() }
+    }
+
     /// Writes a log with two slots: two steps and one step.
     fn written(folder: &Path) -> RunLogs {
         let logs = RunLogs::at(folder);
         let log = logs.open("run_1", first).unwrap();
         log.write(&began(0, "ep_a")).unwrap();
         log.write(&began(1, "ep_b")).unwrap();
-        let slot = |slot| SlotLog { log: Arc::clone(&log), slot, restored: false };
+        let slot = |slot| slot_log(&log, slot, false);
         slot(0).acted(&acted(1, Action::MoveForward)).unwrap();
         slot(1).acted(&acted(1, Action::TurnLeft)).unwrap();
         slot(0).acted(&acted(2, Action::Submit)).unwrap();
@@ -182,7 +187,7 @@ mod tests {
         assert_eq!(deaths(), 1, "it died bringing the episode back");
         log.write(&Entry::RestoreDone { slot: 0, at_ms: 3 }).unwrap();
         assert_eq!(deaths(), 0, "it died of something else");
-        let mut slot = SlotLog { log: log.clone(), slot: 0, restored: true };
+        let mut slot = slot_log(&log, 0, true);
         slot.acting(3).unwrap();
         log.write(&restoring).unwrap();
         log.write(&restoring).unwrap();
@@ -199,7 +204,7 @@ mod tests {
         let logs = RunLogs::at(folder.path());
         let log = logs.open("run_1", first).unwrap();
         log.write(&began(0, "ep_a")).unwrap();
-        SlotLog { log: log.clone(), slot: 0, restored: false }.acted(&acted(2, Action::Stop)).unwrap();
+        slot_log(&log, 0, false).acted(&acted(2, Action::Stop)).unwrap();
         let (line, what) = logs.history("run_1").unwrap().expect("a log").episodes().unwrap_err();
         assert_eq!(line, 3);
         assert!(what.contains("step 2 of slot 0 is out of order"), "{what}");

@@ -1,6 +1,7 @@
 //! Writing and signing run logs.
 
 use crate::{
+    clock::Clock,
     data::private_file,
     now_unix_ms,
     runlog::{Entry, History, LogError, link},
@@ -199,12 +200,17 @@ pub struct SlotLog {
     pub slot: u32,
     /// True for a restored episode before the first action.
     pub restored: bool,
+    /// The arena's clock.
+    pub clock: Clock,
 }
 
 impl EpisodeLog for SlotLog {
     fn acting(&mut self, step: u32) -> io::Result<()> {
         match std::mem::take(&mut self.restored) {
-            true => self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms: now_unix_ms() }),
+            true => {
+                let at_ms = self.clock.now_unix_ms();
+                self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms })
+            }
             false => Ok(()),
         }
     }
@@ -217,13 +223,13 @@ impl EpisodeLog for SlotLog {
             state: format!("{:016x}", acted.state_hash),
             thought_us: micros(acted.thought),
             bank_us: micros(acted.bank_left),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         })
     }
 
     fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()> {
         let (slot, away_us) = (self.slot, micros(away));
-        self.log.write(&Entry::ClockRestarted { slot, step, away_us, at_ms: now_unix_ms() })
+        self.log.write(&Entry::ClockRestarted { slot, step, away_us, at_ms: self.clock.now_unix_ms() })
     }
 }
 

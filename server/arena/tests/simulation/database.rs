@@ -1,0 +1,155 @@
+//! The database as a witness: rows without the store's own code, and statements that fail on request.
+
+use sqlx::{Connection, FromRow, SqliteConnection, sqlite::SqliteConnectOptions};
+use std::path::Path;
+
+/// A connection beside those of the store.
+pub(crate) struct Database(SqliteConnection);
+
+/// A run.
+#[derive(Clone, Debug, FromRow)]
+pub(crate) struct RunRow {
+    pub(crate) id: String,
+    pub(crate) phase: String,
+    pub(crate) team: String,
+    pub(crate) state: String,
+    pub(crate) created_ms: i64,
+    pub(crate) finished_ms: Option<i64>,
+    pub(crate) episodes: u32,
+    pub(crate) scored: u32,
+    pub(crate) given_up: u32,
+    pub(crate) server_faults: u32,
+}
+
+impl RunRow {
+    pub(crate) fn is_open(&self) -> bool {
+        matches!(self.state.as_str(), "created" | "running")
+    }
+}
+
+/// An episode of a run.
+#[derive(Clone, Debug, FromRow)]
+pub(crate) struct EpisodeRow {
+    pub(crate) run: String,
+    pub(crate) state: String,
+    pub(crate) handle: Option<String>,
+    pub(crate) attempts: u32,
+    pub(crate) interruptions: u32,
+    pub(crate) end_reason: Option<String>,
+    /// Steps of the score; `None` without a score.
+    pub(crate) steps: Option<u32>,
+    pub(crate) has_record: bool,
+}
+
+impl EpisodeRow {
+    pub(crate) fn is_scored(&self) -> bool {
+        matches!(self.state.as_str(), "terminated" | "truncated")
+    }
+}
+
+/// A phase's schedule, and the runs granted in it.
+#[derive(Clone, Debug, FromRow)]
+pub(crate) struct PhaseRow {
+    pub(crate) id: String,
+    pub(crate) state: String,
+    pub(crate) closes_ms: Option<i64>,
+    pub(crate) paused: Option<String>,
+}
+
+#[derive(Clone, Debug, FromRow)]
+pub(crate) struct GrantRow {
+    pub(crate) phase: String,
+    pub(crate) team: String,
+    pub(crate) runs: u32,
+    pub(crate) granted_ms: i64,
+}
+
+/// All rows that the properties concern.
+#[derive(Clone, Debug)]
+pub(crate) struct Rows {
+    pub(crate) phases: Vec<PhaseRow>,
+    pub(crate) grants: Vec<GrantRow>,
+    pub(crate) runs: Vec<RunRow>,
+    pub(crate) episodes: Vec<EpisodeRow>,
+}
+
+/// Statements that can fail, by number from 1.
+const FRAGILE: [&str; 4] = ["UPDATE ON episodes", "UPDATE ON runs", "INSERT ON records", "INSERT ON tokens"];
+pub(crate) const FRAGILE_STATEMENTS: usize = FRAGILE.len();
+/// Secret of all phases: handles of episodes are the same in every simulation.
+const SECRET: &str = "5555555555555555555555555555555555555555555555555555555555555555";
+
+impl Database {
+    pub(crate) async fn open(path: &Path) -> Self {
+        let options = SqliteConnectOptions::new().filename(path);
+        Self(SqliteConnection::connect_with(&options).await.expect("the database"))
+    }
+
+    pub(crate) async fn close(self) {
+        self.0.close().await.expect("the database closes");
+    }
+
+    /// Fixes the secrets, and prepares the failure of statements.
+    pub(crate) async fn prepare(mut self) {
+        self.run(&format!("UPDATE phase_secrets SET secret = '{SECRET}'")).await;
+        self.run("CREATE TABLE simulated_failures (statement INTEGER NOT NULL)").await;
+        self.run("INSERT INTO simulated_failures VALUES (0)").await;
+        for (number, statement) in (1..).zip(FRAGILE) {
+            self.run(&format!(
+                "CREATE TRIGGER simulated_failure_{number} BEFORE {statement} \
+                 WHEN (SELECT statement FROM simulated_failures) = {number} \
+                 BEGIN SELECT RAISE(ABORT, 'simulated failure'); END"
+            ))
+            .await;
+        }
+        self.close().await;
+    }
+
+    /// Lets a statement fail from now on, by its number; 0 for none.
+    pub(crate) async fn fail(&mut self, statement: usize) {
+        self.run(&format!("UPDATE simulated_failures SET statement = {statement}")).await;
+    }
+
+    async fn run(&mut self, statement: &str) {
+        let statement = sqlx::AssertSqlSafe(statement.to_owned());
+        sqlx::query(statement).execute(&mut self.0).await.expect("the database works");
+    }
+
+    async fn all<T>(&mut self, select: &'static str) -> Vec<T>
+    where
+        T: for<'r> FromRow<'r, sqlx::sqlite::SqliteRow> + Send + Unpin,
+    {
+        sqlx::query_as(select).fetch_all(&mut self.0).await.expect("the database works")
+    }
+
+    pub(crate) async fn phases(&mut self) -> Vec<PhaseRow> {
+        self.all("SELECT id, state, closes_ms, paused FROM phases ORDER BY id").await
+    }
+
+    pub(crate) async fn grants(&mut self) -> Vec<GrantRow> {
+        self.all("SELECT phase, team, runs, granted_ms FROM grants ORDER BY id").await
+    }
+
+    pub(crate) async fn runs(&mut self) -> Vec<RunRow> {
+        let select = "SELECT id, phase, team, state, created_ms, finished_ms, episodes, scored, given_up, server_faults \
+                      FROM runs JOIN run_summaries ON run = id ORDER BY id";
+        self.all(select).await
+    }
+
+    pub(crate) async fn episodes(&mut self) -> Vec<EpisodeRow> {
+        let select = "SELECT e.run, e.state, e.handle, e.attempts, e.interruptions, e.end_reason, \
+                      json_extract(e.metrics, '$.steps') AS steps, r.run IS NOT NULL AS has_record \
+                      FROM episodes e LEFT JOIN records r ON r.run = e.run AND r.ordinal = e.ordinal \
+                      ORDER BY e.run, e.ordinal";
+        self.all(select).await
+    }
+
+    pub(crate) async fn rows(&mut self) -> Rows {
+        Rows {
+            phases: self.phases().await,
+            grants: self.grants().await,
+            runs: self.runs().await,
+            episodes: self.episodes().await,
+        }
+    }
+}
