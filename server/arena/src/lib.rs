@@ -92,6 +92,10 @@ pub struct Arena {
     observer: Option<Observer>,
 }
 
+/// The prepared scenes of an arena. Clones share them.
+#[derive(Clone)]
+pub struct PreparedScenes(Arc<SceneCache>);
+
 type PendingReturns = BTreeSet<(String, String)>;
 
 impl Arena {
@@ -171,6 +175,16 @@ impl Arena {
             store,
             phases,
         })
+    }
+
+    /// Returns the prepared scenes, for [`Arena::with_scenes`].
+    pub fn scenes(&self) -> PreparedScenes {
+        PreparedScenes(self.scenes.clone())
+    }
+
+    /// Uses the prepared scenes of another arena, for simulations that restart often.
+    pub fn with_scenes(self, PreparedScenes(scenes): PreparedScenes) -> Self {
+        Self { scenes, ..self }
     }
 
     /// Sets the session budget.

@@ -19,6 +19,8 @@ use tonic::{Status, Streaming};
 
 /// Frames of an agent that may wait for the server.
 const WAITING_FRAMES: usize = 16;
+/// Simulated time in which a server answers a Hello: another session ends first.
+const WELCOME: Duration = Duration::from_secs(35);
 /// Simulated time in which a server answers a frame.
 const PATIENCE: Duration = Duration::from_secs(3);
 
@@ -43,6 +45,8 @@ pub(crate) struct Connection {
     down: Streaming<PlayResponse>,
     /// Granted slots; 0 before the welcome.
     pub(crate) slots: u32,
+    /// Age at the last Hello, or the welcome.
+    greeted: Duration,
     /// Episode and step by slot.
     pub(crate) playing: BTreeMap<u32, (String, u32)>,
     /// Unanswered frames: slot, whether it is an action, and when it was sent.
@@ -99,6 +103,7 @@ impl Connection {
             up: Some(up),
             down: opened.into_inner(),
             slots: 0,
+            greeted: life.age(),
             playing: BTreeMap::new(),
             owed: BTreeMap::new(),
             deaf_until: Duration::ZERO,
@@ -143,10 +148,10 @@ impl Connection {
     }
 
     /// Follows a frame from the server.
-    pub(crate) fn follow(&mut self, frame: &Down) {
+    pub(crate) fn follow(&mut self, frame: &Down, age: Duration) {
         match frame {
             Down::Welcome(welcome) => {
-                self.slots = welcome.slots;
+                (self.slots, self.greeted) = (welcome.slots, age);
                 let place = |at: &v1::SlotPosition| (at.slot, (at.episode.clone(), at.step));
                 self.playing = welcome.resumed.iter().map(place).collect();
             }
@@ -174,9 +179,13 @@ impl Connection {
 
     /// Fails if a frame has no answer for too long. A slot may wait for an episode as long as another one plays.
     pub(crate) fn check_answers(&self, age: Duration) -> Result<(), String> {
+        if self.slots == 0 {
+            let is_late = age.saturating_sub(self.greeted.max(self.deaf_until)) > WELCOME;
+            return if is_late { Err(format!("no Welcome since {:?}", self.greeted)) } else { Ok(()) };
+        }
         for (slot, (is_act, since)) in &self.owed {
             let may_wait = !is_act && !self.playing.is_empty();
-            let is_late = age.saturating_sub((*since).max(self.deaf_until)) > PATIENCE;
+            let is_late = age.saturating_sub((*since).max(self.greeted).max(self.deaf_until)) > PATIENCE;
             if is_late && !may_wait {
                 return Err(format!("slot {slot} has no answer since {since:?}, {:?} play", self.playing));
             }

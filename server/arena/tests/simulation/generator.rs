@@ -71,8 +71,8 @@ const FAULTS: [(u32, Kind); 8] = [
     (3, Kind::HangInStart),
     (8, Kind::FailLog),
     (6, Kind::FailDatabase),
-    (2, Kind::Crash),
-    (4, Kind::CrashSoon),
+    (1, Kind::Crash),
+    (2, Kind::CrashSoon),
 ];
 
 impl World {

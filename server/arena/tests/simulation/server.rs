@@ -6,13 +6,13 @@ use crate::{
     host::{Border, Issued, SimulatedHost},
     setting::Place,
 };
-use avln_arena::{clock::Clock, servers::Limits};
+use avln_arena::{PreparedScenes, clock::Clock, servers::Limits};
 use avln_grpc::{Control, LocalServer};
 use avln_proto::v1::{play_service_client::PlayServiceClient, run_service_client::RunServiceClient};
 use avln_store::Store;
 use std::{
     sync::{
-        Arc,
+        Arc, OnceLock,
         atomic::{AtomicU32, Ordering},
     },
     time::Duration,
@@ -59,6 +59,9 @@ pub(crate) struct Estate {
     pub(crate) runs: Arc<AtomicU32>,
 }
 
+/// Scenes of all worlds, prepared by the first server.
+static SCENES: OnceLock<PreparedScenes> = OnceLock::new();
+
 impl Life {
     /// Starts a server on the data folder. Returns an error if it crashes before it has opened.
     pub(crate) async fn open(
@@ -74,7 +77,9 @@ impl Life {
         let watchdog = arena.control().watchdog().clone();
         let (runs, step_faults, start_faults) = (estate.runs.clone(), faults.clone(), faults.clone());
         let step_watchdog = watchdog.clone();
+        let scenes = SCENES.get_or_init(|| arena.scenes()).clone();
         let arena = arena
+            .with_scenes(scenes)
             .with_run_ids(move || format!("run_{:06}", runs.fetch_add(1, Ordering::Relaxed)))
             .with_fault_injection(move |_| step_faults.disturb_step(&step_watchdog))
             .with_observer(move |_, referee| {

@@ -154,6 +154,8 @@ async fn apply(store: &Store, setting: &Setting) {
         phase.time = change.time;
         phase.schedule.closes_unix_ms = change.closes_unix_ms;
         phase.rules.max_steps = STEPS;
+        // Agents use the pose only: nothing is rendered or heard, not even in advance.
+        (phase.sensors.rgb, phase.sensors.depth, phase.sensors.audio) = (false, false, false);
         phase.max_slots = SLOTS;
         let note = AuditNote::default();
         store.change_phases(&[phase], &[note], START_UNIX_MS).await.expect("a change");

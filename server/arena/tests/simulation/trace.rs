@@ -8,12 +8,21 @@ use std::{
 
 /// Events shown after a failure.
 const SHOWN: usize = 50;
+/// Environment variable that prints all events.
+const ALL: &str = "AVLN_SIMULATION_TRACE";
 
 /// The events of a simulation.
-#[derive(Default)]
 pub(crate) struct Trace {
     hasher: blake3::Hasher,
     last: VecDeque<String>,
+    prints: bool,
+}
+
+impl Default for Trace {
+    fn default() -> Self {
+        let prints = std::env::var_os(ALL).is_some();
+        Self { hasher: blake3::Hasher::new(), last: VecDeque::new(), prints }
+    }
 }
 
 impl Trace {
@@ -23,6 +32,9 @@ impl Trace {
         line.clear();
         let _ = write!(line, "{:>10.3} s  {event}", age.as_secs_f64());
         self.hasher.update(line.as_bytes()).update(b"\n");
+        if self.prints {
+            println!("{line}");
+        }
         self.last.push_back(line);
     }
 

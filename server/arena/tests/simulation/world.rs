@@ -235,7 +235,7 @@ impl World {
             while let Some(arrived) = stream.next() {
                 match arrived {
                     Some(Ok(frame)) => {
-                        stream.follow(&frame);
+                        stream.follow(&frame, age);
                         self.take_frame(index, number, &frame, age)?;
                     }
                     Some(Err(status)) => {
