@@ -47,16 +47,16 @@ enum Kind {
 
 /// Steps with their frequency.
 const STEPS: [(u32, Kind); 14] = [
-    (1600, Kind::Play),
+    (2000, Kind::Play),
     (50, Kind::Start),
     (12, Kind::Look),
     (6, Kind::Watch),
     (8, Kind::Cancel),
     (4, Kind::CancelOutside),
     (6, Kind::SetClock),
-    (80, Kind::WaitBriefly),
-    (16, Kind::Wait),
-    (3, Kind::WaitLong),
+    (60, Kind::WaitBriefly),
+    (10, Kind::Wait),
+    (2, Kind::WaitLong),
     (5, Kind::Reschedule),
     (3, Kind::Grant),
     (1, Kind::Stop),
@@ -238,7 +238,8 @@ impl World {
                 border.cross(changed).expect("a change of the phase");
             }
             Kind::Grant => {
-                let grant = NewGrant { phase, team, runs: 1, reason: "" };
+                let runs = 1 + self.random.below(6) as u32;
+                let grant = NewGrant { phase, team, runs, reason: "" };
                 let granted = store.grant(&grant, AuditNote::default(), now_unix_ms);
                 border.cross(granted).expect("a granted run");
             }
@@ -272,7 +273,7 @@ impl World {
 
     /// Lets an agent do something.
     async fn play(&mut self, life: &mut Life) {
-        let Some(agent) = self.draw_agent() else { return self.start(life) };
+        let Some(agent) = self.draw_agent() else { return self.revive(life) };
         let streams = self.agents[agent].streams.len();
         let is_unary = self.agents[agent].unary.is_some() || self.agents[agent].is_calling;
         match streams {
@@ -286,6 +287,15 @@ impl World {
                 let stream = if old { self.random.below(streams) } else { streams - 1 };
                 self.send(agent, stream, life.age());
             }
+        }
+    }
+
+    /// Starts a run, or makes that possible: quotas may be used up, and phases closed.
+    fn revive(&mut self, life: &mut Life) {
+        match self.random.below(3) {
+            0 => self.organise(Kind::Grant, life),
+            1 => self.organise(Kind::Reschedule, life),
+            _ => self.start(life),
         }
     }
 
@@ -371,7 +381,12 @@ impl World {
         };
         let is_foreign = self.random.chance(0.01);
         let episode = if is_foreign { "ep_0".to_owned() } else { episode };
-        let action = *pick(&mut self.random, &[1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 5, 5, 9]);
+        let action = match self.random.below(100) {
+            0..4 => 5,
+            4..10 => 4,
+            10 => 9,
+            other => 1 + (other % 3) as i32,
+        };
         if !is_foreign {
             let facts = self.runs[self.agents[agent].run].episode(&episode);
             facts.sent = facts.sent.max(step);
@@ -385,19 +400,19 @@ impl World {
         let slots = self.agents[agent].streams[stream].slots.max(1);
         let slot = self.random.below(slots as usize + 1) as u32;
         let held = if playing.is_empty() { None } else { Some(pick(&mut self.random, &playing).clone()) };
-        let frame = match (self.random.below(100), held) {
-            (0, _) => return self.lose(agent, stream, age),
-            (1, _) => return self.deafen(agent, stream, age),
-            (2, _) => {
+        let frame = match (self.random.below(1000), held) {
+            (0..7, _) => return self.lose(agent, stream, age),
+            (7..11, _) => return self.deafen(agent, stream, age),
+            (11..14, _) => {
                 self.trace.add(age, format_args!("agent {agent}.{stream} closes its half"));
                 return self.agents[agent].streams[stream].close_half();
             }
-            (3, _) => Up::Goodbye(v1::Goodbye { pause: self.random.chance(0.5) }),
-            (4, _) if self.random.chance(0.2) => Up::Hello(self.hello(agent)),
-            (5..8, _) => Up::Pong(v1::Pong { nonce: 1 + self.random.below(4) as u64 }),
-            (8..12, _) | (_, None) => Up::Ready(v1::Ready { slot: slot.min(slots) }),
-            (12..14, Some((slot, (episode, step)))) => Up::Abandon(v1::Abandon { slot, episode, step }),
-            (14..17, Some((slot, (episode, step)))) => {
+            (14..22, _) => Up::Goodbye(v1::Goodbye { pause: self.random.chance(0.5) }),
+            (22..24, _) => Up::Hello(self.hello(agent)),
+            (24..50, _) => Up::Pong(v1::Pong { nonce: 1 + self.random.below(4) as u64 }),
+            (50..70, _) | (_, None) => Up::Ready(v1::Ready { slot: slot.min(slots) }),
+            (70..77, Some((slot, (episode, step)))) => Up::Abandon(v1::Abandon { slot, episode, step }),
+            (77..110, Some((slot, (episode, step)))) => {
                 // An action before the observation of the last one.
                 let first = self.act(agent, slot, episode.clone(), step);
                 self.trace.add(age, format_args!("agent {agent}.{stream} > {first:?}"));
