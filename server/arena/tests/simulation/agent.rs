@@ -33,6 +33,8 @@ pub(crate) struct Agent {
     pub(crate) streams: Vec<Connection>,
     /// Episode and step of unary calls.
     pub(crate) unary: Option<(String, u32)>,
+    /// Attachment of the unary calls to the run.
+    pub(crate) attachment: u32,
     /// True while a unary call waits for its answer.
     pub(crate) is_calling: bool,
     /// True after the end of the run.
@@ -43,6 +45,9 @@ pub(crate) struct Agent {
 pub(crate) struct Connection {
     up: Option<mpsc::Sender<PlayRequest>>,
     down: Streaming<PlayResponse>,
+    /// Attachment to the run, and whether every frame was read at once.
+    pub(crate) attachment: u32,
+    pub(crate) is_prompt: bool,
     /// Granted slots; 0 before the welcome.
     pub(crate) slots: u32,
     /// Age at the last Hello, or the welcome.
@@ -62,7 +67,7 @@ pub(crate) fn sensors() -> v1::SensorSubscription {
 
 impl Agent {
     pub(crate) fn new(run: usize, token: String) -> Self {
-        Self { run, token, streams: vec![], unary: None, is_calling: false, is_done: false }
+        Self { run, token, streams: vec![], unary: None, attachment: 0, is_calling: false, is_done: false }
     }
 
     /// Loses everything that a crash of the server takes away.
@@ -102,6 +107,8 @@ impl Connection {
         Some(opened.map(|opened| Self {
             up: Some(up),
             down: opened.into_inner(),
+            attachment: 0,
+            is_prompt: true,
             slots: 0,
             greeted: life.age(),
             playing: BTreeMap::new(),

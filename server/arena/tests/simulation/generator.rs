@@ -322,13 +322,23 @@ impl World {
         }
     }
 
+    /// Counts another attachment to an agent's run.
+    fn attach(&mut self, agent: usize) -> u32 {
+        let run = &mut self.runs[self.agents[agent].run];
+        run.attachments += 1;
+        run.attachments
+    }
+
     async fn connect(&mut self, agent: usize, life: &Life) {
         let hello = self.hello(agent);
         let first = (!self.random.chance(0.02)).then_some(hello);
         let what = first.as_ref().map(|hello| (hello.resume, hello.slots));
         self.trace.add(life.age(), format_args!("agent {agent} connects: {what:?}"));
         match Connection::open(life, &self.agents[agent].token, first).await {
-            Some(Ok(connection)) => self.agents[agent].streams.push(connection),
+            Some(Ok(mut connection)) => {
+                connection.attachment = self.attach(agent);
+                self.agents[agent].streams.push(connection);
+            }
             Some(Err(status)) => self.refused = Some(status),
             None => {}
         }
@@ -340,6 +350,9 @@ impl World {
         }
         let hello = Some(v1::Hello { known: vec![], ..self.hello(agent) });
         self.trace.add(life.age(), format_args!("agent {agent} resets"));
+        if self.agents[agent].unary.is_none() || !self.agents[agent].streams.is_empty() {
+            self.agents[agent].attachment = self.attach(agent);
+        }
         let request = v1::ResetRequest { hello, ready: None };
         let request = authorised(request, &self.agents[agent].token);
         let mut play = life.play();
@@ -433,6 +446,7 @@ impl World {
     fn deafen(&mut self, agent: usize, stream: usize, age: Duration) {
         let deaf = Duration::from_secs(*pick(&mut self.random, &[2, 20, 40]));
         self.trace.add(age, format_args!("agent {agent}.{stream} does not read for {deaf:?}"));
-        self.agents[agent].streams[stream].deaf_until = age + deaf;
+        let stream = &mut self.agents[agent].streams[stream];
+        (stream.deaf_until, stream.is_prompt) = (age + deaf, false);
     }
 }

@@ -29,6 +29,8 @@ pub(crate) struct RunFacts {
     pub(crate) request_id: String,
     /// Uptime of the servers at the start.
     pub(crate) started: Duration,
+    /// Number of streams and of unary clients that have connected. Earlier ones may read old frames.
+    pub(crate) attachments: u32,
     pub(crate) episodes: BTreeMap<String, EpisodeFacts>,
     /// True if the server reported that every episode was played.
     pub(crate) is_complete: bool,
@@ -96,15 +98,26 @@ impl EpisodeFacts {
 }
 
 impl RunFacts {
+    pub(crate) fn new(
+        id: String,
+        (team, phase): (usize, usize),
+        request_id: String,
+        started: Duration,
+    ) -> Self {
+        let episodes = BTreeMap::new();
+        Self { id, team, phase, request_id, started, attachments: 0, episodes, is_complete: false }
+    }
+
     pub(crate) fn episode(&mut self, handle: &str) -> &mut EpisodeFacts {
         self.episodes.entry(handle.to_owned()).or_default()
     }
 
-    /// Takes a frame. Fails if it contradicts the frames before.
-    pub(crate) fn take(&mut self, frame: &Frame) -> Checked {
+    /// Takes a frame. Fails if it contradicts the frames before. Frames that are not `fresh` may be older than others.
+    pub(crate) fn take(&mut self, frame: &Frame, fresh: bool) -> Checked {
         match frame {
-            Frame::Welcome(welcome) => self.take_welcome(welcome),
-            Frame::EpisodeStart(start) => self.start(start),
+            Frame::Welcome(welcome) if fresh => self.take_welcome(welcome),
+            Frame::Welcome(_) => Ok(()),
+            Frame::EpisodeStart(start) => self.start(start, fresh),
             Frame::Observation(seen) => self.episode(&seen.episode).observe(seen),
             Frame::EpisodeEnd(end) => self.episode(&end.episode).finish(end),
             Frame::RunEnd(end) => self.finish(end),
@@ -118,12 +131,14 @@ impl RunFacts {
         welcome.resumed.iter().try_for_each(|at| self.episode(&at.episode).resume(at))
     }
 
-    pub(crate) fn start(&mut self, start: &v1::EpisodeStart) -> Checked {
+    pub(crate) fn start(&mut self, start: &v1::EpisodeStart, fresh: bool) -> Checked {
         let Some(seen) = &start.observation else { return Err(format!("nothing to see in {start:?}")) };
         let at = v1::SlotPosition { slot: start.slot, episode: start.episode.clone(), step: seen.step };
         let episode = self.episode(&start.episode);
-        episode.slot = start.slot;
-        episode.resume(&at)?;
+        if fresh {
+            episode.slot = start.slot;
+            episode.resume(&at)?;
+        }
         episode.observe(seen)
     }
 

@@ -72,8 +72,10 @@ impl Life {
     ) -> Result<Self, Remains> {
         let border = Border::new(threads.clone(), estate.clock.clone(), age);
         let faults = Arc::new(Faults::default());
+        let mut database = border.cross(Database::open(&estate.place.database()));
+        // No server starts on a broken disk.
+        border.cross(database.fail(0));
         let (arena, store) = border.cross(estate.place.open(estate.clock.clone()));
-        let database = border.cross(Database::open(&estate.place.database()));
         let watchdog = arena.control().watchdog().clone();
         let (runs, step_faults, start_faults) = (estate.runs.clone(), faults.clone(), faults.clone());
         let step_watchdog = watchdog.clone();

@@ -185,8 +185,7 @@ impl World {
     }
 
     async fn serve(&mut self, life: &mut Life) -> Result<Ending, String> {
-        // A failing statement belongs to the disk: it outlives a crash, but not for ever.
-        self.heal(life);
+        self.failing = 0;
         while self.step < self.steps {
             self.step += 1;
             if let Some(ending) = self.take_step(life).await? {
@@ -236,7 +235,9 @@ impl World {
                 match arrived {
                     Some(Ok(frame)) => {
                         stream.follow(&frame, age);
-                        self.take_frame(index, number, &frame, age)?;
+                        let run = &self.runs[self.agents[index].run];
+                        let fresh = stream.is_prompt && stream.attachment == run.attachments;
+                        self.take_frame((index, number), &frame, fresh, age)?;
                     }
                     Some(Err(status)) => {
                         self.trace.add(age, format_args!("agent {index}.{number} < {:?}", reason(&status)));
@@ -264,7 +265,13 @@ impl World {
         Ok(())
     }
 
-    fn take_frame(&mut self, agent: usize, stream: usize, frame: &Down, age: Duration) -> Result<(), String> {
+    fn take_frame(
+        &mut self,
+        (agent, stream): (usize, usize),
+        frame: &Down,
+        fresh: bool,
+        age: Duration,
+    ) -> Result<(), String> {
         if !matches!(frame, Down::Ping(_)) {
             self.trace.add(age, format_args!("agent {agent}.{stream} < {}", brief(frame)));
         }
@@ -273,7 +280,7 @@ impl World {
         }
         self.agents[agent].is_done |= matches!(frame, Down::RunEnd(_));
         let run = self.agents[agent].run;
-        self.runs[run].take(frame).map_err(|wrong| format!("{}: {wrong}", self.runs[run].id))
+        self.runs[run].take(frame, fresh).map_err(|wrong| format!("{}: {wrong}", self.runs[run].id))
     }
 
     fn read_watches(&mut self) {
@@ -367,8 +374,7 @@ impl World {
             }
             None => {
                 let started = self.uptime(life);
-                let (episodes, is_complete) = (std::collections::BTreeMap::new(), false);
-                self.runs.push(RunFacts { id, team, phase, request_id, started, episodes, is_complete });
+                self.runs.push(RunFacts::new(id, (team, phase), request_id, started));
                 self.runs.len() - 1
             }
         };
@@ -386,10 +392,16 @@ impl World {
         self.agents[agent].is_calling = false;
         let Ok(Answer::Reset(answer)) = answer else { return Ok(()) };
         let run = &mut self.runs[self.agents[agent].run];
-        answer.welcome.iter().try_for_each(|welcome| run.take_welcome(welcome))?;
+        let fresh = self.agents[agent].attachment == run.attachments;
+        for welcome in &answer.welcome {
+            run.take_welcome(welcome)?;
+            if !welcome.resumed.is_empty() {
+                return Err(format!("a unary Welcome with positions: {welcome:?}"));
+            }
+        }
         match answer.outcome {
             Some(v1::reset_response::Outcome::EpisodeStart(start)) => {
-                run.start(&start)?;
+                run.start(&start, fresh)?;
                 let step = start.observation.map_or(0, |seen| seen.step);
                 self.agents[agent].unary = Some((start.episode, step));
                 Ok(())
@@ -407,11 +419,11 @@ impl World {
         let Ok(Answer::Step(answer)) = answer else { return Ok(()) };
         let run = &mut self.runs[self.agents[agent].run];
         if let Some(seen) = &answer.observation {
-            run.take(&Down::Observation(seen.clone()))?;
+            run.take(&Down::Observation(seen.clone()), false)?;
             self.agents[agent].unary = Some((seen.episode.clone(), seen.step));
         }
         if let Some(end) = answer.episode_end {
-            run.take(&Down::EpisodeEnd(end))?;
+            run.take(&Down::EpisodeEnd(end), false)?;
             self.agents[agent].unary = None;
         }
         Ok(())
@@ -423,7 +435,7 @@ impl World {
         let run = &mut self.runs[self.agents[agent].run];
         self.agents[agent].unary = None;
         match answer.frame {
-            Some(v1::end_response::Frame::EpisodeEnd(end)) => run.take(&Down::EpisodeEnd(end)),
+            Some(v1::end_response::Frame::EpisodeEnd(end)) => run.take(&Down::EpisodeEnd(end), false),
             Some(v1::end_response::Frame::RunEnd(end)) => {
                 self.agents[agent].is_done = true;
                 run.finish(&end)
