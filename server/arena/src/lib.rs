@@ -42,7 +42,7 @@ use avln_store::{DowntimeCredit, Store};
 use budget::Budget;
 use clock::Clock;
 use data::DataFolder;
-use episodes::{FaultInjection, Observer, OpenEpisodes};
+use episodes::{FaultInjection, Observer, OpenEpisodes, ReturnCause};
 use heartbeat::Heartbeat;
 use jiff::Timestamp;
 use phases::{PhaseCatalog, SceneCache};
@@ -50,7 +50,7 @@ use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
 use runs::RunIds;
 use std::{
-    collections::BTreeSet,
+    collections::BTreeMap,
     fs::File,
     sync::{Arc, Mutex},
     time::Duration,
@@ -85,7 +85,7 @@ pub struct Arena {
     clock: Clock,
     heartbeat: Heartbeat,
     replay_renderer: Arc<SceneRenderer>,
-    /// Episodes, by run and handle, that could neither be stored nor reissued.
+    /// Episodes, by run and handle, that could neither be stored nor returned.
     pending_returns: Mutex<PendingReturns>,
     run_ids: RunIds,
     faults: Option<FaultInjection>,
@@ -96,7 +96,7 @@ pub struct Arena {
 #[derive(Clone)]
 pub struct PreparedScenes(Arc<SceneCache>);
 
-type PendingReturns = BTreeSet<(String, String)>;
+type PendingReturns = BTreeMap<(String, String), ReturnCause>;
 
 impl Arena {
     /// Locks the data folder and reads phases and splits; fails if another server uses the folder. Prepared scenes use

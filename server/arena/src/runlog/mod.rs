@@ -71,11 +71,13 @@ pub enum Entry {
     Signed { head: String, key: String, signature: String },
     /// The episode has ended with a score; the database entry follows.
     Ended { slot: u32, handle: String, end: EndReason, metrics: Box<Metrics>, at_ms: i64 },
+    /// The server lost the attempt, and the database could not store that.
+    Lost { handle: String, at_ms: i64 },
 }
 
 impl Entry {
-    /// Format version for new logs. Version 1 has no server starts.
-    pub const FORMAT: u32 = 2;
+    /// Format version for new logs. Version 1 has no server starts, version 2 no lost attempts.
+    pub const FORMAT: u32 = 3;
 }
 
 #[cfg(test)]
@@ -196,6 +198,18 @@ mod tests {
         assert_eq!(deaths(), 1);
         slot.acted(&acted(3, Action::MoveForward)).unwrap();
         assert_eq!(deaths(), 0);
+    }
+
+    #[test]
+    fn lost_attempts_are_marked() {
+        let folder = tempfile::tempdir().unwrap();
+        let logs = written(folder.path());
+        logs.write_loss("run_1", "ep_b".to_owned(), 9).unwrap();
+        logs.write_loss("run_1", "ep_unknown".to_owned(), 9).unwrap();
+        let episodes = logs.history("run_1").unwrap().expect("a log").episodes().unwrap();
+        assert_eq!((episodes["ep_a"].is_lost, episodes["ep_b"].is_lost), (false, true));
+        logs.write_loss("run_2", "ep_a".to_owned(), 9).unwrap();
+        assert_eq!(logs.history("run_2").unwrap(), None, "nothing of the run was logged");
     }
 
     #[test]

@@ -98,6 +98,16 @@ impl RunLogs {
         Ok(log)
     }
 
+    /// Writes the loss of an attempt. Without a log, no restart could continue it.
+    pub(crate) fn write_loss(&self, run: &str, handle: String, at_ms: i64) -> Result<(), String> {
+        let history = self.history(run).map_err(|error| error.to_string())?;
+        let Some(first) = history.and_then(|history| history.entries.into_iter().next()) else {
+            return Ok(());
+        };
+        let log = self.open(run, || first).map_err(|error| error.to_string())?;
+        log.write(&Entry::Lost { handle, at_ms }).map_err(|error| error.to_string())
+    }
+
     /// Signs a run's log, if it has lines since the last signature.
     pub fn sign(&self, run: &str, key: &SigningKey) -> Result<(), String> {
         let Some(history) = self.history(run).map_err(|error| error.to_string())? else { return Ok(()) };

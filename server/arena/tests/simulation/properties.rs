@@ -30,6 +30,7 @@ impl World {
         let rows = border.cross(life.database.rows());
         self.check_rows(&rows)?;
         self.check_deadlines(&rows, life)?;
+        self.check_sessions(&rows, life)?;
         for team in 0..TEAMS.len() {
             for phase in 0..PHASES.len() {
                 self.check_quota(team, phase, &rows, life).await?;
@@ -83,6 +84,19 @@ impl World {
             check(!is_late, || format!("{run:?} is open after {passed:?}, more than {most:?}"))?;
         }
         Ok(())
+    }
+
+    /// Checks that every running episode has a session, which plays it or waits for the agent.
+    fn check_sessions(&self, rows: &Rows, life: &Life) -> Checked {
+        let age = life.age();
+        // The next search for expired runs returns episodes that the database could not return.
+        let pause = 2 * self.estate.limits.overdue_interval;
+        if self.failed.is_some_and(|failed| age < failed + pause) || age < life.began + pause {
+            return Ok(());
+        }
+        let mut running = rows.episodes.iter().filter(|episode| episode.state == "running");
+        let orphan = running.find(|episode| life.control().session(&episode.run).is_none());
+        orphan.map_or(Ok(()), |orphan| Err(format!("no session plays {orphan:?}")))
     }
 
     /// Compares the quotas that the server reports with the ledger.

@@ -393,7 +393,7 @@ impl World {
         let Ok(Answer::Reset(answer)) = answer else { return Ok(()) };
         let run = &mut self.runs[self.agents[agent].run];
         let fresh = self.agents[agent].attachment == run.attachments;
-        for welcome in &answer.welcome {
+        if let Some(welcome) = &answer.welcome {
             run.take_welcome(welcome)?;
             if !welcome.resumed.is_empty() {
                 return Err(format!("a unary Welcome with positions: {welcome:?}"));
