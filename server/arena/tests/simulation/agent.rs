@@ -50,7 +50,7 @@ pub(crate) struct Connection {
     pub(crate) is_prompt: bool,
     /// Granted slots; 0 before the welcome.
     pub(crate) slots: u32,
-    /// Age at the last Hello, or the welcome.
+    /// Age at the Hello, at the welcome, or when the agent began to read again.
     greeted: Duration,
     /// Episode and step by slot.
     pub(crate) playing: BTreeMap<u32, (String, u32)>,
@@ -140,6 +140,17 @@ impl Connection {
         self.up.is_none()
     }
 
+    /// Returns whether the agent reads. Its frames are owed from the moment when it reads again.
+    pub(crate) fn reads(&mut self, age: Duration) -> bool {
+        if self.deaf_until > age {
+            return false;
+        }
+        if !std::mem::take(&mut self.deaf_until).is_zero() {
+            self.greeted = age;
+        }
+        true
+    }
+
     /// Returns the next frame that has arrived; `Some(None)` at the end of the stream.
     pub(crate) fn next(&mut self) -> Option<Option<Result<Down, Status>>> {
         loop {
@@ -187,12 +198,12 @@ impl Connection {
     /// Fails if a frame has no answer for too long. A slot may wait for an episode as long as another one plays.
     pub(crate) fn check_answers(&self, age: Duration) -> Result<(), String> {
         if self.slots == 0 {
-            let is_late = age.saturating_sub(self.greeted.max(self.deaf_until)) > WELCOME;
+            let is_late = age.saturating_sub(self.greeted) > WELCOME;
             return if is_late { Err(format!("no Welcome since {:?}", self.greeted)) } else { Ok(()) };
         }
         for (slot, (is_act, since)) in &self.owed {
             let may_wait = !is_act && !self.playing.is_empty();
-            let is_late = age.saturating_sub((*since).max(self.greeted).max(self.deaf_until)) > PATIENCE;
+            let is_late = age.saturating_sub((*since).max(self.greeted)) > PATIENCE;
             if is_late && !may_wait {
                 return Err(format!("slot {slot} has no answer since {since:?}, {:?} play", self.playing));
             }

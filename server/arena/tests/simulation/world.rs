@@ -192,11 +192,11 @@ impl World {
                 return Ok(ending);
             }
             self.settle(life).await?;
+            if self.step.is_multiple_of(CHECK_EVERY) && !life.faults().has_crashed() {
+                self.check(life).await?;
+            }
             if life.faults().has_crashed() {
                 return Ok(Ending::Crash);
-            }
-            if self.step.is_multiple_of(CHECK_EVERY) {
-                self.check(life).await?;
             }
         }
         self.prove(life).await
@@ -229,8 +229,10 @@ impl World {
     fn read(&mut self, index: usize, age: Duration) -> Result<(), String> {
         let mut streams = std::mem::take(&mut self.agents[index].streams);
         let mut closed = Vec::new();
-        for (number, stream) in streams.iter_mut().enumerate().filter(|(_, stream)| stream.deaf_until <= age)
-        {
+        for (number, stream) in streams.iter_mut().enumerate() {
+            if !stream.reads(age) {
+                continue;
+            }
             while let Some(arrived) = stream.next() {
                 match arrived {
                     Some(Ok(frame)) => {
