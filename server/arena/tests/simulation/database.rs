@@ -76,8 +76,6 @@ pub(crate) struct Rows {
 /// Statements that can fail, by number from 1.
 const FRAGILE: [&str; 4] = ["UPDATE ON episodes", "UPDATE ON runs", "INSERT ON records", "INSERT ON tokens"];
 pub(crate) const FRAGILE_STATEMENTS: usize = FRAGILE.len();
-/// Secret of all phases: handles of episodes are the same in every simulation.
-const SECRET: &str = "5555555555555555555555555555555555555555555555555555555555555555";
 
 impl Database {
     pub(crate) async fn open(path: &Path) -> Self {
@@ -89,9 +87,8 @@ impl Database {
         self.0.close().await.expect("the database closes");
     }
 
-    /// Fixes the secrets, and prepares the failure of statements.
+    /// Prepares the failure of statements.
     pub(crate) async fn prepare(mut self) {
-        self.run(&format!("UPDATE phase_secrets SET secret = '{SECRET}'")).await;
         self.run("CREATE TABLE simulated_failures (statement INTEGER NOT NULL)").await;
         self.run("INSERT INTO simulated_failures VALUES (0)").await;
         for (number, statement) in (1..).zip(FRAGILE) {

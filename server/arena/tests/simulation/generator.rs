@@ -48,7 +48,7 @@ enum Kind {
 /// Steps with their frequency.
 const STEPS: [(u32, Kind); 14] = [
     (2000, Kind::Play),
-    (50, Kind::Start),
+    (30, Kind::Start),
     (12, Kind::Look),
     (6, Kind::Watch),
     (8, Kind::Cancel),
@@ -280,8 +280,8 @@ impl World {
             0 if is_unary && self.random.chance(0.9) => self.call(agent, life),
             0 if self.random.chance(0.3) => self.reset(agent, life),
             0 => self.connect(agent, life).await,
-            _ if self.random.chance(0.015) => self.connect(agent, life).await,
-            _ if self.random.chance(0.005) => self.reset(agent, life),
+            _ if self.random.chance(0.006) => self.connect(agent, life).await,
+            _ if self.random.chance(0.003) => self.reset(agent, life),
             _ => {
                 let old = self.random.chance(0.05);
                 let stream = if old { self.random.below(streams) } else { streams - 1 };
@@ -368,7 +368,7 @@ impl World {
         }
         let (mut play, age) = (life.play(), life.age());
         let token = self.agents[agent].token.clone();
-        if self.random.chance(0.04) {
+        if self.random.chance(0.03) {
             let abandon = v1::Abandon { slot: 0, episode, step };
             let goodbye = v1::Goodbye { pause: false };
             let last = if self.random.chance(0.7) { Last::Abandon(abandon) } else { Last::Goodbye(goodbye) };
@@ -394,10 +394,10 @@ impl World {
         };
         let is_foreign = self.random.chance(0.01);
         let episode = if is_foreign { "ep_0".to_owned() } else { episode };
-        let action = match self.random.below(100) {
+        let action = match self.random.below(200) {
             0..4 => 5,
-            4..10 => 4,
-            10 => 9,
+            4..16 => 4,
+            16 => 9,
             other => 1 + (other % 3) as i32,
         };
         if !is_foreign {
@@ -413,7 +413,7 @@ impl World {
         let slots = self.agents[agent].streams[stream].slots.max(1);
         let slot = self.random.below(slots as usize + 1) as u32;
         let held = if playing.is_empty() { None } else { Some(pick(&mut self.random, &playing).clone()) };
-        let frame = match (self.random.below(1000), held) {
+        let frame = match (self.random.below(2000), held) {
             (0..7, _) => return self.lose(agent, stream, age),
             (7..11, _) => return self.deafen(agent, stream, age),
             (11..14, _) => {
@@ -423,9 +423,9 @@ impl World {
             (14..22, _) => Up::Goodbye(v1::Goodbye { pause: self.random.chance(0.5) }),
             (22..24, _) => Up::Hello(self.hello(agent)),
             (24..50, _) => Up::Pong(v1::Pong { nonce: 1 + self.random.below(4) as u64 }),
-            (50..70, _) | (_, None) => Up::Ready(v1::Ready { slot: slot.min(slots) }),
-            (70..77, Some((slot, (episode, step)))) => Up::Abandon(v1::Abandon { slot, episode, step }),
-            (77..110, Some((slot, (episode, step)))) => {
+            (50..90, _) | (_, None) => Up::Ready(v1::Ready { slot: slot.min(slots) }),
+            (90..97, Some((slot, (episode, step)))) => Up::Abandon(v1::Abandon { slot, episode, step }),
+            (97..160, Some((slot, (episode, step)))) => {
                 // An action before the observation of the last one.
                 let first = self.act(agent, slot, episode.clone(), step);
                 self.trace.add(age, format_args!("agent {agent}.{stream} > {first:?}"));

@@ -1,7 +1,7 @@
 //! Setting of a simulated world: data folder, phases, teams and limits.
 
 use avln_arena::{
-    Arena,
+    Arena, BENCHMARK_VERSION,
     clock::Clock,
     data::DataFolder,
     ids::new_token,
@@ -10,7 +10,7 @@ use avln_arena::{
 };
 use avln_challenge::{QuotaLimits, TokenScope};
 use avln_dataset::Seed;
-use avln_episode::TimeLimits;
+use avln_episode::{Modality, TimeLimits};
 use avln_geom::Rng;
 use avln_store::{AuditNote, NewToken, Store};
 use std::{
@@ -22,6 +22,8 @@ use std::{
 use tempfile::TempDir;
 
 pub(crate) const TEAMS: [&str; 3] = ["red", "green", "blue"];
+/// Secret of all phases: handles of episodes are the same in every simulation.
+const SECRET: &str = "5555555555555555555555555555555555555555555555555555555555555555";
 /// A phase whose runs have a wall time, and one whose runs end with it.
 pub(crate) const PHASES: [&str; 2] = ["timed", "dated"];
 /// Episodes of a run.
@@ -29,7 +31,7 @@ pub(crate) const EPISODES: u32 = 3;
 /// Most slots of a run.
 pub(crate) const SLOTS: u32 = 3;
 /// Most steps of an episode.
-const STEPS: u32 = 40;
+const STEPS: u32 = 80;
 /// Wall clock at the start, in the last hours of a month: 2026-01-31T18:00:00Z.
 pub(crate) const START_UNIX_MS: i64 = 1_769_882_400_000;
 
@@ -187,13 +189,20 @@ async fn make(folder: &Path) {
         name: "tiny".to_owned(),
         houses: 1,
         scenes: vec![],
-        missions: EPISODES as usize,
+        // Some of them have no picture as a goal, which would be rendered at every start.
+        missions: 4 * EPISODES as usize,
         seed: Seed::Number(5),
         rules: "lh-avln-v1".to_owned(),
     };
     make_split(&data, &store, split, |_| ()).await.expect("missions in a house");
     for phase in PHASES {
-        open_phase(&data, &store, &NewPhase::public(phase, "tiny")).await.expect("a phase");
+        let mut phase = open_phase(&data, &store, &NewPhase::public(phase, "tiny")).await.expect("a phase");
+        phase.episodes.retain(|episode| episode.goals.iter().all(|goal| goal.modality != Modality::Image));
+        phase.episodes.truncate(EPISODES as usize);
+        assert_eq!(phase.episodes.len(), EPISODES as usize, "missions without pictures");
+        store.upsert_phase(&phase, START_UNIX_MS).await.expect("a change");
+        let committed = store.commit_phase(&phase.id, SECRET, BENCHMARK_VERSION, START_UNIX_MS).await;
+        assert!(committed.expect("a commitment"), "the episodes are new");
     }
     for team in TEAMS {
         store.create_team(team, None, START_UNIX_MS).await.expect("a team");
