@@ -70,6 +70,14 @@ impl Agent {
         Self { run, token, streams: vec![], unary: None, attachment: 0, is_calling: false, is_done: false }
     }
 
+    /// Returns whether an episode waits for the agent's action.
+    pub(crate) fn has_episode(&self) -> bool {
+        match self.streams.last() {
+            Some(stream) => !stream.playing.is_empty(),
+            None => self.unary.is_some(),
+        }
+    }
+
     /// Loses everything that a crash of the server takes away.
     pub(crate) fn disconnect(&mut self) {
         self.streams.clear();

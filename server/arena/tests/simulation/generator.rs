@@ -306,7 +306,11 @@ impl World {
         }
         let all = (0..self.agents.len()).rev();
         let playing: Vec<_> = all.filter(|&agent| !self.agents[agent].is_done).take(PLAYERS).collect();
-        (!playing.is_empty()).then(|| *pick(&mut self.random, &playing))
+        let busy: Vec<_> =
+            playing.iter().filter(|&&agent| self.agents[agent].has_episode()).copied().collect();
+        let prefers_busy = !busy.is_empty() && self.random.chance(0.85);
+        let drawn = if prefers_busy { busy } else { playing };
+        (!drawn.is_empty()).then(|| *pick(&mut self.random, &drawn))
     }
 
     fn hello(&mut self, agent: usize) -> v1::Hello {

@@ -30,7 +30,7 @@ use world::World;
 /// Steps of all worlds together, unless `AVLN_SIMULATION_STEPS` is set.
 const STEPS: u64 = 15_000;
 /// Steps of a world.
-const WORLD_STEPS: u64 = 2500;
+const WORLD_STEPS: u64 = 5000;
 /// Seeds of worlds that every simulation contains.
 const FIXED_SEEDS: [u64; 2] = [1, 2];
 
