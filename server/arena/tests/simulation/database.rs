@@ -73,6 +73,9 @@ pub(crate) struct Rows {
     pub(crate) episodes: Vec<EpisodeRow>,
 }
 
+/// A team and a phase; `None` for all.
+pub(crate) type Selection<'a> = Option<(&'a str, &'a str)>;
+
 /// Statements that can fail, by number from 1.
 const FRAGILE: [&str; 4] = ["UPDATE ON episodes", "UPDATE ON runs", "INSERT ON records", "INSERT ON tokens"];
 pub(crate) const FRAGILE_STATEMENTS: usize = FRAGILE.len();
@@ -112,41 +115,39 @@ impl Database {
         sqlx::query(statement).execute(&mut self.0).await.expect("the database works");
     }
 
-    async fn all<T>(&mut self, select: &'static str) -> Vec<T>
+    async fn all<T>(&mut self, select: &'static str, of: Selection<'_>) -> Vec<T>
     where
         T: for<'r> FromRow<'r, sqlx::sqlite::SqliteRow> + Send + Unpin,
     {
-        sqlx::query_as(select).fetch_all(&mut self.0).await.expect("the database works")
+        let (team, phase) = of.unzip();
+        let rows = sqlx::query_as(select).bind(team).bind(phase).fetch_all(&mut self.0).await;
+        rows.expect("the database works")
     }
 
-    pub(crate) async fn phases(&mut self) -> Vec<PhaseRow> {
-        self.all("SELECT id, state, closes_ms, paused FROM phases ORDER BY id").await
-    }
-
-    pub(crate) async fn grants(&mut self) -> Vec<GrantRow> {
-        self.all("SELECT phase, team, runs, granted_ms FROM grants ORDER BY id").await
-    }
-
-    pub(crate) async fn runs(&mut self) -> Vec<RunRow> {
-        let select = "SELECT id, phase, team, state, created_ms, finished_ms, episodes, scored, given_up, server_faults \
-                      FROM runs JOIN run_summaries ON run = id ORDER BY id";
-        self.all(select).await
-    }
-
-    pub(crate) async fn episodes(&mut self) -> Vec<EpisodeRow> {
+    /// Returns the episodes of the selected runs.
+    pub(crate) async fn episodes(&mut self, of: Selection<'_>) -> Vec<EpisodeRow> {
         let select = "SELECT e.run, e.state, e.handle, e.attempts, e.interruptions, e.end_reason, \
                       json_extract(e.metrics, '$.steps') AS steps, r.run IS NOT NULL AS has_record \
-                      FROM episodes e LEFT JOIN records r ON r.run = e.run AND r.ordinal = e.ordinal \
+                      FROM runs JOIN episodes e ON e.run = runs.id \
+                      LEFT JOIN records r ON r.run = e.run AND r.ordinal = e.ordinal \
+                      WHERE ($1 IS NULL OR runs.team = $1) AND ($2 IS NULL OR runs.phase = $2) \
                       ORDER BY e.run, e.ordinal";
-        self.all(select).await
+        self.all(select, of).await
     }
 
-    pub(crate) async fn rows(&mut self) -> Rows {
+    /// Returns the rows of a team in a phase, or all.
+    pub(crate) async fn rows(&mut self, of: Selection<'_>) -> Rows {
+        let phases = "SELECT id, state, closes_ms, paused FROM phases ORDER BY id";
+        let grants = "SELECT phase, team, runs, granted_ms FROM grants \
+                      WHERE ($1 IS NULL OR team = $1) AND ($2 IS NULL OR phase = $2) ORDER BY id";
+        let runs = "SELECT id, phase, team, state, created_ms, finished_ms, episodes, scored, given_up, server_faults \
+                    FROM runs JOIN run_summaries ON run = id \
+                    WHERE ($1 IS NULL OR team = $1) AND ($2 IS NULL OR phase = $2) ORDER BY id";
         Rows {
-            phases: self.phases().await,
-            grants: self.grants().await,
-            runs: self.runs().await,
-            episodes: self.episodes().await,
+            phases: self.all(phases, None).await,
+            grants: self.all(grants, of).await,
+            runs: self.all(runs, of).await,
+            episodes: self.episodes(of).await,
         }
     }
 }

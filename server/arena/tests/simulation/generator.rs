@@ -49,7 +49,7 @@ enum Kind {
 const STEPS: [(u32, Kind); 14] = [
     (2000, Kind::Play),
     (30, Kind::Start),
-    (12, Kind::Look),
+    (4, Kind::Look),
     (6, Kind::Watch),
     (8, Kind::Cancel),
     (4, Kind::CancelOutside),
@@ -136,7 +136,7 @@ impl World {
     fn start(&mut self, life: &mut Life) {
         let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
         let border = life.border().clone();
-        let rows = border.cross(life.database.rows());
+        let rows = border.cross(life.database.rows(Some((TEAMS[team], PHASES[phase]))));
         let known: Vec<_> = self.runs.iter().filter(|run| (run.team, run.phase) == (team, phase)).collect();
         let (repeats, fresh) = (self.random.chance(0.2), format!("request {}", self.step));
         let request_id = match known.last() {

@@ -56,7 +56,7 @@ impl World {
     /// Checks that no call, slot, session or running episode is left.
     fn check_freedom(&mut self, life: &mut Life) -> Checked {
         let border = life.border().clone();
-        let episodes = border.cross(life.database.episodes());
+        let episodes = border.cross(life.database.episodes(None));
         let running = episodes.iter().find(|episode| episode.state == "running");
         let session = self.runs.iter().find(|run| life.control().session(&run.id).is_some());
         let slots = life.control().snapshot().slots;
@@ -108,7 +108,7 @@ impl World {
     /// Cancels the team's open runs, opens the phase and grants another run.
     async fn end_runs(&mut self, team: usize, life: &mut Life) -> Checked {
         let (border, now_unix_ms) = (life.border().clone(), self.estate.clock.now_unix_ms());
-        let rows = border.cross(life.database.rows());
+        let rows = border.cross(life.database.rows(None));
         let open = rows.runs.iter().filter(|run| run.team == TEAMS[team] && run.is_open());
         for run in open {
             border.cross(life.store.cancel_run(&run.id, now_unix_ms)).map_err(|error| error.to_string())?;
@@ -129,7 +129,7 @@ impl World {
     pub(crate) fn check_rest(&self, threads: &Runtime) -> Checked {
         let rows = threads.block_on(async {
             let mut database = Database::open(&self.estate.place.database()).await;
-            let rows = database.rows().await;
+            let rows = database.rows(None).await;
             database.close().await;
             rows
         });

@@ -27,7 +27,7 @@ impl World {
     /// Checks all properties that hold at any time.
     pub(crate) async fn check(&mut self, life: &mut Life) -> Checked {
         let border = life.border().clone();
-        let rows = border.cross(life.database.rows());
+        let rows = border.cross(life.database.rows(None));
         self.check_rows(&rows)?;
         self.check_deadlines(&rows, life)?;
         self.check_sessions(&rows, life)?;
