@@ -9,8 +9,8 @@ use crate::{
     world::{Ending, World},
 };
 use avln_arena::actions::{Attribution, reschedule};
-use avln_proto::v1::{self, end_request::Frame as Last, play_request::Frame as Up};
-use avln_store::{AuditNote, NewGrant};
+use avln_proto::v1::{self, Reason, end_request::Frame as Last, play_request::Frame as Up};
+use avln_store::{AuditNote, NewGrant, Schedule};
 use std::{sync::atomic::Ordering, time::Duration};
 
 /// Agents that play at the same time.
@@ -87,7 +87,10 @@ impl World {
         let kind = self.draw();
         match kind {
             Kind::Play => self.play(life).await,
-            Kind::Start => self.start(life),
+            Kind::Start => {
+                let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
+                self.start(life, team, phase);
+            }
             Kind::Look => self.look(life),
             Kind::Watch => self.watch(life).await,
             Kind::Cancel => self.cancel(life),
@@ -132,9 +135,8 @@ impl World {
         Ok(())
     }
 
-    /// Sends StartRun, sometimes with the id of an earlier request.
-    fn start(&mut self, life: &mut Life) {
-        let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
+    /// Sends StartRun, sometimes with the id of an earlier request. Returns the reason for which it will be refused.
+    fn start(&mut self, life: &mut Life, team: usize, phase: usize) -> Option<Reason> {
         let border = life.border().clone();
         let rows = border.cross(life.database.rows(Some((TEAMS[team], PHASES[phase]))));
         let known: Vec<_> = self.runs.iter().filter(|run| (run.team, run.phase) == (team, phase)).collect();
@@ -147,6 +149,7 @@ impl World {
         self.trace
             .add(life.age(), format_args!("{} starts '{request_id}' in {}", TEAMS[team], PHASES[phase]));
         self.send_start(life, team, phase, request_id);
+        self.expected
     }
 
     pub(crate) fn send_start(&mut self, life: &Life, team: usize, phase: usize, request_id: String) {
@@ -215,41 +218,56 @@ impl World {
 
     /// Acts as the organiser.
     fn organise(&mut self, kind: Kind, life: &Life) {
-        let now_unix_ms = self.estate.clock.now_unix_ms();
-        let (border, store) = (life.border().clone(), life.store.clone());
-        let (team, phase) = (*pick(&mut self.random, &TEAMS), *pick(&mut self.random, &PHASES));
-        self.trace.add(life.age(), format_args!("{kind:?} {team} {phase}"));
+        let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
+        let choice = self.random.below(6);
         match kind {
-            Kind::CancelOutside => {
-                let Some(run) = self.recent_run() else { return };
-                let run = self.runs[run].id.clone();
-                if border.cross(store.cancel_run(&run, now_unix_ms)).is_ok() {
-                    life.control().leave(&run);
-                }
-            }
-            Kind::Reschedule => {
-                let change = self.random.below(6);
-                let by = Attribution { actor: "organiser", reason: "" };
-                let changed = reschedule(&store, phase, by, |schedule| match change {
-                    0 => schedule.closed = true,
-                    1 => schedule.paused = Some("a pause".to_owned()),
-                    _ => (schedule.closed, schedule.paused) = (false, None),
-                });
-                border.cross(changed).expect("a change of the phase");
-            }
-            Kind::Grant => {
-                let runs = 1 + self.random.below(6) as u32;
-                let grant = NewGrant { phase, team, runs, reason: "" };
-                let granted = store.grant(&grant, AuditNote::default(), now_unix_ms);
-                border.cross(granted).expect("a granted run");
-            }
-            _ => {
-                border.cross(store.record_drain("maintenance", now_unix_ms)).expect("a recorded drain");
-                life.control().drain("maintenance", Duration::from_secs(60));
-                let age = life.age();
-                self.times.drained.get_or_insert(age);
-            }
+            Kind::CancelOutside => self.cancel_outside(life),
+            Kind::Reschedule => self.reschedule(life, phase, choice),
+            Kind::Grant => self.grant(life, team, phase, 1 + choice as u32),
+            _ => self.drain(life),
         }
+    }
+
+    /// Cancels a run as pages do, beside the gRPC server.
+    fn cancel_outside(&mut self, life: &Life) {
+        let Some(run) = self.recent_run() else { return };
+        let run = self.runs[run].id.clone();
+        self.trace.add(life.age(), format_args!("the organiser cancels {run}"));
+        let now_unix_ms = self.estate.clock.now_unix_ms();
+        if life.border().cross(life.store.cancel_run(&run, now_unix_ms)).is_ok() {
+            life.control().leave(&run);
+        }
+    }
+
+    /// Closes, pauses or opens a phase.
+    fn reschedule(&mut self, life: &Life, phase: usize, choice: usize) {
+        let phase = PHASES[phase];
+        self.trace.add(life.age(), format_args!("change {choice} of phase {phase}"));
+        let by = Attribution { actor: "organiser", reason: "" };
+        let changed = reschedule(&life.store, phase, by, |schedule| match choice {
+            0 => schedule.closed = true,
+            1 => schedule.paused = Some("a pause".to_owned()),
+            5 => *schedule = Schedule::default(),
+            _ => (schedule.closed, schedule.paused) = (false, None),
+        });
+        life.border().cross(changed).expect("a change of the phase");
+    }
+
+    fn grant(&mut self, life: &Life, team: usize, phase: usize, runs: u32) {
+        let (team, phase) = (TEAMS[team], PHASES[phase]);
+        self.trace.add(life.age(), format_args!("{runs} more runs for {team} in {phase}"));
+        let grant = NewGrant { phase, team, runs, reason: "" };
+        let granted = life.store.grant(&grant, AuditNote::default(), self.estate.clock.now_unix_ms());
+        life.border().cross(granted).expect("granted runs");
+    }
+
+    fn drain(&mut self, life: &Life) {
+        self.trace.add(life.age(), "drain");
+        let now_unix_ms = self.estate.clock.now_unix_ms();
+        let recorded = life.store.record_drain("maintenance", now_unix_ms);
+        life.border().cross(recorded).expect("a recorded drain");
+        life.control().drain("maintenance", Duration::from_secs(60));
+        self.times.drained.get_or_insert(life.age());
     }
 
     /// Prepares a fault.
@@ -290,12 +308,13 @@ impl World {
         }
     }
 
-    /// Starts a run, or makes that possible: quotas may be used up, and phases closed.
+    /// Starts a run, or makes that possible.
     fn revive(&mut self, life: &mut Life) {
-        match self.random.below(3) {
-            0 => self.organise(Kind::Grant, life),
-            1 => self.organise(Kind::Reschedule, life),
-            _ => self.start(life),
+        let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
+        match self.start(life, team, phase) {
+            Some(Reason::PhaseClosed | Reason::PhasePaused) => self.reschedule(life, phase, 5),
+            Some(_) => self.grant(life, team, phase, 6),
+            None => {}
         }
     }
 

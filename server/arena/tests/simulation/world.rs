@@ -242,7 +242,10 @@ impl World {
                         self.take_frame((index, number), &frame, fresh, age)?;
                     }
                     Some(Err(status)) => {
-                        self.trace.add(age, format_args!("agent {index}.{number} < {:?}", reason(&status)));
+                        let reason = reason(&status);
+                        self.trace.add(age, format_args!("agent {index}.{number} < {reason:?}"));
+                        // Half of the agents ask for the summary.
+                        self.agents[index].is_done |= reason == Some(Reason::RunOver) && index % 2 == 0;
                         self.check_status(&status, age)?;
                         closed.push(number);
                         break;
