@@ -135,21 +135,25 @@ impl World {
         Ok(())
     }
 
-    /// Sends StartRun, sometimes with the id of an earlier request. Returns the reason for which it will be refused.
-    fn start(&mut self, life: &mut Life, team: usize, phase: usize) -> Option<Reason> {
+    /// Returns the reason for which a new run of a team would be refused now.
+    fn forecast(&self, life: &mut Life, team: usize, phase: usize) -> Option<Reason> {
         let border = life.border().clone();
         let rows = border.cross(life.database.rows(Some((TEAMS[team], PHASES[phase]))));
+        self.refusal(team, phase, &rows)
+    }
+
+    /// Sends StartRun, sometimes with the id of an earlier request.
+    fn start(&mut self, life: &mut Life, team: usize, phase: usize) {
         let known: Vec<_> = self.runs.iter().filter(|run| (run.team, run.phase) == (team, phase)).collect();
         let (repeats, fresh) = (self.random.chance(0.2), format!("request {}", self.step));
         let request_id = match known.last() {
             Some(run) if repeats => run.request_id.clone(),
             _ => fresh,
         };
-        self.expected = self.refusal(team, phase, &rows);
+        self.expected = self.forecast(life, team, phase);
         self.trace
             .add(life.age(), format_args!("{} starts '{request_id}' in {}", TEAMS[team], PHASES[phase]));
         self.send_start(life, team, phase, request_id);
-        self.expected
     }
 
     pub(crate) fn send_start(&mut self, life: &Life, team: usize, phase: usize, request_id: String) {
@@ -311,10 +315,11 @@ impl World {
     /// Starts a run, or makes that possible.
     fn revive(&mut self, life: &mut Life) {
         let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
-        match self.start(life, team, phase) {
+        match self.forecast(life, team, phase) {
+            None => self.start(life, team, phase),
             Some(Reason::PhaseClosed | Reason::PhasePaused) => self.reschedule(life, phase, 5),
+            Some(Reason::QuotaConcurrent) => self.cancel_outside(life),
             Some(_) => self.grant(life, team, phase, 6),
-            None => {}
         }
     }
 
