@@ -332,7 +332,7 @@ impl World {
         let playing: Vec<_> = all.filter(|&agent| !self.agents[agent].is_done).take(PLAYERS).collect();
         let busy: Vec<_> =
             playing.iter().filter(|&&agent| self.agents[agent].has_episode()).copied().collect();
-        let prefers_busy = !busy.is_empty() && self.random.chance(0.85);
+        let prefers_busy = !busy.is_empty() && self.random.chance(0.96);
         let drawn = if prefers_busy { busy } else { playing };
         (!drawn.is_empty()).then(|| *pick(&mut self.random, &drawn))
     }
