@@ -48,15 +48,15 @@ enum Kind {
 /// Steps with their frequency.
 const STEPS: [(u32, Kind); 14] = [
     (2000, Kind::Play),
-    (30, Kind::Start),
-    (4, Kind::Look),
-    (6, Kind::Watch),
-    (8, Kind::Cancel),
-    (4, Kind::CancelOutside),
+    (15, Kind::Start),
+    (2, Kind::Look),
+    (3, Kind::Watch),
+    (4, Kind::Cancel),
+    (2, Kind::CancelOutside),
     (6, Kind::SetClock),
-    (60, Kind::WaitBriefly),
-    (10, Kind::Wait),
-    (2, Kind::WaitLong),
+    (40, Kind::WaitBriefly),
+    (6, Kind::Wait),
+    (1, Kind::WaitLong),
     (5, Kind::Reschedule),
     (3, Kind::Grant),
     (1, Kind::Stop),
@@ -423,9 +423,9 @@ impl World {
         let is_foreign = self.random.chance(0.01);
         let episode = if is_foreign { "ep_0".to_owned() } else { episode };
         let action = match self.random.below(200) {
-            0..4 => 5,
-            4..16 => 4,
-            16 => 9,
+            0..2 => 5,
+            2..6 => 4,
+            6 => 9,
             other => 1 + (other % 3) as i32,
         };
         if !is_foreign {
