@@ -175,6 +175,10 @@ impl Connection {
 
     /// Follows a frame from the server.
     pub(crate) fn follow(&mut self, frame: &Down, age: Duration) {
+        if !self.is_prompt && !matches!(frame, Down::Ping(_)) {
+            // An agent that did not read for a while receives the waiting frames first.
+            self.greeted = age;
+        }
         match frame {
             Down::Welcome(welcome) => {
                 (self.slots, self.greeted) = (welcome.slots, age);
