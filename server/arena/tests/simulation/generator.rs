@@ -302,8 +302,8 @@ impl World {
             0 if is_unary && self.random.chance(0.9) => self.call(agent, life),
             0 if self.random.chance(0.3) => self.reset(agent, life),
             0 => self.connect(agent, life).await,
-            _ if self.random.chance(0.006) => self.connect(agent, life).await,
-            _ if self.random.chance(0.003) => self.reset(agent, life),
+            _ if self.random.chance(0.004) => self.connect(agent, life).await,
+            _ if self.random.chance(0.002) => self.reset(agent, life),
             _ => {
                 let old = self.random.chance(0.05);
                 let stream = if old { self.random.below(streams) } else { streams - 1 };
@@ -325,7 +325,7 @@ impl World {
 
     /// Returns an agent whose run goes on, and sometimes any.
     fn draw_agent(&mut self) -> Option<usize> {
-        if !self.agents.is_empty() && self.random.chance(0.01) {
+        if !self.agents.is_empty() && self.random.chance(0.004) {
             return Some(self.random.below(self.agents.len()));
         }
         let all = (0..self.agents.len()).rev();
@@ -422,7 +422,7 @@ impl World {
         };
         let is_foreign = self.random.chance(0.01);
         let episode = if is_foreign { "ep_0".to_owned() } else { episode };
-        let action = match self.random.below(200) {
+        let action = match self.random.below(400) {
             0..2 => 5,
             2..6 => 4,
             6 => 9,
@@ -441,7 +441,7 @@ impl World {
         let slots = self.agents[agent].streams[stream].slots.max(1);
         let slot = self.random.below(slots as usize + 1) as u32;
         let held = if playing.is_empty() { None } else { Some(pick(&mut self.random, &playing).clone()) };
-        let frame = match (self.random.below(2000), held) {
+        let frame = match (self.random.below(3000), held) {
             (0..7, _) => return self.lose(agent, stream, age),
             (7..11, _) => return self.deafen(agent, stream, age),
             (11..14, _) => {

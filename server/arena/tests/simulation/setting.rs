@@ -31,7 +31,7 @@ pub(crate) const EPISODES: u32 = 3;
 /// Most slots of a run.
 pub(crate) const SLOTS: u32 = 3;
 /// Most steps of an episode.
-const STEPS: u32 = 80;
+const STEPS: u32 = 150;
 /// Wall clock at the start, in the last hours of a month: 2026-01-31T18:00:00Z.
 pub(crate) const START_UNIX_MS: i64 = 1_769_882_400_000;
 
