@@ -76,8 +76,8 @@ pub enum Entry {
 }
 
 impl Entry {
-    /// Format version for new logs. Version 1 has no server starts, version 2 no lost attempts.
-    pub const FORMAT: u32 = 3;
+    /// Format version for new logs. Version 1 has no server starts and no lost attempts.
+    pub const FORMAT: u32 = 2;
 }
 
 #[cfg(test)]

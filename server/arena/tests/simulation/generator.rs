@@ -8,9 +8,7 @@ use crate::{
     setting::{PHASES, SLOTS, TEAMS, pick},
     world::{Ending, World},
 };
-use avln_arena::actions::{Attribution, reschedule};
 use avln_proto::v1::{self, Reason, end_request::Frame as Last, play_request::Frame as Up};
-use avln_store::{AuditNote, NewGrant, Schedule};
 use std::{sync::atomic::Ordering, time::Duration};
 
 /// Agents that play at the same time.
@@ -190,7 +188,7 @@ impl World {
     }
 
     /// Returns a recent run.
-    fn recent_run(&mut self) -> Option<usize> {
+    pub(crate) fn recent_run(&mut self) -> Option<usize> {
         let recent = self.runs.len().min(PLAYERS);
         (recent > 0).then(|| self.runs.len() - 1 - self.random.below(recent))
     }
@@ -230,48 +228,6 @@ impl World {
             Kind::Grant => self.grant(life, team, phase, 1 + choice as u32),
             _ => self.drain(life),
         }
-    }
-
-    /// Cancels a run as pages do, beside the gRPC server.
-    fn cancel_outside(&mut self, life: &Life) {
-        let Some(run) = self.recent_run() else { return };
-        let run = self.runs[run].id.clone();
-        self.trace.add(life.age(), format_args!("the organiser cancels {run}"));
-        let now_unix_ms = self.estate.clock.now_unix_ms();
-        if life.border().cross(life.store.cancel_run(&run, now_unix_ms)).is_ok() {
-            life.control().leave(&run);
-        }
-    }
-
-    /// Closes, pauses or opens a phase.
-    fn reschedule(&mut self, life: &Life, phase: usize, choice: usize) {
-        let phase = PHASES[phase];
-        self.trace.add(life.age(), format_args!("change {choice} of phase {phase}"));
-        let by = Attribution { actor: "organiser", reason: "" };
-        let changed = reschedule(&life.store, phase, by, |schedule| match choice {
-            0 => schedule.closed = true,
-            1 => schedule.paused = Some("a pause".to_owned()),
-            5 => *schedule = Schedule::default(),
-            _ => (schedule.closed, schedule.paused) = (false, None),
-        });
-        life.border().cross(changed).expect("a change of the phase");
-    }
-
-    fn grant(&mut self, life: &Life, team: usize, phase: usize, runs: u32) {
-        let (team, phase) = (TEAMS[team], PHASES[phase]);
-        self.trace.add(life.age(), format_args!("{runs} more runs for {team} in {phase}"));
-        let grant = NewGrant { phase, team, runs, reason: "" };
-        let granted = life.store.grant(&grant, AuditNote::default(), self.estate.clock.now_unix_ms());
-        life.border().cross(granted).expect("granted runs");
-    }
-
-    fn drain(&mut self, life: &Life) {
-        self.trace.add(life.age(), "drain");
-        let now_unix_ms = self.estate.clock.now_unix_ms();
-        let recorded = life.store.record_drain("maintenance", now_unix_ms);
-        life.border().cross(recorded).expect("a recorded drain");
-        life.control().drain("maintenance", Duration::from_secs(60));
-        self.times.drained.get_or_insert(life.age());
     }
 
     /// Prepares a fault.

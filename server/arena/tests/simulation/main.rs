@@ -4,6 +4,7 @@
 //! `AVLN_SIMULATION_SEED` repeats a world, `AVLN_SIMULATION_STEPS` sets the steps of all worlds together.
 
 mod agent;
+mod answers;
 mod calls;
 mod database;
 mod faults;
@@ -11,6 +12,7 @@ mod generator;
 mod host;
 mod ledger;
 mod model;
+mod organiser;
 mod proof;
 mod properties;
 mod server;
