@@ -6,7 +6,7 @@ use crate::{
     host::{Border, Issued, SimulatedHost},
     setting::Place,
 };
-use avln_arena::{PreparedScenes, clock::Clock, servers::Limits};
+use avln_arena::{Arena, PreparedScenes, clock::Clock, servers::Limits};
 use avln_grpc::{Control, LocalServer};
 use avln_proto::v1::{play_service_client::PlayServiceClient, run_service_client::RunServiceClient};
 use avln_store::Store;
@@ -110,8 +110,12 @@ impl Life {
         &self.host.faults
     }
 
+    pub(crate) fn arena(&self) -> &Arena {
+        &self.host.arena
+    }
+
     pub(crate) fn control(&self) -> &Control {
-        self.host.arena.control()
+        self.arena().control()
     }
 
     pub(crate) fn age(&self) -> Duration {
