@@ -19,10 +19,10 @@ use tonic::{Status, Streaming};
 
 /// Frames of an agent that may wait for the server.
 const WAITING_FRAMES: usize = 16;
-/// Simulated time in which a server answers a Hello: another session ends first.
-const WELCOME: Duration = Duration::from_secs(35);
 /// Simulated time in which a server answers a frame.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Simulated time in which a server answers a stream without a Hello.
+const HELLO: Duration = Duration::from_secs(12);
 
 /// A program with a run token.
 pub(crate) struct Agent {
@@ -210,7 +210,7 @@ impl Connection {
     /// Fails if a frame has no answer for too long. A slot may wait for an episode as long as another one plays.
     pub(crate) fn check_answers(&self, age: Duration) -> Result<(), String> {
         if self.slots == 0 {
-            let is_late = age.saturating_sub(self.greeted) > WELCOME;
+            let is_late = age.saturating_sub(self.greeted) > HELLO;
             return if is_late { Err(format!("no Welcome since {:?}", self.greeted)) } else { Ok(()) };
         }
         for (slot, (is_act, since)) in &self.owed {

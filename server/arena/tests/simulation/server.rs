@@ -122,9 +122,12 @@ impl Life {
         self.border().age()
     }
 
-    /// Ends the server in an orderly way.
-    pub(crate) async fn stop(&self) {
+    /// Ends the server in an orderly way. Fails if a session delays it.
+    pub(crate) async fn stop(&self) -> Result<(), String> {
+        let begun = self.age();
         self.server.close().await;
+        let took = self.age() - begun;
+        if took < AT_ONCE { Ok(()) } else { Err(format!("the stop took {took:?}")) }
     }
 
     pub(crate) fn into_remains(self) -> Remains {

@@ -171,11 +171,12 @@ impl World {
             Err(remains) => return (Ok(Ending::Crash), remains),
         };
         let ending = self.serve(&mut life).await;
+        self.trace.add(life.age(), format_args!("the server ends: {ending:?}"));
+        let ending = match ending {
+            Ok(Ending::Stop) => life.stop().await.map(|()| Ending::Stop),
+            other => other,
+        };
         let age = life.age();
-        if ending == Ok(Ending::Stop) {
-            life.stop().await;
-        }
-        self.trace.add(age, format_args!("the server ends: {ending:?}"));
         if let Some(since) = self.times.drained.take() {
             self.times.gained += age - since;
         }
