@@ -90,6 +90,20 @@ async fn jump_before_the_next_look_ends_no_run() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn farewell_after_a_jump_is_no_expiry() {
+    for by_ms in JUMPS_MS {
+        let (server, clock) = server(2, blind(), |phase| phase.time.run_s = 3600).await;
+        let client = client(&server).await;
+        let run = start(&client).await.expect("a run");
+        let mut play = client.play(&run, NO_SENSORS).await.expect("a stream");
+        play.next_episode().await.expect("an answer").expect("an episode");
+        clock.set_by(by_ms);
+        play.finish().await.expect("a summary");
+        assert_eq!(stored(&server, &run.id).await.state, RunState::Cancelled, "after {by_ms} ms");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn run_started_after_a_jump_has_its_time() {
     for by_ms in JUMPS_MS {
         let (server, clock) = server(2, watchful(), |phase| phase.time.run_s = 3600).await;

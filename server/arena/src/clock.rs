@@ -4,25 +4,46 @@ use crate::now_unix_ms;
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicI64, Ordering},
+        atomic::{AtomicI64, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
 
-/// The system's clocks. Clones share an adjustment of the wall clock, zero except in tests.
+/// The system's clocks, or simulated ones. Clones share an adjustment of the wall clock, zero except in tests.
 #[derive(Clone, Debug)]
 pub struct Clock {
-    started: Instant,
+    source: ClockSource,
     set_by_ms: Arc<AtomicI64>,
+}
+
+#[derive(Clone, Debug)]
+enum ClockSource {
+    /// The system's clocks, and the monotonic time at the start.
+    System(Instant),
+    /// The age of a simulation, whose wall clock starts at `from_unix_ms`.
+    Simulated { from_unix_ms: i64, age_ms: Arc<AtomicU64> },
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { started: Instant::now(), set_by_ms: Arc::default() }
+        Self { source: ClockSource::System(Instant::now()), set_by_ms: Arc::default() }
     }
 }
 
 impl Clock {
+    /// Returns a clock that stands still at `from_unix_ms` until [`Clock::set_age`], for simulations.
+    pub fn simulated(from_unix_ms: i64) -> Self {
+        let source = ClockSource::Simulated { from_unix_ms, age_ms: Arc::default() };
+        Self { source, set_by_ms: Arc::default() }
+    }
+
+    /// Sets the monotonic time of a simulated clock, and its wall clock with it. The system's clocks are not changed.
+    pub fn set_age(&self, age: Duration) {
+        if let ClockSource::Simulated { age_ms, .. } = &self.source {
+            age_ms.store(u64::try_from(age.as_millis()).unwrap_or(u64::MAX), Ordering::SeqCst);
+        }
+    }
+
     /// Sets the wall clock forwards or back, for tests. The monotonic clock continues.
     pub fn set_by(&self, by_ms: i64) {
         self.set_by_ms.fetch_add(by_ms, Ordering::SeqCst);
@@ -30,12 +51,26 @@ impl Clock {
 
     /// Returns the wall clock, milliseconds since 1970-01-01 UTC.
     pub fn now_unix_ms(&self) -> i64 {
-        now_unix_ms() + self.set_by_ms.load(Ordering::SeqCst)
+        let unix_ms = match &self.source {
+            ClockSource::System(_) => now_unix_ms(),
+            ClockSource::Simulated { from_unix_ms, .. } => {
+                from_unix_ms.saturating_add(i64::try_from(self.age().as_millis()).unwrap_or(i64::MAX))
+            }
+        };
+        unix_ms.saturating_add(self.set_by_ms.load(Ordering::SeqCst))
+    }
+
+    /// Returns the monotonic time since the clock's creation.
+    fn age(&self) -> Duration {
+        match &self.source {
+            ClockSource::System(started) => started.elapsed(),
+            ClockSource::Simulated { age_ms, .. } => Duration::from_millis(age_ms.load(Ordering::SeqCst)),
+        }
     }
 
     /// Returns the wall clock, and the monotonic time since the clock's creation.
     pub(crate) fn read(&self) -> ClockReading {
-        ClockReading { now_unix_ms: self.now_unix_ms(), age: self.started.elapsed() }
+        ClockReading { now_unix_ms: self.now_unix_ms(), age: self.age() }
     }
 }
 
@@ -76,6 +111,17 @@ mod tests {
         ];
         let changes: Vec<_> = readings.windows(2).map(|pair| pair[1].set_by_ms(&pair[0])).collect();
         assert_eq!(changes, [0, 3_600_000, 0, -3_600_000]);
+    }
+
+    #[test]
+    fn simulated_clocks_stand_still() {
+        let clock = Clock::simulated(1_000_000);
+        let before = clock.read();
+        clock.clone().set_age(Duration::from_secs(3600));
+        assert_eq!((before.now_unix_ms, clock.now_unix_ms()), (1_000_000, 4_600_000));
+        assert_eq!(clock.read().set_by_ms(&before), 0);
+        clock.set_by(-3_600_000);
+        assert_eq!(clock.read().set_by_ms(&before), -3_600_000);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensor
 use avln_grpc::{Episode, HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError, StepOutcome, source_positions};
 use avln_scoring::{Metric, Metrics, score};
-use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, TimeAccount};
+use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, StoreError, TimeAccount};
 use avln_truth::{EpisodeTruth, Record};
 use avln_world::SceneAssets;
 use std::{
@@ -40,6 +40,15 @@ pub(crate) struct IssuedEpisode {
     pub(crate) restored: bool,
     /// True if the log contains the end.
     pub(crate) ended: bool,
+}
+
+/// Cause of an episode's return without a result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ReturnCause {
+    /// The agent's slots or sensors: no fault.
+    Agent,
+    /// The server lost the attempt.
+    Server,
 }
 
 impl OpenEpisodes {
@@ -69,15 +78,11 @@ impl Arena {
         let Some(assigned) = assigned else { return Ok(None) };
         let handle = assigned.handle.clone();
         let begun = self.begin(&row, &phase, slot, assigned, sensors).await;
-        match begun.as_ref().err().map(Budget::is_agents_choice) {
+        if let Err(refused) = &begun {
             // No fault: otherwise, an agent could make its runs free of charge.
-            Some(true) => {
-                self.store.return_episode(run, &handle).await.map_err(refusal)?;
-            }
-            Some(false) => {
-                self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
-            }
-            None => {}
+            let is_agents_choice = Budget::is_agents_choice(refused);
+            let cause = if is_agents_choice { ReturnCause::Agent } else { ReturnCause::Server };
+            self.return_episode(run, &handle, cause).await;
         }
         self.prefetch(&row, &phase);
         begun.map(Some)
@@ -128,7 +133,12 @@ impl Arena {
         referee: Referee,
         issued: IssuedEpisode,
     ) -> HostedEpisode<ArenaEpisode> {
-        let log = Box::new(SlotLog { log: issued.log.clone(), slot: issued.slot, restored: issued.restored });
+        let log = Box::new(SlotLog {
+            log: issued.log.clone(),
+            slot: issued.slot,
+            restored: issued.restored,
+            clock: self.clock.clone(),
+        });
         let mut open = self.open_episodes();
         open.next_ticket += 1;
         let ticket = open.next_ticket;
@@ -183,12 +193,8 @@ impl Arena {
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let handle = hosted.handle.clone();
         let stored = self.try_store_result(run, hosted).await;
-        if stored.is_err()
-            && let Err(error) = self.store.reopen_episode(run, &handle, self.clock.now_unix_ms()).await
-        {
-            // Without another attempt the run would wait for this episode until the next server start.
-            tracing::error!(run, handle, %error, "cannot store or reissue an episode; it is reissued later");
-            self.pending_returns().insert((run.to_owned(), handle));
+        if stored.is_err() {
+            self.return_episode(run, &handle, ReturnCause::Server).await;
         }
         stored
     }
@@ -231,13 +237,50 @@ impl Arena {
         Ok((recorded.counts && phase.shows_metrics()).then(|| outcome(&metrics)))
     }
 
-    /// Reissues the episodes from earlier failed attempts.
+    /// Returns an episode without a result, so that it is reissued; later, if the database fails.
+    pub(crate) async fn return_episode(&self, run: &str, handle: &str, cause: ReturnCause) {
+        let Err(error) = self.try_return_episode(run, handle, cause).await else { return };
+        // Without another attempt the run would wait for this episode until the next server start.
+        tracing::error!(run, handle, %error, "cannot reissue an episode; it is reissued later");
+        if cause == ReturnCause::Server {
+            self.log_loss(run, handle).await;
+        }
+        self.pending_returns().insert((run.to_owned(), handle.to_owned()), cause);
+    }
+
+    async fn try_return_episode(
+        &self,
+        run: &str,
+        handle: &str,
+        cause: ReturnCause,
+    ) -> Result<(), StoreError> {
+        let now_unix_ms = self.clock.now_unix_ms();
+        match cause {
+            ReturnCause::Agent => self.store.return_episode(run, handle).await.map(drop),
+            ReturnCause::Server => self.store.reopen_episode(run, handle, now_unix_ms).await.map(drop),
+        }
+    }
+
+    /// Logs a loss that the database does not contain: otherwise, a restarted server would continue or score an attempt that the
+    /// agent was told is lost.
+    async fn log_loss(&self, run: &str, handle: &str) {
+        let (logs, at_ms) = (self.logs.clone(), self.clock.now_unix_ms());
+        let (run, handle) = (run.to_owned(), handle.to_owned());
+        let logged = spawn_blocking(move || logs.write_loss(&run, handle, at_ms)).await;
+        if let Err(error) = logged.map_err(|error| error.to_string()).flatten() {
+            tracing::error!(error, "cannot log the loss of an episode");
+        }
+    }
+
+    /// Returns the episodes from earlier failed attempts.
     pub(crate) async fn flush_pending_returns(&self) -> Result<(), Refusal> {
         loop {
-            let Some(first) = self.pending_returns().first().cloned() else { return Ok(()) };
-            let (run, handle) = &first;
-            self.store.reopen_episode(run, handle, self.clock.now_unix_ms()).await.map_err(refusal)?;
-            self.pending_returns().remove(&first);
+            let first = self.pending_returns().first_key_value().map(|(key, cause)| (key.clone(), *cause));
+            let Some((key, cause)) = first else { return Ok(()) };
+            let (run, handle) = &key;
+            self.try_return_episode(run, handle, cause).await.map_err(refusal)?;
+            self.sign_if_over(&self.store.run(run).await.map_err(refusal)?).await;
+            self.pending_returns().remove(&key);
         }
     }
 

@@ -3,7 +3,7 @@
 use crate::{
     Arena, BENCHMARK_VERSION,
     conversion::{account_of, phase_info, refusal, status, token_refusal, viewer},
-    episodes::ArenaEpisode,
+    episodes::{ArenaEpisode, ReturnCause},
     phases::{HostedPhase, PhaseList, find_phase},
     runs::IssuedRun,
 };
@@ -52,7 +52,7 @@ impl Host for Arena {
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
         self.control().check_open()?;
         let phase = self.stage_for(&request.phase, account).await?;
-        let IssuedRun { run, token } = IssuedRun::random().map_err(Refusal::internal)?;
+        let IssuedRun { run, token } = self.run_ids.next().map_err(Refusal::internal)?;
         let new = NewRun {
             id: &run,
             token: &token,
@@ -145,7 +145,8 @@ impl Host for Arena {
 
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
         self.open_episodes().issued.remove(&ticket);
-        self.store.reopen_episode(run, handle, self.clock.now_unix_ms()).await.map_err(refusal).map(drop)
+        self.return_episode(run, handle, ReturnCause::Server).await;
+        Ok(())
     }
 
     async fn overdue(&self) -> Result<Vec<String>, Refusal> {
@@ -160,7 +161,8 @@ impl Host for Arena {
     }
 
     async fn finish_run(&self, run: &str, abandons: bool) -> Result<RunStatus, Refusal> {
-        let now = self.clock.now_unix_ms();
+        // A change of the clock a moment ago must not expire the run.
+        let now = self.settled_now().await?;
         let mut finished = self.store.finish_run(run, now).await.map_err(refusal)?;
         if abandons && finished.state.is_open() {
             let state = if finished.is_overdue(now) { RunState::Expired } else { RunState::Cancelled };

@@ -42,14 +42,15 @@ use avln_store::{DowntimeCredit, Store};
 use budget::Budget;
 use clock::Clock;
 use data::DataFolder;
-use episodes::{FaultInjection, Observer, OpenEpisodes};
+use episodes::{FaultInjection, Observer, OpenEpisodes, ReturnCause};
 use heartbeat::Heartbeat;
 use jiff::Timestamp;
 use phases::{PhaseCatalog, SceneCache};
 use replays::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
+use runs::RunIds;
 use std::{
-    collections::BTreeSet,
+    collections::BTreeMap,
     fs::File,
     sync::{Arc, Mutex},
     time::Duration,
@@ -84,13 +85,18 @@ pub struct Arena {
     clock: Clock,
     heartbeat: Heartbeat,
     replay_renderer: Arc<SceneRenderer>,
-    /// Episodes, by run and handle, that could neither be stored nor reissued.
+    /// Episodes, by run and handle, that could neither be stored nor returned.
     pending_returns: Mutex<PendingReturns>,
+    run_ids: RunIds,
     faults: Option<FaultInjection>,
     observer: Option<Observer>,
 }
 
-type PendingReturns = BTreeSet<(String, String)>;
+/// The prepared scenes of an arena. Clones share them.
+#[derive(Clone)]
+pub struct PreparedScenes(Arc<SceneCache>);
+
+type PendingReturns = BTreeMap<(String, String), ReturnCause>;
 
 impl Arena {
     /// Locks the data folder and reads phases and splits; fails if another server uses the folder. Prepared scenes use
@@ -108,14 +114,25 @@ impl Arena {
         scene_memory_mib: u32,
     ) -> Result<Self, Failure> {
         let phases = PhaseCatalog::open(data, &store, None).await?;
-        Self::host(lock, data, store, phases, scene_memory_mib).await
+        Self::host(lock, data, store, phases, scene_memory_mib, Clock::default()).await
+    }
+
+    /// Opens the data folder, as [`Arena::open`] does, by another clock than the system's, for simulations.
+    pub async fn open_at(
+        clock: Clock,
+        data: &DataFolder,
+        store: Store,
+        scene_memory_mib: u32,
+    ) -> Result<Self, Failure> {
+        let phases = PhaseCatalog::open(data, &store, None).await?;
+        Self::host(data.lock()?, data, store, phases, scene_memory_mib, clock).await
     }
 
     /// Hosts only the phase `id`, with the lock of [`DataFolder::lock`]. Splits of other phases may be sealed or missing, and runs
     /// of other phases wait for a server with all phases.
     pub async fn open_phase(lock: File, data: &DataFolder, store: Store, id: &str) -> Result<Self, Failure> {
         let phases = PhaseCatalog::open(data, &store, Some(id)).await?;
-        Self::host(lock, data, store, phases, SCENE_MEMORY_MIB).await
+        Self::host(lock, data, store, phases, SCENE_MEMORY_MIB, Clock::default()).await
     }
 
     async fn host(
@@ -124,6 +141,7 @@ impl Arena {
         store: Store,
         phases: PhaseCatalog,
         scene_memory_mib: u32,
+        clock: Clock,
     ) -> Result<Self, Failure> {
         let phases = Arc::new(phases);
         let scene_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
@@ -131,7 +149,6 @@ impl Arena {
         sync_periodically(&logs);
         // Before the credit: without a key no server runs, and the downtime continues.
         let key = Arc::new(data.signing_key()?);
-        let clock = Clock::default();
         let credit = store.credit_downtime(clock.now_unix_ms()).await?;
         if credit != DowntimeCredit::default() {
             let DowntimeCredit { away_ms, runs, phases } = credit;
@@ -152,11 +169,22 @@ impl Arena {
             clock,
             replay_renderer: Arc::new(SceneRenderer::new(store.clone(), phases.clone(), data.cache())),
             pending_returns: Mutex::default(),
+            run_ids: RunIds::default(),
             faults: None,
             observer: None,
             store,
             phases,
         })
+    }
+
+    /// Returns the prepared scenes, for [`Arena::with_scenes`].
+    pub fn scenes(&self) -> PreparedScenes {
+        PreparedScenes(self.scenes.clone())
+    }
+
+    /// Uses the prepared scenes of another arena, for simulations that restart often.
+    pub fn with_scenes(self, PreparedScenes(scenes): PreparedScenes) -> Self {
+        Self { scenes, ..self }
     }
 
     /// Sets the session budget.
@@ -174,6 +202,11 @@ impl Arena {
         Self { heartbeat: Heartbeat::new(&clock), clock, ..self }
     }
 
+    /// Takes the ids of new runs from `next`, which must be unique, for simulations.
+    pub fn with_run_ids(self, next: impl Fn() -> String + Send + Sync + 'static) -> Self {
+        Self { run_ids: RunIds(Some(Arc::new(next))), ..self }
+    }
+
     /// Injects faults, for tests: calls `inject` on the simulator thread before a step, with the step count.
     pub fn with_fault_injection(self, inject: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { faults: Some(Arc::new(inject)), ..self }
@@ -186,7 +219,9 @@ impl Arena {
 
     /// Stops new runs and allows open episodes `patience` to end. The next server extends deadlines by the downtime.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
-        self.store.record_drain(reason, self.clock.now_unix_ms()).await?;
+        // Deadlines follow a change of the clock first: the downtime counts from this time.
+        let now_unix_ms = self.settled_now().await.map_err(Failure::internal)?;
+        self.store.record_drain(reason, now_unix_ms).await?;
         self.control.drain(reason, patience);
         Ok(())
     }

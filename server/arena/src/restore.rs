@@ -3,7 +3,7 @@
 use crate::{
     Arena,
     conversion::refusal,
-    episodes::{ArenaEpisode, IssuedEpisode},
+    episodes::{ArenaEpisode, IssuedEpisode, ReturnCause},
     phases::HostedPhase,
     runlog::{Entry, EpisodeHistory, History},
 };
@@ -32,7 +32,7 @@ impl Arena {
             }
             match self.history(&lost.run).await {
                 Ok(_) => drop(runs.insert(lost.run)),
-                Err(why) => self.reissue(&lost, &why.message).await?,
+                Err(why) => self.reissue(&lost, &why.message).await,
             }
         }
         Ok(runs.into_iter().collect())
@@ -49,13 +49,9 @@ impl Arena {
         read.await.map_err(Refusal::internal)?
     }
 
-    async fn reissue(&self, lost: &RunningEpisode, why: &str) -> Result<(), Refusal> {
+    async fn reissue(&self, lost: &RunningEpisode, why: &str) {
         tracing::warn!(run = lost.run, episode = lost.handle, why, "an interrupted episode restarts");
-        self.store
-            .reopen_episode(&lost.run, &lost.handle, self.clock.now_unix_ms())
-            .await
-            .map_err(refusal)
-            .map(drop)
+        self.return_episode(&lost.run, &lost.handle, ReturnCause::Server).await;
     }
 
     pub(crate) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
@@ -66,12 +62,15 @@ impl Arena {
         let running = self.store.running_episodes().await.map_err(refusal)?;
         for lost in running.into_iter().filter(|lost| lost.run == run) {
             let restored = match histories.remove(&lost.handle) {
+                Some(history) if history.is_lost => {
+                    Err(Refusal::internal("the server lost it before it stopped"))
+                }
                 Some(history) => self.restore_episode(&row, &phase, &lost, history).await,
                 None => Err(Refusal::internal("the log has no entry of its start")),
             };
             match restored {
                 Ok(restored) => episodes.push(restored),
-                Err(why) => self.reissue(&lost, &why.message).await?,
+                Err(why) => self.reissue(&lost, &why.message).await,
             }
         }
         let open = self.describe(run).await?;

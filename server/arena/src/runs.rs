@@ -9,6 +9,7 @@ use crate::{
 use avln_challenge::{MethodInfo, names::is_visible_text};
 use avln_episode::Order;
 use avln_store::{NewRun, Run, Store};
+use std::sync::Arc;
 
 /// A run id and a token.
 #[derive(Clone, Debug)]
@@ -22,6 +23,21 @@ pub struct IssuedRun {
 impl IssuedRun {
     pub(crate) fn random() -> Result<Self, getrandom::Error> {
         Ok(Self { run: format!("run_{}", ids::random_hex()?), token: ids::new_token("run")? })
+    }
+}
+
+/// Source of run ids: random by default, or a function for simulations.
+#[derive(Clone, Default)]
+pub(crate) struct RunIds(pub(crate) Option<Arc<dyn Fn() -> String + Send + Sync>>);
+
+impl RunIds {
+    /// Returns the next run's id, with a random token.
+    pub(crate) fn next(&self) -> Result<IssuedRun, getrandom::Error> {
+        let random = IssuedRun::random()?;
+        Ok(match &self.0 {
+            Some(name) => IssuedRun { run: name(), ..random },
+            None => random,
+        })
     }
 }
 

@@ -42,6 +42,8 @@ pub struct EpisodeHistory {
     critical: CriticalPhase,
     /// End reason and score, if the log contains them.
     pub ended: Option<(EndReason, Box<Metrics>)>,
+    /// True if the server lost the attempt.
+    pub is_lost: bool,
 }
 
 /// Run log errors.
@@ -192,6 +194,7 @@ fn follow(
                 step_crashes: 0,
                 critical: CriticalPhase::None,
                 ended: None,
+                is_lost: false,
             };
             if episodes.insert(handle.clone(), begun).is_some() {
                 return Err(format!("episode {handle} starts twice"));
@@ -229,6 +232,12 @@ fn follow(
             let episode =
                 episodes.get_mut(handle).ok_or_else(|| format!("episode {handle} never started"))?;
             episode.ended = Some((*end, metrics.clone()));
+        }
+        Entry::Lost { handle, .. } => {
+            // An attempt whose start could not be logged has no history.
+            if let Some(episode) = episodes.get_mut(handle) {
+                episode.is_lost = true;
+            }
         }
         Entry::Run { .. }
         | Entry::ServerStarted { .. }

@@ -71,16 +71,19 @@ pub enum Entry {
     Signed { head: String, key: String, signature: String },
     /// The episode has ended with a score; the database entry follows.
     Ended { slot: u32, handle: String, end: EndReason, metrics: Box<Metrics>, at_ms: i64 },
+    /// The server lost the attempt, and the database could not store that.
+    Lost { handle: String, at_ms: i64 },
 }
 
 impl Entry {
-    /// Format version for new logs. Version 1 has no server starts.
+    /// Format version for new logs. Version 1 has no server starts and no lost attempts.
     pub const FORMAT: u32 = 2;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Clock;
     use avln_grpc::{Acted, EpisodeLog};
     use std::{path::Path, sync::Arc, time::Duration};
 
@@ -106,13 +109,17 @@ mod tests {
         Acted { step, action, state_hash: u64::from(step) << 60 | 5, thought, bank_left }
     }
 
+    fn slot_log(log: &Arc<RunLog>, slot: u32, restored: bool) -> SlotLog {
+        SlotLog { log: log.clone(), slot, restored, clock: Clock::default() }
+    }
+
     /// Writes a log with two slots: two steps and one step.
     fn written(folder: &Path) -> RunLogs {
         let logs = RunLogs::at(folder);
         let log = logs.open("run_1", first).unwrap();
         log.write(&began(0, "ep_a")).unwrap();
         log.write(&began(1, "ep_b")).unwrap();
-        let slot = |slot| SlotLog { log: Arc::clone(&log), slot, restored: false };
+        let slot = |slot| slot_log(&log, slot, false);
         slot(0).acted(&acted(1, Action::MoveForward)).unwrap();
         slot(1).acted(&acted(1, Action::TurnLeft)).unwrap();
         slot(0).acted(&acted(2, Action::Submit)).unwrap();
@@ -182,7 +189,7 @@ mod tests {
         assert_eq!(deaths(), 1, "it died bringing the episode back");
         log.write(&Entry::RestoreDone { slot: 0, at_ms: 3 }).unwrap();
         assert_eq!(deaths(), 0, "it died of something else");
-        let mut slot = SlotLog { log: log.clone(), slot: 0, restored: true };
+        let mut slot = slot_log(&log, 0, true);
         slot.acting(3).unwrap();
         log.write(&restoring).unwrap();
         log.write(&restoring).unwrap();
@@ -194,12 +201,24 @@ mod tests {
     }
 
     #[test]
+    fn lost_attempts_are_marked() {
+        let folder = tempfile::tempdir().unwrap();
+        let logs = written(folder.path());
+        logs.write_loss("run_1", "ep_b".to_owned(), 9).unwrap();
+        logs.write_loss("run_1", "ep_unknown".to_owned(), 9).unwrap();
+        let episodes = logs.history("run_1").unwrap().expect("a log").episodes().unwrap();
+        assert_eq!((episodes["ep_a"].is_lost, episodes["ep_b"].is_lost), (false, true));
+        logs.write_loss("run_2", "ep_a".to_owned(), 9).unwrap();
+        assert_eq!(logs.history("run_2").unwrap(), None, "nothing of the run was logged");
+    }
+
+    #[test]
     fn steps_out_of_order_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let logs = RunLogs::at(folder.path());
         let log = logs.open("run_1", first).unwrap();
         log.write(&began(0, "ep_a")).unwrap();
-        SlotLog { log: log.clone(), slot: 0, restored: false }.acted(&acted(2, Action::Stop)).unwrap();
+        slot_log(&log, 0, false).acted(&acted(2, Action::Stop)).unwrap();
         let (line, what) = logs.history("run_1").unwrap().expect("a log").episodes().unwrap_err();
         assert_eq!(line, 3);
         assert!(what.contains("step 2 of slot 0 is out of order"), "{what}");

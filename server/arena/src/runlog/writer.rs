@@ -1,6 +1,7 @@
 //! Writing and signing run logs.
 
 use crate::{
+    clock::Clock,
     data::private_file,
     now_unix_ms,
     runlog::{Entry, History, LogError, link},
@@ -95,6 +96,16 @@ impl RunLogs {
         }
         opened.open.insert(run.to_owned(), log.clone());
         Ok(log)
+    }
+
+    /// Writes the loss of an attempt. Without a log, no restart could continue it.
+    pub(crate) fn write_loss(&self, run: &str, handle: String, at_ms: i64) -> Result<(), String> {
+        let history = self.history(run).map_err(|error| error.to_string())?;
+        let Some(first) = history.and_then(|history| history.entries.into_iter().next()) else {
+            return Ok(());
+        };
+        let log = self.open(run, || first).map_err(|error| error.to_string())?;
+        log.write(&Entry::Lost { handle, at_ms }).map_err(|error| error.to_string())
     }
 
     /// Signs a run's log, if it has lines since the last signature.
@@ -199,12 +210,17 @@ pub struct SlotLog {
     pub slot: u32,
     /// True for a restored episode before the first action.
     pub restored: bool,
+    /// The arena's clock.
+    pub clock: Clock,
 }
 
 impl EpisodeLog for SlotLog {
     fn acting(&mut self, step: u32) -> io::Result<()> {
         match std::mem::take(&mut self.restored) {
-            true => self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms: now_unix_ms() }),
+            true => {
+                let at_ms = self.clock.now_unix_ms();
+                self.log.write(&Entry::StepAttempted { slot: self.slot, step, at_ms })
+            }
             false => Ok(()),
         }
     }
@@ -217,13 +233,13 @@ impl EpisodeLog for SlotLog {
             state: format!("{:016x}", acted.state_hash),
             thought_us: micros(acted.thought),
             bank_us: micros(acted.bank_left),
-            at_ms: now_unix_ms(),
+            at_ms: self.clock.now_unix_ms(),
         })
     }
 
     fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()> {
         let (slot, away_us) = (self.slot, micros(away));
-        self.log.write(&Entry::ClockRestarted { slot, step, away_us, at_ms: now_unix_ms() })
+        self.log.write(&Entry::ClockRestarted { slot, step, away_us, at_ms: self.clock.now_unix_ms() })
     }
 }
 

@@ -1,6 +1,6 @@
 //! Operator controls: list live runs, read step times, post announcements, drain the server.
 
-use crate::{refusal::Refusal, watchdog::Watchdog};
+use crate::{refusal::Refusal, shared::Shared, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
 use parking_lot::Mutex;
@@ -10,7 +10,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 use tokio::{
-    sync::{Notify, watch},
+    sync::Notify,
     time::{Instant, timeout_at},
 };
 
@@ -29,8 +29,8 @@ pub struct Control(Arc<ControlState>);
 struct ControlState {
     statistics: Mutex<Statistics>,
     /// Open episodes.
-    busy: watch::Sender<usize>,
-    drain: watch::Sender<Option<Drain>>,
+    busy: Shared<usize>,
+    drain: Shared<Option<Drain>>,
     /// Notified when a run is added to `Statistics::cancelled`.
     cancelling: Notify,
     watchdog: Watchdog,
@@ -186,14 +186,14 @@ impl Control {
                 histogram.note(after.saturating_sub(before));
             }
         }
-        self.0.busy.send_replace(statistics.slots.len());
+        self.0.busy.set(statistics.slots.len());
     }
 
     pub(crate) fn ended(&self, run: &str, slot: u32, reason: EndReason) {
         let mut statistics = self.0.statistics.lock();
         statistics.slots.remove(&(run.to_owned(), slot));
         *statistics.ends.entry(reason.as_str()).or_default() += 1;
-        self.0.busy.send_replace(statistics.slots.len());
+        self.0.busy.set(statistics.slots.len());
     }
 
     pub(crate) fn opened(&self, run: &str, is_there: bool) {
@@ -255,36 +255,28 @@ impl Control {
 
     /// Begins a drain: no run and no episode begins, and open episodes have `patience` to end. The first call counts.
     pub fn drain(&self, reason: &str, patience: Duration) {
-        self.0.drain.send_if_modified(|drain| {
-            let first = drain.is_none();
-            drain
-                .get_or_insert_with(|| Drain { reason: reason.to_owned(), until: Instant::now() + patience });
-            first
+        let new = || Drain { reason: reason.to_owned(), until: Instant::now() + patience };
+        self.0.drain.modify(|drain| {
+            drain.get_or_insert_with(new);
         });
     }
 
     /// Returns the drain, if any.
     pub fn draining(&self) -> Option<Drain> {
-        self.0.drain.borrow().clone()
+        self.0.drain.read(Clone::clone)
     }
 
     /// Waits until a drain begins.
     pub async fn drain_begins(&self) -> Drain {
-        let mut drains = self.0.drain.subscribe();
-        let begun = drains.wait_for(Option::is_some).await.ok().and_then(|drain| drain.clone());
-        match begun {
-            Some(drain) => drain,
-            // The sender lives in self, so waiting cannot fail.
-            None => std::future::pending().await,
-        }
+        self.0.drain.wait_for(Clone::clone).await
     }
 
     /// Waits until a drain has begun and no episode is open, or their time is up.
     pub async fn drained(&self) {
         let drain = self.drain_begins().await;
-        let mut busy = self.0.busy.subscribe();
-        if timeout_at(drain.until, busy.wait_for(|busy| *busy == 0)).await.is_err() {
-            tracing::warn!(episodes = *busy.borrow(), "the drain's time is up; open episodes are cut");
+        if timeout_at(drain.until, self.0.busy.wait_until(|busy| *busy == 0)).await.is_err() {
+            let episodes = self.0.busy.read(|busy| *busy);
+            tracing::warn!(episodes, "the drain's time is up; open episodes are cut");
         }
     }
 

@@ -84,6 +84,7 @@ mod registry;
 mod run_service;
 mod serve;
 mod session;
+mod shared;
 mod sim_pool;
 mod unary;
 mod watchdog;
@@ -97,7 +98,7 @@ pub use host::{
 };
 pub use limits::Limits;
 pub use refusal::Refusal;
-pub use serve::{ServeError, serve};
+pub use serve::{LocalServer, ServeError, serve};
 /// Attribute for implementations of [`Host`].
 pub use tonic::async_trait;
 pub use watchdog::{Lost, Watchdog};

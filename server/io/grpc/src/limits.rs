@@ -15,7 +15,8 @@ pub struct Limits {
     pub max_sessions: usize,
     /// Calls of WatchRun in progress, shared like sessions. A watched run is looked up once per second.
     pub max_watchers: usize,
-    /// Simulation threads. More threads than processor cores only slow every step down.
+    /// Simulation threads. More threads than processor cores only slow every step down. Without threads, steps block the calling
+    /// task: for simulations of the server, which must repeat.
     pub max_simulations: usize,
     /// Slots over all sessions, shared between active teams, at least one each. An episode takes about 10 MiB without the scene.
     pub max_slots: u32,

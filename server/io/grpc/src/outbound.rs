@@ -1,6 +1,6 @@
 //! Outbound frames: a bounded queue, pings, and round-trip measurement.
 
-use crate::{control::unix_ms, host::OpenRun, refusal::Failure};
+use crate::{control::unix_ms, host::OpenRun, refusal::Failure, shared::Shared};
 use avln_proto::v1::{self, PlayResponse, play_response::Frame};
 use parking_lot::Mutex;
 use std::{
@@ -46,7 +46,7 @@ struct QueueState {
     waiting: Mutex<VecDeque<QueuedFrame>>,
     /// Shortest measured round trip.
     round_trip: Mutex<Option<Duration>>,
-    is_cut: watch::Sender<bool>,
+    is_cut: Shared<bool>,
 }
 
 #[derive(Debug)]
@@ -100,12 +100,11 @@ impl Outbound {
     }
 
     async fn put(&self, item: Item) -> Result<Departure, Gone> {
-        let mut cut = self.state.is_cut.subscribe();
         let permit = tokio::select! {
             // First, so that a cut queue still takes the frames that fit.
             biased;
             permit = timeout(self.stall, self.queue.reserve()) => permit.map_err(|_| Gone)?.map_err(|_| Gone)?,
-            _ = cut.wait_for(|is_cut| *is_cut) => return Err(Gone),
+            () = self.state.is_cut.wait_until(|is_cut| *is_cut) => return Err(Gone),
         };
         let now = Instant::now();
         let (left, departure) = watch::channel(None);
@@ -119,7 +118,7 @@ impl Outbound {
 
     /// Queues frames only while there is room from now on, without waiting for the client.
     pub(crate) fn cut(&self) {
-        self.state.is_cut.send_replace(true);
+        self.state.is_cut.set(true);
     }
 
     pub(crate) fn measured(&self, took: Duration) {
@@ -137,6 +136,7 @@ impl Outbound {
                 return;
             }
             tokio::select! {
+                biased;
                 () = self.queue.closed() => return,
                 () = sleep_until(check) => {}
             }

@@ -75,7 +75,7 @@ impl<H: Host> PlayStream<H> {
         self.finish(session, guard, end).await
     }
 
-    /// Reads frames and passes them to the slots. A lost connection is an error.
+    /// Exchanges frames until the attachment ends. A lost connection is an error.
     async fn read(
         &mut self,
         session: &Session<H>,
@@ -83,7 +83,19 @@ impl<H: Host> PlayStream<H> {
         deadline: RunDeadline,
     ) -> Result<StopReason> {
         let out = self.out.clone();
-        let mut unread_for_too_long = pin!(out.gone());
+        tokio::select! {
+            // In this order: a stop takes precedence over everything. Also while a frame waits for a client that does not read:
+            // otherwise, this client would delay a server stop, a cancellation and the next connection of the run.
+            biased;
+            reason = guard.stopped() => Ok(reason),
+            () = out.gone() => Err(unread()),
+            ended = self.exchange(session, deadline) => ended,
+        }
+    }
+
+    /// Reads frames and passes them to the slots.
+    async fn exchange(&mut self, session: &Session<H>, deadline: RunDeadline) -> Result<StopReason> {
+        let out = self.out.clone();
         let mut over = pin!(session.over());
         let host = self.context.host.clone();
         let mut drain = pin!(async {
@@ -101,11 +113,8 @@ impl<H: Host> PlayStream<H> {
         let mut ticks = interval_at(Instant::now() + every, every);
         loop {
             tokio::select! {
-                // In this order: a stop takes precedence over everything, and a flood of requests delays neither the end of the
-                // run nor notices.
+                // In this order: a flood of requests delays neither the end of the run nor notices.
                 biased;
-                reason = guard.stopped() => return Ok(reason),
-                () = &mut unread_for_too_long => return Err(unread()),
                 reason = &mut over => return Ok(reason),
                 drain = &mut drain, if !announced => {
                     announced = true;

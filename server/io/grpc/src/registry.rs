@@ -4,6 +4,7 @@ use crate::{
     attachment::{Attachment, AttachmentEvent, Ending, StopReason},
     limits::Limits,
     refusal::Refusal,
+    shared::Shared,
 };
 use avln_net::fair_share;
 use avln_proto::v1::{self, Reason};
@@ -19,7 +20,7 @@ use tokio::{
 
 pub(crate) struct SessionRegistry<S> {
     entries: Mutex<SessionEntries<S>>,
-    summary: watch::Sender<RegistrySummary>,
+    summary: Shared<RegistrySummary>,
     limits: Arc<Limits>,
 }
 
@@ -52,8 +53,8 @@ struct SessionEntry<S> {
     team: String,
     slots: u32,
     attachment: watch::Sender<Attachment>,
-    /// Closed when the guard is dropped.
-    over: watch::Receiver<()>,
+    /// True when the guard is dropped.
+    over: Arc<Shared<bool>>,
     unary: Option<Arc<UnaryClient<S>>>,
 }
 
@@ -69,7 +70,7 @@ pub(crate) struct SessionGuard<S> {
     attachment: watch::Receiver<Attachment>,
     number: u64,
     registry: Arc<SessionRegistry<S>>,
-    _over: watch::Sender<()>,
+    over: Arc<Shared<bool>>,
 }
 
 impl<S> SessionRegistry<S> {
@@ -80,16 +81,15 @@ impl<S> SessionRegistry<S> {
             handed_over: BTreeMap::new(),
             guards: 0,
         };
-        Arc::new(Self { entries: Mutex::new(entries), summary: watch::Sender::default(), limits })
+        Arc::new(Self { entries: Mutex::new(entries), summary: Shared::default(), limits })
     }
 
     pub(crate) fn is_shut(&self) -> bool {
-        self.summary.borrow().is_shut
+        self.summary.read(|summary| summary.is_shut)
     }
 
     pub(crate) async fn shutting(&self) {
-        // The sender lives in self, so waiting cannot fail.
-        let _ = self.summary.subscribe().wait_for(|summary| summary.is_shut).await;
+        self.summary.wait_until(|summary| summary.is_shut).await;
     }
 
     /// Refuses new work while the server stops.
@@ -123,15 +123,15 @@ impl<S> SessionRegistry<S> {
     pub(crate) async fn stop(&self, run: &str, reason: StopReason) -> bool {
         let deadline = Instant::now() + self.limits.handover;
         // A loop, because another connection may enter between the end of the session and this check.
-        while let Some(mut over) = self.request_stop(run, reason) {
-            if timeout_at(deadline, over.changed()).await.is_err() {
+        while let Some(over) = self.request_stop(run, reason) {
+            if timeout_at(deadline, over.wait_until(|is_over| *is_over)).await.is_err() {
                 return false;
             }
         }
         true
     }
 
-    fn request_stop(&self, run: &str, reason: StopReason) -> Option<watch::Receiver<()>> {
+    fn request_stop(&self, run: &str, reason: StopReason) -> Option<Arc<Shared<bool>>> {
         let entries = self.entries.lock();
         let entry = entries.by_run.get(run)?;
         entry.apply(AttachmentEvent::Stopped(reason));
@@ -150,20 +150,19 @@ impl<S> SessionRegistry<S> {
         entries.guards += 1;
         let number = entries.guards;
         let (sender, attachment) = watch::channel(Attachment::Admitted);
-        let (over, ended) = watch::channel(());
+        let over = Arc::new(Shared::new(false));
         let entry = SessionEntry {
             guard: number,
             team: team.to_owned(),
             slots: 0,
             attachment: sender,
-            over: ended,
+            over: over.clone(),
             unary: None,
         };
         entries.by_run.insert(run.to_owned(), entry);
-        self.summary.send_modify(|summary| summary.sessions = entries.by_run.len());
+        self.summary.modify(|summary| summary.sessions = entries.by_run.len());
         let session = entries.handed_over.remove(run).map(|waiting| waiting.session);
-        let guard =
-            SessionGuard { run: run.to_owned(), attachment, number, registry: self.clone(), _over: over };
+        let guard = SessionGuard { run: run.to_owned(), attachment, number, registry: self.clone(), over };
         Ok((guard, session))
     }
 
@@ -187,13 +186,12 @@ impl<S> SessionRegistry<S> {
     pub(crate) async fn shut(&self) -> Vec<Arc<S>> {
         {
             let entries = self.entries.lock();
-            self.summary.send_modify(|summary| summary.is_shut = true);
+            self.summary.modify(|summary| summary.is_shut = true);
             for entry in entries.by_run.values() {
                 entry.apply(AttachmentEvent::Stopped(StopReason::Draining));
             }
         }
-        // The sender lives in self, so waiting cannot fail.
-        let _ = self.summary.subscribe().wait_for(|summary| summary.sessions == 0).await;
+        self.summary.wait_until(|summary| summary.sessions == 0).await;
         // The connections that would have resumed these sessions are refused from now on.
         let unclaimed = std::mem::take(&mut self.entries.lock().handed_over);
         unclaimed.into_values().map(|waiting| waiting.session).collect()
@@ -310,7 +308,9 @@ impl<S> Drop for SessionGuard<S> {
             entries.by_run.remove(&self.run);
             entries.run_of_token.retain(|_, run| *run != self.run);
         }
-        self.registry.summary.send_modify(|summary| summary.sessions = entries.by_run.len());
+        self.registry.summary.modify(|summary| summary.sessions = entries.by_run.len());
+        drop(entries);
+        self.over.set(true);
     }
 }
 

@@ -190,6 +190,7 @@ impl<H: Host> RunCalls<H> {
                 }
             }
             tokio::select! {
+                biased;
                 () = updates.closed() => return,
                 () = self.0.registry.shutting() => {}
                 () = sleep(WATCH_INTERVAL) => {}

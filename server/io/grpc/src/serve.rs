@@ -67,13 +67,8 @@ pub async fn serve<H: Host>(
     limits: Limits,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let context = ServiceContext::new(host, limits);
-    let limits = context.limits.clone();
-    let (routes, health) = routes(&context).await?;
-    // Claimed before the first client is admitted, which otherwise could start its run over.
-    for guard in context.claim_interrupted().await {
-        tokio::spawn(context.clone().restore(guard));
-    }
+    let server = LocalServer::open(host, limits).await?;
+    let limits = server.context.limits.clone();
     let accept_limits = AcceptLimits {
         max_connections: limits.max_connections,
         max_connections_per_address: limits.max_connections_per_address,
@@ -88,28 +83,63 @@ pub async fn serve<H: Host>(
     tokio::select! {
         error = accept.run({
             let limits = limits.clone();
+            let routes = server.routes();
             move |connection| serve_connection(connection, limits.clone(), routes.clone())
         }) => tracing::error!(%error, "the accept loop ended"),
-        () = context.end_expired_runs() => {}
-        () = context.end_cancelled_runs() => {}
-        () = report_drain(&context, &health) => {}
+        () = server.work() => {}
         () = shutdown => {}
     }
     let connections = accept.stop_listening();
-    set_health(&health, &services::<H>(), false).await;
     // Sessions before connections: clients must receive the notice of the stop on their streams.
-    let end_sessions = async {
-        for session in context.registry.shut().await {
-            session.leave().await;
-        }
-    };
-    if timeout(limits.drain, end_sessions).await.is_err() {
-        tracing::warn!("sessions were cut at the end of the drain time");
-    }
+    server.close().await;
     if timeout(limits.drain, connections.close()).await.is_err() {
         tracing::warn!("connections were cut at the end of the drain time");
     }
     Ok(())
+}
+
+/// A server without a network: services for clients in the same process, and the work between their calls.
+pub struct LocalServer<H: Host> {
+    context: Arc<ServiceContext<H>>,
+    routes: Routes,
+    health: HealthReporter,
+}
+
+impl<H: Host> LocalServer<H> {
+    /// Opens the services, and restores interrupted runs in the background.
+    pub async fn open(host: Arc<H>, limits: Limits) -> Result<Self, ServeError> {
+        let context = ServiceContext::new(host, limits);
+        let (routes, health) = routes(&context).await?;
+        // Claimed before the first client is admitted, which otherwise could start its run over.
+        for guard in context.claim_interrupted().await {
+            tokio::spawn(context.clone().restore(guard));
+        }
+        Ok(Self { context, routes, health })
+    }
+
+    /// Returns the services.
+    pub fn routes(&self) -> Routes {
+        self.routes.clone()
+    }
+
+    /// Ends expired and cancelled runs, and reports a drain. Never returns.
+    pub async fn work(&self) {
+        let Self { context, health, .. } = self;
+        tokio::join!(context.end_expired_runs(), context.end_cancelled_runs(), report_drain(context, health));
+    }
+
+    /// Ends all sessions; open episodes remain in the run log.
+    pub async fn close(&self) {
+        set_health(&self.health, &services::<H>(), false).await;
+        let end_sessions = async {
+            for session in self.context.registry.shut().await {
+                session.leave().await;
+            }
+        };
+        if timeout(self.context.limits.drain, end_sessions).await.is_err() {
+            tracing::warn!("sessions were cut at the end of the drain time");
+        }
+    }
 }
 
 /// Serves a connection until either side closes it. After a flood, delays others from the same address.

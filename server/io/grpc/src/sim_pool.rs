@@ -26,6 +26,8 @@ pub(crate) struct SimPool(Arc<PoolOwner>);
 struct PoolOwner(Arc<PoolState>);
 
 struct PoolState {
+    /// False if jobs run on the calling thread.
+    has_threads: bool,
     queue: Mutex<JobQueue>,
     changed: Condvar,
     watchdog: Watchdog,
@@ -48,11 +50,12 @@ struct Job {
 }
 
 impl SimPool {
-    /// Starts `threads` threads, at least one.
+    /// Starts `threads` threads. Without threads, jobs run on the calling thread.
     pub(crate) fn new(threads: usize, watchdog: Watchdog) -> Self {
+        let has_threads = threads > 0;
         let queue = Mutex::new(JobQueue::new(threads));
-        let state = Arc::new(PoolState { queue, changed: Condvar::new(), watchdog });
-        for _ in 0..threads.max(1) {
+        let state = Arc::new(PoolState { has_threads, queue, changed: Condvar::new(), watchdog });
+        for _ in 0..threads {
             state.spawn_worker();
         }
         Self(Arc::new(PoolOwner(state)))
@@ -78,8 +81,13 @@ impl SimPool {
         let token = Arc::new(CancelToken::default());
         let job = Job { is_sealed, limit, token: token.clone(), body: Box::new(body) };
         let PoolOwner(state) = &*self.0;
-        state.queue.lock().jobs.push(team, job);
-        state.changed.notify_one();
+        if state.has_threads {
+            state.queue.lock().jobs.push(team, job);
+            state.changed.notify_one();
+        } else {
+            let Job { is_sealed: _, limit, token, body } = job;
+            state.watchdog.watched(limit, &token, || (), || body(&token));
+        }
         settle(limit, &token, result).await
     }
 }
@@ -297,6 +305,16 @@ mod tests {
             thread::sleep(Duration::from_millis(10));
         }
         panic!("the released thread still counts as hanging");
+    }
+
+    #[tokio::test]
+    async fn pool_without_threads_works_at_once() {
+        let watchdog = Watchdog::default();
+        let pool = SimPool::new(0, watchdog.clone());
+        let caller = thread::current().id();
+        assert_eq!(pool.run("red", false, LONG, |_| thread::current().id()).await, Ok(caller));
+        let lost = pool.run("red", false, LONG, move |_| watchdog.expire()).await;
+        assert_eq!(lost, Err(Lost::Hangs(LONG)));
     }
 
     #[tokio::test(flavor = "multi_thread")]

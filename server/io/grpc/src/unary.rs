@@ -115,7 +115,9 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         let session = admission.session;
         session.attach_unary().await;
         let last_call = watch::Sender::new(Instant::now());
-        let client = Arc::new(UnaryClient { session, welcome: admission.welcome, last_call });
+        // Without positions: the next Reset repeats this welcome, and the episode is in the answer itself.
+        let welcome = v1::Welcome { resumed: vec![], ..admission.welcome };
+        let client = Arc::new(UnaryClient { session, welcome, last_call });
         admission.guard.attach_unary(&self.token, client.clone());
         let span = tracing::error_span!("session", run = admission.open.run);
         tokio::spawn(supervise(self.context.clone(), client.clone(), admission.guard).instrument(span));

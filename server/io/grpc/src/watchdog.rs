@@ -113,6 +113,14 @@ impl Watchdog {
         self.state().given_up.load(Ordering::Relaxed)
     }
 
+    /// Abandons all work that it watches, as if the time limits had passed. For tests.
+    pub fn expire(&self) {
+        let watched = std::mem::take(&mut self.state().jobs.lock().watched);
+        for job in watched.into_values() {
+            self.state().give_up(job);
+        }
+    }
+
     /// Runs `work` on a new thread and waits up to `limit` for the result. Fails if the work hangs or panics.
     pub async fn run<T: Send + 'static>(
         &self,
@@ -285,6 +293,15 @@ mod tests {
         assert!(token.commit() && token.commit() && !token.give_up());
         let token = CancelToken::default();
         assert!(token.give_up() && !token.give_up() && !token.commit());
+    }
+
+    #[tokio::test]
+    async fn expired_work_is_abandoned_at_once() {
+        let watchdog = Watchdog::default();
+        let token = Arc::new(CancelToken::default());
+        let in_time = watchdog.watched(SOON * 1000, &token, || (), || watchdog.expire());
+        assert!(!in_time && !token.commit());
+        assert_eq!((watchdog.hanging(), watchdog.given_up()), (0, 1));
     }
 
     #[tokio::test]

@@ -7,6 +7,7 @@ use crate::{
     limits::Limits,
     outbound::Outbound,
     refusal::{Failure, Refusal, Result},
+    shared::Shared,
     sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
@@ -22,7 +23,7 @@ use std::{
     time::Duration,
 };
 use tokio::{
-    sync::{mpsc, oneshot, watch},
+    sync::{mpsc, oneshot},
     task::JoinHandle,
     time::Instant,
 };
@@ -51,6 +52,9 @@ pub(crate) struct SessionContext<H> {
     progress: ProgressTracker,
 }
 
+/// The ending of all slots of a session, once it has begun.
+type SessionEnding = Shared<Option<SlotEnding>>;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SlotEnding {
     /// Open episodes end for this reason and are stored.
@@ -66,7 +70,7 @@ pub(crate) struct Session<H> {
     /// Slots granted to the present connection.
     granted: AtomicU32,
     tasks: Mutex<Vec<JoinHandle<()>>>,
-    ending: watch::Sender<Option<SlotEnding>>,
+    ending: Arc<SessionEnding>,
     absence: Mutex<Absence>,
 }
 
@@ -96,7 +100,7 @@ impl<H: Host> Session<H> {
             progress: ProgressTracker::new(open.episodes, open.done, limits.timeouts_in_a_row),
             host,
         });
-        let ending = watch::Sender::new(None);
+        let ending = Arc::<SessionEnding>::default();
         let count = open.slot_limit();
         let mut episodes: Vec<_> = episodes.into_iter().map(Some).collect();
         let mut slots = Vec::new();
@@ -109,7 +113,7 @@ impl<H: Host> Session<H> {
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
             let slot = Slot::new(id, state.clone(), restored);
             let span = tracing::error_span!("slot", run = open.run, slot = id);
-            tasks.push(tokio::spawn(slot.run(commands, ending.subscribe()).instrument(span)));
+            tasks.push(tokio::spawn(slot.run(commands, ending.clone()).instrument(span)));
             slots.push(sender);
         }
         let session = Self {
@@ -242,7 +246,7 @@ impl<H: Host> Session<H> {
     }
 
     async fn end(&self, ending: SlotEnding) {
-        self.ending.send_replace(Some(ending));
+        self.ending.set(Some(ending));
         let tasks = std::mem::take(&mut *self.tasks.lock());
         for task in tasks {
             if let Err(broken) = task.await {
@@ -276,7 +280,7 @@ enum WaitingFor {
 
 /// A run's progress, counted over all slots.
 struct ProgressTracker {
-    tally: watch::Sender<Tally>,
+    tally: Shared<Tally>,
     total: u32,
     done_before: u32,
     opened: Instant,
@@ -302,16 +306,15 @@ struct Tally {
 
 impl ProgressTracker {
     fn new(total: u32, done_before: u32, timeouts_allowed: u32) -> Self {
-        Self { tally: watch::Sender::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
+        Self { tally: Shared::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
     }
 
     fn requested(&self) {
-        self.tally.send_modify(|tally| tally.busy += 1);
+        self.tally.modify(|tally| tally.busy += 1);
     }
 
     fn returned_and_ended(&self) -> (u32, u32) {
-        let tally = self.tally.borrow();
-        (tally.returned, tally.ended)
+        self.tally.read(|tally| (tally.returned, tally.ended))
     }
 
     async fn wait(&self, event: WaitingFor) {
@@ -319,13 +322,12 @@ impl ProgressTracker {
             WaitingFor::Return { seen } => tally.returned > seen,
             WaitingFor::End { seen } => tally.ended > seen,
         };
-        // The sender lives in self, so waiting cannot fail.
-        let _ = self.tally.subscribe().wait_for(has_happened).await;
+        self.tally.wait_until(has_happened).await;
     }
 
     /// Counts a request that got no episode.
     fn refused(&self, is_dry: bool) {
-        self.tally.send_modify(|tally| {
+        self.tally.modify(|tally| {
             tally.busy -= 1;
             tally.is_dry |= is_dry;
         });
@@ -333,7 +335,7 @@ impl ProgressTracker {
 
     /// Counts a request whose episode waits for the end of another.
     fn parked(&self) {
-        self.tally.send_modify(|tally| {
+        self.tally.modify(|tally| {
             tally.busy -= 1;
             tally.is_dry = false;
             tally.parked += 1;
@@ -342,17 +344,17 @@ impl ProgressTracker {
 
     /// Counts another request of a parked slot, after [`Self::requested`].
     fn unparked(&self) {
-        self.tally.send_modify(|tally| tally.parked -= 1);
+        self.tally.modify(|tally| tally.parked -= 1);
     }
 
     /// Counts an episode that began. Returns the number in the run, from 1.
     fn started(&self) -> u32 {
-        self.tally.send_modify(|tally| tally.started += 1);
-        self.done_before + self.tally.borrow().started
+        self.tally.modify(|tally| tally.started += 1);
+        self.done_before + self.tally.read(|tally| tally.started)
     }
 
     fn ended(&self, reason: EndReason) {
-        self.tally.send_modify(|tally| {
+        self.tally.modify(|tally| {
             tally.busy -= 1;
             tally.ended += 1;
             match reason {
@@ -373,7 +375,7 @@ impl ProgressTracker {
     }
 
     fn progress(&self) -> RunProgress {
-        let tally = *self.tally.borrow();
+        let tally = self.tally.read(|tally| *tally);
         let done = (self.done_before + tally.done).min(self.total);
         let left = f64::from(self.total - done);
         let eta_s = (tally.done > 0)
@@ -383,10 +385,7 @@ impl ProgressTracker {
     }
 
     async fn over(&self) -> StopReason {
-        let mut tallies = self.tally.subscribe();
-        // The sender lives in self, so waiting cannot fail.
-        let settled = tallies.wait_for(|tally| self.judge(tally).is_some()).await.map(|tally| *tally);
-        settled.ok().and_then(|tally| self.judge(&tally)).unwrap_or(StopReason::NothingLeft)
+        self.tally.wait_for(|tally| self.judge(tally)).await
     }
 
     fn judge(&self, tally: &Tally) -> Option<StopReason> {
@@ -430,7 +429,7 @@ mod tests {
         tracker.refused(true);
         tracker.ended(EndReason::ServerFault);
         tracker.wait(WaitingFor::Return { seen }).await;
-        assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "a slot must ask again first");
+        assert_eq!(tracker.tally.read(|tally| tracker.judge(tally)), None, "a slot must ask again first");
         assert_eq!(tracker.progress().done, 0);
     }
 
@@ -449,7 +448,7 @@ mod tests {
         tracker.wait(WaitingFor::End { seen }).await;
         tracker.requested();
         tracker.refused(true);
-        assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "the parked episode is left");
+        assert_eq!(tracker.tally.read(|tally| tracker.judge(tally)), None, "the parked episode is left");
         tracker.requested();
         tracker.unparked();
         tracker.ended(EndReason::Stopped);
@@ -463,7 +462,7 @@ mod tests {
             tracker.requested();
             tracker.ended(reason);
         }
-        assert_eq!(tracker.judge(&tracker.tally.borrow()), None);
+        assert_eq!(tracker.tally.read(|tally| tracker.judge(tally)), None);
         tracker.requested();
         tracker.ended(EndReason::TimeBudget);
         assert_eq!(tracker.over().await, StopReason::AgentHangs);

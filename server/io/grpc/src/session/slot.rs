@@ -1,7 +1,7 @@
 //! Slot: a task that owns an episode at a time.
 
 use super::{
-    Hosted, SessionContext, SlotEnding, WaitingFor,
+    Hosted, SessionContext, SessionEnding, SlotEnding, WaitingFor,
     playing::{
         Audience, ChessClock, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead,
         same_episode,
@@ -19,7 +19,7 @@ use avln_referee::StepOutcome;
 use prost::Message;
 use std::{sync::Arc, time::Duration};
 use tokio::{
-    sync::{mpsc, oneshot, watch},
+    sync::{mpsc, oneshot},
     time::Instant,
 };
 
@@ -77,11 +77,7 @@ impl<H: Host> Slot<H> {
         OpenEpisode { hosted, ordinal, last, clock }
     }
 
-    pub(super) async fn run(
-        mut self,
-        mut commands: mpsc::Receiver<SlotCommand>,
-        mut ending: watch::Receiver<Option<SlotEnding>>,
-    ) {
+    pub(super) async fn run(mut self, mut commands: mpsc::Receiver<SlotCommand>, ending: Arc<SessionEnding>) {
         self.store_finished().await;
         loop {
             let session = self.session.clone();
@@ -90,11 +86,12 @@ impl<H: Host> Slot<H> {
                 // In this order: the end of the session first, and the clock before requests, so that a flood of requests buys
                 // no time.
                 biased;
-                ending = next_ending(&mut ending) => return self.end(ending).await,
+                ending = ending.wait_for(|ending| *ending) => return self.end(ending).await,
                 () = if_any(self.clock().map(ChessClock::expired)) => self.cut(EndReason::TimeBudget).await,
                 command = commands.recv() => match command {
                     Some(command) => self.serve(command).await,
-                    None => { let ending = next_ending(&mut ending).await; return self.end(ending).await },
+                    // The session was dropped without an end: the run log is the safe place for open episodes.
+                    None => return self.end(SlotEnding::Keep).await,
                 },
                 () = if_any(refilled) => self.handle(SlotRequest::Ready, None).await,
             }
@@ -392,14 +389,6 @@ impl<H: Host> Slot<H> {
         }
         let end = self.store_open_episode(EndReason::Abandoned).await;
         end.map(|end| SlotReply::Ended(Box::new(end))).ok_or_else(|| self.no_episode())
-    }
-}
-
-async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEnding {
-    match ending.wait_for(Option::is_some).await {
-        Ok(ending) => ending.unwrap_or(SlotEnding::Keep),
-        // The session was dropped without an end: the run log is the safe place for open episodes.
-        Err(_) => SlotEnding::Keep,
     }
 }
 

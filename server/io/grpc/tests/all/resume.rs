@@ -1,9 +1,13 @@
 //! Lost connections and restarted servers: episodes continue.
 
-use crate::common::{Agent, Book, PATIENT, Plan, RUN_TOKEN, TestServer, hello, reason, soon};
+use crate::common::{
+    Agent, Book, PATIENT, Plan, RUN_TOKEN, TestServer, authorised, hello, play_client, reason, soon,
+};
 use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;
-use avln_proto::v1::{self, Reason, play_request::Frame as Up, play_response::Frame as Down};
+use avln_proto::v1::{
+    self, Reason, play_request::Frame as Up, play_response::Frame as Down, reset_response::Outcome,
+};
 use std::time::Duration;
 use tokio::time::sleep;
 use tonic::Code;
@@ -140,6 +144,22 @@ async fn resuming_takes_over_open_episodes() {
     assert_eq!(second.observation().await.step, 2);
     second.act(0, &episode, 3, STOP).await;
     assert!(second.observation().await.terminated);
+}
+
+#[tokio::test]
+async fn unary_welcome_has_no_positions() {
+    let server = server(1).await;
+    let (_agent, episode) = walked(&server, 2).await;
+    for step in 2..4 {
+        let hello = Some(v1::Hello { resume: true, ..hello(1) });
+        let request = authorised(v1::ResetRequest { hello, ready: None }, RUN_TOKEN);
+        let answer = play_client(&server).await.reset(request).await.unwrap().into_inner();
+        assert_eq!(answer.welcome.unwrap().resumed, [], "the position is in the answer");
+        let Some(Outcome::EpisodeStart(start)) = answer.outcome else { panic!("no episode") };
+        assert_eq!(start.observation.unwrap().step, step);
+        let act = Some(v1::Act { episode: episode.clone(), step: step + 1, action: FORWARD, slot: 0 });
+        play_client(&server).await.step(authorised(v1::StepRequest { act }, RUN_TOKEN)).await.unwrap();
+    }
 }
 
 #[tokio::test]
