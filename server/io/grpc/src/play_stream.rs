@@ -207,7 +207,19 @@ impl<H: Host> PlayStream<H> {
         if let Some(last) = last {
             let _ = self.out.send(last).await;
         }
-        if let Some(run_end) = self.context.end(session, guard, reason).await? {
+        let stop_wanted = guard.stop_wanted();
+        let cut = async {
+            stop_wanted.await;
+            // From now on others wait for the end: a client that does not read must not delay it.
+            self.out.cut();
+            std::future::pending().await
+        };
+        let run_end = tokio::select! {
+            biased;
+            ended = self.context.end(session, guard, reason) => ended?,
+            () = cut => None,
+        };
+        if let Some(run_end) = run_end {
             let _ = self.out.send(Frame::RunEnd(run_end)).await;
             return Ok(());
         }

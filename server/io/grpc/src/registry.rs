@@ -53,6 +53,8 @@ struct SessionEntry<S> {
     team: String,
     slots: u32,
     attachment: watch::Sender<Attachment>,
+    /// True when another party wants the session to end, also while it ends already.
+    stop_wanted: Arc<Shared<bool>>,
     /// True when the guard is dropped.
     over: Arc<Shared<bool>>,
     unary: Option<Arc<UnaryClient<S>>>,
@@ -68,6 +70,7 @@ pub(crate) struct UnaryClient<S> {
 pub(crate) struct SessionGuard<S> {
     pub(crate) run: String,
     attachment: watch::Receiver<Attachment>,
+    stop_wanted: Arc<Shared<bool>>,
     number: u64,
     registry: Arc<SessionRegistry<S>>,
     over: Arc<Shared<bool>>,
@@ -134,7 +137,7 @@ impl<S> SessionRegistry<S> {
     fn request_stop(&self, run: &str, reason: StopReason) -> Option<Arc<Shared<bool>>> {
         let entries = self.entries.lock();
         let entry = entries.by_run.get(run)?;
-        entry.apply(AttachmentEvent::Stopped(reason));
+        entry.stop(reason);
         Some(entry.over.clone())
     }
 
@@ -150,19 +153,27 @@ impl<S> SessionRegistry<S> {
         entries.guards += 1;
         let number = entries.guards;
         let (sender, attachment) = watch::channel(Attachment::Admitted);
-        let over = Arc::new(Shared::new(false));
+        let (stop_wanted, over) = (Arc::<Shared<bool>>::default(), Arc::<Shared<bool>>::default());
         let entry = SessionEntry {
             guard: number,
             team: team.to_owned(),
             slots: 0,
             attachment: sender,
+            stop_wanted: stop_wanted.clone(),
             over: over.clone(),
             unary: None,
         };
         entries.by_run.insert(run.to_owned(), entry);
         self.summary.modify(|summary| summary.sessions = entries.by_run.len());
         let session = entries.handed_over.remove(run).map(|waiting| waiting.session);
-        let guard = SessionGuard { run: run.to_owned(), attachment, number, registry: self.clone(), over };
+        let guard = SessionGuard {
+            run: run.to_owned(),
+            attachment,
+            number,
+            registry: self.clone(),
+            stop_wanted,
+            over,
+        };
         Ok((guard, session))
     }
 
@@ -188,7 +199,7 @@ impl<S> SessionRegistry<S> {
             let entries = self.entries.lock();
             self.summary.modify(|summary| summary.is_shut = true);
             for entry in entries.by_run.values() {
-                entry.apply(AttachmentEvent::Stopped(StopReason::Draining));
+                entry.stop(StopReason::Draining);
             }
         }
         self.summary.wait_until(|summary| summary.sessions == 0).await;
@@ -199,6 +210,11 @@ impl<S> SessionRegistry<S> {
 }
 
 impl<S> SessionEntry<S> {
+    fn stop(&self, reason: StopReason) {
+        self.apply(AttachmentEvent::Stopped(reason));
+        self.stop_wanted.set(true);
+    }
+
     fn apply(&self, event: AttachmentEvent) {
         self.attachment.send_if_modified(|attachment| {
             let next = attachment.next(event);
@@ -292,6 +308,12 @@ impl<S> SessionGuard<S> {
         entries.handed_over.insert(self.run.clone(), HandedOver { guard, team, session });
         drop(entries);
         guard
+    }
+
+    /// Returns a future that waits until another party wants the session to end.
+    pub(crate) fn stop_wanted(&self) -> impl Future<Output = ()> + use<S> {
+        let wanted = self.stop_wanted.clone();
+        async move { wanted.wait_until(|is_wanted| *is_wanted).await }
     }
 
     pub(crate) async fn stopped(&mut self) -> StopReason {

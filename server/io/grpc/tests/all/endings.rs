@@ -1,12 +1,21 @@
 //! Ends of sessions by faults of the agent, the simulator and the server.
 
 use crate::common::{
-    ACCOUNT, Agent, PATIENT, Plan, Quirk, RUN_TOKEN, TestServer, authorised, hello, reason, soon,
+    ACCOUNT, Agent, Book, PATIENT, Plan, Quirk, RUN_TOKEN, TestServer, ToyHost, authorised, hello, reason,
+    soon,
 };
 use avln_episode::{EndReason, TimeLimits};
-use avln_grpc::Limits;
-use avln_proto::v1::{self, Reason, play_request::Frame as Up, play_response::Frame as Down};
-use std::time::Duration;
+use avln_grpc::{Limits, LocalServer};
+use avln_proto::v1::{
+    self, Reason, play_request::Frame as Up, play_response::Frame as Down,
+    play_service_client::PlayServiceClient,
+};
+use std::{sync::Arc, time::Duration};
+use tokio::{
+    sync::mpsc,
+    time::{Instant, sleep},
+};
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 
 /// Request for a run of the only phase.
@@ -49,6 +58,26 @@ async fn a_stream_without_hello_is_closed() {
     let mut agent = Agent::dial(&server, RUN_TOKEN, vec![]).await.unwrap();
     let status = agent.next().await.unwrap_err();
     assert_eq!((status.code(), reason(&status).as_str()), (Code::DeadlineExceeded, "TOO_SLOW"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn clients_that_do_not_read_delay_no_stop() {
+    // Without a network, which would store frames that the client does not read.
+    let limits = Limits { max_simulations: 0, ..Limits::default() };
+    let host = Arc::new(ToyHost::new(Plan::timed(1, PATIENT), Book::default()));
+    let server = LocalServer::open(host, limits).await.unwrap();
+    let (up, frames) = mpsc::channel(64);
+    let flood = (0..60).map(|_| Up::Ready(v1::Ready { slot: 99 }));
+    for frame in std::iter::once(Up::Hello(hello(1))).chain(flood) {
+        up.send(v1::PlayRequest { frame: Some(frame) }).await.unwrap();
+    }
+    let mut client = PlayServiceClient::new(server.routes());
+    let unread = client.play(authorised(ReceiverStream::new(frames), RUN_TOKEN)).await.unwrap();
+    sleep(Duration::from_secs(1)).await;
+    let before = Instant::now();
+    server.close().await;
+    assert!(before.elapsed() < Duration::from_secs(1), "{:?}", before.elapsed());
+    drop(unread);
 }
 
 #[tokio::test]
