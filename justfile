@@ -48,6 +48,10 @@ mutants *args:
     cargo mutants --package avln-scoring --package avln-referee {{args}}
     cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
 
+# Simulate the server for `steps` steps, with faults and restarts; AVLN_SIMULATION_SEED repeats a world
+simulate steps="1000000":
+    AVLN_SIMULATION_STEPS={{steps}} cargo test --package avln-arena --test simulation -- --nocapture
+
 # Fuzz all readers of external bytes for `seconds` each, or only the given targets
 fuzz seconds="300" *targets:
     fuzz/run.sh {{seconds}} {{targets}}
