@@ -52,6 +52,11 @@ mutants *args:
     cargo mutants --package avln-scoring --package avln-referee {{args}}
     cargo mutants --package avln-store --file server/io/store/src/admission.rs --file 'server/io/store/src/views/*.rs' {{args}}
 
+# Simulate the server for `steps` steps, with faults and restarts, from new seeds
+simulate steps="1000000":
+    AVLN_SIMULATION_SEED=${AVLN_SIMULATION_SEED:-$(date +%s)} AVLN_SIMULATION_STEPS={{steps}} \
+        cargo test --package avln-arena --test simulation -- --nocapture
+
 # Fuzz all readers of external bytes for `seconds` each, or only the given targets; without arguments an hour of processor time
 fuzz seconds="164" *targets:
     fuzz/run.sh {{seconds}} {{targets}}
