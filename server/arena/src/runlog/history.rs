@@ -157,6 +157,22 @@ enum CriticalPhase {
 }
 
 impl EpisodeHistory {
+    fn begun(slot: u32, ordinal: u32, episode: &str, sensors: &Sensors) -> Self {
+        Self {
+            slot,
+            ordinal,
+            episode: episode.to_owned(),
+            sensors: sensors.clone(),
+            actions: Vec::new(),
+            bank_left: None,
+            restore_crashes: 0,
+            step_crashes: 0,
+            critical: CriticalPhase::None,
+            ended: None,
+            is_lost: false,
+        }
+    }
+
     /// Returns the consecutive crashes in the same restoration part.
     pub fn crashes(&self) -> u32 {
         let mut now = self.clone();
@@ -183,19 +199,7 @@ fn follow(
     match entry {
         Entry::Began { slot, handle, ordinal, episode, sensors, .. } => {
             slots.insert(*slot, handle.clone());
-            let begun = EpisodeHistory {
-                slot: *slot,
-                ordinal: *ordinal,
-                episode: episode.clone(),
-                sensors: sensors.clone(),
-                actions: Vec::new(),
-                bank_left: None,
-                restore_crashes: 0,
-                step_crashes: 0,
-                critical: CriticalPhase::None,
-                ended: None,
-                is_lost: false,
-            };
+            let begun = EpisodeHistory::begun(*slot, *ordinal, episode, sensors);
             if episodes.insert(handle.clone(), begun).is_some() {
                 return Err(format!("episode {handle} starts twice"));
             }
