@@ -3,7 +3,8 @@
 use crate::{
     agent::{Connection, sensors},
     database::Database,
-    server::Life,
+    model::RunFacts,
+    server::{AT_ONCE, Life, authorised},
     setting::{PHASES, TEAMS},
     world::{Ending, World},
 };
@@ -14,7 +15,7 @@ use avln_arena::{
 use avln_proto::v1::{self, play_request::Frame as Up};
 use avln_store::{AuditNote, NewGrant};
 use std::{collections::BTreeMap, time::Duration};
-use tokio::runtime::Runtime;
+use tokio::{runtime::Runtime, time::timeout};
 
 type Checked = Result<(), String>;
 
@@ -24,6 +25,7 @@ impl World {
         life.faults().clear();
         self.heal(life);
         self.agents.iter_mut().for_each(|agent| agent.streams.clear());
+        self.watches.clear();
         if self.times.drained.is_some() {
             return Ok(Ending::Stop);
         }
@@ -77,6 +79,7 @@ impl World {
         if agent < before {
             return Err("no run starts".to_owned());
         }
+        self.watch_run(self.agents[agent].run, life).await?;
         let hello = v1::Hello { slots: 1, sensors: Some(sensors()), ..v1::Hello::default() };
         let opened = Connection::open(life, &self.agents[agent].token, Some(hello)).await;
         let Some(Ok(stream)) = opened else { return Err("no stream opens".to_owned()) };
@@ -94,6 +97,17 @@ impl World {
         }
         self.exchange(agent, Up::Goodbye(v1::Goodbye { pause: false }), life).await?;
         if self.agents[agent].is_done { Ok(()) } else { Err("no run ends".to_owned()) }
+    }
+
+    /// Watches a run: no place is occupied by calls that have ended.
+    async fn watch_run(&mut self, run: usize, life: &Life) -> Checked {
+        let RunFacts { id, team, .. } = &self.runs[run];
+        let request = authorised(v1::WatchRunRequest { run: id.clone() }, &self.estate.place.tokens[*team]);
+        let mut runs = life.runs();
+        let watch =
+            timeout(AT_ONCE, runs.watch_run(request)).await.map_err(|_| "no watch opens".to_owned())?;
+        self.watches.push(watch.map_err(|status| format!("no watch opens: {status:?}"))?.into_inner());
+        Ok(())
     }
 
     async fn exchange(&mut self, agent: usize, frame: Up, life: &Life) -> Checked {
