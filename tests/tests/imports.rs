@@ -129,6 +129,8 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
     ("interchange", &["houses"]),
+    // Agents of the simulation, which send arbitrary frames.
+    ("arena", &["proto"]),
 ];
 
 fn short(name: &str) -> Option<&str> {
