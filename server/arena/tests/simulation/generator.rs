@@ -76,8 +76,12 @@ const FAULTS: [(u32, Kind); 8] = [
 impl World {
     /// Takes a step. Returns how the server ends, if it does.
     pub(crate) async fn take_step(&mut self, life: &mut Life) -> Result<Option<Ending>, String> {
-        if self.failing > 0 && self.random.chance(0.1) {
+        if self.failing > 0 && self.random.chance(0.04) {
             self.heal(life);
+        }
+        // Between the failure and the repair, the database and the run logs differ.
+        if self.failing > 0 && self.random.chance(0.005) {
+            return Ok(Some(Ending::Crash));
         }
         if self.times.drained.is_some() && self.random.chance(0.03) {
             return Ok(Some(Ending::Stop));

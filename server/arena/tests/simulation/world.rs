@@ -86,7 +86,7 @@ impl World {
             issued: Arc::default(),
             runs: Arc::default(),
         };
-        let unrest = *crate::setting::pick(&mut random, &[0.0, 1.0, 1.0, 3.0]);
+        let unrest = *crate::setting::pick(&mut random, &[0.0, 1.0, 1.0, 2.0]);
         Self {
             random,
             setting,
