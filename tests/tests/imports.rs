@@ -129,6 +129,7 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
     ("interchange", &["houses"]),
+    ("arena", &["proto"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

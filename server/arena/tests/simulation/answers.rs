@@ -38,7 +38,8 @@ impl World {
                         let reason = reason(&status);
                         self.trace.add(age, format_args!("agent {index}.{number} < {reason:?}"));
                         // Some agents ask for the summary.
-                        self.agents[index].is_done |= reason == Some(Reason::RunOver) && index % 3 != 0;
+                        self.agents[index].is_done |=
+                            reason == Some(Reason::RunOver) && !index.is_multiple_of(3);
                         self.check_status(&status, age)?;
                         closed.push(number);
                         break;

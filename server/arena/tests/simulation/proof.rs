@@ -32,8 +32,8 @@ impl World {
         self.wait_for_leases(life).await?;
         self.check_freedom(life)?;
         self.check(life).await?;
-        for team in 0..TEAMS.len() {
-            self.play_a_run(team, life).await.map_err(|stuck| format!("team {}: {stuck}", TEAMS[team]))?;
+        for (team, name) in TEAMS.iter().enumerate() {
+            self.play_a_run(team, life).await.map_err(|stuck| format!("team {name}: {stuck}"))?;
         }
         self.check(life).await?;
         let is_proved = std::mem::replace(&mut self.is_proved, true);
