@@ -301,14 +301,20 @@ async fn server_failing_repeatedly_drops_episode_without_charge() {
     assert_eq!(verdict(server.folder.path(), &run.id).await, expected);
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn server_hanging_in_step_costs_no_quota() {
+/// A server whose first step hangs until the sender is dropped.
+async fn hanging() -> (TestServer, mpsc::Sender<()>) {
     let (go_on, wait) = mpsc::channel::<()>();
     let wait = Mutex::new(wait);
     let server = disturbed(at_first(1, move || {
         let _ = wait.lock().expect("one hangs").recv();
     }))
     .await;
+    (server, go_on)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_hanging_in_step_costs_no_quota() {
+    let (server, go_on) = hanging().await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("it learns of the end");

@@ -19,12 +19,7 @@ const NEXT_LOOK: Duration = Duration::from_millis(2500);
 
 #[tokio::test(flavor = "multi_thread")]
 async fn unstored_loss_of_hanging_step_is_stored_later() {
-    let (go_on, wait) = mpsc::channel::<()>();
-    let wait = Mutex::new(wait);
-    let server = disturbed(at_first(1, move || {
-        let _ = wait.lock().expect("one hangs").recv();
-    }))
-    .await;
+    let (server, go_on) = hanging().await;
     let (run, mut play) = begin(&server.agents_url(), &server.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     refuse_episodes(server.folder.path(), true).await;

@@ -150,19 +150,20 @@ impl World {
         life: &Life,
     ) -> Result<(), String> {
         let expected = self.expected.take();
+        let same = |run: &RunFacts| (run.team, &run.request_id) == (team, &request_id);
+        let earlier = self.runs.iter().position(same);
+        let is_repeated = earlier.is_some();
         let started = match answer {
             Ok(Answer::Start(started)) => started,
             Ok(_) => return Err("an answer to another call".to_owned()),
             Err(status) => {
                 let reason = reason(&status);
-                let is_expected = reason == expected
+                let is_expected = (reason == expected && !is_repeated)
                     || matches!(reason, Some(Reason::Internal | Reason::Draining | Reason::NoCapacity));
                 return if is_expected { Ok(()) } else { Err(format!("{status:?} instead of {expected:?}")) };
             }
         };
         let id = started.run.clone().unwrap_or_default().id;
-        let same = |run: &RunFacts| (run.team, &run.request_id) == (team, &request_id);
-        let earlier = self.runs.iter().position(same);
         let run = match earlier {
             Some(run) if self.runs[run].id == id => run,
             Some(run) => return Err(format!("request {request_id} gave {} and {id}", self.runs[run].id)),

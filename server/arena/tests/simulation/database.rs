@@ -73,6 +73,15 @@ pub(crate) struct Rows {
     pub(crate) episodes: Vec<EpisodeRow>,
 }
 
+impl Rows {
+    /// Returns the episodes of a run.
+    pub(crate) fn episodes_of(&self, run: &str) -> &[EpisodeRow] {
+        let from = self.episodes.partition_point(|episode| episode.run.as_str() < run);
+        let of_run = &self.episodes[from..];
+        &of_run[..of_run.partition_point(|episode| episode.run == run)]
+    }
+}
+
 /// A team and a phase; `None` for all.
 pub(crate) type Selection<'a> = Option<(&'a str, &'a str)>;
 

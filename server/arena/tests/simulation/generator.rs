@@ -48,7 +48,7 @@ const STEPS: [(u32, Kind); 14] = [
     (2000, Kind::Play),
     (15, Kind::Start),
     (2, Kind::Look),
-    (3, Kind::Watch),
+    (2, Kind::Watch),
     (4, Kind::Cancel),
     (2, Kind::CancelOutside),
     (6, Kind::SetClock),
@@ -76,8 +76,12 @@ const FAULTS: [(u32, Kind); 8] = [
 impl World {
     /// Takes a step. Returns how the server ends, if it does.
     pub(crate) async fn take_step(&mut self, life: &mut Life) -> Result<Option<Ending>, String> {
-        if self.failing > 0 && self.random.chance(0.1) {
+        if self.failing > 0 && self.random.chance(0.04) {
             self.heal(life);
+        }
+        // Between the failure and the repair, the database and the run logs differ.
+        if self.failing > 0 && self.random.chance(0.005) {
+            return Ok(Some(Ending::Crash));
         }
         if self.times.drained.is_some() && self.random.chance(0.03) {
             return Ok(Some(Ending::Stop));
@@ -87,7 +91,8 @@ impl World {
             Kind::Play => self.play(life).await,
             Kind::Start => {
                 let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
-                self.start(life, team, phase);
+                let expected = self.forecast(life, team, phase);
+                self.start(life, team, phase, expected);
             }
             Kind::Look => self.look(life),
             Kind::Watch => self.watch(life).await,
@@ -124,6 +129,8 @@ impl World {
     async fn wait(&mut self, life: &Life, choices_ms: &[u64]) -> Result<(), String> {
         let mut left = Duration::from_millis(*pick(&mut self.random, choices_ms));
         self.trace.add(life.age(), format_args!("wait {left:?}"));
+        // Every watched run is looked up once per second.
+        self.watches.truncate(1);
         while !left.is_zero() && !life.faults().has_crashed() {
             let nap = left.min(NAP);
             tokio::time::sleep(nap).await;
@@ -141,14 +148,14 @@ impl World {
     }
 
     /// Sends StartRun, sometimes with the id of an earlier request.
-    fn start(&mut self, life: &mut Life, team: usize, phase: usize) {
+    fn start(&mut self, life: &Life, team: usize, phase: usize, expected: Option<Reason>) {
         let known: Vec<_> = self.runs.iter().filter(|run| (run.team, run.phase) == (team, phase)).collect();
         let (repeats, fresh) = (self.random.chance(0.2), format!("request {}", self.step));
         let request_id = match known.last() {
             Some(run) if repeats => run.request_id.clone(),
             _ => fresh,
         };
-        self.expected = self.forecast(life, team, phase);
+        self.expected = expected;
         self.trace
             .add(life.age(), format_args!("{} starts '{request_id}' in {}", TEAMS[team], PHASES[phase]));
         self.send_start(life, team, phase, request_id);
@@ -198,7 +205,7 @@ impl World {
         let (id, team) = (self.runs[run].id.clone(), self.runs[run].team);
         self.trace.add(life.age(), format_args!("watch {id}"));
         let request = authorised(v1::WatchRunRequest { run: id }, &self.estate.place.tokens[team]);
-        if self.random.chance(0.5) {
+        if self.random.chance(0.8) {
             self.watches.clear();
         }
         if let Ok(Ok(watch)) =
@@ -272,7 +279,7 @@ impl World {
     fn revive(&mut self, life: &mut Life) {
         let (team, phase) = (self.random.below(TEAMS.len()), self.random.below(PHASES.len()));
         match self.forecast(life, team, phase) {
-            None => self.start(life, team, phase),
+            None => self.start(life, team, phase, None),
             Some(Reason::PhaseClosed | Reason::PhasePaused) => self.reschedule(life, phase, 5),
             Some(Reason::QuotaConcurrent) => self.cancel_outside(life),
             Some(_) => self.grant(life, team, phase, 6),
@@ -378,7 +385,7 @@ impl World {
         };
         let is_foreign = self.random.chance(0.01);
         let episode = if is_foreign { "ep_0".to_owned() } else { episode };
-        let action = match self.random.below(400) {
+        let action = match self.random.below(600) {
             0..2 => 5,
             2..6 => 4,
             6 => 9,
@@ -397,7 +404,7 @@ impl World {
         let slots = self.agents[agent].streams[stream].slots.max(1);
         let slot = self.random.below(slots as usize + 1) as u32;
         let held = if playing.is_empty() { None } else { Some(pick(&mut self.random, &playing).clone()) };
-        let frame = match (self.random.below(3000), held) {
+        let frame = match (self.random.below(4000), held) {
             (0..7, _) => return self.lose(agent, stream, age),
             (7..11, _) => return self.deafen(agent, stream, age),
             (11..14, _) => {

@@ -141,7 +141,7 @@ fn uncharged_limit(quotas: &QuotaLimits) -> Option<u32> {
 /// Returns whether a run counts: "An open run counts. After its end, a run counts if all episodes were played, or if an episode
 /// began. It does not count if the server failed, lost an episode for good, or lost every episode that began."
 pub(crate) fn is_charged(run: &RunRow, rows: &Rows) -> bool {
-    let mut episodes = rows.episodes.iter().filter(|episode| episode.run == run.id);
+    let mut episodes = rows.episodes_of(&run.id).iter();
     if run.is_open() {
         return true;
     }

@@ -9,7 +9,7 @@ use crate::{
     world::World,
 };
 use avln_proto::v1::{self, EndReason};
-use std::{collections::BTreeMap, time::Duration};
+use std::time::Duration;
 use tokio::time::timeout;
 
 /// Attempts at an episode that the server may lose.
@@ -41,19 +41,13 @@ impl World {
 
     /// Checks all properties that do not need a server.
     pub(crate) fn check_rows(&self, rows: &Rows) -> Checked {
-        let mut by_run: BTreeMap<&str, Vec<&EpisodeRow>> = BTreeMap::new();
-        for episode in &rows.episodes {
-            check_episode(episode)?;
-            by_run.entry(&episode.run).or_default().push(episode);
-        }
-        for run in &rows.runs {
-            check_run(run, by_run.get(run.id.as_str()).map_or(&[], Vec::as_slice))?;
-        }
+        rows.episodes.iter().try_for_each(check_episode)?;
+        rows.runs.iter().try_for_each(|run| check_run(run, rows.episodes_of(&run.id)))?;
         self.check_issued(rows)?;
         for facts in &self.runs {
             let run = rows.runs.iter().find(|run| run.id == facts.id);
             let Some(run) = run else { return Err(format!("{} is lost", facts.id)) };
-            check_knowledge(facts, run, by_run.get(run.id.as_str()).map_or(&[], Vec::as_slice))?;
+            check_knowledge(facts, run, rows.episodes_of(&run.id))?;
         }
         Ok(())
     }
@@ -122,7 +116,7 @@ fn check_episode(episode: &EpisodeRow) -> Checked {
     check(is_counted, || format!("a wrong number of attempts: {episode:?}"))
 }
 
-fn check_run(run: &RunRow, episodes: &[&EpisodeRow]) -> Checked {
+fn check_run(run: &RunRow, episodes: &[EpisodeRow]) -> Checked {
     let count =
         |holds: fn(&EpisodeRow) -> bool| episodes.iter().filter(|episode| holds(episode)).count() as u32;
     let scored = count(EpisodeRow::is_scored);
@@ -144,7 +138,7 @@ fn check_run(run: &RunRow, episodes: &[&EpisodeRow]) -> Checked {
 }
 
 /// Compares what an agent knows with the rows of its run.
-fn check_knowledge(facts: &RunFacts, run: &RunRow, episodes: &[&EpisodeRow]) -> Checked {
+fn check_knowledge(facts: &RunFacts, run: &RunRow, episodes: &[EpisodeRow]) -> Checked {
     check(!facts.is_complete || run.state == "completed", || format!("not completed: {run:?}"))?;
     for (handle, known) in &facts.episodes {
         let Some(end) = &known.end else { continue };

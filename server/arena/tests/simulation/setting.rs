@@ -31,7 +31,7 @@ pub(crate) const EPISODES: u32 = 3;
 /// Most slots of a run.
 pub(crate) const SLOTS: u32 = 3;
 /// Most steps of an episode.
-const STEPS: u32 = 150;
+const STEPS: u32 = 250;
 /// Wall clock at the start, in the last hours of a month: 2026-01-31T18:00:00Z.
 pub(crate) const START_UNIX_MS: i64 = 1_769_882_400_000;
 
@@ -102,7 +102,7 @@ fn limits(random: &mut Rng) -> Limits {
         max_watchers: 4,
         timeouts_in_a_row: 2 + random.below(6) as u32,
         unary_idle: Duration::from_secs(*pick(random, &[20, 120])),
-        overdue_interval: Duration::from_secs(*pick(random, &[2, 5, 10])),
+        overdue_interval: Duration::from_secs(*pick(random, &[3, 10, 10])),
         ..Limits::default()
     }
 }

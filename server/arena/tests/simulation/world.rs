@@ -18,7 +18,7 @@ use tokio::runtime::{Builder, Runtime};
 use tonic::{Status, Streaming};
 
 /// Steps between checks of all rows.
-const CHECK_EVERY: u64 = 250;
+const CHECK_EVERY: u64 = 500;
 /// Longest time of an idle simulation between two steps.
 const SETTLE: Duration = Duration::from_millis(1);
 
@@ -86,7 +86,7 @@ impl World {
             issued: Arc::default(),
             runs: Arc::default(),
         };
-        let unrest = *crate::setting::pick(&mut random, &[0.0, 1.0, 1.0, 3.0]);
+        let unrest = *crate::setting::pick(&mut random, &[0.0, 1.0, 1.0, 2.0]);
         Self {
             random,
             setting,
@@ -142,10 +142,10 @@ impl World {
         self.times.gained += Duration::from_secs(12) + self.estate.limits.overdue_interval;
         self.times.lives += 1;
         let recently = self.times.age.saturating_sub(self.estate.limits.overdue_interval * 2);
-        self.times.is_generous |= self.times.set_back.is_some_and(|set_back| set_back >= recently);
         if self.random.chance(0.1) {
             self.set_clock(self.times.age);
         }
+        self.times.is_generous |= self.times.set_back.is_some_and(|set_back| set_back >= recently);
         self.estate.clock.set_age(self.times.age);
     }
 
