@@ -1,5 +1,6 @@
 //! Test servers for the end-to-end tests in `tests/`.
 
+pub mod cache;
 pub mod disk;
 pub mod fault_proxy;
 pub mod hidden_facts;
@@ -14,6 +15,7 @@ pub mod skipped;
 
 use avln_arena::{
     Arena, SCENE_MEMORY_MIB,
+    cache::CacheFolder,
     data::DataFolder,
     ids::new_token,
     now_unix_ms,
@@ -180,10 +182,12 @@ async fn copy_split(folder: &Path, setup: &TestSetup) {
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         fs::write(path, bytes).expect("a copy");
     }
+    cache::share(folder);
 }
 
 async fn make_split_files(setup: &TestSetup) -> Files {
     let folder = TempDir::new().expect("a folder for temporary files");
+    cache::share(folder.path());
     let data = DataFolder::open(folder.path()).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
     let make = NewSplit {
@@ -196,7 +200,8 @@ async fn make_split_files(setup: &TestSetup) -> Files {
     };
     make_split(&data, &store, make, |_| ()).await.expect("missions in the houses");
     store.close().await;
-    let paths = repository::files(folder.path(), "");
+    let mut paths = repository::files(folder.path(), "");
+    paths.retain(|path| !path.starts_with(folder.path().join(CacheFolder::IN_DATA)));
     let relative =
         |path: &PathBuf| path.strip_prefix(folder.path()).expect("a file in the folder").to_owned();
     paths.iter().map(|path| (relative(path), fs::read(path).expect("a file"))).collect()

@@ -37,7 +37,7 @@ const PARTICIPANT: Journey = Journey {
         "docs/FAQ.md",
         "docs/VERIFYING.md",
     ],
-    before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb",
+    before: "mkdir -p path/to && avln scene export --seed 14 path/to/house.glb",
     instead: &[
         // First, because entries below add options to `avln demo`.
         ("avln demo", "avln demo --houses 1 --missions 1"),

@@ -1,13 +1,16 @@
 //! Sandbox from outside: folder, sockets, and the process or container inside.
 
 use avln_arena::Failure;
-use avln_sandbox::{Container, ControlGroup, Engine, SandboxPlan, SandboxReport, available_mib};
+use avln_sandbox::{
+    Container, ControlGroup, Engine, SandboxPlan, SandboxReport, available_mib, lower_thread,
+};
 use std::{
     io,
     net::SocketAddr,
     os::unix::fs::MetadataExt,
     path::PathBuf,
     process::{ExitStatus, Stdio},
+    thread,
     time::Duration,
 };
 use tempfile::TempDir;
@@ -15,7 +18,9 @@ use tokio::{
     io::{AsyncBufReadExt, AsyncWriteExt, BufReader, copy_bidirectional},
     net::{TcpStream, UnixListener, UnixStream},
     process::{Child, Command},
-    task::JoinSet,
+    runtime::Handle,
+    sync::oneshot,
+    task::{JoinSet, LocalSet},
     time::{sleep, timeout},
 };
 
@@ -45,8 +50,8 @@ pub(super) struct Sandbox {
     inside: Inside,
     /// Memory that remains available to others, MiB; 0 for none.
     reserve_mib: u64,
-    /// Proxy between the sandbox's socket and the server; dropped with the sandbox.
-    _passage: JoinSet<()>,
+    /// Ends the proxy between the sandbox's socket and the server when the sandbox is dropped.
+    _passage: oneshot::Sender<()>,
     /// The agent's control group, if this user may create one; dropped with the sandbox.
     group: Option<ControlGroup>,
 }
@@ -79,8 +84,7 @@ impl Sandbox {
         let unusable = |error: io::Error| failed("cannot create a folder for the sandbox", error);
         let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
-        let mut passage = JoinSet::new();
-        passage.spawn(pass(listen(SandboxPlan::server_socket(&place))?, server));
+        let passage = start_passage(SandboxPlan::server_socket(&place), server)?;
         let mut group = None;
         let inside = match kind {
             SandboxKind::Process(plan) => {
@@ -243,6 +247,25 @@ fn listen(path: PathBuf) -> Result<UnixListener, Failure> {
     })
 }
 
+/// Starts the proxy; it ends when the sender is dropped. Its thread has the agent's low priority, because the agent's traffic must not
+/// delay others either.
+fn start_passage(path: PathBuf, server: SocketAddr) -> Result<oneshot::Sender<()>, Failure> {
+    let (passage, ended) = oneshot::channel();
+    let (listener, runtime) = (listen(path)?, Handle::current());
+    let work = move || {
+        lower_thread();
+        runtime.block_on(LocalSet::new().run_until(async {
+            tokio::select! {
+                () = pass(listener, server) => {}
+                _ = ended => {}
+            }
+        }));
+    };
+    let started = thread::Builder::new().name("sealed-proxy".to_owned()).spawn(work);
+    started.map_err(|error| failed("cannot start the proxy of the sandbox", error))?;
+    Ok(passage)
+}
+
 async fn pass(listener: UnixListener, server: SocketAddr) {
     let mut connections = JoinSet::new();
     loop {
@@ -251,7 +274,8 @@ async fn pass(listener: UnixListener, server: SocketAddr) {
             connections.join_next().await;
         }
         let Ok((mut inside, _)) = listener.accept().await else { continue };
-        connections.spawn(async move {
+        // On this thread, for its priority.
+        connections.spawn_local(async move {
             let Ok(mut outside) = TcpStream::connect(server).await else { return };
             // Steps are small messages, which must not wait for more data.
             let _ = outside.set_nodelay(true);

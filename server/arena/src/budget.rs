@@ -65,7 +65,7 @@ impl Budget {
         self.check_scene(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 
-    /// Returns the bytes charged for an episode. All arguments are public: a charge by the scene of the episode would reveal
+    /// Returns the bytes charged for an episode. No argument depends on the scene of the episode: a charge by the scene would reveal
     /// its size to an agent that tries slots and picture sizes.
     pub(crate) fn charge(&self, scene_allowance: usize, sensors: &Sensors) -> usize {
         // Under a small limit too, half of the memory is left to pictures and sound.

@@ -22,8 +22,14 @@ pub use container::{Container, Engine};
 pub use group::ControlGroup;
 pub use memory::{available_mib, default_reserve_mib};
 pub use plan::{MissingRestriction, SandboxError, SandboxPlan, SandboxReport};
+#[cfg(target_os = "linux")]
+pub use priority::lower_thread;
 
 use std::{convert::Infallible, path::Path};
+
+/// Does nothing: this system has no sealed agents.
+#[cfg(not(target_os = "linux"))]
+pub fn lower_thread() {}
 
 /// Supervisor: closes inherited files, creates namespaces, runs `program` with `child_arguments` inside and waits for the end. Must
 /// be called before any thread starts or file is opened. Returns the agent's exit code, or 128 plus the signal number.

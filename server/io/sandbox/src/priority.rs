@@ -1,6 +1,6 @@
 //! Priority of the agent: others come first, for processor time and for memory.
 
-use nix::unistd::setsid;
+use nix::unistd::{gettid, setsid};
 use std::{
     fs, io,
     process::{self, Command, Stdio},
@@ -28,11 +28,20 @@ pub(crate) fn lower() {
     if setsid().is_ok() {
         lower_session();
     }
-    let (nice, own) = (NICE.to_string(), process::id().to_string());
-    // Programs, because the safe wrappers of the C library lack these calls.
-    run("renice", &["-n", &nice, "-p", &own]);
-    run("chrt", &["-i", "-p", "0", &own]);
+    lower_processor(process::id().to_string().as_str());
     let _ = fs::write(OOM_SCORE, HIGHEST_SCORE);
+}
+
+/// Lowers the processor priority of the calling thread, as far as the system permits. Other threads keep theirs.
+pub fn lower_thread() {
+    lower_processor(gettid().to_string().as_str());
+}
+
+/// Lowers the priority of a process with a single thread, or of a thread.
+fn lower_processor(task: &str) {
+    // Programs, because the safe wrappers of the C library lack these calls.
+    run("renice", &["-n", &NICE.to_string(), "-p", task]);
+    run("chrt", &["-i", "-p", "0", task]);
 }
 
 fn lower_session() {
