@@ -131,6 +131,8 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("interchange", &["houses"]),
     // Agents of the simulation, which send arbitrary frames.
     ("arena", &["proto"]),
+    // Agents of the soak, which resume the run of a killed process.
+    ("tests", &["proto"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

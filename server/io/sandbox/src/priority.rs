@@ -28,13 +28,13 @@ pub(crate) fn lower() {
     if setsid().is_ok() {
         lower_session();
     }
-    lower_processor(process::id().to_string().as_str());
+    lower_processor(&process::id().to_string());
     let _ = fs::write(OOM_SCORE, HIGHEST_SCORE);
 }
 
 /// Lowers the processor priority of the calling thread, as far as the system permits. Other threads keep theirs.
 pub fn lower_thread() {
-    lower_processor(gettid().to_string().as_str());
+    lower_processor(&gettid().to_string());
 }
 
 /// Lowers the priority of a process with a single thread, or of a thread.
