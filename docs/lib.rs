@@ -5,5 +5,5 @@
 /// Table of contents in the format of mdBook. Links are relative to the folder `docs`.
 pub const SUMMARY: &str = include_str!("SUMMARY.md");
 
-/// Repository path and Markdown of each document, in the order of [`SUMMARY`].
+/// Repository path and text: each document in Markdown, in the order of [`SUMMARY`], and each chart in SVG.
 pub const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/files.rs"));

@@ -2,21 +2,20 @@
 //!
 //! Start at [`run`]. `commands` has a file per command or group.
 
-use crate::{commands::*, output::say};
+use crate::{commands::*, log::LogFormat, output::say};
 use avln_arena::Failure;
 use avln_kit::run::run_for;
 use avln_web::Documents;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand, value_parser};
 use clap_complete::Shell;
 use std::{
-    fs,
-    io::{self, IsTerminal},
+    fs, io,
     path::{Path, PathBuf},
     process::ExitCode,
 };
-use tracing_subscriber::EnvFilter;
 
 mod commands;
+mod log;
 mod output;
 
 /// LH-AVLN Arena: hosts long-horizon audio-visual-language navigation episodes, scores them and shows the results
@@ -31,6 +30,9 @@ pub struct Cli {
     /// Log filter for standard error, such as info or avln_grpc=debug
     #[arg(long, global = true, env = "AVLN_LOG", default_value = "warn", value_name = "FILTER")]
     pub(crate) log: String,
+    /// Format of the log: text for people, or a JSON object per line
+    #[arg(long, global = true, env = "AVLN_LOG_FORMAT", default_value = "text", value_name = "FORMAT")]
+    pub(crate) log_format: LogFormat,
     /// Command to run
     #[command(subcommand)]
     pub(crate) command: TopCommand,
@@ -150,7 +152,7 @@ pub(crate) enum RunCommand {
 /// Commands that use the arena for experiments and checks.
 #[derive(Debug, Subcommand)]
 pub(crate) enum LabCommand {
-    /// Run the baseline suite: all bundled agents on one split, with a report
+    /// Run the baseline suite: all bundled agents on the tracks main, hard and quick, with a report
     #[command(subcommand)]
     Baselines(baselines::BaselinesCommand),
     /// Prove that a server scores like the published one, bit for bit
@@ -254,7 +256,7 @@ pub fn main() -> ExitCode {
 
 /// Runs a command line; a failure contains exit code and hint.
 pub fn run(cli: Cli) -> Result<(), Failure> {
-    start_log(&cli.log)?;
+    log::start(&cli.log, cli.log_format)?;
     let data = cli.data.as_path();
     match cli.command {
         TopCommand::Demo(args) => block_on(demo::run(data, args)),
@@ -302,20 +304,6 @@ async fn run_lab(data: &Path, command: LabCommand) -> Result<(), Failure> {
         LabCommand::Doctor(args) => checks::diagnose(args).await,
         LabCommand::Conformance(args) => checks::check_conformance(args).await,
     }
-}
-
-fn start_log(filter: &str) -> Result<(), Failure> {
-    let filter = EnvFilter::try_new(filter).map_err(|error| {
-        Failure::internal(format!("cannot read the log filter '{filter}': {error}"))
-            .hinted("use a level such as info, or target=level pairs separated by commas")
-    })?;
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    let subscriber = subscriber.with_ansi(std::io::stderr().is_terminal());
-    // A log that cannot be written, on a full disk, must not stop the server.
-    let subscriber = subscriber.log_internal_errors(false);
-    // In tests a process runs several command lines; the first subscriber stays.
-    let _ = subscriber.try_init();
-    Ok(())
 }
 
 fn play(agent: agent::AgentCommand) -> Result<(), Failure> {
@@ -420,6 +408,15 @@ mod tests {
         ] {
             assert_eq!(parsed(words).data, Path::new("there"), "{words}");
         }
+    }
+
+    #[test]
+    fn log_format_is_text_or_json() {
+        assert_eq!(parsed("avln serve").log_format, LogFormat::Text);
+        assert_eq!(parsed("avln serve --log-format json").log_format, LogFormat::Json);
+        let refused = Cli::try_parse_from(["avln", "serve", "--log-format", "xml"]).unwrap_err();
+        assert_eq!(refused.exit_code(), 2);
+        assert!(refused.to_string().contains("[possible values: text, json]"), "{refused}");
     }
 
     #[test]

@@ -396,7 +396,7 @@ async function startRun({ server, token, phase, order }) {
   const { run, run_token: runToken } = await new Service(server, 'RunService', token).ask('StartRun', {
     phase,
     order: `ORDER_${order.toUpperCase()}`,
-    method: { name: 'forward-and-turn (JavaScript)' },
+    method: { name: 'forward-and-turn (JavaScript)', method_type: 'METHOD_TYPE_TRAINING_FREE' },
     client: CLIENT,
     client_request_id: randomUUID(),
   });

@@ -1,13 +1,14 @@
 //! Tools around the arena: baseline suite, calibration, demonstrations, data sets, scene previews and the doctor.
 
 pub mod calibration;
-/// Data sets: building, checks, exports, imports and labelled frames.
+/// Data sets: building, verifiers, checks, exports, imports and labelled frames.
 pub mod dataset {
     pub mod build;
     pub mod check;
     pub mod export;
     pub mod frames;
     pub mod import;
+    pub mod verifier;
 }
 pub mod doctor;
 pub mod npy;

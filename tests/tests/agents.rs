@@ -199,11 +199,10 @@ mod human {
             let samples = output["senses"]["audio"][1].as_u64().expect("sound") as usize;
             assert_eq!(bytes, 64 * 64 * (3 + 4) + 2 * 4 * samples, "colours, depth and both ears");
         }
-        let mut output = Value::Null;
-        for _ in 0..goals {
-            output = request(page, "submit").await.0;
+        for _ in 1..goals {
+            request(page, "submit").await;
         }
-        output
+        request(page, "stop").await.0
     }
 
     #[tokio::test(flavor = "multi_thread")]
@@ -258,7 +257,7 @@ mod human {
 
 /// The baseline suite end to end: play, resume, report page.
 mod baselines {
-    use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize};
+    use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize, Track};
     use std::{fs, path::Path};
 
     fn lines(folder: &Path) -> Vec<String> {
@@ -273,8 +272,13 @@ mod baselines {
         assert!(suite::report(folder).is_err(), "nothing was played");
         let size = SuiteSize { houses: 1, missions: 2, practice: false };
         let agents = vec![AgentVariant::Random, AgentVariant::ShortestPath];
-        let setup =
-            |episodes| SuiteOptions { agents: agents.clone(), episodes, size, ..SuiteOptions::default() };
+        let setup = |episodes| SuiteOptions {
+            track: Track::Quick,
+            agents: agents.clone(),
+            episodes: Some(episodes),
+            size,
+            ..SuiteOptions::default()
+        };
 
         assert_eq!(suite::run(folder, &setup(1)).await.expect("one mission"), 4);
         let first = lines(folder);
@@ -292,15 +296,21 @@ mod baselines {
         let after = results.lines().find(|line| line.key == before.key).expect("it was played");
         assert_eq!((&after.metrics, &after.wrong, after.end), (&before.metrics, &before.wrong, before.end));
 
-        let suite::SuiteReport { page, episodes } = suite::report(folder).expect("a page");
+        let suite::SuiteReport { page, episodes, charts } = suite::report(folder).expect("a page");
         assert_eq!(episodes.lines().count(), 9, "{episodes}");
-        let oracle =
-            episodes.lines().find(|line| line.starts_with("shortest-path,unordered,")).expect("a row");
+        let oracle = episodes
+            .lines()
+            .find(|line| line.starts_with("quick,none,shortest-path,unordered,"))
+            .expect("a row");
         assert!(oracle.contains(",1,1.0000,1.0000,") && oracle.ends_with(",stopped"), "{oracle}");
         let row = |name: &str| page.lines().find(|line| line.starts_with(name)).expect("a row").to_owned();
-        assert!(row("| random |").starts_with("| random | - | 2 |"), "{page}");
+        assert!(row("| random |").starts_with("| random | training-free | - | 2 |"), "{page}");
         assert!(row("| shortest-path †").contains("| 100.0 [100.0, 100.0] |"), "{page}");
-        assert!(page.contains("| PAG-Nav | yes | 2.3 |") && page.contains("other missions"), "{page}");
+        assert!(
+            page.contains("| PAG-Nav | training-free | yes | 2.3 |") && page.contains("other missions"),
+            "{page}"
+        );
+        assert_eq!(charts.len(), 1, "{page}");
     }
 
     #[tokio::test(flavor = "multi_thread")]
@@ -396,7 +406,8 @@ mod storeys {
         let token = output.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
         let server = Server::start(PROGRAM, &folder.join("data"));
         let url = format!("http://{}", server.grpc);
-        let agent = ["agent", "pag-nav", "--server", &url, "--token", token, "--phase", "stairs"];
+        let agent = ["agent", "pag-nav", "--preset", "pag-nav-plus", "--server", &url, "--token", token];
+        let agent = [&agent[..], &["--phase", "stairs"]].concat();
         let said = avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());
         assert!(said.contains(&format!("  http://{}/runs/run_", server.web)), "a link to the run: {said}");
         let traces = fs::read_dir(folder.join("traces")).expect("traces").flatten();

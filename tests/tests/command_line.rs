@@ -25,7 +25,15 @@ fn avln(data: &Path, arguments: &[&str]) -> Outcome {
 /// Runs the program with an additional environment variable.
 fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcome {
     let mut command = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    for name in ["AVLN_LOG", "AVLN_GRPC", "AVLN_WEB", "AVLN_SERVER", "AVLN_TOKEN", "AVLN_ALLOW_PLAIN_TEXT"] {
+    for name in [
+        "AVLN_LOG",
+        "AVLN_LOG_FORMAT",
+        "AVLN_GRPC",
+        "AVLN_WEB",
+        "AVLN_SERVER",
+        "AVLN_TOKEN",
+        "AVLN_ALLOW_PLAIN_TEXT",
+    ] {
         command.env_remove(name);
     }
     for name in ["AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {
@@ -402,7 +410,7 @@ fn organising_page_commands_work() {
     let own = data.join("splits/hidden").display().to_string();
     let whole = ["challenge", "verify-reveal", revealed, "--dataset", &own, "--split", "hidden"];
     assert!(done(&whole).contains("the episodes of split hidden are those of phase challenge"));
-    fs::write(revealed, published.replace("\"scorer\": \"1", "\"scorer\": \"2")).expect("a file");
+    fs::write(revealed, published.replace("\"scorer\": \"2", "\"scorer\": \"3")).expect("a file");
     hinted(&data, &["challenge", "verify-reveal", revealed], 3, &["do not give its commitment"]);
     let audit = done(&["challenge", "audit"]);
     for words in ["because first version", "the server moves", "revealed", "granted in phase standard"] {
@@ -422,17 +430,9 @@ fn sealed_split_requires_its_passphrase() {
     fs::write(&good, "V3ry-l0ng.and/unlike+others\n").expect("a file");
     fs::write(&other, "An0ther-long.and/good+one\n").expect("a file");
     fs::write(&weak, "password12345678").expect("a file");
-    let seal = |key: &Path| {
-        let key = key.to_str().expect("a path in Unicode").to_owned();
-        ["data", "split", "seal", "val", "--key-file"]
-            .map(str::to_owned)
-            .into_iter()
-            .chain([key])
-            .collect::<Vec<_>>()
-    };
     let sealed = |key: &Path| {
-        let arguments = seal(key);
-        avln(&data, &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+        let key = key.to_str().expect("a path in Unicode");
+        avln(&data, &["data", "split", "seal", "val", "--key-file", key])
     };
     assert!(sealed(&weak).err.contains("too weak"));
     assert!(sealed(&good).out.contains("4 files are sealed now, 0 were before"));

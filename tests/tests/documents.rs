@@ -132,8 +132,10 @@ mod commands {
                 ('#', None) if !is_word => break,
                 (letter, None) if letter.is_whitespace() || "|&;<>()".contains(letter) => {
                     let words = found.last_mut().expect("one at least");
-                    if mem::take(&mut is_word) {
-                        words.push(mem::take(&mut word));
+                    let is_stream = letter == '>' && word == "2";
+                    let ended = mem::take(&mut word);
+                    if mem::take(&mut is_word) && !is_stream {
+                        words.push(ended);
                     }
                     if "|&;<>()".contains(letter) {
                         found.push(Vec::new());

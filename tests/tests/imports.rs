@@ -73,6 +73,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "interchange",
             "kit",
             "pag-nav",
+            "perception",
             "proto",
             "referee",
             "render",

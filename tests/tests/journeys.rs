@@ -98,6 +98,8 @@ const ORGANISER: Journey = Journey {
         ("cd agents/ada", "the tests of sealed runs cover it"),
         ("avln --data /srv/avln challenge sealed", "the tests of sealed runs cover it"),
         ("avln serve --grpc 0.0.0.0:50051", "the TLS tests cover it"),
+        ("avln serve --log warn,avln_grpc=debug", "the tests of the log cover it"),
+        ("jq -r", "jq may be missing"),
     ],
 };
 

@@ -104,11 +104,13 @@ async fn claim_first_target(server: &TestServer, episode: &mut Episode<'_>, orde
         let output = episode.observation().pose;
         let (place, _) = walker.locate(&output);
         let mut base = truth.start.position;
-        (base.x, base.y, base.z) = (place[0], base.y + output.position[1], place[1]);
+        (base.x, base.y, base.z) = (place[0], base.y + output.position()[1], place[1]);
         let reached = candidates.iter().any(|target| {
             let object = assets.scene.objects.iter().find(|object| object.id.0 == target.instance);
+            let to_mesh_m =
+                |eye: &_| object.map_or(f32::INFINITY, |object| assets.distance_to_mesh_m(eye, object.id));
             let sees = |eye: &_, half| object.is_some_and(|object| assets.sees(eye, object.id, half));
-            target.distance_within_region(&base, &rules, sees).is_some()
+            target.distance_within_region(&base, &rules, to_mesh_m, sees).is_some()
         });
         if reached {
             episode.step(Action::Submit).await.expect("a legal step");
@@ -155,7 +157,8 @@ async fn claim(server: &TestServer, client: &Client, run: &Run, order: Order) ->
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
         claim_first_target(server, &mut episode, order).await;
         while !episode.is_over() {
-            episode.step(Action::Submit).await.expect("a legal step");
+            let claim = episode.observation().claim();
+            episode.step(claim).await.expect("a legal step");
         }
     }
     let summary = play.finish().await.expect("a summary");

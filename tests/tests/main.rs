@@ -18,6 +18,7 @@ mod javascript;
 mod journeys;
 mod leak;
 mod leaving;
+mod log;
 mod oracle;
 mod pages;
 mod resilience;

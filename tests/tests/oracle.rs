@@ -2,7 +2,7 @@
 //! references and visibility regions agree.
 
 use avln_arena::data::DataFolder;
-use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
+use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize, Track};
 use avln_store::TokenLine;
 use avln_tests::{PHASE, TestSetup, change_phase, http, set_up, start_servers, store};
 use std::{
@@ -18,7 +18,8 @@ const TEAM: &str = "Oracle";
 async fn play() -> Vec<ResultLine> {
     let folder = tempfile::tempdir().expect("a folder");
     let size = SuiteSize { houses: 3, missions: 4, practice: false };
-    let setup = SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
+    let agents = vec![AgentVariant::ShortestPath];
+    let setup = SuiteOptions { track: Track::Quick, agents, size, ..SuiteOptions::default() };
     suite::run(folder.path(), &setup).await.expect("a baseline suite");
     let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
     results.lines().cloned().collect()
@@ -119,6 +120,22 @@ fn avln(data: &Path, line: &str) -> Output {
 
 fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+#[test]
+fn oracle_solves_hard_and_mesh_missions() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, rules) in [("hard", "lh-avln-hard-v1"), ("mesh", "lh-avln-mesh-v1")] {
+        for line in [
+            &format!("data split make {name} --houses 1 --missions 6 --seed 9 --rules {rules}"),
+            &format!("challenge phase open {name} --split {name}"),
+        ] {
+            let output = avln(folder.path(), line);
+            assert!(output.status.success(), "{line}: {}", text(&output));
+        }
+        let played = text(&avln(folder.path(), &format!("challenge leaderboard oracle --phase {name}")));
+        assert_eq!(played.matches("SR 1.000").count(), 2, "{rules}: {played}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -21,7 +21,7 @@ fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
 /// Runs `agent` sealed by `command`, which starts the program.
 fn sealed_by(mut command: Command, data: &Path, options: &[&str], agent: &[&str]) -> Output {
     let programs = Path::new(PROGRAM).parent().expect("a folder");
-    for name in ["AVLN_LOG", "AVLN_SERVER", "AVLN_TOKEN"] {
+    for name in ["AVLN_LOG", "AVLN_LOG_FORMAT", "AVLN_SERVER", "AVLN_TOKEN"] {
         command.env_remove(name);
     }
     command

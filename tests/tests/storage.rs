@@ -45,8 +45,8 @@ mod backups {
 
     /// Chooses actions from the observation only, so interruptions do not change them.
     fn wander(seen: &Observation) -> Action {
-        let place = seen.pose.position.map(f32::to_bits);
-        let mixed = place.into_iter().chain([seen.pose.heading_rad.to_bits(), seen.step]);
+        let place = seen.pose.position().map(f32::to_bits);
+        let mixed = place.into_iter().chain([seen.pose.heading_rad().to_bits(), seen.step]);
         let draw =
             mixed.fold(0x9e37_79b9_u32, |hash, word| (hash ^ word).wrapping_mul(0x85eb_ca6b).rotate_left(13));
         match draw % 100 {

@@ -10,7 +10,7 @@ mod visual;
 pub use unguided::{ForwardAndTurn, Frontier, RandomAgent, SoundFollower};
 pub use visual::{Detector, Snapshot};
 
-use avln_client::{Agent, Error, RunSummary, Sensors, evaluate_with};
+use avln_client::{Agent, Error, MethodType, RunSummary, Sensors, evaluate_with};
 use avln_kit::run::{AgentArgs, Method, OnEnd, RunArgs, play};
 use clap::{Args, ValueEnum};
 
@@ -42,6 +42,15 @@ impl Baseline {
             Self::SoundFollower => "sound-follower",
             Self::Detector => "detector",
             Self::Snapshot => "snapshot",
+        }
+    }
+
+    /// Returns the method type.
+    pub fn method_type(self) -> MethodType {
+        match self {
+            Self::ForwardAndTurn | Self::Frontier | Self::SoundFollower => MethodType::TrainingFree,
+            // Both see with the bundled network.
+            Self::Detector | Self::Snapshot => MethodType::LearntPerception,
         }
     }
 
@@ -89,7 +98,12 @@ pub async fn run(args: BaselineArgs) -> Result<RunSummary, Error> {
 pub async fn run_with(args: BaselineArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
     let BaselineArgs { agent, run } = args;
     let sensors = agent.sensors(run.size);
-    let method = Method { name: agent.name().to_owned(), version: env!("CARGO_PKG_VERSION"), sensors };
+    let method = Method {
+        name: agent.name().to_owned(),
+        version: env!("CARGO_PKG_VERSION"),
+        method_type: agent.method_type(),
+        sensors,
+    };
     let mut agents = run.agents(|| Ok::<_, Error>(agent.agent()))?;
     play(run, method, &mut agents, on_end).await
 }
@@ -115,7 +129,8 @@ pub async fn run_random(args: RandomArgs) -> Result<RunSummary, Error> {
 
 /// Plays one run with [`RandomAgent`] like [`run_random`], and calls `on_end` after each episode.
 pub async fn run_random_with(args: RandomArgs, on_end: OnEnd<'_>) -> Result<RunSummary, Error> {
-    let (arena, run) = args.run.begin("random", env!("CARGO_PKG_VERSION")).await?;
+    let method_type = Some(MethodType::TrainingFree);
+    let (arena, run) = args.run.begin("random", env!("CARGO_PKG_VERSION"), method_type).await?;
     let mut agent = RandomAgent::new(args.seed);
     evaluate_with(&arena, &run, Sensors::square(args.size), &mut agent, on_end).await
 }

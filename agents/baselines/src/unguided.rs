@@ -128,7 +128,7 @@ impl Agent for RandomAgent {
 /// Returns true if the last action was a step forward that hit an obstacle.
 fn is_blocked(last: &LastAction, pose: &Pose, forward_m: f32) -> bool {
     let Some((Action::MoveForward, before)) = last else { return false };
-    let [dx, dz] = [0, 2].map(|axis| f64::from(pose.position[axis] - before.position[axis]));
+    let [dx, dz] = [0, 2].map(|axis| f64::from(pose.position()[axis] - before.position()[axis]));
     // Not libm::hypotf, which changes two episodes of the published calibration: the root in f64 has the published
     // bits on every platform (docs/decisions/0019).
     let moved_m = (dx * dx + dz * dz).sqrt() as f32;
@@ -204,7 +204,7 @@ const FOUND_LEVEL: f32 = 0.5;
 /// Unsuccessful Submits at a source before another is preferred.
 const MOST_WRONG: u32 = 2;
 
-/// An agent that walks to sounds and submits there. Its map contains only obstacles that blocked it.
+/// An agent that walks to sounds and submits there, targets or distractors; the last claim is a Stop. Its map contains only obstacles that blocked it.
 ///
 /// Follows SAVi (Chen, Al-Halah and Grauman 2021): a belief about each source persists through silence.
 /// Differences: nothing is learned, there are no images, the clip does not reveal the category, and goals are
@@ -228,6 +228,8 @@ struct SoundFollowerState {
     silence: SilenceRule,
     /// True if a Submit may be for any target: an unsuccessful one then rules out all sources near it.
     is_any_right: bool,
+    /// Submit, or Stop without Submits left.
+    claim: Action,
 }
 
 #[derive(Default)]
@@ -241,20 +243,21 @@ struct TrackedSource {
 
 impl SoundFollowerState {
     fn new(task: &TaskSpec, mission: &Mission) -> Self {
-        let goals = mission.goals.len();
+        let sources = task.sounding_sources(mission.goals.len());
         let mut explorer = Explorer::new(task);
         // Without images nothing widens the area in which sources are sought.
         explorer.map.suppose([FloorPoint::new(-AROUND_M, -AROUND_M), FloorPoint::new(AROUND_M, AROUND_M)]);
         Self {
             explorer,
-            schedule: SoundSchedule::new(goals, task.sounding_window_steps),
-            sources: (0..goals).map(|_| TrackedSource::default()).collect(),
+            schedule: SoundSchedule::new(sources, task.sounding_window_steps),
+            sources: (0..sources).map(|_| TrackedSource::default()).collect(),
             field: None,
             levels: Vec::new(),
             pending: None,
             has_verdicts: task.feedback == FeedbackRule::Verdict,
             silence: task.silence,
             is_any_right: mission.order == Order::Unordered,
+            claim: Action::Submit,
         }
     }
 
@@ -314,7 +317,7 @@ impl SoundFollowerState {
             && let Some(level) = self.loudness_of(source)
         {
             self.pending = Some((source, SubmitOutcome::new(self.silence, source, &self.schedule, level)));
-            return Action::Submit;
+            return self.claim;
         }
         self.explorer.go_to(place, REACH_M).unwrap_or(Action::TurnLeft)
     }
@@ -339,6 +342,7 @@ impl Agent for SoundFollower {
     fn act(&mut self, observation: &Observation) -> Action {
         let Some(state) = &mut self.state else { return Action::Stop };
         state.explorer.observe(observation);
+        state.claim = observation.claim();
         let heard = observation.audio.as_ref().and_then(|audio| self.ear.hear(audio));
         state.settle(observation.feedback, heard.as_ref());
         if state.pending.is_some() {
@@ -357,13 +361,19 @@ impl Agent for SoundFollower {
 mod tests {
     use super::*;
 
+    /// The pose a quarter of a metre ahead of a body with heading 0.
+    fn ahead(pose: &Pose) -> Pose {
+        let [x, y, z] = pose.position();
+        Pose::new([x, y, z - 0.25], pose.heading_rad())
+    }
+
     #[test]
     fn forward_and_turn_walks_until_blocked() {
         let mut agent = ForwardAndTurn::default();
         agent.begin(&TaskSpec::default(), &Mission::default());
         let mut seen = Observation { remaining_steps: 9, ..Observation::default() };
         assert_eq!(agent.act(&seen), Action::MoveForward);
-        seen.pose.position[2] -= 0.25;
+        seen.pose = ahead(&seen.pose);
         assert_eq!(agent.act(&seen), Action::MoveForward);
         assert_eq!(agent.act(&seen), Action::TurnRight);
         assert_eq!(agent.act(&seen), Action::MoveForward);
@@ -380,7 +390,7 @@ mod tests {
                 seen.remaining_steps = steps - step;
                 let action = agent.act(&seen);
                 match action {
-                    Action::MoveForward if free => seen.pose.position[2] -= 0.25,
+                    Action::MoveForward if free => seen.pose = ahead(&seen.pose),
                     Action::Submit => seen.remaining_submits -= 1,
                     _ => {}
                 }

@@ -39,9 +39,18 @@ impl Agent for Detector {
             }
         }
         let onward = memory.pursue().unwrap_or_else(|| memory.explorer.explore());
-        let action = if observation.remaining_steps <= 1 { Action::Stop } else { onward };
+        let action = allowed(onward, observation);
         memory.explorer.record(action);
         action
+    }
+}
+
+/// Returns Stop for the last step and for a claim without Submits left, otherwise the action.
+fn allowed(action: Action, observation: &Observation) -> Action {
+    match action {
+        _ if observation.remaining_steps <= 1 => Action::Stop,
+        Action::Submit => observation.claim(),
+        other => other,
     }
 }
 
@@ -84,7 +93,7 @@ impl Agent for Snapshot {
             Some(_) => {}
         }
         let onward = memory.pursue().unwrap_or_else(|| memory.explorer.explore());
-        let action = if observation.remaining_steps <= 1 { Action::Stop } else { onward };
+        let action = allowed(onward, observation);
         memory.explorer.record(action);
         action
     }
@@ -240,6 +249,19 @@ impl VisualMemory {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn last_claim_and_last_step_are_stops() {
+        let seen = |remaining_steps, remaining_submits| Observation {
+            remaining_steps,
+            remaining_submits,
+            ..Observation::default()
+        };
+        assert_eq!(allowed(Action::Submit, &seen(9, 1)), Action::Submit);
+        assert_eq!(allowed(Action::Submit, &seen(9, 0)), Action::Stop);
+        assert_eq!(allowed(Action::TurnLeft, &seen(9, 0)), Action::TurnLeft);
+        assert_eq!(allowed(Action::TurnLeft, &seen(1, 1)), Action::Stop);
+    }
 
     #[test]
     fn sentences_are_reduced_to_their_noun() {

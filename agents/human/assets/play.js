@@ -8,6 +8,7 @@ const at = (id) => document.getElementById(id);
 const sound = { context: null, volume: null, until: 0 };
 let busy = false;
 let playing = false;
+let mayClaim = false;
 
 document.addEventListener("keydown", (event) => {
   const request = KEYS[event.key];
@@ -36,6 +37,10 @@ at("volume").addEventListener("input", () => {
 ask("look");
 
 function act(request) {
+  if (request === "submit" && !mayClaim) {
+    say("No Submits are left: claim the last goal with Stop.");
+    return;
+  }
   if (request === "stop" && !window.confirm("Stop ends the episode. Is the last goal here, or do you give up?")) {
     return;
   }
@@ -140,7 +145,9 @@ function tell(state) {
   const feedback = { right: "Correct.", wrong: "Wrong.", counted: "Your Submit was accepted." };
   say(state.trouble || feedback[state.feedback] || `Episode ${state.episode} of ${state.progress.total}.`);
   at("step").textContent = `${state.step} of ${state.max_steps}, ${state.remaining_steps} left`;
-  at("submits").textContent = `${state.remaining_submits}, plus the final Stop`;
+  mayClaim = state.remaining_submits > 0;
+  document.querySelector('[data-request="submit"]').disabled = !mayClaim;
+  at("submits").textContent = mayClaim ? `${state.remaining_submits}, plus the final Stop` : "none: claim the last goal with Stop";
   const [right, , back] = state.position;
   const degrees = Math.round((state.heading_rad * 180) / Math.PI);
   at("pose").textContent = `${(-back).toFixed(2)} m ahead, ${right.toFixed(2)} m to the right, turned ${degrees}° to the left`;

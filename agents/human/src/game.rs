@@ -102,7 +102,7 @@ fn playing(task: &TaskSpec, episode: &Episode<'_>, with_goals: bool, trouble: &s
         "step": seen.step, "max_steps": task.max_steps,
         "remaining_steps": seen.remaining_steps, "remaining_submits": seen.remaining_submits,
         "feedback": feedback(seen.feedback), "depth_max_m": task.depth_max_m,
-        "position": seen.pose.position, "heading_rad": seen.pose.heading_rad,
+        "position": seen.pose.position(), "heading_rad": seen.pose.heading_rad(),
         "step_s": time.step.map(|step| step.as_secs_f64()), "bank_s": time.bank.as_secs_f64(),
     });
     let mut bytes = Vec::new();

@@ -77,7 +77,8 @@ pub async fn run_with(
     let no_page = |error| HumanError::Page { address: args.page, error };
     let listener = TcpListener::bind(args.page).await.map_err(no_page)?;
     let address = listener.local_addr().map_err(no_page)?;
-    let (arena, run) = args.run.begin("human", env!("CARGO_PKG_VERSION")).await?;
+    // No method type describes a person.
+    let (arena, run) = args.run.begin("human", env!("CARGO_PKG_VERSION"), None).await?;
     let play = arena.play(&run, Sensors::square(args.size)).await?;
     let (requests, received) = mpsc::channel(1);
     let (stop, stopped) = oneshot::channel();

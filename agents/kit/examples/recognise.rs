@@ -3,6 +3,7 @@
 //! ```sh
 //! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
 //! cargo run --release -p avln-kit --example recognise -- FOLDER
+//! cargo run --release -p avln-kit --features onnx --example recognise -- FOLDER models.toml
 //! ```
 
 #[path = "../../perception/examples/measure/frames.rs"]
@@ -23,11 +24,12 @@ fn main() {
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);
-    let mut perceptions: [(&str, Box<dyn Recognition>); 2] = [
+    let mut perceptions: Vec<(&str, Box<dyn Recognition>)> = vec![
         ("depth and colours", Box::<ClassicalRecognition>::default()),
         ("network", Box::new(NetworkRecognition::new().expect("the weights of the crate"))),
     ];
-    let mut tallies = [Tally::default(), Tally::default()];
+    perceptions.extend(user_models().map(|models| ("models", models)));
+    let mut tallies: Vec<Tally> = perceptions.iter().map(|_| Tally::default()).collect();
     for house in &manifest.houses {
         let records = frames::house(&folder.join(&house.file), manifest.side_px);
         let sentences = frames::sentences(&folder.join(&house.sentences));
@@ -40,7 +42,21 @@ fn main() {
     }
     let (houses, frames::Manifest { split, recipe, .. }) = (manifest.houses.len(), &manifest);
     println!("{houses} houses of split `{split}` of recipe `{recipe}`.\n");
-    print(&perceptions.map(|(name, _)| name), &tallies);
+    let names: Vec<&str> = perceptions.iter().map(|(name, _)| *name).collect();
+    print(&names, &tallies);
+}
+
+/// Loads the models file in the second argument.
+#[cfg(feature = "onnx")]
+fn user_models() -> Option<Box<dyn Recognition>> {
+    let file = std::env::args().nth(2).map(PathBuf::from)?;
+    let models = avln_kit::onnx::OnnxRecognition::load(&file).unwrap_or_else(|error| panic!("{error}"));
+    Some(Box::new(models))
+}
+
+#[cfg(not(feature = "onnx"))]
+fn user_models() -> Option<Box<dyn Recognition>> {
+    None
 }
 
 /// Categories before this number are the building itself.
@@ -177,7 +193,7 @@ fn image(record: &Record) -> RgbImage {
 
 fn observation(record: &Record, side_px: usize) -> Observation {
     Observation {
-        pose: Pose { position: record.base_m, heading_rad: record.heading_rad },
+        pose: Pose::new(record.base_m, record.heading_rad),
         rgb: Some(image(record)),
         depth: Some(depth(record, side_px)),
         ..Observation::default()
@@ -234,7 +250,7 @@ fn depth(record: &Record, side_px: usize) -> DepthImage {
 }
 
 fn pose(record: &Record) -> Pose2d {
-    Pose2d::new(&Pose { position: record.base_m, heading_rad: record.heading_rad })
+    Pose2d::new(&Pose::new(record.base_m, record.heading_rad))
 }
 
 impl Points {

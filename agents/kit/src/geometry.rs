@@ -1,5 +1,6 @@
 //! Points and poses on the floor plan, and the pinhole camera.
 
+use avln_client::nalgebra::{Point2, Rotation2, Vector2};
 use avln_client::{DepthImage, Pose, TaskSpec};
 
 /// A point on the floor plan, metres: `x` right and `z` back in the frame of poses.
@@ -19,13 +20,24 @@ impl FloorPoint {
 
     /// Returns the distance to another point, metres.
     pub fn distance_m(self, other: Self) -> f32 {
-        let (dx, dz) = (self.x - other.x, self.z - other.z);
-        (dx * dx + dz * dz).sqrt()
+        (self.point() - other.point()).norm()
     }
 
     /// Returns the point at `share` (0 to 1) of the way to `other`.
     pub fn toward(self, other: Self, share: f32) -> Self {
         Self { x: self.x + (other.x - self.x) * share, z: self.z + (other.z - self.z) * share }
+    }
+
+    /// Returns the point in the axes of [`Pose2d`]: ahead of heading 0, then left of it.
+    fn point(self) -> Point2<f32> {
+        Point2::new(-self.z, -self.x)
+    }
+}
+
+impl From<Point2<f32>> for FloorPoint {
+    /// Converts a point with the axes ahead and left.
+    fn from(point: Point2<f32>) -> Self {
+        Self { x: -point.y, z: -point.x }
     }
 }
 
@@ -34,33 +46,27 @@ impl FloorPoint {
 pub struct Pose2d {
     /// Body position.
     pub place: FloorPoint,
-    sin: f32,
-    cos: f32,
+    /// Heading: a counter-clockwise rotation in the axes ahead and left.
+    heading: Rotation2<f32>,
 }
 
 impl Pose2d {
     /// Projects a pose onto the floor plan.
     pub fn new(pose: &Pose) -> Self {
-        // libm, as everywhere in the agents: the platform's functions differ in the last bit between systems, and
-        // calibration compares actions bit for bit (docs/decisions/0019).
-        let (sin, cos) = libm::sincosf(pose.heading_rad);
-        let [x, _, z] = pose.position;
-        Self { place: FloorPoint { x, z }, sin, cos }
+        // nalgebra takes its sines from libm here (`libm-force`): the platform's functions differ in the last bit between
+        // systems, and calibration compares actions bit for bit (docs/decisions/0019).
+        let [x, _, z] = pose.position();
+        Self { place: FloorPoint { x, z }, heading: Rotation2::new(pose.heading_rad()) }
     }
 
     /// Returns the point `ahead_m` in front and `right_m` to the right.
     pub fn offset(&self, ahead_m: f32, right_m: f32) -> FloorPoint {
-        FloorPoint {
-            x: self.place.x - self.sin * ahead_m + self.cos * right_m,
-            z: self.place.z - self.cos * ahead_m - self.sin * right_m,
-        }
+        (self.place.point() + self.heading * Vector2::new(ahead_m, -right_m)).into()
     }
 
     /// Returns the rotation from this pose to `other`, radians, -π to π, positive to the left.
     pub fn turn_rad(&self, other: &Self) -> f32 {
-        let (sin, cos) =
-            (other.sin * self.cos - other.cos * self.sin, other.cos * self.cos + other.sin * self.sin);
-        libm::atan2f(sin, cos)
+        self.heading.angle_to(&other.heading)
     }
 
     /// Returns true if both poses have nearly the same view.
@@ -72,10 +78,8 @@ impl Pose2d {
 
     /// Returns the direction of a point from straight ahead, radians, -π to π, positive to the left.
     pub fn bearing_rad(&self, place: FloorPoint) -> f32 {
-        let (dx, dz) = (place.x - self.place.x, place.z - self.place.z);
-        let ahead = -self.sin * dx - self.cos * dz;
-        let left = -self.cos * dx + self.sin * dz;
-        libm::atan2f(left, ahead)
+        let offset = self.heading.inverse() * (place.point() - self.place.point());
+        libm::atan2f(offset.y, offset.x)
     }
 }
 
@@ -137,6 +141,30 @@ impl PinholeCamera {
         })
     }
 
+    /// Returns true if the image shows the surface at a point or behind it, at `height_m` above the body's base; false if it is out of
+    /// the image or occluded by more than `slack_m`.
+    pub fn reaches(
+        &self,
+        pose: &Pose2d,
+        depth: &DepthImage,
+        (place, height_m): (FloorPoint, f32),
+        slack_m: f32,
+    ) -> bool {
+        let (range_m, bearing_rad) = (place.distance_m(pose.place), pose.bearing_rad(place));
+        let ahead_m = range_m * libm::cosf(bearing_rad);
+        if ahead_m <= 0.0 {
+            return false;
+        }
+        let column = 0.5 * self.width as f32 - self.focal_px * libm::tanf(bearing_rad);
+        let row = 0.5 * self.height as f32 + self.focal_px * (self.camera_height_m - height_m) / ahead_m;
+        let is_inside = |at: f32, count: usize| at >= 0.0 && at < count as f32;
+        is_inside(column, self.width)
+            && is_inside(row, self.height)
+            && self
+                .seen(pose, depth, column as usize, row as usize)
+                .is_some_and(|surface| surface.range_m + slack_m >= range_m)
+    }
+
     fn tan_right(&self, column: usize) -> f32 {
         (column as f32 + 0.5 - 0.5 * self.width as f32) / self.focal_px
     }
@@ -148,7 +176,7 @@ mod tests {
     use std::f32::consts::FRAC_PI_2;
 
     fn pose(x: f32, z: f32, heading_rad: f32) -> Pose2d {
-        Pose2d::new(&Pose { position: [x, 0.5, z], heading_rad })
+        Pose2d::new(&Pose::new([x, 0.5, z], heading_rad))
     }
 
     #[test]
@@ -163,6 +191,19 @@ mod tests {
         let seen = view.seen(&pose(1.0, -1.0, FRAC_PI_2), &depth, 3, 0).unwrap();
         assert!(seen.place.distance_m(FloorPoint::new(-1.0, -2.5)) < 1e-5);
         assert!(view.along(&pose(1.0, -1.0, FRAC_PI_2), 3, 2.5).distance_m(seen.place) < 1e-5);
+    }
+
+    #[test]
+    fn near_surfaces_occlude_points() {
+        let view = PinholeCamera::new(&TaskSpec { width: 64, height: 64, ..TaskSpec::default() });
+        let depth = DepthImage { width: 64, height: 64, metres: vec![2.0; 64 * 64] };
+        let reaches = |x: f32, z: f32, height_m: f32| {
+            view.reaches(&pose(0.0, 0.0, 0.0), &depth, (FloorPoint::new(x, z), height_m), 0.3)
+        };
+        assert!(reaches(0.0, -1.5, 0.8) && reaches(0.0, -2.2, 0.8) && reaches(1.0, -1.5, 0.8));
+        assert!(!reaches(0.0, -2.5, 0.8), "it is behind the surface");
+        assert!(!reaches(0.0, 1.5, 0.8), "it is behind the camera");
+        assert!(!reaches(0.0, -0.5, 0.1), "it is below the image");
     }
 
     #[test]

@@ -26,7 +26,20 @@ pub fn itd_s(bearing_rad: f32) -> f32 {
     delay_s.copysign(bearing_rad)
 }
 
-/// Returns the delay of a source below the ears, `length_m` metres away on the floor, in seconds: directions
+/// Returns the two bearings with an interaural delay, radians, in front and behind; positive to the left.
+pub fn bearings_rad(itd_s: f32) -> [f32; 2] {
+    const SIDE: usize = 3;
+    let delay_s = itd_s.abs();
+    let between = |low: usize, high: usize| {
+        let share = (delay_s - ITD_CURVE_S[low]) / (ITD_CURVE_S[high] - ITD_CURVE_S[low]);
+        (low as f32 + (high as f32 - low as f32) * share.clamp(0.0, 1.0)) * 30_f32.to_radians()
+    };
+    let front = (1..=SIDE).find(|&to| ITD_CURVE_S[to] >= delay_s).unwrap_or(SIDE);
+    let back = (SIDE..ITD_CURVE_S.len() - 1).rev().find(|&to| ITD_CURVE_S[to] >= delay_s).unwrap_or(SIDE);
+    [between(front - 1, front), between(back + 1, back)].map(|bearing_rad| bearing_rad.copysign(itd_s))
+}
+
+/// Returns the delay of a source below the ears, at a distance of `length_m` metres on the floor, in seconds: directions
 /// on a cone around the interaural axis have equal delays.
 pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
     let across = libm::sinf(bearing_rad) * length_m / libm::hypotf(length_m, LOWER_M);
@@ -310,6 +323,19 @@ mod tests {
         assert!((itd_s(-1.0) + itd_s(1.0)).abs() < 1e-9);
         assert!((itd_s(60_f32.to_radians()) - 616e-6).abs() < 1e-9);
         assert!(itd_s(30_f32.to_radians()) > itd_s(150_f32.to_radians()));
+    }
+
+    #[test]
+    fn bearings_invert_the_delay() {
+        for bearing_deg in [-170.0_f32, -120.0, -75.0, -30.0, 0.0, 10.0, 60.0, 89.0, 100.0, 150.0, 180.0] {
+            let bearing_rad = bearing_deg.to_radians();
+            let both = bearings_rad(itd_s(bearing_rad));
+            let is_back = bearing_deg.abs() > 90.0;
+            let found_rad = both[usize::from(is_back)];
+            assert!((found_rad.abs() - bearing_rad.abs()).abs() < 0.01, "{bearing_deg}: {both:?}");
+            assert!(bearing_deg.abs() > 179.0 || found_rad * bearing_rad >= 0.0, "{bearing_deg}: {both:?}");
+        }
+        assert!(bearings_rad(0.001).iter().all(|rad| (rad - FRAC_PI_2).abs() < 1e-5));
     }
 
     #[test]

@@ -17,17 +17,23 @@
 pub mod explorer;
 pub mod geometry;
 pub mod hearing;
-/// Maps for one episode in the pose frame: free floor, surface heights, object hypotheses, sound sources.
+/// Maps for one episode in the pose frame: free floor, surface heights, object hypotheses, rooms, sounds.
 pub mod map {
+    pub(crate) mod bearings;
     pub(crate) mod elevation;
     pub(crate) mod objects;
     pub(crate) mod occupancy;
+    pub(crate) mod priors;
+    pub(crate) mod rooms;
     pub(crate) mod sound_field;
     pub(crate) mod source;
 
+    pub use bearings::BearingMemory;
     pub use elevation::{ClimbPath, Elevation, Storeys};
-    pub use objects::{ObjectHypothesis, ObjectMemory};
+    pub use objects::{FreshLook, ObjectHypothesis, ObjectMemory};
     pub use occupancy::{CELL_M, Cell, Occupancy};
+    pub use priors::{GoalPrior, NEUTRAL, ROOMS};
+    pub use rooms::{RoomMemory, RoomMix};
     pub use sound_field::SoundField;
     pub use source::{IntensityMemory, SourceBelief, SourceEstimate, expected_level, range_m};
 }
@@ -36,6 +42,7 @@ pub mod onnx;
 pub mod outcome;
 pub mod path;
 pub mod perception;
+pub mod reach;
 pub mod run;
 
 /// Range within which agents compare objects with goals, metres.

@@ -6,7 +6,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Cells between search nodes.
-const STRIDE: i32 = 2;
+pub(crate) const STRIDE: i32 = 2;
 /// Cost per metre near obstacles and through unknown cells, in metres on open floor.
 const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
@@ -27,7 +27,7 @@ pub struct Path {
     pub cost_m: f32,
 }
 
-struct Nodes {
+pub(crate) struct Nodes {
     /// Lowest cost so far, metres; 0 for an unvisited node.
     cost_m: Vec<f32>,
     /// Index of the side towards the predecessor, and the closed flag.
@@ -39,7 +39,7 @@ impl Nodes {
     const CLOSED: u8 = 8;
     const COLUMNS: i32 = Cell::COLUMNS / STRIDE;
 
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let count = (Self::COLUMNS * Self::COLUMNS) as usize;
         Self { cost_m: vec![0.0; count], before: vec![0; count], count: 0 }
     }
@@ -51,7 +51,7 @@ impl Nodes {
     }
 
     /// Records a path that enters a cell from side `before`, unless a cheaper path is known.
-    fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
+    pub(crate) fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
         let Some(index) = Self::index(cell) else { return false };
         let known_m = self.cost_m[index];
         let is_better = known_m == 0.0 || cost_m < known_m;
@@ -63,14 +63,15 @@ impl Nodes {
     }
 
     /// Closes a node and returns the cost; `None` if already closed.
-    fn close(&mut self, cell: Cell) -> Option<f32> {
+    pub(crate) fn close(&mut self, cell: Cell) -> Option<f32> {
         let index = Self::index(cell)?;
         let is_open = self.before[index] & Self::CLOSED == 0;
         self.before[index] |= Self::CLOSED;
         is_open.then(|| self.cost_m[index])
     }
 
-    fn cost_m(&self, cell: Cell) -> f32 {
+    /// Returns the lowest cost to a cell, metres; 0 for an unvisited node.
+    pub(crate) fn cost_m(&self, cell: Cell) -> f32 {
         Self::index(cell).map_or(0.0, |index| self.cost_m[index])
     }
 
@@ -111,7 +112,7 @@ pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f
 }
 
 /// Returns a step's cost; `None` if the body does not fit.
-fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
+pub(crate) fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
     // A body that already stands too close to an obstacle must be able to leave.
     const ESCAPE_M: f32 = 0.25;
     let escapes = next.center().distance_m(from) <= ESCAPE_M && !map.is_obstacle(next);

@@ -1,8 +1,8 @@
 //! Command-line arguments, run loop and console output of agent programs.
 
 use avln_client::{
-    Agent, Client, ConnectOptions, EpisodeEnd, Error, Order, Run, RunOptions, RunSummary, Sensors,
-    evaluate_slots,
+    Agent, Client, ConnectOptions, EpisodeEnd, Error, MethodType, Order, Run, RunOptions, RunSummary,
+    Sensors, evaluate_slots,
 };
 use clap::{Args, value_parser};
 use std::{fmt::Display, future::Future, io, iter, path::PathBuf, process::ExitCode, thread};
@@ -30,9 +30,18 @@ pub struct RunArgs {
 
 impl RunArgs {
     /// Connects to the server and begins the run; fails if the server is unreachable or refuses.
-    pub async fn begin(self, method: &str, version: &str) -> Result<(Client, Run), Error> {
+    pub async fn begin(
+        self,
+        method: &str,
+        version: &str,
+        method_type: Option<MethodType>,
+    ) -> Result<(Client, Run), Error> {
         let connect_options = ConnectOptions { ca: self.ca, ..ConnectOptions::default() };
         let options = RunOptions::new(self.phase, method).method_version(version).order(self.order);
+        let options = match method_type {
+            Some(method_type) => options.method_type(method_type),
+            None => options,
+        };
         Client::begin(&self.server, self.token, &connect_options, options).await
     }
 }
@@ -58,13 +67,15 @@ impl AgentArgs {
     }
 }
 
-/// An agent's name, version and sensors.
+/// An agent's name, version, type and sensors.
 #[derive(Clone, Debug)]
 pub struct Method {
     /// Name on the leaderboard.
     pub name: String,
     /// Agent version.
     pub version: &'static str,
+    /// Method type.
+    pub method_type: MethodType,
     /// Requested sensors.
     pub sensors: Sensors,
 }
@@ -79,7 +90,7 @@ pub async fn play<A: Agent + Send + 'static>(
     agents: &mut Vec<A>,
     on_end: OnEnd<'_>,
 ) -> Result<RunSummary, Error> {
-    let (arena, run) = args.run.begin(&method.name, method.version).await?;
+    let (arena, run) = args.run.begin(&method.name, method.version, Some(method.method_type)).await?;
     evaluate_slots(&arena, &run, method.sensors, agents, on_end).await
 }
 
@@ -168,7 +179,12 @@ mod tests {
         let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let url = format!("http://{closed}");
         let cli = Cli::try_parse_from(["agent", "--token", "t", "--server", &url]).unwrap();
-        let method = Method { name: "none".into(), version: "0", sensors: Sensors::default() };
+        let method = Method {
+            name: "none".into(),
+            version: "0",
+            method_type: MethodType::TrainingFree,
+            sensors: Sensors::default(),
+        };
         let mut agents = cli.agent.agents(|| Ok::<_, Error>(Idle)).unwrap();
         let played = play(cli.agent, method, &mut agents, &mut |_| {}).await;
         assert!(matches!(&played, Err(Error::Unreachable { address, .. }) if *address == url), "{played:?}");

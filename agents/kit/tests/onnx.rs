@@ -44,6 +44,24 @@ fn detector() -> Vec<u8> {
     model(32, &parts, &[("boxes", &[1, 3, 4]), ("scores", &[1, 3])])
 }
 
+/// The boxes of `detector`, with a score per class: red, green and blue.
+fn class_detector() -> Vec<u8> {
+    let boxes = [0.0, 0.0, 0.5, 1.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0, 1.0, 1.0];
+    let own_class = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let parts = [
+        floats("fixed", &[1, 3, 4], &boxes),
+        floats("own_class", &[1, 3, 3], &own_class),
+        wholes("row", &[1, 1, 3]),
+        node("Identity", &["fixed"], "boxes"),
+        node("GlobalAveragePool", &["picture"], "means"),
+        node("Reshape", &["means", "row"], "by_class"),
+        node("Mul", &["by_class", "own_class"], "scores"),
+    ];
+    model(32, &parts, &[("boxes", &[1, 3, 4]), ("scores", &[1, 3, 3])])
+}
+
+const CLASSES: &str = "classes = ['bed', 'plant', 'chair']\nsure_score = 0.5\n";
+
 /// An encoder whose embedding is the mean colour.
 fn encoder() -> Vec<u8> {
     let parts = [
@@ -69,6 +87,15 @@ impl Folder {
         folder.write("d.onnx", detector);
         folder.write("e.onnx", &encoder());
         folder.write("words.json", br#"{"bed": [1, 0, 0], "chair": [0, 0, 1], "plant": [0, 1, 0]}"#);
+        folder
+    }
+
+    /// Replaces the encoder by class names.
+    fn with_classes(library: &Path, classes: &str) -> Self {
+        let folder = Self::with(library, &class_detector());
+        let text = fs::read_to_string(folder.0.path().join("models.toml")).unwrap();
+        let (detector, _) = text.split_once("[encoder]").unwrap();
+        folder.write("models.toml", format!("{detector}{classes}").as_bytes());
         folder
     }
 
@@ -114,6 +141,51 @@ fn objects_are_detected_named_and_compared() {
         assert!(more > less + 0.3, "goal {goal}: {more} {less}");
     }
     assert!(recognition.see(&pose, &flag(), &|_| false).is_none(), "equal views are skipped");
+    assert!(recognition.failure().get().is_none());
+}
+
+#[test]
+fn detectors_with_classes_need_no_encoder() {
+    let Some(library) = library() else { return };
+    let mut recognition = Folder::with_classes(&library, CLASSES).load().unwrap();
+    let blue = Image { width: 32, height: 32, pixels: [0, 0, 250].repeat(32 * 32) };
+    let green = Image { width: 32, height: 32, pixels: [0, 250, 0].repeat(32 * 32) };
+    let cues = [GoalCue::Category("bed".into()), GoalCue::Description("An armchair.".into())];
+    let goals = cues.into_iter().chain([blue, green].map(GoalCue::Image)).collect();
+    let task = TaskSpec { width: SIDE, height: SIDE, ..TaskSpec::default() };
+    recognition.begin(&task, &Mission { goals, ..Mission::default() });
+    let detections = recognition.see(&Pose2d::new(&Pose::default()), &flag(), &|_| false).unwrap();
+    let [left, right] = detections.as_slice() else { panic!("{detections:?}") };
+    assert!(left.is_a("bed").unwrap() > 0.9 && right.is_a("chair").unwrap() > 0.9, "{detections:?}");
+    assert_eq!((left.is_a("armchair"), right.is_a("armchair")), (Some(0.0), right.is_a("chair")));
+    let fit = |goal| [left, right].map(|detection| recognition.fit(detection, goal));
+    assert!(fit(0)[0] > 0.9 && fit(1)[1] > 0.9, "{:?} {:?}", fit(0), fit(1));
+    assert!(fit(2)[1] > fit(2)[0] + 0.3, "the blue box matches: {:?}", fit(2));
+    assert!(fit(3).iter().all(|&fit| fit < 0.4), "nothing is green: {:?}", fit(3));
+    assert!(recognition.failure().get().is_none());
+}
+
+#[test]
+fn class_count_must_match_the_scores() {
+    let Some(library) = library() else { return };
+    let error = Folder::with_classes(&library, "classes = ['bed', 'chair']").load().err().expect("a refusal");
+    assert!(error.to_string().contains("3 scores per box, but detector.classes has 2 names"), "{error}");
+}
+
+/// Environment variable with the models file written by `models/centernet.py`.
+const CENTERNET: &str = "AVLN_CENTERNET";
+
+#[test]
+fn converted_centernet_runs() {
+    let Some(models) = env::var_os(CENTERNET) else {
+        eprintln!(
+            "skipped: no converted CenterNet; run models/centernet.py, and set {CENTERNET} to its models.toml"
+        );
+        return;
+    };
+    let mut recognition = OnnxRecognition::load(Path::new(&models)).unwrap();
+    recognition.begin(&TaskSpec { width: SIDE, height: SIDE, ..TaskSpec::default() }, &Mission::default());
+    assert!(recognition.see(&Pose2d::new(&Pose::default()), &flag(), &|_| false).is_some());
     assert!(recognition.failure().get().is_none());
 }
 

@@ -1,93 +1,136 @@
 //! The agent: memories of an episode, updated with every observation.
 
-use crate::candidate::{Candidate, Decision, Evidence};
-use crate::goals::{GoalPairing, PendingSubmit, SourceMemory};
+use crate::candidate::Decision;
+use crate::goals::GoalPairing;
+use crate::ground::Aim;
+use crate::mission::MissionState;
+use crate::outcome::PendingSubmit;
+use crate::preset::{Ablation, Preset};
+use crate::sources::SourceMemory;
 use crate::stairs::StairClimber;
 use crate::trace::lines::TraceInput;
 use crate::trace::{Recorder, TraceError};
-use crate::weights::{Ablation, Weights};
+use crate::verify::Warrant;
+use crate::weights::Weights;
 use avln_client::{
-    Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, SilenceRule, TaskSpec,
+    Action, Agent, DepthImage, FeedbackRule, Mission, Observation, Order, SilenceRule, SoundingRule,
+    TaskSpec, WrongSubmit,
 };
 use avln_kit::LOOK_M;
 use avln_kit::explorer::MotionController;
 use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_kit::hearing::{Ear, HeardSound, SoundSchedule};
-use avln_kit::map::{Cell, ObjectMemory, Occupancy, SoundField, SourceEstimate, Storeys, range_m};
-use avln_kit::outcome::SubmitOutcome;
+use avln_kit::map::{
+    BearingMemory, Cell, FreshLook, GoalPrior, IntensityMemory, ObjectMemory, Occupancy, RoomMemory,
+    SoundField, Storeys,
+};
 use avln_kit::path::PathFollower;
 use avln_kit::perception::{ClassicalRecognition, Hints, NetworkRecognition, Query, Recognition};
+use std::collections::BTreeMap;
 use std::{mem, sync::Arc};
 
-/// Margin around the seen area in which sources may be, metres.
-const AROUND_M: f32 = 1.5;
-/// Sound steps over which the level is averaged.
-const RECENT: usize = 3;
-
-/// The paper's reference agent (section 4). Training-free; memories last for one episode.
+/// The paper's reference agent (section 4). Memories last for one episode.
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
     perception: Box<dyn Recognition>,
-    hints: Option<Arc<dyn Hints>>,
+    pub(crate) hints: Option<Arc<dyn Hints>>,
     ear: Ear,
     view: PinholeCamera,
-    pub(crate) map: Occupancy,
-    pub(crate) objects: ObjectMemory,
+    /// The memory M_t of the current storey.
+    pub(crate) here: StoreyMemory,
     storeys: Storeys<StoreyMemory>,
     pub(crate) stairs: StairClimber,
+    /// Looks of the current frame; empty if the perception did not process it.
+    pub(crate) fresh: Vec<FreshLook>,
     /// Sound propagation to the current position; recomputed after a move.
-    field: Option<SoundField>,
+    pub(crate) field: Option<SoundField>,
     pub(crate) motion: MotionController,
-    /// Paths to sources and candidates.
+    /// Paths to sources, candidates and viewpoints.
     pub(crate) follower: PathFollower,
     pub(crate) frontier_follower: PathFollower,
     /// The current frontier with score and remaining steps as the target.
     pub(crate) frontier: Option<(FloorPoint, f32, u32)>,
+    pub(crate) priors: Vec<GoalPrior>,
+    pub(crate) mission: MissionState,
     pub(crate) schedule: SoundSchedule,
-    pub(crate) queries: Vec<Query>,
-    pub(crate) goals: GoalPairing,
-    pub(crate) sources: Vec<SourceMemory>,
+    pub(crate) window_steps: u32,
+    pub(crate) pairing: GoalPairing,
+    pub(crate) aim: Option<Aim>,
     /// The source that the agent heads for.
     pub(crate) focus: Option<usize>,
     pub(crate) pending: Option<PendingSubmit>,
-    /// The current source's levels since its turn began.
-    levels: Vec<f32>,
+    /// The last claim and the last known outcome, of the current step only.
+    pub(crate) claimed: Option<Warrant>,
+    pub(crate) outcome: Option<(PendingSubmit, bool)>,
+    /// Levels since the current window began.
+    pub(crate) levels: Vec<f32>,
+    /// Steps of search on this storey since the last completed goal.
+    pub(crate) searched_steps: u32,
     /// True if the phase returns the verdict of a Submit.
-    has_verdicts: bool,
+    pub(crate) has_verdicts: bool,
+    pub(crate) wrong_submit: WrongSubmit,
     /// Silence of found targets.
-    silence: SilenceRule,
+    pub(crate) silence: SilenceRule,
+    /// True if found targets fall silent.
+    pub(crate) falls_silent: bool,
+    pub(crate) step: u32,
     pub(crate) remaining_steps: u32,
     pub(crate) decision: Decision,
     trace: Option<Recorder>,
 }
 
-struct StoreyMemory {
-    map: Occupancy,
-    objects: ObjectMemory,
-    sources: Vec<SourceMemory>,
+/// The paper's memory M_t = (R_t, O_t, A_t) for one storey, with the map.
+#[derive(Default)]
+pub(crate) struct StoreyMemory {
+    pub(crate) map: Occupancy,
+    /// R_t.
+    pub(crate) rooms: RoomMemory,
+    /// O_t.
+    pub(crate) objects: ObjectMemory,
+    /// A_int.
+    pub(crate) intensity: IntensityMemory,
+    /// A_bear by goal.
+    pub(crate) bearings: Vec<BearingMemory>,
+    /// Estimated sources, with `source_positions`.
+    pub(crate) sources: Vec<SourceMemory>,
+    /// Steps towards a candidate, and of waiting at it, by object and goal.
+    pub(crate) sought: BTreeMap<(usize, usize), u32>,
+    pub(crate) waited: BTreeMap<(usize, usize), u32>,
+    /// Visited frontiers: unseen cells behind furniture remain.
+    pub(crate) visited: Vec<FloorPoint>,
 }
 
 impl StoreyMemory {
-    fn new(goals: usize) -> Self {
-        let sources = (0..goals).map(|_| SourceMemory::default()).collect();
-        Self { map: Occupancy::default(), objects: ObjectMemory::new(goals), sources }
+    fn new(goals: usize, sources: usize) -> Self {
+        Self {
+            objects: ObjectMemory::new(goals),
+            bearings: vec![BearingMemory::default(); goals],
+            sources: (0..sources).map(|_| SourceMemory::default()).collect(),
+            ..Self::default()
+        }
     }
 }
 
 impl Default for PagNav {
+    /// Creates the preset `pag-nav`.
     fn default() -> Self {
-        Self::new(Weights::default())
+        Self::preset(Preset::default())
     }
 }
 
 impl PagNav {
+    /// Creates the agent of a preset, which sees by the bundled network.
+    pub fn preset(preset: Preset) -> Self {
+        Self::new(preset.weights())
+    }
+
     /// Creates an agent that sees by the bundled network.
     pub fn new(weights: Weights) -> Self {
         Self::with(weights, Box::<NetworkRecognition>::default())
     }
 
-    fn with(weights: Weights, perception: Box<dyn Recognition>) -> Self {
+    pub(crate) fn with(weights: Weights, perception: Box<dyn Recognition>) -> Self {
         let task = TaskSpec::default();
         Self {
             weights,
@@ -96,24 +139,32 @@ impl PagNav {
             hints: None,
             ear: Ear::default(),
             view: PinholeCamera::new(&task),
-            map: Occupancy::default(),
-            objects: ObjectMemory::default(),
+            here: StoreyMemory::default(),
             storeys: Storeys::default(),
             stairs: StairClimber::new(task.turn_rad),
+            fresh: Vec::new(),
             field: None,
             motion: MotionController::new(&task),
             follower: PathFollower::default(),
             frontier_follower: PathFollower::default(),
             frontier: None,
+            priors: Vec::new(),
+            mission: MissionState::default(),
             schedule: SoundSchedule::new(0, task.sounding_window_steps),
-            queries: Vec::new(),
-            goals: GoalPairing::new(0, false),
-            sources: Vec::new(),
+            window_steps: task.sounding_window_steps,
+            pairing: GoalPairing::new(0, 0),
+            aim: None,
             focus: None,
             pending: None,
+            claimed: None,
+            outcome: None,
             levels: Vec::new(),
+            searched_steps: 0,
             has_verdicts: false,
+            wrong_submit: task.wrong_submit,
             silence: task.silence,
+            falls_silent: true,
+            step: 0,
             remaining_steps: task.max_steps,
             decision: Decision::default(),
             trace: None,
@@ -122,8 +173,7 @@ impl PagNav {
 
     /// Disables the parts that `ablation` names.
     pub fn without(self, ablation: Ablation) -> Self {
-        let weights = if ablation.no_audio { self.weights.silent() } else { self.weights };
-        Self { weights, ablation, ..self }
+        Self { weights: self.weights.under(ablation), ablation, ..self }
     }
 
     /// Replaces the perception.
@@ -131,7 +181,7 @@ impl PagNav {
         Self { perception: Box::new(perception), ..self }
     }
 
-    /// Supplies the sounding source's true position, for privileged variants.
+    /// Supplies the sounding source's true position, for privileged variants with `source_positions`.
     pub fn hinted(self, hints: Arc<dyn Hints>) -> Self {
         Self { hints: Some(hints), ..self }
     }
@@ -157,34 +207,36 @@ impl PagNav {
         TraceInput {
             weights: &self.weights,
             ablation: self.ablation,
-            map: &self.map,
-            objects: &self.objects,
-            goals: self.queries.len(),
-            sources: &self.sources,
+            memory: &self.here,
+            mission: &self.mission,
             schedule: &self.schedule,
             focus: self.focus,
-            pending: self.pending,
+            claimed: self.claimed,
+            outcome: self.outcome,
             decision: &self.decision,
         }
     }
 
+    /// Updates the memory: M_t = U(M_{t-1}, Psi_room, Psi_obj, Psi_aud, p_t, S_t).
     fn perceive(&mut self, observation: &Observation, pose: &Pose2d) {
-        self.remaining_steps = observation.remaining_steps;
-        self.change_storey(observation.pose.position[1]);
-        self.motion.mark_blocked(pose, &mut self.map);
+        (self.step, self.remaining_steps) = (observation.step, observation.remaining_steps);
+        self.mission.remaining_submits = observation.remaining_submits;
+        self.fresh.clear();
+        self.change_storey(observation.pose.position()[1]);
+        if self.ablation.no_map {
+            self.here.map = Occupancy::default();
+        }
+        self.motion.mark_blocked(pose, &mut self.here.map);
         if let Some(depth) = &observation.depth {
-            self.map.see(&self.view, pose, depth);
-            self.stairs.elevation.see(&self.view, pose, self.stairs.height_m, depth);
+            self.here.map.see(&self.view, pose, depth);
+            if self.weights.switches.stairs {
+                self.stairs.elevation.see(&self.view, pose, self.stairs.height_m, depth);
+            }
         }
         let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
         let heard = audio.and_then(|audio| self.ear.hear(audio));
         self.settle(observation.feedback, heard.as_ref(), pose.place);
-        if self.pending.is_some() {
-            // The sound belongs to the pending source or, after a find, to the next one: only the outcome decides.
-            self.schedule.defer();
-        } else if let (Some(source), Some(heard)) = (self.schedule.advance(), heard) {
-            self.listen(source, pose, &heard);
-        }
+        self.listen(heard, pose);
         if observation.rgb.is_some() && observation.depth.is_some() {
             self.look(observation, pose);
         }
@@ -196,155 +248,99 @@ impl PagNav {
         if self.storeys.is_on(height_m) {
             return;
         }
-        let (map, objects) = (mem::take(&mut self.map), mem::take(&mut self.objects));
-        let mut memory = StoreyMemory { map, objects, sources: mem::take(&mut self.sources) };
-        let count = self.queries.len();
-        self.storeys.enter(height_m, &mut memory, || StoreyMemory::new(count));
-        StoreyMemory { map: self.map, objects: self.objects, sources: self.sources } = memory;
-        self.sources.iter_mut().for_each(|source| source.sought_steps = 0);
+        let (goals, sources) = (self.mission.goals(), self.here.sources.len());
+        self.storeys.enter(height_m, &mut self.here, || StoreyMemory::new(goals, sources));
+        // Fits are forgotten below, so the sources must be viewed again.
+        self.here.sources.iter_mut().for_each(|source| (source.sought_steps, source.looks) = (0, 0));
         self.follower = PathFollower::default();
         self.frontier_follower = PathFollower::default();
-        self.frontier = None;
-        self.field = None;
-        self.focus = None;
-        (0..count).for_each(|source| self.goals.forget(source));
+        (self.frontier, self.field, self.focus, self.aim) = (None, None, None, None);
+        self.searched_steps = 0;
+        (0..sources).for_each(|source| self.pairing.forget(source));
     }
 
-    /// Updates the object memory by an image.
+    /// Adds the room and object cues of a frame to the memory.
     fn look(&mut self, observation: &Observation, pose: &Pose2d) {
-        let map = &self.map;
-        let detections = self.perception.see(pose, observation, &|place| map.is_wall(Cell::at(place)));
-        if self.ablation.no_memory && detections.is_some() {
-            self.objects = ObjectMemory::new(self.queries.len());
+        if self.needs_fresh_look(pose) {
+            self.perception.refresh();
         }
-        self.objects.see(detections.unwrap_or_default());
-        self.objects.look(map, pose, LOOK_M, |detection, goal| self.perception.fit(detection, goal));
+        let map = &self.here.map;
+        let seen = self.perception.see(pose, observation, &|place| map.is_wall(Cell::at(place)));
+        let Some(seen) = seen else { return };
+        if self.ablation.no_object_memory {
+            self.here.objects = ObjectMemory::new(self.mission.goals());
+        }
+        let fit = |detection: &_, goal| self.perception.fit(detection, goal);
+        self.fresh = self.here.objects.recognise(pose, seen, fit);
+        let missed = observation.depth.as_ref().and_then(|depth| self.missed_candidate(pose, depth));
+        if let Some(object) = missed {
+            self.here.objects.miss(object, pose.place);
+        }
+        let objects = self.here.objects.all();
+        self.here.rooms.see(map, self.fresh.iter().map(|look| &objects[look.object()]));
         self.look_at_sources(pose);
     }
 
-    /// Applies the pending Submit's outcome, once it is known.
-    fn settle(&mut self, feedback: Feedback, heard: Option<&HeardSound>, here: FloorPoint) {
-        let Some(pending) = &mut self.pending else { return };
-        let outcome = pending.outcome.update(feedback, heard, self.weights.found_level);
-        // Without audio and verdicts there is no evidence: the Submit counts as correct.
-        let Some(found) = outcome.or(self.ablation.no_audio.then_some(true)) else { return };
-        let pending = *pending;
-        self.pending = None;
-        self.levels.clear();
-        if found {
-            pending.outcome.silence(pending.source, &mut self.schedule);
-            if self.ablation.no_audio {
-                self.goals.close(pending.goal);
-                self.objects.refute(pending.object);
-            } else {
-                self.goals.found(pending.source);
-                self.forget_misses();
-            }
-            self.focus = None;
-        } else {
-            self.goals.missed(pending.source);
-            self.objects.refute(pending.object);
-            self.record_miss(&pending, here);
+    /// Returns the candidate that the current frame should show from near, if it shows none.
+    fn missed_candidate(&self, pose: &Pose2d, depth: &DepthImage) -> Option<usize> {
+        const AHEAD_RAD: f32 = 0.5;
+        const SLACK_M: f32 = 0.3;
+        let object = self.aim.as_ref()?.object;
+        let detection = &self.here.objects.all().get(object)?.detection;
+        let (place, height_m) = (detection.facing(pose.place), 0.5 * (detection.low_m + detection.high_m));
+        let is_in_view = place.distance_m(pose.place) <= LOOK_M
+            && pose.bearing_rad(place).abs() <= AHEAD_RAD
+            && self.here.map.has_clear_line(pose.place, place)
+            && self.view.reaches(pose, depth, (place, height_m), SLACK_M);
+        (is_in_view && self.fresh.iter().all(|look| look.object() != object)).then_some(object)
+    }
+
+    /// Returns true if the current frame may show the candidate from near: its verification must not rest on an older frame.
+    fn needs_fresh_look(&self, pose: &Pose2d) -> bool {
+        const NEAR_M: f32 = 3.0;
+        const ASIDE_RAD: f32 = 0.9;
+        let Some(aim) = &self.aim else { return false };
+        let Some(object) = self.here.objects.all().get(aim.object) else { return true };
+        let place = object.detection.facing(pose.place);
+        place.distance_m(pose.place) <= NEAR_M && pose.bearing_rad(place).abs() <= ASIDE_RAD
+    }
+
+    /// Adds the acoustic cues to the memory.
+    fn listen(&mut self, heard: Option<HeardSound>, pose: &Pose2d) {
+        let is_counted = self.weights.switches.count_windows;
+        if self.pending.is_some_and(|pending| pending.heard.is_some()) {
+            // The sound belongs to the pending source or, after a find, to the next one: only the outcome decides.
+            return self.schedule.defer();
         }
-    }
-
-    /// Forgets unsuccessful Submits in ordered missions: they were for the previous goal.
-    fn forget_misses(&mut self) {
-        if self.goals.is_ordered() {
-            for source in &mut self.sources {
-                source.missed.clear();
-                source.missed_level = 0.0;
-            }
-        }
-    }
-
-    /// Records an unsuccessful Submit. In unordered missions it rules out every source near the position.
-    fn record_miss(&mut self, pending: &PendingSubmit, here: FloorPoint) {
-        const LOUDER: f32 = 1.2;
-        let all = !self.goals.is_ordered();
-        for (index, source) in self.sources.iter_mut().enumerate() {
-            if all || index == pending.source {
-                source.missed.push(here);
-            }
-        }
-        self.sources[pending.source].missed_level = LOUDER * pending.level;
-    }
-
-    /// Records the objects' fits at located sources in view.
-    fn look_at_sources(&mut self, pose: &Pose2d) {
-        for index in 0..self.sources.len() {
-            let is_located = self.sources[index].is_located(&self.weights);
-            let Some(estimate) = self.sources[index].estimate.filter(|_| is_located) else { continue };
-            if self.map.is_in_view(pose, estimate.place, LOOK_M) {
-                self.sources[index].look_at(estimate.place);
-                for goal in 0..self.queries.len() {
-                    self.goals.see(index, goal, self.fit_at(estimate.place, goal));
-                }
-            }
-        }
-    }
-
-    /// Returns the best visual fit with a goal among the objects at a position, 0 to 1.
-    fn fit_at(&self, place: FloorPoint, goal: usize) -> f32 {
-        const AT_M: f32 = 0.4;
-        let at = self.objects.all().iter().filter(|object| object.detection.distance_m(place) <= AT_M);
-        let fits = at.map(|object| {
-            let context = self.context(object.detection.center(), goal);
-            Evidence { vis: object.vis(goal), context, sound: 0.0 }.seen(&self.weights)
-        });
-        fits.fold(0.0, f32::max)
-    }
-
-    /// Returns the support from rooms and neighbouring objects for a goal at a position, 0 to 1.
-    pub(crate) fn context(&self, place: FloorPoint, goal: usize) -> f32 {
-        const NEUTRAL: f32 = 0.5;
-        if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
-    }
-
-    fn listen(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
-        if self.schedule.is_first() {
+        let source = if is_counted { self.schedule.advance() } else { Some(0) };
+        if is_counted && self.schedule.is_first() {
             self.levels.clear();
         }
+        let Some(heard) = heard else { return };
+        self.decision.heard = Some((source.filter(|_| is_counted), heard));
         self.levels.push(heard.level);
-        self.decision.heard = Some((index, *heard));
-        let map = &self.map;
-        let source = &mut self.sources[index];
-        let field = self.field.take().filter(|field| field.listener() == pose.place);
-        let field = field.unwrap_or_else(|| SoundField::new(map, pose.place, map.area(AROUND_M)));
-        source.intensity.hear(pose.place, heard.level);
-        source.belief.hear(&field, pose, heard);
-        let hint = self.hints.as_ref().and_then(|hints| hints.source());
-        let hint = hint.map(|place| SourceEstimate { place, certainty: 1.0 });
-        let estimate = hint.or_else(|| source.belief.estimate(&field, map, &source.missed));
-        if source.locate(estimate) {
-            self.goals.forget(index);
+        if self.ablation.has_no_search_by_sound() {
+            return;
         }
-        self.field = Some(field);
+        self.remember(&heard, pose);
+        if self.weights.switches.source_positions
+            && let Some(source) = source
+        {
+            self.locate_source(source, pose, &heard);
+        }
     }
 
-    /// Submits a candidate, unless the outcome would remain unknown.
-    pub(crate) fn submit(&mut self, candidate: &Candidate, pose: &Pose2d) -> Option<Action> {
-        let Candidate { object, source, goal, .. } = *candidate;
-        let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
-        let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
-        // Without verdicts the only evidence is the silence of a source that was loud before.
-        if !self.has_verdicts && !self.ablation.no_audio {
-            let is_heard = self.schedule.current() == source
-                && recent.len() == RECENT
-                && self.schedule.steps_left() >= SubmitOutcome::STEPS
-                && range_m(level) <= self.weights.look_range_m;
-            if !is_heard {
-                return None;
-            }
-            if !self.sources[source].is_worth_submit(level, pose.place) {
-                // The same Submit failed before, and waiting would not help: another candidate is next.
-                self.objects.refute(object);
-                return None;
-            }
+    /// Updates A_int, and A_bear of all open goals: a sound does not identify its goal.
+    fn remember(&mut self, heard: &HeardSound, pose: &Pose2d) {
+        let restarts = !self.weights.switches.count_windows || self.schedule.is_first();
+        if self.ablation.no_acoustic_memory && restarts {
+            self.here.intensity = IntensityMemory::default();
+            self.here.bearings.iter_mut().for_each(BearingMemory::clear);
         }
-        let outcome = SubmitOutcome::new(self.silence, source, &self.schedule, level);
-        self.pending = Some(PendingSubmit { source, object, goal, level, outcome });
-        Some(Action::Submit)
+        self.here.intensity.hear(pose.place, heard.level);
+        for goal in self.mission.open() {
+            self.here.bearings[goal].hear(pose, heard, self.step);
+        }
     }
 }
 
@@ -354,10 +350,15 @@ impl Agent for PagNav {
     }
 
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
-        let count = mission.goals.len();
+        let goals = mission.goals.len();
         let placeholder: Box<dyn Recognition> = Box::<ClassicalRecognition>::default();
         let mut perception = mem::replace(&mut self.perception, placeholder);
         perception.begin(task, mission);
+        let prior = |(goal, cue)| GoalPrior::new(&Query::new(cue), perception.category_of(goal));
+        let priors = mission.goals.iter().enumerate().map(prior).collect();
+        // Without counting, all sounds belong to a single source.
+        let is_counted = self.weights.switches.count_windows;
+        let sources = if is_counted { task.sounding_sources(goals) } else { 1 };
         *self = Self {
             ablation: self.ablation,
             hints: self.hints.take(),
@@ -365,13 +366,16 @@ impl Agent for PagNav {
             view: PinholeCamera::new(task),
             motion: MotionController::new(task),
             stairs: StairClimber::new(task.turn_rad),
-            objects: ObjectMemory::new(count),
-            schedule: SoundSchedule::new(count, task.sounding_window_steps),
-            queries: mission.goals.iter().map(Query::new).collect(),
-            goals: GoalPairing::new(count, mission.order == Order::Ordered),
-            sources: mission.goals.iter().map(|_| SourceMemory::default()).collect(),
+            here: StoreyMemory::new(goals, sources),
+            priors,
+            mission: MissionState::new(goals, mission.order == Order::Ordered),
+            schedule: SoundSchedule::new(sources, task.sounding_window_steps),
+            window_steps: task.sounding_window_steps,
+            pairing: GoalPairing::new(sources, goals),
             has_verdicts: task.feedback == FeedbackRule::Verdict,
+            wrong_submit: task.wrong_submit,
             silence: task.silence,
+            falls_silent: task.sounding == SoundingRule::UnfinishedInDrawnOrder,
             ..Self::with(self.weights.clone(), perception)
         };
         self.trace(|trace, agent| trace.begin(agent, mission));
@@ -380,6 +384,7 @@ impl Agent for PagNav {
     fn act(&mut self, observation: &Observation) -> Action {
         let pose = Pose2d::new(&observation.pose);
         self.decision = Decision::default();
+        (self.claimed, self.outcome) = (None, None);
         self.perceive(observation, &pose);
         let action = self.decide(&pose);
         self.motion.record(action, &pose);

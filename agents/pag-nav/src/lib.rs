@@ -1,27 +1,46 @@
-//! PAG-Nav: the reference agent.
+//! PAG-Nav: the reference agent, with options and two presets.
 //!
-//! Start reading at [`PagNav`] and [`run`]. The agent follows section 4 of the paper, with a small network
-//! (`avln-perception`) in place of large encoders:
+//! Start reading at [`PagNav`] and [`run`]. [`Preset::PagNav`], the default, implements section 4.1 of the paper as printed, with a
+//! small network (`avln-perception`) in place of large encoders:
 //!
-//! | paper | here |
+//! | formula of the paper | function or type |
 //! |---|---|
-//! | object memory O_t | `avln_kit::map::ObjectMemory`: boxes, colours, looks, and compatibility with each goal |
-//! | audio memories A_int, A_bear | `avln_kit::map::IntensityMemory` and `SourceBelief`, one of each per sounding target |
-//! | spatial frame, occupancy | `avln_kit::map::Occupancy`, one per storey (`Storeys`); `Elevation` detects stairs |
-//! | room memory R_t, P_room, P_obj, P_ctx | `ObjectMemory::context`: rooms inferred from typical objects |
-//! | s_vis | `Recognition::fit`; by default probability of the category, colour, size and shape words; for image goals, similarity of embeddings and views |
-//! | S_search, S_ground | `decide.rs`, `candidate::Evidence::score` |
-//! | Search, Ground, Verify | `candidate::Stage` |
-//! | V, Submit gate | `candidate::VerificationDemand` and the comparison of goals in `goals::GoalPairing`; `candidate::SubmitGate` |
+//! | Psi_t = P(o_t, G), s_vis | `Recognition::see` and `Recognition::fit` of `avln_kit`: by default probability of the category, colour, size and shape words; for goal images, similarity of embeddings and views |
+//! | M_t = U(M_{t-1}, Psi_t, p_t, S_t) | `PagNav::perceive` in `agent.rs`; `StoreyMemory` is M_t of one storey |
+//! | R_t, Psi_room, r(x) | `avln_kit::map::RoomMemory`: `see` adds the room cue of a frame, `around` returns r(x) |
+//! | O_t, O_t(g) | `avln_kit::map::ObjectMemory::recognise`; `PagNav::select` filters by `associate` |
+//! | A_int(l, x) = max(A_int(l, x), rho) | `avln_kit::map::IntensityMemory::hear`, cells of 0.5 m |
+//! | A_bear(g) = A_bear(g) ∪ {(p, beta, rho)} | `avln_kit::map::BearingMemory::hear`, re-weighted by `weigh` |
+//! | F_t, reachable | `Occupancy::frontiers` and `avln_kit::reach::ReachField`, in `PagNav::best_frontier` |
+//! | S_search, x* | `PagNav::search_score`, `PagNav::best_frontier` in `search.rs` |
+//! | P_room, P_obj, P_ctx | `avln_kit::map::GoalPrior::room`, `objects`, `context` |
+//! | s_aud | `avln_kit::map::BearingMemory::alignment` |
+//! | S_ground, o* | `candidate::Evidence::score`, `candidate::best` |
+//! | s_int | `avln_kit::map::IntensityMemory::nearness`, in `PagNav::intensity` |
+//! | viewpoint that improves the grounding | `PagNav::best_viewpoint` in `ground.rs` |
+//! | pi_t: Search, Ground, Verify | `PagNav::decide`, `PagNav::stage` in `decide.rs` |
+//! | V_t(o*, g) | `verify::Verification::of`, from a `FreshLook` of the current frame |
+//! | Submit_t = 1[V and distance and angle] | `verify::SubmitGate::warrant` |
+//! | S_t | `mission::MissionState` |
 //!
-//! Three additions to the paper:
-//! - V becomes less strict the longer a source has been sought, and near the end of the episode (`VerificationDemand::after`).
-//! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`).
-//! - If the phase returns no feedback to a Submit, the agent waits at an open gate until the target sounds again: only silence after the
-//!   Submit is evidence. If found targets fall silent later (`SilenceRule`), it waits until a right Submit must have silenced the target.
+//! Where the paper leaves a choice:
+//! - A sound does not identify its goal: A_bear receives all sounds for the active goal, and older ones weigh less, since sources
+//!   alternate. s_aud uses the direction from the place of hearing, for the current sound the agent, to the frontier. Two ears do not
+//!   separate front from back: the better of both directions counts.
+//! - The active goal of an unordered mission is the open goal with the best S_ground, otherwise the first open one.
+//! - The frontier stays the target for `keep_steps`. Ties are decided by the shorter way. When everything is explored, the map restarts.
+//! - Without a verdict, a goal counts as completed after its Submit. A wrong verdict refutes the object.
+//! - With one open goal, or without a remaining Submit, the verified claim is a Stop: an N-th Submit is never sent. Without a
+//!   verified candidate the episode ends at the step limit.
 //!
-//! [`Weights`] are the tunable numbers, documented in `pag-nav.toml`. [`Ablation`] disables parts of the agent;
-//! [`PagNav::hinted`] measures the value of perfect hearing, for privileged variants only.
+//! [`Preset::PagNavPlus`] adds the extensions in [`Switches`]. In both presets, every Submit and Stop follows a verification in the
+//! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only
+//! an open gate creates a `Warrant`. Patience and hurry lower the number of looks, never the floor. Sound never completes a goal by
+//! itself, and no candidate needs sound.
+//!
+//! The files in `presets/` document all [`Weights`]. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the value
+//! of perfect hearing, for privileged variants only. The agent is *learnt perception*: its network was trained on training houses.
+//! With `avln_kit::perception::ClassicalRecognition` it is training-free.
 //!
 //! This crate links no server crate other than `avln-simd` and uses no information beyond observations (except [`PagNav::hinted`]).
 
@@ -29,15 +48,26 @@ mod agent;
 mod candidate;
 mod decide;
 mod goals;
+mod ground;
+mod mission;
+mod outcome;
+mod preset;
+#[cfg(test)]
+mod proof;
+mod search;
+mod sources;
 mod stairs;
 mod trace;
+mod verify;
 mod weights;
 
 pub use agent::PagNav;
+pub use preset::{Ablation, Preset, Switch, Switches};
+pub use trace::summary::{TraceSummary, summarise};
 pub use trace::{Recorder, TraceError};
-pub use weights::{Ablation, Weights, WeightsError};
+pub use weights::{Weights, WeightsError};
 
-use avln_client::{RunSummary, Sensors};
+use avln_client::{MethodType, RunSummary, Sensors};
 use avln_kit::onnx::{ModelsError, OnnxRecognition, SharedFailure};
 use avln_kit::run::{AgentArgs, Method, OnEnd, play};
 use clap::Args;
@@ -49,10 +79,13 @@ pub struct PagNavArgs {
     /// Run, image size and slots.
     #[command(flatten)]
     pub run: AgentArgs,
-    /// Name of the method on the leaderboard
-    #[arg(long, default_value = "PAG-Nav", value_name = "NAME")]
-    pub method: String,
-    /// TOML file with weights that override the defaults; agents/pag-nav/pag-nav.toml documents them
+    /// Weights and extensions
+    #[arg(long, value_enum, default_value_t, value_name = "NAME")]
+    pub preset: Preset,
+    /// Name of the method on the leaderboard; default: PAG-Nav or PAG-Nav+
+    #[arg(long, value_name = "NAME")]
+    pub method: Option<String>,
+    /// TOML file with weights and switches that override the preset; agents/pag-nav/presets documents them
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
     /// TOML file of ONNX models to use instead of the bundled network; docs/models.md documents it
@@ -107,7 +140,12 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
     let mut failures = Vec::new();
     let mut agents = args.run.agents(|| agent(&args, &mut failures))?;
     let sensors = Sensors::square(args.run.size);
-    let method = Method { name: args.method, version: env!("CARGO_PKG_VERSION"), sensors };
+    let method_type = match args.models {
+        Some(_) => MethodType::FoundationModels,
+        None => MethodType::LearntPerception,
+    };
+    let name = args.method.unwrap_or_else(|| args.preset.method().to_owned());
+    let method = Method { name, version: env!("CARGO_PKG_VERSION"), method_type, sensors };
     let played = play(args.run, method, &mut agents, on_end).await;
     let traced = agents.iter_mut().try_for_each(PagNav::end_trace);
     let summary = played?;
@@ -122,7 +160,10 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
 
 /// Creates an agent. Failures of its models appear in `failures`.
 fn agent(args: &PagNavArgs, failures: &mut Vec<SharedFailure>) -> Result<PagNav, PagNavError> {
-    let weights = args.weights.as_deref().map_or_else(|| Ok(Weights::default()), Weights::read)?;
+    let weights = match &args.weights {
+        Some(file) => Weights::read(args.preset, file)?,
+        None => args.preset.weights(),
+    };
     let mut agent = PagNav::new(weights);
     if let Some(file) = &args.models {
         let models = OnnxRecognition::load(file)?;

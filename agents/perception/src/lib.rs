@@ -31,8 +31,6 @@ use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 use shapes::ShapeClassifier;
 
-const WEIGHTS: &[u8] = include_bytes!("../weights/network.safetensors");
-
 /// An image segmentation.
 pub trait Perception {
     /// Returns the category names by index.
@@ -55,9 +53,12 @@ pub struct VisionNetwork {
 }
 
 impl VisionNetwork {
+    /// The bundled weights file.
+    pub const WEIGHTS: &'static [u8] = include_bytes!("../weights/network.safetensors");
+
     /// Loads the bundled weights; fails if they are invalid, which a test excludes.
     pub fn new() -> Result<Self, WeightsError> {
-        Self::from_bytes(WEIGHTS)
+        Self::from_bytes(Self::WEIGHTS)
     }
 
     /// Loads weights that `training/export.py` has written; fails if the file is malformed.

@@ -1,7 +1,7 @@
 //! Baseline suite, and demonstrations of the oracle for imitation learning.
 
 use crate::{
-    commands::split::SplitOrigin,
+    commands::{phase::FeedbackLevel, split::SplitOrigin},
     output::{processors, progress_bar, say, write_file},
 };
 use avln_arena::{
@@ -11,10 +11,10 @@ use avln_arena::{
     run_blocking,
     setup::{self, sounds_for_phase},
 };
-use avln_episode::Order;
+use avln_episode::{FeedbackRule, Order};
 use avln_lab::{
     rollout::{RolloutOptions, RolloutTally, Sense},
-    suite::{self, AgentVariant, SuiteOptions, SuiteSize},
+    suite::{self, AgentVariant, MergeTally, SuiteOptions, SuiteReport, SuiteShard, SuiteSize, Track},
 };
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -23,21 +23,38 @@ use std::path::{Path, PathBuf};
 pub(crate) enum BaselinesCommand {
     /// Play the missions that are not yet in the results; can be stopped and continued at any time
     Run(BaselinesRunArgs),
-    /// Write the page of results, and next to it results.csv with all episodes
+    /// Add the results of other folders, such as the shards of several machines
+    Merge(BaselinesMergeArgs),
+    /// Write the page of results, and next to it results.csv with all episodes and the charts in images/
     Report(BaselinesReportArgs),
 }
 
 #[derive(Clone, Debug, Args)]
 pub(crate) struct BaselinesRunArgs {
-    /// Agents; all by default
+    /// Split and rules
+    #[arg(long, value_enum, default_value_t = Track::Main, conflicts_with_all = ["quick", "hard"])]
+    track: Track,
+    /// Short for --track quick: 200 missions in small houses
+    #[arg(long, conflicts_with = "hard")]
+    quick: bool,
+    /// Short for --track hard: the rule set lh-avln-hard-v1
+    #[arg(long)]
+    hard: bool,
+    /// Agents; all rows of the track by default
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     agents: Vec<AgentVariant>,
     /// Goal order
     #[arg(long, value_enum, default_value_t = OrderChoice::Both)]
     orders: OrderChoice,
-    /// Missions per agent and order, spread evenly over the houses; all by default
+    /// Missions per agent and order, spread evenly over the houses; by default all or a sample of at least 200, depending on the agent
     #[arg(long, value_name = "MISSIONS")]
     episodes: Option<usize>,
+    /// Part I of N of the missions, for several machines; join the results with merge
+    #[arg(long, value_name = "I/N", default_value = "1/1", hide_default_value = true)]
+    shard: SuiteShard,
+    /// Feedback to Submits, a study of its own; the rule set's by default
+    #[arg(long, value_enum)]
+    feedback: Option<FeedbackLevel>,
     /// Folder of the split, the server's data and the results
     #[arg(long, default_value = "avln-ladder", value_name = "FOLDER")]
     out: PathBuf,
@@ -53,15 +70,18 @@ pub(crate) struct BaselinesRunArgs {
     /// Play again what is in the results, for changed agents
     #[arg(long)]
     again: bool,
-    /// Houses in the split; another number makes another split, which needs another --out
-    #[arg(long, default_value_t = SuiteSize::default().houses)]
-    houses: u32,
-    /// Missions per house
-    #[arg(long, default_value_t = SuiteSize::default().missions)]
-    missions: usize,
+    /// Houses in the split, by default 11, or 25 with --quick; another number makes another split, which needs another --out
+    #[arg(long)]
+    houses: Option<u32>,
+    /// Missions per house, by default 50, or 8 with --quick
+    #[arg(long)]
+    missions: Option<usize>,
     /// Folder for traces of PAG-Nav and its variants without privileges: a folder per variant and order, a file per mission
     #[arg(long, value_name = "FOLDER")]
     trace: Option<PathBuf>,
+    /// TOML file of ONNX models; adds the row pag-nav-models. docs/models.md documents it
+    #[arg(long, value_name = "FILE")]
+    models: Option<PathBuf>,
     /// Use houses of the training pool, to tune agents; needs another --out
     #[arg(long)]
     practice: bool,
@@ -75,6 +95,16 @@ pub(crate) enum OrderChoice {
     Ordered,
     /// Any order.
     Unordered,
+}
+
+#[derive(Clone, Debug, Args)]
+pub(crate) struct BaselinesMergeArgs {
+    /// Suite folders, or files with the format of results.jsonl
+    #[arg(required = true, value_name = "FOLDER")]
+    sources: Vec<PathBuf>,
+    /// Suite folder of the joint results
+    #[arg(long, default_value = "avln-ladder", value_name = "FOLDER")]
+    out: PathBuf,
 }
 
 #[derive(Clone, Debug, Args)]
@@ -95,10 +125,19 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
             say!("write the page with: avln lab baselines report --out {}", args.out.display());
             Ok(())
         }
+        BaselinesCommand::Merge(args) => {
+            let MergeTally { added, known } = suite::merge(&args.out, &args.sources)?;
+            say!("{added} results were added to {}, {known} were there before", args.out.display());
+            Ok(())
+        }
         BaselinesCommand::Report(args) => {
-            let report = suite::report(&args.out)?;
-            let table = args.to.with_file_name("results.csv");
-            for (path, text) in [(args.to, report.page), (table, report.episodes)] {
+            let SuiteReport { page, episodes, charts } = suite::report(&args.out)?;
+            let images = args.to.with_file_name("images");
+            let mut files = vec![(args.to.with_file_name("results.csv"), episodes)];
+            files.extend(charts.into_iter().map(|(name, svg)| (images.join(name), svg)));
+            files.push((args.to, page));
+            std::fs::create_dir_all(&images).map_err(|error| Failure::file("create", &images, error))?;
+            for (path, text) in files {
                 write_file(&path, text)
                     .map_err(|failure| failure.hinted("choose another file with --to FILE"))?;
                 say!("written to {}", path.display());
@@ -109,22 +148,49 @@ pub(crate) async fn run(command: BaselinesCommand) -> Result<(), Failure> {
 }
 
 impl BaselinesRunArgs {
+    fn track(&self) -> Track {
+        match (self.quick, self.hard) {
+            (true, _) => Track::Quick,
+            (_, true) => Track::Hard,
+            (false, false) => self.track,
+        }
+    }
+
+    fn agents(&self, feedback: Option<FeedbackRule>) -> Vec<AgentVariant> {
+        if !self.agents.is_empty() {
+            return self.agents.clone();
+        }
+        let mut rows = self.track().rows(feedback);
+        rows.extend(self.models.is_some().then_some(AgentVariant::PagNavModels));
+        rows
+    }
+
     fn options(&self) -> SuiteOptions {
-        let (all, slots) = (AgentVariant::value_variants(), || processors().min(16) as u32);
+        let (track, slots) = (self.track(), || processors().min(16) as u32);
+        let feedback = self.feedback.map(FeedbackRule::from);
+        let SuiteSize { houses, missions, .. } = track.size();
         SuiteOptions {
-            agents: if self.agents.is_empty() { all.to_vec() } else { self.agents.clone() },
+            track,
+            agents: self.agents(feedback),
             orders: match self.orders {
                 OrderChoice::Both => vec![Order::Ordered, Order::Unordered],
                 OrderChoice::Ordered => vec![Order::Ordered],
                 OrderChoice::Unordered => vec![Order::Unordered],
             },
-            episodes: self.episodes.unwrap_or(usize::MAX),
+            episodes: self.episodes,
+            shard: self.shard,
             slots: self.slots.unwrap_or_else(slots),
             seed: self.seed,
             side: self.size,
+            feedback,
             again: self.again,
-            size: SuiteSize { houses: self.houses, missions: self.missions, practice: self.practice },
+            size: SuiteSize {
+                houses: self.houses.unwrap_or(houses),
+                missions: self.missions.unwrap_or(missions),
+                practice: self.practice,
+            },
             trace: self.trace.clone(),
+            models: self.models.clone(),
         }
     }
 }

@@ -103,7 +103,7 @@ pub(crate) struct ConformanceArgs {
     /// the client's reactions. The client may use a stream with one or two slots, or unary calls
     #[arg(long, value_name = "ADDRESS")]
     client: Option<SocketAddr>,
-    /// Faults for the client: those after which it plays on, the end of the run while it is away, or a takeover of the run
+    /// Faults for the client: those after which it plays on, the end of the run while it is disconnected, or a takeover of the run
     /// by another connection, after which it stops with an error
     #[arg(long, value_enum, default_value_t, value_name = "CASE", requires = "client")]
     case: ClientCase,

@@ -10,6 +10,7 @@ use avln_lab::dataset::{
     check::{self, CheckScope},
     frames::{self, FrameOptions, Purpose},
     import::Import,
+    verifier::VerifierChoice,
 };
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -45,6 +46,9 @@ pub(crate) struct BuildArgs {
     /// Ignore the recipe's seed: the program draws a secret for every split, which a phase with hidden scores or replays requires
     #[arg(long)]
     secret: bool,
+    /// Detector that must recognise every target: network (the agents' bundled network), none, or a .toml file with ONNX models
+    #[arg(long, value_name = "network|FILE.toml|none", default_value = "network")]
+    verifier: VerifierChoice,
     /// Threads, one per processor by default; files do not depend on it
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -64,9 +68,12 @@ pub(crate) struct CheckArgs {
     /// Recompute tours and render pictures of every COUNT-th mission
     #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// Recompute all missions, and compare all sentences and pictures with a survey of the scene
+    /// Recompute all missions, compare all sentences and pictures with a survey of the scene, and verify all targets again
     #[arg(long, conflicts_with = "every")]
     full: bool,
+    /// File with the ONNX models that verified the targets; not necessary for the bundled network
+    #[arg(long, value_name = "FILE.toml")]
+    verifier: Option<PathBuf>,
     /// Threads; one per processor by default
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -87,7 +94,7 @@ fn build(data: &Path, args: &BuildArgs) -> Result<(), Failure> {
     recipe.seed = recipe.seed.filter(|_| !args.secret);
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("dataset-{}", recipe.name)));
     let files = DatasetFiles::at(&folder);
-    let builder = Builder::open(files.clone(), recipe)?;
+    let builder = Builder::open_with(files.clone(), recipe, args.verifier.load()?)?;
     let bar = progress_bar("missions", 0);
     let watch = |progress: BuildProgress| {
         if bar.length() != Some(progress.missions as u64) {
@@ -149,6 +156,7 @@ fn check(data: &Path, args: &CheckArgs) -> Result<(), Failure> {
         scenes: args.scenes,
         every: if args.full { 1 } else { args.every as usize },
         cues: args.full,
+        models: args.verifier.as_deref(),
         threads: args.threads.map(usize::from),
     };
     let bar = progress_bar("scenes", 0);
@@ -159,6 +167,7 @@ fn check(data: &Path, args: &CheckArgs) -> Result<(), Failure> {
     })?;
     bar.finish_and_clear();
     say!("checked {} missions in {} scenes", report.missions, report.scenes);
+    say!("verification of targets: {}", report.verification);
     if report.faults.is_empty() {
         say!("every constraint holds");
         return Ok(());

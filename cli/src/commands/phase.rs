@@ -57,8 +57,8 @@ pub(crate) struct OpenPhaseArgs {
     /// Visibility for paths, maps and targets
     #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
     replays: VisibleTo,
-    /// Rule set; the split's by default. It may differ only in noise and clips: a split for lh-avln-v1 can be played with
-    /// lh-avln-noisy-v1 and lh-avln-distinct-v1
+    /// Rule set; the split's by default. It may differ only in noise, sounds and claims: a split for lh-avln-v1 can be
+    /// played with lh-avln-noisy-v1, lh-avln-distinct-v1 and lh-avln-hard-v1
     #[arg(long)]
     rules: Option<String>,
     /// Sound clips for targets: a share of the synthetic clips (all, train, validation or test), or a folder

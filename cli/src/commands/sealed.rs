@@ -11,8 +11,11 @@ use avln_arena::{
 };
 use avln_episode::Order;
 use avln_sandbox::{Container, Engine, SandboxPlan, SandboxReport};
-use avln_store::{RunState, Store};
-use clap::{Args, Subcommand};
+use avln_store::{MethodType, RunState, Store};
+use clap::{
+    Args, Subcommand,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
 use std::{
     fs::File,
     net::SocketAddr,
@@ -44,6 +47,9 @@ pub(crate) struct SealedRunArgs {
     /// Method version
     #[arg(long, default_value = "", value_name = "VERSION")]
     method_version: String,
+    /// Method type on leaderboards
+    #[arg(long, value_name = "TYPE", value_parser = method_type_parser())]
+    method_type: Option<MethodType>,
     /// Goal order: ordered or unordered
     #[arg(long, default_value = "unordered")]
     order: Order,
@@ -145,8 +151,15 @@ async fn play_in(
         return Err(Failure::run("this system cannot enforce everything; no run was started")
             .hinted("use a newer Linux, or omit --require-all"));
     }
-    let SealedRunArgs { phase, team, method, method_version, order, .. } = args;
-    let wanted = SealedRunRequest { phase, team, method, version: method_version, order: *order };
+    let SealedRunArgs { phase, team, method, method_version, method_type, order, .. } = args;
+    let wanted = SealedRunRequest {
+        phase,
+        team,
+        method,
+        version: method_version,
+        method_type: *method_type,
+        order: *order,
+    };
     let missing: Vec<_> = report.missing.iter().map(|gap| format!("{}: {}", gap.what, gap.why)).collect();
     let enforced = format!("{}: {}", sandbox.kind(), report.enforced.join("; "));
     let started = start_sealed_run(data, store, &wanted, enforced, missing.join("; ")).await;
@@ -160,6 +173,11 @@ async fn play_in(
     say!("run      {}", ticket.run);
     let ended = sandbox.play(&ticket.run, &ticket.token, args.wall_s).await;
     conclude(store, &ticket.run, ended).await
+}
+
+fn method_type_parser() -> impl TypedValueParser<Value = MethodType> {
+    PossibleValuesParser::new(MethodType::ALL.iter().map(|known| known.as_str()))
+        .try_map(|word| word.parse::<MethodType>())
 }
 
 fn tell(report: &SandboxReport) {

@@ -56,7 +56,7 @@ pub(crate) struct MakeSplitArgs {
     /// secret bits, which a phase with hidden scores or replays requires
     #[arg(long)]
     seed: Option<u64>,
-    /// Rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
+    /// Rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1, lh-avln-distinct-v1, lh-avln-hard-v1 or lh-avln-mesh-v1
     #[arg(long, default_value = Rules::PAPER)]
     rules: String,
 }

@@ -6,7 +6,7 @@ pub enum Scenario {
     /// Faults after which the client plays on.
     #[default]
     Faults,
-    /// End of the run while the client is away.
+    /// End of the run while the client is disconnected.
     Ended,
     /// Takeover of the run by another connection.
     Superseded,

@@ -89,7 +89,7 @@ impl Conversation {
         Ok(())
     }
 
-    /// Reports the end of the run to a client that was away.
+    /// Reports the end of the run to a client that was disconnected.
     async fn report_results(&self, run: &mut TrialRun, hello: &v1::Hello) -> Result<(), StreamEnd> {
         run.finish();
         self.fake.count_frame();

@@ -84,10 +84,15 @@ impl Connection {
         };
         let channel = site.endpoint().map_err(unreachable)?.connect().await.map_err(unreachable)?;
         let no_run = |detail: String| Trouble::NoRun { phase: phase.to_owned(), detail };
+        let method = v1::MethodInfo {
+            name: "conformance".to_owned(),
+            method_type: v1::MethodType::TrainingFree.into(),
+            ..v1::MethodInfo::default()
+        };
         let request = v1::StartRunRequest {
             phase: phase.to_owned(),
             order: v1::Order::Unordered.into(),
-            method: Some(v1::MethodInfo { name: "conformance".to_owned(), ..v1::MethodInfo::default() }),
+            method: Some(method),
             ..v1::StartRunRequest::default()
         };
         let started = RunServiceClient::new(channel.clone()).start_run(bearer(request, token)).await;

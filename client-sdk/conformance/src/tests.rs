@@ -116,8 +116,9 @@ async fn server_and_phase_are_described() {
     let [phase] = phases.as_slice() else { panic!("{phases:?}") };
     assert_eq!((phase.id.as_str(), phase.state()), ("conformance", v1::PhaseState::Open));
     assert_eq!((phase.episodes, phase.max_slots, phase.max_side), (1, 2, 512));
-    let method = server.run.method.clone().unwrap_or_default().name;
-    assert_eq!((server.run.phase.as_str(), method.as_str()), ("any", "conformance"));
+    let method = server.run.method.clone().unwrap_or_default();
+    assert_eq!((server.run.phase.as_str(), method.name.as_str()), ("any", "conformance"));
+    assert_eq!(method.method_type(), v1::MethodType::TrainingFree);
     assert_eq!(server.run.order(), v1::Order::Unordered);
     let (_, welcome) = server.enter(hello()).await.unwrap();
     let names: Vec<_> = welcome.tensors.iter().map(|spec| (spec.name.as_str(), spec.maximum)).collect();

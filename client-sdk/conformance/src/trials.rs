@@ -44,7 +44,7 @@ pub(crate) struct TrialRun {
     pub(crate) open: BTreeMap<u32, OpenEpisode>,
     /// Dropped episodes, whose trials their slots start again.
     reissued: BTreeMap<u32, OpenEpisode>,
-    /// Episodes that ended while the client was away.
+    /// Episodes that ended while the client was disconnected.
     pub(crate) cut: BTreeMap<u32, OpenEpisode>,
     /// Slots with an unanswered Ready.
     waiting: BTreeSet<u32>,
@@ -346,7 +346,7 @@ impl TrialRun {
         self.reissued.values().filter(is_known).cloned().collect()
     }
 
-    /// Ends the run and its open episodes while the client is away. The fault belongs to `slot`.
+    /// Ends the run and its open episodes while the client is disconnected. The fault belongs to `slot`.
     pub(crate) fn end_away(&mut self, slot: u32) {
         self.interrupt(slot);
         self.ended += self.open.len() as u32;

@@ -58,15 +58,15 @@ class AudioFollower:
         self.goals_left = len(mission.goals)
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """Submits if the sound has not become louder for some steps, otherwise continues."""
+        """Claims a goal if the sound has not become louder for some steps, the last one with Stop."""
         assert seen.audio is not None
         assert seen.depth is not None
         if seen.remaining_steps == 1:
             return avln.Action.STOP
         self.listen(float(np.sqrt(np.mean(seen.audio**2))))
-        if self.steps_since_louder > PATIENCE_STEPS and seen.remaining_submits:
+        if self.steps_since_louder > PATIENCE_STEPS:
             self.loudest, self.steps_since_louder = 0.0, 0
-            return avln.Action.SUBMIT
+            return avln.Action.SUBMIT if seen.remaining_submits else avln.Action.STOP
         return self.walk(bearing_rad(seen.audio, self.task.sample_rate_hz), seen.depth)
 
     def listen(self, level: float) -> None:

@@ -63,11 +63,16 @@ def main(arguments: list[str] | None = None) -> None:
     """Runs the command line."""
     program = parser("sb3_ppo", "Train PPO in a practice phase")
     add_connection(program)
-    add_run(program, method="ppo")
+    add_run(program, method="ppo", method_type=avln.MethodType.RL)
     program.add_argument("--steps", type=int, default=2000, help="training steps [2000]")
     program.add_argument("--out", default="ppo.zip", help="file for the policy [ppo.zip]")
     options = program.parse_args(arguments)
-    rest = {"method": options.method, "order": options.order, "connect_options": connect_options(options)}
+    rest = {
+        "method": options.method,
+        "method_type": options.method_type,
+        "order": options.order,
+        "connect_options": connect_options(options),
+    }
     train(options.server, options.token, options.phase, options.steps, **rest).save(options.out)
     print(f"wrote {options.out}")
 

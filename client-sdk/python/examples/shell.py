@@ -13,7 +13,7 @@ def main(agent: Callable[[], Any]) -> None:
     name = agent.__name__.lower()
     program = parser(name, agent.__doc__ or "")
     add_connection(program)
-    add_run(program, method=f"example-{name}")
+    add_run(program, method=f"example-{name}", method_type=avln.MethodType.TRAINING_FREE)
     options = program.parse_args()
     client, run = begin_from(options)
     with client:

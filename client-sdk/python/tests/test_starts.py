@@ -10,6 +10,7 @@ from server import PHASE
 import avln
 from avln.client import begin_run
 from avln.errors import LostError, SensorsError
+from avln.v1 import run_pb2
 
 if TYPE_CHECKING:
     from conftest import Endpoint
@@ -25,6 +26,28 @@ def test_invalid_sensors_start_no_run(endpoint: Endpoint, client: avln.Client) -
     with pytest.raises(SensorsError, match="63 x 63"):
         avln.begin(endpoint.url, endpoint.token, PHASE, "too small", sensors=TOO_SMALL)
     assert not [run for run in client.runs(PHASE) if run.method == "too small"]
+
+
+def test_unknown_method_type_starts_no_run(endpoint: Endpoint, client: avln.Client) -> None:
+    with pytest.raises(ValueError, match=r"'magic' does not exist; use one of: training-free, .*, rl"):
+        avln.begin(endpoint.url, endpoint.token, PHASE, "mystic", method_type="magic")
+    assert not [run for run in client.runs(PHASE) if run.method == "mystic"]
+
+
+def test_run_keeps_method_type(client: avln.Client) -> None:
+    for declared in [None, *avln.MethodType]:
+        run = client.start_run(PHASE, "typed", method_type=declared)
+        assert client.cancel_run(run.id).method_type is declared
+    run = client.start_run(PHASE, "typed", method_type="rl")
+    assert client.cancel_run(run.id).method_type is avln.MethodType.RL
+
+
+def test_method_types_match_protocol() -> None:
+    numbers = [known.to_wire() for known in avln.MethodType]
+    assert [0, *numbers] == run_pb2.MethodType.values()
+    assert [avln.MethodType.from_wire(number) for number in numbers] == list(avln.MethodType)
+    assert avln.MethodType.from_wire(0) is None
+    assert avln.MethodType.from_wire(99) is None
 
 
 def test_failed_stream_cancels_run(endpoint: Endpoint, client: avln.Client, monkeypatch: pytest.MonkeyPatch) -> None:

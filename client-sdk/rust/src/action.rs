@@ -121,7 +121,7 @@ wire_enum! {
     EndReason {
         /// The agent chose Stop.
         Stopped,
-        /// The agent used the final Submit.
+        /// The agent sent a Submit without Submits left, under [`ExtraSubmit::EndsEpisode`](crate::ExtraSubmit::EndsEpisode).
         FinalSubmit,
         /// The step limit was reached.
         StepLimit,

@@ -125,8 +125,10 @@ mod client;
 mod connect_options;
 mod connection;
 mod error;
+mod method_type;
 mod observation;
 mod play;
+mod pose;
 mod resend_buffer;
 mod service;
 mod slot;
@@ -140,8 +142,11 @@ pub use avln_proto::v1::Reason;
 pub use client::Client;
 pub use connect_options::{ConnectOptions, Packing};
 pub use error::Error;
-pub use observation::{Audio, DepthImage, Feedback, GoalCue, Image, Mission, Observation, Pose, RgbImage};
+pub use method_type::{MethodType, UnknownMethodType};
+pub use nalgebra;
+pub use observation::{Audio, DepthImage, Feedback, GoalCue, Image, Mission, Observation, RgbImage};
 pub use play::{Episode, Episodes, Play};
+pub use pose::Pose;
 pub use service::{
     Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
     ServerInfo,
@@ -149,6 +154,6 @@ pub use service::{
 pub use slot::TimeLeft;
 pub use summary::{EpisodeEnd, Metric, Notice, Progress, RunSummary};
 pub use task::{
-    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Sensors, SilenceRule, SoundClip,
-    SoundingRule, TaskSpec, WrongSubmit,
+    DepthNoise, DistanceRule, ExtraSubmit, FeedbackRule, PoseFrame, RgbNoise, Sensors, SilenceRule,
+    SoundClip, SoundingRule, StopClaims, TaskSpec, WrongSubmit,
 };

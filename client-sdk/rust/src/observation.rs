@@ -1,6 +1,10 @@
 //! Missions and observations.
 
-use crate::{action::Order, error::Error};
+use crate::{
+    action::{Action, Order},
+    error::Error,
+    pose::Pose,
+};
 use avln_proto::v1;
 use std::fmt;
 
@@ -100,10 +104,17 @@ pub struct Observation {
     pub pose: Pose,
     /// Remaining steps.
     pub remaining_steps: u32,
-    /// Remaining Submits before the final Submit.
+    /// Remaining Submits, N - 1 at the start of a mission with N goals. At 0, claim the last goal with Stop.
     pub remaining_submits: u32,
     /// Feedback to a Submit in this step.
     pub feedback: Feedback,
+}
+
+impl Observation {
+    /// Returns the action that claims a goal here: Submit, or Stop without Submits left.
+    pub fn claim(&self) -> Action {
+        if self.remaining_submits > 0 { Action::Submit } else { Action::Stop }
+    }
 }
 
 /// Planar depth: `height × width` metres, row-major from the top-left pixel; 0 without a hit in sensor range.
@@ -126,15 +137,6 @@ pub struct Audio {
     pub left: Vec<f32>,
     /// Right ear, equal length.
     pub right: Vec<f32>,
-}
-
-/// Position and heading. Right-handed, Y up; heading 0 looks to -Z, positive is a left turn.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
-    /// Metres: x right, y up, z back.
-    pub position: [f32; 3],
-    /// Radians about +Y, -π to π.
-    pub heading_rad: f32,
 }
 
 /// Feedback to a Submit.
@@ -175,6 +177,12 @@ mod tests {
             data: vec![7; bytes].into(),
         };
         v1::Goal { cue: Some(Cue::Image(tensor)) }
+    }
+
+    #[test]
+    fn claims_without_submits_left_are_stops() {
+        let claim = |remaining_submits| Observation { remaining_submits, ..Observation::default() }.claim();
+        assert_eq!([claim(2), claim(1), claim(0)], [Action::Submit, Action::Submit, Action::Stop]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::action::{EndReason, Order, wire_enum};
 use crate::error::Error;
+use crate::method_type::MethodType;
 use crate::summary::{self, Metric, Progress};
 use crate::task::FeedbackRule;
 use avln_proto::v1;
@@ -99,6 +100,12 @@ impl RunOptions {
         self
     }
 
+    /// Sets the method type, shown on the leaderboard.
+    pub fn method_type(mut self, method_type: MethodType) -> Self {
+        self.method.method_type = method_type.to_wire().into();
+        self
+    }
+
     /// Sets a description for people.
     pub fn description(mut self, text: impl Into<String>) -> Self {
         self.method.description = text.into();
@@ -183,6 +190,8 @@ pub struct RunStatus {
     pub phase: String,
     /// Method name.
     pub method: String,
+    /// Method type; `None` if it is undeclared or unknown to this client version.
+    pub method_type: Option<MethodType>,
     /// State.
     pub state: RunState,
     /// Reason for the state, for people.
@@ -319,6 +328,7 @@ impl Phase {
 impl RunStatus {
     pub(crate) fn from_wire(run: Option<v1::Run>) -> Result<Self, Error> {
         let run = run.ok_or_else(|| Error::protocol("the run status is empty"))?;
+        let method = run.method.unwrap_or_default();
         Ok(Self {
             state: RunState::from_wire(run.state),
             progress: Progress::from_wire(run.progress),
@@ -326,7 +336,8 @@ impl RunStatus {
             metrics: run.metrics.map(summary::metrics),
             id: run.id,
             phase: run.phase,
-            method: run.method.unwrap_or_default().name,
+            method_type: MethodType::from_wire(method.method_type()),
+            method: method.name,
             state_reason: run.state_reason,
             charged: run.charged,
             charge_reason: run.charge_reason,
@@ -377,6 +388,18 @@ mod tests {
             limit,
             ..v1::Quota::default()
         })
+    }
+
+    #[test]
+    fn method_types_cross_the_wire() {
+        let options = RunOptions::new("practice", "walker").method_type(MethodType::Imitation);
+        let method = options.into_wire(v1::ClientInfo::default()).method;
+        assert_eq!(method.as_ref().map(v1::MethodInfo::method_type), Some(v1::MethodType::Imitation));
+        let declared = |method| {
+            RunStatus::from_wire(Some(v1::Run { method, ..v1::Run::default() })).unwrap().method_type
+        };
+        assert_eq!(declared(method), Some(MethodType::Imitation));
+        assert_eq!(declared(None), None);
     }
 
     #[test]

@@ -70,6 +70,8 @@ wire_enum! {
         CameraToBox,
         /// Base to the nearest viewpoint, geodesic, with a visible target pixel.
         BaseToViewpoint,
+        /// Camera to the target's nearest triangle, Euclidean, otherwise as [`CameraToBox`](DistanceRule::CameraToBox).
+        CameraToMesh,
     }
 }
 wire_enum! {
@@ -110,6 +112,24 @@ wire_enum! {
         Delayed,
         /// At the end of the target's present turn.
         WindowEnd,
+    }
+}
+wire_enum! {
+    /// Effect of a Submit without Submits left; [`Other`](ExtraSubmit::Other) for older servers, where it ends the episode.
+    ExtraSubmit {
+        /// Uses a step, without a judgement.
+        Ignored,
+        /// Judged, and ends the episode.
+        EndsEpisode,
+    }
+}
+wire_enum! {
+    /// Goals open to a Stop; [`Other`](StopClaims::Other) for older servers, where any open goal counts.
+    StopClaims {
+        /// As for a Submit: the next goal, or any open goal in an unordered mission.
+        AnyOpen,
+        /// The last open goal; none if several are open.
+        LastOnly,
     }
 }
 wire_enum! {
@@ -189,6 +209,10 @@ pub struct TaskSpec {
     pub success_distance: DistanceRule,
     /// Wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,
+    /// Effect of a Submit without Submits left.
+    pub extra_submit: ExtraSubmit,
+    /// Goals open to a Stop.
+    pub stop_claims: StopClaims,
     /// Feedback to a Submit.
     pub feedback: FeedbackRule,
     /// Sounding schedule.
@@ -197,6 +221,10 @@ pub struct TaskSpec {
     pub sounding_window_steps: u32,
     /// Silence of found targets.
     pub silence: SilenceRule,
+    /// Sounding distractors per episode, besides those per goal; see [`TaskSpec::sounding_sources`].
+    pub distractor_sources: u32,
+    /// Sounding distractors per goal of the episode.
+    pub distractor_sources_per_goal: u32,
     /// Sound clip assignment.
     pub sound_clip: SoundClip,
     /// Source height above the target centre, metres.
@@ -235,10 +263,14 @@ impl Default for TaskSpec {
             success_radius_m: 2.0,
             success_distance: DistanceRule::CameraToBox,
             wrong_submit: WrongSubmit::KeepsGoal,
+            extra_submit: ExtraSubmit::Ignored,
+            stop_claims: StopClaims::AnyOpen,
             feedback: FeedbackRule::None,
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
             silence: SilenceRule::Immediate,
+            distractor_sources: 0,
+            distractor_sources_per_goal: 0,
             sound_clip: SoundClip::Anonymous,
             source_lift_m: 0.0,
             depth_noise: DepthNoise::None,
@@ -249,6 +281,15 @@ impl Default for TaskSpec {
 }
 
 impl TaskSpec {
+    /// Most sources in an episode: a larger number from a server is an error.
+    const MAX_SOURCES: u32 = 64;
+
+    /// Returns the number of sound sources at the start of a mission with `goals` goals: targets and distractors, which have
+    /// equal turns.
+    pub fn sounding_sources(&self, goals: usize) -> usize {
+        goals + self.distractor_sources as usize + self.distractor_sources_per_goal as usize * goals
+    }
+
     pub(crate) fn from_wire(task: &v1::TaskSpec) -> Result<Self, Error> {
         check_numbers(task)?;
         Ok(Self {
@@ -273,10 +314,14 @@ impl TaskSpec {
             success_radius_m: task.success_radius_m,
             success_distance: DistanceRule::from_wire(task.success_distance),
             wrong_submit: WrongSubmit::from_wire(task.wrong_submit),
+            extra_submit: ExtraSubmit::from_wire(task.extra_submit),
+            stop_claims: StopClaims::from_wire(task.stop_claims),
             feedback: FeedbackRule::from_wire(task.feedback),
             sounding: SoundingRule::from_wire(task.sounding),
             sounding_window_steps: task.sounding_window_steps,
             silence: SilenceRule::from_wire(task.silence),
+            distractor_sources: task.distractor_sources,
+            distractor_sources_per_goal: task.distractor_sources_per_goal,
             sound_clip: SoundClip::from_wire(task.sound_clip),
             source_lift_m: task.source_lift_m,
             depth_noise: DepthNoise::from_wire(task.depth_noise),
@@ -299,6 +344,13 @@ fn check_numbers(task: &v1::TaskSpec) -> Result<(), Error> {
         ("max_steps", task.max_steps as f32),
         ("sample_rate_hz", task.sample_rate_hz as f32),
     ];
+    let sources = [task.distractor_sources, task.distractor_sources_per_goal];
+    if let Some(value) = sources.into_iter().find(|&value| value > TaskSpec::MAX_SOURCES) {
+        let most = TaskSpec::MAX_SOURCES;
+        return Err(Error::protocol(format!(
+            "Welcome.task: expected at most {most} distractor sources, got {value}"
+        )));
+    }
     match positive.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
         Some((name, value)) => {
             Err(Error::protocol(format!("Welcome.task.{name}: expected a positive number, got {value}")))
@@ -335,5 +387,14 @@ mod tests {
         assert_eq!(RgbNoise::from_wire(0), RgbNoise::Other);
         assert_eq!(SilenceRule::from_wire(v1::SilenceRule::Delayed as i32), SilenceRule::Delayed);
         assert_eq!(SilenceRule::from_wire(0), SilenceRule::Other);
+        assert_eq!(ExtraSubmit::from_wire(v1::ExtraSubmit::Ignored as i32), ExtraSubmit::Ignored);
+        assert_eq!(ExtraSubmit::from_wire(0), ExtraSubmit::Other);
+        assert_eq!(StopClaims::from_wire(v1::StopClaims::LastOnly as i32), StopClaims::LastOnly);
+    }
+
+    #[test]
+    fn sounding_sources_include_distractors() {
+        let task = TaskSpec { distractor_sources: 2, distractor_sources_per_goal: 1, ..TaskSpec::default() };
+        assert_eq!((task.sounding_sources(3), TaskSpec::default().sounding_sources(3)), (8, 3));
     }
 }

@@ -2,7 +2,8 @@
 
 use crate::connect_options::Packing;
 use crate::error::Error;
-use crate::observation::{Audio, DepthImage, Feedback, Image, Observation, Pose};
+use crate::observation::{Audio, DepthImage, Feedback, Image, Observation};
+use crate::pose::Pose;
 use crate::task::{Sensors, TaskSpec};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
@@ -198,7 +199,7 @@ fn is_missing(kind: SensorKind, seen: &Observation) -> bool {
 
 fn pose(wire: Option<v1::Pose>) -> Result<Pose, Error> {
     let wire = wire.ok_or_else(|| Error::protocol("an observation has no pose"))?;
-    Ok(Pose { position: [wire.x_m, wire.y_m, wire.z_m], heading_rad: wire.heading_rad })
+    Ok(Pose::new([wire.x_m, wire.y_m, wire.z_m], wire.heading_rad))
 }
 
 fn feedback(wire: v1::SubmitFeedback) -> Feedback {

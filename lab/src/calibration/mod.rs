@@ -288,7 +288,7 @@ impl Agent for DigestingAgent {
 }
 
 fn observe(hasher: &mut blake3::Hasher, seen: &Observation) {
-    floats(hasher, seen.pose.position.into_iter().chain([seen.pose.heading_rad]));
+    floats(hasher, seen.pose.position().into_iter().chain([seen.pose.heading_rad()]));
     if let Some(image) = &seen.rgb {
         hasher.update(&image.pixels);
     }

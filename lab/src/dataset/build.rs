@@ -1,11 +1,14 @@
 //! Resumable, parallel data set construction from recipes.
 
-use super::check;
+use super::{
+    check,
+    verifier::{self, BoxedVerifier},
+};
 use crate::{internal, parallel};
 use avln_arena::dataset::{self, DatasetFiles};
 use avln_arena::{Failure, FailureKind, ids};
 use avln_dataset::format::digest_of;
-use avln_dataset::{BuiltScene, Job, Recipe, SceneLine, SecretFile, Statistics, build_scene};
+use avln_dataset::{BuiltScene, Job, Recipe, SceneLine, SecretFile, Statistics, build_scene_with};
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
@@ -21,6 +24,7 @@ struct FinishedScene {
 pub struct Builder {
     files: DatasetFiles,
     recipe: Recipe,
+    verifier: BoxedVerifier,
 }
 
 /// Build progress.
@@ -33,17 +37,27 @@ pub struct BuildProgress {
 }
 
 impl Builder {
-    /// Begins or resumes a build.
+    /// Begins or resumes a build with the recipe's verifier.
+    ///
+    /// # Errors
+    /// If the verifier is not a part of this program, or the folder contains another data set or cannot be written.
+    pub fn open(files: DatasetFiles, recipe: Recipe) -> Result<Self, Failure> {
+        let verifier = verifier::recorded(recipe.verifier.as_ref(), None)?;
+        Self::open_with(files, recipe, verifier)
+    }
+
+    /// Begins or resumes a build with `verifier`, which replaces the recipe's.
     ///
     /// # Errors
     /// If the folder contains another data set or cannot be written.
-    pub fn open(files: DatasetFiles, recipe: Recipe) -> Result<Self, Failure> {
-        let mut builder = Self { files, recipe };
+    pub fn open_with(files: DatasetFiles, recipe: Recipe, verifier: BoxedVerifier) -> Result<Self, Failure> {
+        let recipe = Recipe { verifier: verifier.id(), ..recipe };
+        let mut builder = Self { files, recipe, verifier };
         let is_complete = builder.files.is_complete();
         let known = if is_complete { builder.files.manifest()?.recipe } else { builder.begun()? };
         match known {
             Some(known) if known == builder.recipe => {}
-            Some(_) => return Err(builder.conflict("another recipe")),
+            Some(_) => return Err(builder.conflict("another recipe or another verifier")),
             None if is_complete => return Err(builder.conflict("no recipe")),
             None => dataset::write_whole(&builder.building().join("recipe.json"), &json(&builder.recipe)?)?,
         }
@@ -89,7 +103,7 @@ impl Builder {
         on_progress(progress);
         self.write_secrets()?;
         let make = |job: &Job| -> Result<(), Failure> {
-            let built = build_scene(&self.recipe, *job, cache)?;
+            let built = build_scene_with(&self.recipe, *job, &*self.verifier, cache)?;
             self.write_scene(*job, built)
         };
         parallel::share(&missing, threads, make, |index, ()| {

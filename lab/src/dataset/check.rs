@@ -1,12 +1,15 @@
 //! Data set checks and statistics.
 
+use super::verifier::{self, BoxedVerifier};
 use crate::parallel;
 use avln_arena::dataset::{DatasetFiles, SplitFolder};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, check_scene};
+use avln_dataset::{
+    Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, Verifier, check_recognition, check_scene,
+};
 use avln_episode::Rules;
 use avln_world::Cache;
-use std::{collections::BTreeMap, ops::RangeInclusive, sync::Arc};
+use std::{collections::BTreeMap, fmt, ops::RangeInclusive, path::Path, sync::Arc};
 
 /// Fewest goals for a check on modality shares.
 const BALANCED_FROM: u64 = 300;
@@ -22,8 +25,10 @@ pub struct CheckScope<'a> {
     pub scenes: Option<usize>,
     /// Interval between missions with recomputed tours and rendered pictures; 1 for every mission.
     pub every: usize,
-    /// `true` to repeat the survey and compare all cues.
+    /// `true` to repeat the survey, compare all cues, and verify all targets again.
     pub cues: bool,
+    /// The user's file with models, for data sets that were verified by it.
+    pub models: Option<&'a Path>,
     /// Thread count; `None` for one per processor.
     pub threads: Option<usize>,
 }
@@ -41,8 +46,32 @@ pub struct CheckReport {
     pub scenes: usize,
     /// Checked missions.
     pub missions: usize,
+    /// Repetition of the verification.
+    pub verification: Verification,
     /// Errors, in data set order.
     pub faults: Vec<String>,
+}
+
+/// Repetition of the verification of targets.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Verification {
+    /// The data set has no verifier.
+    #[default]
+    None,
+    /// Repeated by this verifier.
+    Repeated(String),
+    /// Not repeated, with the reason.
+    Skipped(String),
+}
+
+impl fmt::Display for Verification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => write!(f, "the data set was built without a verifier"),
+            Self::Repeated(verifier) => write!(f, "repeated by {verifier}"),
+            Self::Skipped(reason) => write!(f, "not repeated: {reason}"),
+        }
+    }
 }
 
 struct CheckJob {
@@ -67,10 +96,17 @@ pub fn run(
     let jobs = jobs(files, scope, &manifest)?;
     let survey = manifest.recipe.as_ref().map(|recipe| &recipe.survey).filter(|_| scope.cues);
     let depth = Depth { every: scope.every, survey };
+    let (verifier, verification) = verification(&manifest, scope);
+    report.verification = verification;
     let check = |job: &CheckJob| -> Result<_, Failure> {
         let assets = job.scene.spec().open_with(&rules, cache)?;
         let episodes = job.split.episodes(&job.scene)?;
-        Ok((episodes.len(), check_scene(&assets, &rules, &job.rules, &episodes, depth)))
+        let mut faults = check_scene(&assets, &rules, &job.rules, &episodes, depth);
+        if let (Some(verifier), Some(survey)) = (&verifier, survey) {
+            let recognition = (survey, &**verifier as &dyn Verifier);
+            faults.extend(check_recognition(&assets, &rules, &job.rules, &episodes, recognition)?);
+        }
+        Ok((episodes.len(), faults))
     };
     // Results arrive in any order; the report lists them by scene.
     let mut results: BTreeMap<usize, (usize, Vec<Fault>)> = BTreeMap::new();
@@ -86,6 +122,20 @@ pub fn run(
     }
     report.faults.extend(unbalanced(files, &manifest, scope)?);
     Ok(report)
+}
+
+/// Loads the data set's verifier, if it is available and the check includes cues.
+fn verification(manifest: &Manifest, scope: &CheckScope) -> (Option<BoxedVerifier>, Verification) {
+    let Some(id) = manifest.recipe.as_ref().and_then(|recipe| recipe.verifier.as_ref()) else {
+        return (None, Verification::None);
+    };
+    if !scope.cues {
+        return (None, Verification::Skipped(format!("add --full to repeat the verification by {id}")));
+    }
+    match verifier::recorded(Some(id), scope.models) {
+        Ok(verifier) => (Some(verifier), Verification::Repeated(id.to_string())),
+        Err(failure) => (None, Verification::Skipped(failure.to_string())),
+    }
 }
 
 fn jobs(files: &DatasetFiles, scope: &CheckScope, manifest: &Manifest) -> Result<Vec<CheckJob>, Failure> {

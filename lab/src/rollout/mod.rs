@@ -112,8 +112,8 @@ impl RolloutOptions<'_> {
     }
 
     fn check_rules(&self) -> Result<(), Failure> {
-        // The oracle computes success regions by this rule only.
-        if self.rules.success_distance == DistanceRule::CameraToBox {
+        // The oracle computes success regions by these rules only.
+        if matches!(self.rules.success_distance, DistanceRule::CameraToBox | DistanceRule::CameraToMesh) {
             return Ok(());
         }
         let message = format!("the oracle does not support rule set '{}'", self.rules.name);

@@ -73,7 +73,8 @@ impl Recording<'_> {
     }
 
     fn referee(&self, sensors: Sensors) -> Result<Referee, Failure> {
-        let truth = self.episode.truth(self.plan.order);
+        let plan = self.plan;
+        let truth = plan.split.truth(self.episode, plan.order, &plan.rules, self.assets)?;
         let rules = self.plan.rules.clone();
         Referee::new(self.assets.clone(), self.mission.clone(), truth, rules, sensors, &self.plan.audio)
             .map_err(|error| self.failed(error))

@@ -17,7 +17,8 @@ const IN_VIEW_M: f32 = 6.0;
 /// An episode's state at the last observation.
 pub(super) struct EpisodeState {
     pub(super) pose: Pose,
-    pub(super) sounding: Option<usize>,
+    /// Position of the sounding source, a target or a distractor.
+    source: Option<Point3<f32>>,
     /// Unfinished goals, by index.
     pub(super) is_open: Vec<bool>,
     pub(super) assets: Arc<SceneAssets>,
@@ -31,7 +32,7 @@ impl LiveEpisodes {
     pub(super) fn note(&self, handle: &str, referee: &Referee) {
         let state = EpisodeState {
             pose: referee.world().pose(),
-            sounding: referee.sounding(),
+            source: referee.sounding_position(),
             is_open: referee.is_open(),
             assets: referee.world().assets().clone(),
         };
@@ -80,7 +81,7 @@ impl TrueHints {
 impl Hints for TrueHints {
     fn source(&self) -> Option<FloorPoint> {
         let (truth, now) = self.now()?;
-        let source = in_agent_frame(&truth.start, &truth.targets.get(now.sounding?)?.source);
+        let source = in_agent_frame(&truth.start, &now.source?);
         Some(FloorPoint::new(source.x, source.z))
     }
 

@@ -1,13 +1,14 @@
 //! The suite's split and server.
 
-use super::{AgentVariant, hints::LiveEpisodes, results::EpisodeKey};
+use super::results::{EpisodeKey, MissionFacts};
+use super::{AgentVariant, SuiteOptions, hints::LiveEpisodes, track::feedback_name};
 use crate::{dataset::build::Builder, internal};
 use avln_arena::data::DataFolder;
 use avln_arena::dataset::{DatasetFiles, SplitFolder};
 use avln_arena::servers::RunningServers;
 use avln_arena::setup::{self, admit};
 use avln_arena::{Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB, now_unix_ms};
-use avln_dataset::{EpisodeSpec, Recipe, SceneChoice};
+use avln_dataset::{EpisodeSpec, Recipe};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
 use std::fs::{self, File, TryLockError};
@@ -15,39 +16,15 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-const RECIPE: &str = include_str!("recipe.json");
 const TEAM: &str = "baselines";
-
-/// The split's size and pool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SuiteSize {
-    /// Houses.
-    pub houses: u32,
-    /// Missions per house.
-    pub missions: usize,
-    /// `true` for houses from the training pool, to tune agents.
-    pub practice: bool,
-}
-
-impl Default for SuiteSize {
-    /// Returns 200 missions in 25 houses from the validation pool.
-    fn default() -> Self {
-        Self { houses: 25, missions: 8, practice: false }
-    }
-}
-
-impl SuiteSize {
-    /// Returns the split's name in the recipe.
-    fn split(self) -> &'static str {
-        if self.practice { "train" } else { "val" }
-    }
-}
 
 /// A suite's locked folder.
 pub(super) struct SuiteFolder {
     folder: PathBuf,
     data: DataFolder,
-    size: SuiteSize,
+    dataset: PathBuf,
+    /// Key without agent, order and episode.
+    edition: EpisodeKey,
     pub(super) split: Arc<SplitFolder>,
     pub(super) rules: Rules,
     _lock: File,
@@ -70,25 +47,29 @@ pub(super) struct Batch {
 
 impl SuiteFolder {
     /// Locks the folder and builds the split if it is missing.
-    pub(super) fn open(folder: &Path, size: SuiteSize) -> Result<Self, Failure> {
-        let cannot = |error: std::io::Error| {
-            Failure::new(FailureKind::Data, format!("cannot use {}: {error}", folder.display()))
-        };
-        fs::create_dir_all(folder).map_err(cannot)?;
-        let lock = File::create(folder.join("lock")).map_err(cannot)?;
-        lock.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => {
-                let message = format!("another baseline suite is running in {}", folder.display());
-                Failure::new(FailureKind::Data, message)
-                    .hinted("wait until it ends, or choose another folder with --out")
-            }
-            TryLockError::Error(error) => cannot(error),
-        })?;
+    pub(super) fn open(folder: &Path, plan: &SuiteOptions) -> Result<Self, Failure> {
+        let lock = lock(folder)?;
         let data = DataFolder::open(&folder.join("data"))?;
-        let split = build_split(&folder.join("dataset"), &data, size)?;
-        let mut rules = setup::rules_of(TEAM, &split)?;
-        rules.sounds = if size.practice { Sounds::Train } else { Sounds::Validation };
-        Ok(Self { folder: folder.to_owned(), data, size, split: Arc::new(split), rules, _lock: lock })
+        let recipe = plan.track.recipe(plan.size)?;
+        let dataset = folder.join(format!("dataset-{}", recipe.name));
+        let split = build_split(&dataset, &data, recipe, plan.size.split())?;
+        let mut rules = plan.track.rules(setup::rules_of(TEAM, &split)?, plan.feedback)?;
+        rules.sounds = if plan.size.practice { Sounds::Train } else { Sounds::Validation };
+        let edition = EpisodeKey {
+            agent: String::new(),
+            order: String::new(),
+            episode: String::new(),
+            seed: plan.seed,
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            benchmark: BENCHMARK_VERSION.to_owned(),
+            split: split.digest().to_owned(),
+            track: plan.track.label(plan.size.practice),
+            rules: rules.name.clone(),
+            feedback: feedback_name(rules.feedback).to_owned(),
+            side_px: plan.side,
+        };
+        let (folder, split) = (folder.to_owned(), Arc::new(split));
+        Ok(Self { folder, data, dataset, edition, split, rules, _lock: lock })
     }
 
     pub(super) fn results(&self) -> PathBuf {
@@ -104,17 +85,26 @@ impl SuiteFolder {
         Ok(episodes)
     }
 
-    /// Returns an episode's key for this build and split.
-    pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> EpisodeKey {
-        EpisodeKey {
-            agent: agent.to_owned(),
-            order: order.as_str().to_owned(),
-            episode: episode.to_owned(),
-            seed,
-            program: env!("CARGO_PKG_VERSION").to_owned(),
-            benchmark: BENCHMARK_VERSION.to_owned(),
-            split: self.split.digest().to_owned(),
-        }
+    /// Returns the track's name in results.
+    pub(super) fn track(&self) -> &str {
+        &self.edition.track
+    }
+
+    /// Returns an episode's key for this build, split and rules.
+    pub(super) fn key(&self, agent: &str, order: Order, episode: &str) -> EpisodeKey {
+        let (agent, order, episode) = (agent.to_owned(), order.as_str().to_owned(), episode.to_owned());
+        EpisodeKey { agent, order, episode, ..self.edition.clone() }
+    }
+
+    /// Returns the facts of a mission in an order.
+    pub(super) fn facts(&self, scene: &str, spec: &EpisodeSpec, order: Order) -> MissionFacts {
+        let line = self.split.scenes().iter().find(|line| line.name == scene);
+        let house = line.and_then(|line| line.facts).unwrap_or_default();
+        let tour = match order {
+            Order::Ordered => &spec.ordered,
+            Order::Unordered => &spec.unordered,
+        };
+        MissionFacts { reference_steps: tour.steps, storeys: house.storeys, area_m2: house.area_m2 }
     }
 
     /// Starts a server with an empty database and one phase per batch.
@@ -123,7 +113,7 @@ impl SuiteFolder {
         let lock = self.data.lock()?;
         // Earlier episodes are in the results file: an old database would only contain unfinished runs.
         self.forget_runs()?;
-        let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
+        let name = self.data.link_split(&self.dataset, self.split.name())?;
         let store = self.data.store().await?;
         setup::register_split(&store, &name, &self.split, &[]).await?;
         let mut phases = Vec::with_capacity(batches.len());
@@ -184,16 +174,25 @@ pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }
 
-fn build_split(folder: &Path, data: &DataFolder, size: SuiteSize) -> Result<SplitFolder, Failure> {
-    let mut recipe = Recipe::from_json(RECIPE)?;
-    let name = size.split();
-    recipe.splits.retain(|split| split.name == name);
-    for split in &mut recipe.splits {
-        split.missions_per_scene = size.missions;
-        if let SceneChoice::Houses { count, .. } = &mut split.scenes {
-            *count = size.houses;
+/// Locks a suite's folder, which is created if it is missing.
+pub(super) fn lock(folder: &Path) -> Result<File, Failure> {
+    let cannot = |error: std::io::Error| {
+        Failure::new(FailureKind::Data, format!("cannot use {}: {error}", folder.display()))
+    };
+    fs::create_dir_all(folder).map_err(cannot)?;
+    let lock = File::create(folder.join("lock")).map_err(cannot)?;
+    lock.try_lock().map_err(|error| match error {
+        TryLockError::WouldBlock => {
+            let message = format!("another baseline suite is running in {}", folder.display());
+            Failure::new(FailureKind::Data, message)
+                .hinted("wait until it ends, or choose another folder with --out")
         }
-    }
+        TryLockError::Error(error) => cannot(error),
+    })?;
+    Ok(lock)
+}
+
+fn build_split(folder: &Path, data: &DataFolder, recipe: Recipe, name: &str) -> Result<SplitFolder, Failure> {
     let builder = Builder::open(DatasetFiles::at(folder), recipe)?;
     let mut reported = 0;
     builder.run(None, Some(&data.cache()), |progress| {

@@ -48,9 +48,9 @@ impl Walker {
     /// Converts an observed pose to a world position and heading.
     pub fn locate(&self, pose: &Pose) -> (FloorPoint, f32) {
         let (sin, cos) = self.start_heading_rad.sin_cos();
-        let [x, _, z] = pose.position;
+        let [x, _, z] = pose.position();
         let place = [self.start[0] + x * cos + z * sin, self.start[1] - x * sin + z * cos];
-        (place, self.start_heading_rad + pose.heading_rad)
+        (place, self.start_heading_rad + pose.heading_rad())
     }
 
     /// Returns the next action on a path. A stuck body turns once and walks on.
@@ -131,16 +131,17 @@ impl Agent for ShortestPath {
         let is_there = claimable.any(|&goal| is_in_region(&truth.targets[goal], &now, &self.hints.rules));
         match (is_there, open.len()) {
             (_, 0) | (true, 1) => Action::Stop,
-            (true, _) => Action::Submit,
+            (true, _) => observation.claim(),
             (false, _) => self.walk(&truth, &now, observation),
         }
     }
 }
 
 fn is_in_region(target: &Target, now: &EpisodeState, rules: &Rules) -> bool {
-    let sees =
-        |eye: &Point3<f32>, half_view_rad| now.assets.sees(eye, InstanceId(target.instance), half_view_rad);
-    target.distance_within_region(&now.pose.position, rules, sees).is_some()
+    let instance = InstanceId(target.instance);
+    let to_mesh_m = |eye: &Point3<f32>| now.assets.distance_to_mesh_m(eye, instance);
+    let sees = |eye: &Point3<f32>, half_view_rad| now.assets.sees(eye, instance, half_view_rad);
+    target.distance_within_region(&now.pose.position, rules, to_mesh_m, sees).is_some()
 }
 
 /// Returns the goals in the reference tour's order.
@@ -191,7 +192,8 @@ impl Oracle {
             self.agent.begin(&TaskSpec::default(), &Mission::default());
             self.has_begun = true;
         }
-        let action = self.agent.act(&Observation { pose: self.pose(referee), ..Observation::default() });
+        let (pose, remaining_submits) = (self.pose(referee), referee.remaining_submits());
+        let action = self.agent.act(&Observation { pose, remaining_submits, ..Observation::default() });
         // Client and server number the actions alike.
         avln_episode::Action::ALL[action as usize]
     }
@@ -200,7 +202,7 @@ impl Oracle {
     fn pose(&self, referee: &Referee) -> Pose {
         let here = referee.world().pose();
         let relative = self.agent.hints.now().map_or(here, |(truth, _)| here.relative_to(&truth.start));
-        Pose { position: relative.position.coords.into(), heading_rad: relative.heading_rad }
+        Pose::new(relative.position.coords.into(), relative.heading_rad)
     }
 }
 

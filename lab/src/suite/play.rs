@@ -2,58 +2,70 @@
 
 use super::hints::TrueHints;
 use super::host::{Batch, HostedSuite, SuiteFolder, client_order, mission_of};
-use super::results::{EpisodeKey, causes};
-use super::{AgentVariant, ResultLine, Results, SuiteSize};
+use super::progress::SuiteProgress;
+use super::results::causes;
+use super::variant::{AgentSetup, EpisodeAgent};
+use super::{AgentVariant, ResultLine, Results, SuiteShard, SuiteSize, Track};
 use crate::internal;
 use avln_arena::Failure;
 use avln_client::{Client, Play, RunOptions};
-use avln_episode::{EndReason, Order};
+use avln_dataset::EpisodeSpec;
+use avln_episode::{EndReason, FeedbackRule, Order};
 use avln_scoring::score;
-use clap::ValueEnum;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::task::{JoinSet, block_in_place};
 
-const REPORT_INTERVAL: Duration = Duration::from_secs(5);
-
 /// Suite settings.
 #[derive(Clone, Debug)]
 pub struct SuiteOptions {
+    /// Split and rules.
+    pub track: Track,
     /// Agents, in playing order.
     pub agents: Vec<AgentVariant>,
     /// Goal orders.
     pub orders: Vec<Order>,
-    /// Mission limit, spread evenly over the houses.
-    pub episodes: usize,
+    /// Missions per agent and order, spread evenly over the houses; [`Track::missions`] by default.
+    pub episodes: Option<usize>,
+    /// Part of the missions.
+    pub shard: SuiteShard,
     /// Parallel episodes.
     pub slots: u32,
     /// Random agents' seed.
     pub seed: u64,
     /// Image side, pixels.
     pub side: u32,
+    /// Feedback to Submits; the rule set's by default.
+    pub feedback: Option<FeedbackRule>,
     /// `true` to repeat finished episodes.
     pub again: bool,
     /// Split size.
     pub size: SuiteSize,
     /// Trace folder for PAG-Nav and ablations.
     pub trace: Option<PathBuf>,
+    /// File of ONNX models for [`AgentVariant::PagNavModels`].
+    pub models: Option<PathBuf>,
 }
 
 impl Default for SuiteOptions {
-    /// Returns all agents on the whole split in both orders.
+    /// Returns all rows of the main track in both orders.
     fn default() -> Self {
         Self {
-            agents: AgentVariant::value_variants().to_vec(),
+            track: Track::Main,
+            agents: Track::Main.rows(None),
             orders: vec![Order::Ordered, Order::Unordered],
-            episodes: usize::MAX,
+            episodes: None,
+            shard: SuiteShard::default(),
             slots: 2,
             seed: 0,
             side: 128,
+            feedback: None,
             again: false,
-            size: SuiteSize::default(),
+            size: Track::Main.size(),
             trace: None,
+            models: None,
         }
     }
 }
@@ -63,9 +75,9 @@ impl Default for SuiteOptions {
 /// # Errors
 /// If the folder cannot be used or a run fails. Finished episodes remain.
 pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
-    let (path, size) = (folder.to_owned(), plan.size);
-    let folder =
-        tokio::task::spawn_blocking(move || SuiteFolder::open(&path, size)).await.map_err(internal)??;
+    let (path, options) = (folder.to_owned(), plan.clone());
+    let opened = tokio::task::spawn_blocking(move || SuiteFolder::open(&path, &options));
+    let folder = opened.await.map_err(internal)??;
     let results = Results::open(&folder.results())?;
     let batches = missing(&folder, &results, plan)?;
     if batches.is_empty() {
@@ -73,8 +85,9 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
         return Ok(0);
     }
     let hosted = folder.host(&batches).await?;
-    let to_play = batches.iter().map(|batch| batch.episodes.len()).sum();
-    let progress = SuiteProgress { results, played: 0, to_play, began: Instant::now(), reported: None };
+    let row = |batch: &Batch| (batch.variant.name(), batch.order.as_str().to_owned());
+    let left = batches.iter().map(|batch| (row(batch), batch.episodes.len()));
+    let progress = SuiteProgress::new(results, folder.track(), left.collect(), plan.slots);
     let suite = Arc::new(SuiteRun { folder, hosted, plan: plan.clone(), progress: Mutex::new(progress) });
     let mut played = Ok(());
     for batch in batches {
@@ -83,7 +96,7 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
             break;
         }
     }
-    let count = suite.progress().played;
+    let count = suite.progress().played();
     if let Ok(SuiteRun { hosted, .. }) = Arc::try_unwrap(suite).map_err(|_| ()) {
         hosted.servers.close().await?;
         hosted.store.close().await;
@@ -91,18 +104,18 @@ pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     played.map(|()| count)
 }
 
+/// Returns the missions without results, by row; both orders of a row follow each other.
 fn missing(folder: &SuiteFolder, results: &Results, plan: &SuiteOptions) -> Result<Vec<Batch>, Failure> {
-    let mut all = folder.episodes()?;
-    all.truncate(plan.episodes);
+    let all = folder.episodes()?;
     let mut batches = Vec::new();
     for &variant in &plan.agents {
         let name = variant.name();
+        let planned = plan.episodes.unwrap_or_else(|| plan.track.missions(variant, plan.size, plan.feedback));
         for &order in &plan.orders {
-            let mut episodes = all.clone();
-            episodes.retain(|episode| {
-                let key = folder.key(&name, order, &episode.episode, plan.seed);
-                plan.again || !results.has(&key)
-            });
+            let is_missing = |episode: &str| plan.again || !results.has(&folder.key(&name, order, episode));
+            let own = all.iter().take(planned).enumerate().filter(|(index, _)| plan.shard.includes(*index));
+            let episodes: Vec<_> =
+                own.filter(|(_, own)| is_missing(&own.episode)).map(|(_, own)| own.clone()).collect();
             if !episodes.is_empty() {
                 let phase = format!("{name}-{}", order.as_str());
                 batches.push(Batch { variant, order, phase, episodes });
@@ -125,6 +138,7 @@ impl SuiteRun {
         let client = Client::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
         let options = RunOptions::new(&batch.phase, batch.variant.name());
         let options = options.method_version(env!("CARGO_PKG_VERSION")).order(client_order(batch.order));
+        let options = options.method_type(batch.variant.method_type());
         let run = client.start_run(options).await.map_err(Failure::run)?;
         let sensors = batch.variant.sensors(self.plan.side);
         let plays = client.play_slots(&run, sensors, self.plan.slots).await.map_err(Failure::run)?;
@@ -153,7 +167,13 @@ impl SuiteRun {
             hints.follow(&handle, spec.truth(batch.order));
             let traces = self.plan.trace.as_ref().map(|folder| folder.join(&batch.phase));
             let seed = agent_seed(self.plan.seed, &spec.id);
-            let mut agent = batch.variant.agent(seed, &hints, traces.as_deref())?;
+            let setup = AgentSetup {
+                seed,
+                hints: &hints,
+                models: self.plan.models.as_deref(),
+                traces: traces.as_deref(),
+            };
+            let EpisodeAgent { mut agent, failure } = batch.variant.agent(&setup)?;
             let mut thought = Duration::ZERO;
             agent.enter(&spec.id);
             timed(&mut thought, || agent.begin(&task, episode.mission()));
@@ -162,7 +182,10 @@ impl SuiteRun {
                 episode.step(action).await.map_err(Failure::run)?;
             }
             self.hosted.live.forget(&handle);
-            self.record(batch, run, &spec.id, [thought, began.elapsed()]).await?;
+            if let Some(error) = failure.as_ref().and_then(|failure| failure.get()) {
+                return Err(Failure::data(format!("a model failed in {}: {error}", spec.id)));
+            }
+            self.record(batch, run, &spec, [thought, began.elapsed()]).await?;
         }
         Ok(play)
     }
@@ -172,9 +195,10 @@ impl SuiteRun {
         &self,
         batch: &Batch,
         run: &str,
-        id: &str,
+        spec: &EpisodeSpec,
         [thought, wall]: [Duration; 2],
     ) -> Result<(), Failure> {
+        let id = spec.id.as_str();
         let index = batch.episodes.iter().position(|episode| episode.episode == id);
         let Some(index) = index else { return Ok(()) };
         let Some(facts) = self.hosted.store.facts(run, index as u32).await? else { return Ok(()) };
@@ -189,7 +213,8 @@ impl SuiteRun {
         }
         let metrics = score(&facts.truth, &facts.record, &self.folder.rules);
         let line = ResultLine {
-            key: self.folder.key(&batch.variant.name(), batch.order, id, self.plan.seed),
+            key: self.folder.key(&batch.variant.name(), batch.order, id),
+            mission: self.folder.facts(&facts.truth.scene, spec, batch.order),
             scene: facts.truth.scene,
             modalities: facts.truth.targets.iter().map(|target| target.modality).collect(),
             end: facts.record.end,
@@ -203,38 +228,6 @@ impl SuiteRun {
 
     fn progress(&self) -> MutexGuard<'_, SuiteProgress> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// The results file and the progress messages.
-struct SuiteProgress {
-    results: Results,
-    played: usize,
-    to_play: usize,
-    began: Instant,
-    reported: Option<Instant>,
-}
-
-impl SuiteProgress {
-    fn add(&mut self, line: ResultLine) -> Result<(), Failure> {
-        self.played += 1;
-        let is_last = self.played == self.to_play;
-        if is_last || self.reported.is_none_or(|reported| reported.elapsed() >= REPORT_INTERVAL) {
-            self.reported = Some(Instant::now());
-            self.report(&line);
-        }
-        self.results.add(line)
-    }
-
-    fn report(&self, line: &ResultLine) {
-        let episode_s = self.began.elapsed().as_secs_f64() / self.played as f64;
-        let minutes = (episode_s * (self.to_play - self.played) as f64 / 60.0).ceil();
-        let EpisodeKey { agent, order, .. } = &line.key;
-        let (metrics, think_ms) = (&line.metrics, line.think_ms);
-        eprintln!(
-            "{} of {} episodes, about {minutes} min left: {agent} {order}, {} of {} goals in {} steps, {think_ms:.0} ms per action",
-            self.played, self.to_play, metrics.found, metrics.goals, metrics.steps
-        );
     }
 }
 

@@ -29,6 +29,29 @@ pub struct EpisodeKey {
     pub benchmark: String,
     /// Split digest.
     pub split: String,
+    /// Track, see [`Track::label`](super::Track::label); empty in results of earlier versions.
+    #[serde(default)]
+    pub track: String,
+    /// Rule set name.
+    #[serde(default)]
+    pub rules: String,
+    /// Feedback to Submits.
+    #[serde(default)]
+    pub feedback: String,
+    /// Image side, pixels.
+    #[serde(default)]
+    pub side_px: u32,
+}
+
+/// Facts about a mission and its house.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MissionFacts {
+    /// Reference steps in the played order.
+    pub reference_steps: u32,
+    /// Storeys of the house.
+    pub storeys: u32,
+    /// Walkable area of the house, square metres.
+    pub area_m2: f64,
 }
 
 /// An episode's result.
@@ -38,6 +61,9 @@ pub struct ResultLine {
     pub key: EpisodeKey,
     /// Scene name.
     pub scene: String,
+    /// Mission and house.
+    #[serde(default)]
+    pub mission: MissionFacts,
     /// Modality by goal.
     pub modalities: Vec<Modality>,
     /// End reason.
@@ -102,6 +128,11 @@ impl Results {
     /// Returns `true` if the key has a result.
     pub fn has(&self, key: &EpisodeKey) -> bool {
         self.lines.contains_key(key)
+    }
+
+    /// Returns a key's result.
+    pub(super) fn get(&self, key: &EpisodeKey) -> Option<&ResultLine> {
+        self.lines.get(key)
     }
 
     /// Returns all results, by key.
@@ -252,6 +283,7 @@ mod tests {
             start: Pose::new(Point3::origin(), 0.0),
             order: Order::Ordered,
             targets: vec![target(0.0), target(20.0)],
+            distractor_sources: vec![],
             reference_m: 1.0,
             reference_path: vec![],
         };

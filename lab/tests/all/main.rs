@@ -81,7 +81,8 @@ fn copy() -> TempDir {
 }
 
 fn checked(folder: &Path) -> Result<CheckReport, avln_arena::Failure> {
-    let scope = CheckScope { split: None, scenes: None, every: 1, cues: true, threads: Some(2) };
+    let scope =
+        CheckScope { split: None, scenes: None, every: 1, cues: true, models: None, threads: Some(2) };
     check::run(&DatasetFiles::at(folder), &scope, None, |_, _| {})
 }
 

@@ -11,7 +11,7 @@ use crate::{
 use avln_challenge::EpisodeOutcome;
 use avln_episode::{Action, EndReason, Mission, Observation, Order, Rules, Sensors};
 use avln_grpc::{Episode, HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
-use avln_referee::{Referee, RefereeError, StepOutcome, source_positions};
+use avln_referee::{Referee, RefereeError, StepOutcome, episode_sources};
 use avln_scoring::{Metric, Metrics, score};
 use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, StoreError, TimeAccount};
 use avln_truth::{EpisodeTruth, Record};
@@ -22,6 +22,7 @@ use std::{
     sync::{Arc, MutexGuard, PoisonError},
 };
 use tokio::task::spawn_blocking;
+use tracing::Instrument;
 
 /// Issued episodes without a result, by ticket.
 #[derive(Default)]
@@ -153,6 +154,7 @@ impl Arena {
     }
 
     /// Creates a referee on a watched thread, within the session memory. Stores a new scene's map.
+    #[tracing::instrument(level = "debug", name = "prepare", skip_all)]
     pub(crate) async fn prepare_episode(
         &self,
         run: &Run,
@@ -199,6 +201,7 @@ impl Arena {
         stored
     }
 
+    #[tracing::instrument(level = "debug", name = "store", skip_all)]
     async fn try_store_result(
         &self,
         run: &str,
@@ -319,7 +322,8 @@ impl Arena {
         let (phase, store) = (phase.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.prefetching.clone());
         let (watchdog, limit) = (self.control().watchdog().clone(), self.budget.preparation);
-        tokio::spawn(async move {
+        let span = tracing::debug_span!(parent: None, "prefetch", run);
+        let work = async move {
             // One episode at a time, because running episodes have priority on the processors; the teams in turn, because one of
             // them may start hundreds of runs.
             let _turn = turns.next(&team).await;
@@ -334,7 +338,8 @@ impl Arena {
             if let Err(error) = stored {
                 tracing::warn!(run, %error, "cannot prepare the next episode in advance; it is prepared on request");
             }
-        });
+        };
+        tokio::spawn(work.instrument(span));
     }
 
     pub(crate) fn open_episodes(&self) -> MutexGuard<'_, OpenEpisodes> {
@@ -364,8 +369,9 @@ fn prepare(phase: &HostedPhase, scenes: &SceneCache, episode: &str) -> Result<Op
     }
     if sensors.audio {
         phase.audio.head.prepare();
-        let targets: Vec<_> = spec.goals.iter().map(|goal| goal.target.clone()).collect();
-        for position in &source_positions(phase.rules(), &targets) {
+        // Both orders have equal sources.
+        let truth = phase.truth(&spec, Order::Ordered, &assets)?;
+        for position in &episode_sources(phase.rules(), &truth) {
             assets.prepare_sound(position);
         }
     }
@@ -389,7 +395,8 @@ pub(crate) fn prepare_referee(
     let spec = phase.episode(episode).map_err(Refusal::internal)?;
     let (scene, map) = phase.scene(&spec.scene, scenes).map_err(Refusal::internal)?;
     let mission = spec.mission(&scene, phase.rules(), order);
-    let (truth, rules) = (spec.truth(order), phase.rules().clone());
+    let truth = phase.truth(&spec, order, &scene).map_err(Refusal::internal)?;
+    let rules = phase.rules().clone();
     let referee = Referee::new(scene.clone(), mission, truth, rules, sensors, &phase.audio);
     let referee = referee.map_err(|error| match error {
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),

@@ -5,10 +5,11 @@ use crate::{
     lru::LruCache, now_unix_ms, run_blocking, setup::check_seed,
 };
 use avln_dataset::{DatasetError, EpisodeSpec, SceneSource, SceneSpec};
-use avln_episode::Rules;
+use avln_episode::{Order, Rules};
 use avln_geom::Point3;
 use avln_referee::Audio;
 use avln_store::{Phase, PhaseEpisode, Run, Scene, SceneMap, Store, Visibility};
+use avln_truth::EpisodeTruth;
 use avln_world::{Cache, SceneAssets};
 use std::{collections::BTreeMap, sync::Arc};
 use tokio::sync::Mutex;
@@ -154,6 +155,16 @@ impl HostedPhase {
     pub(crate) fn episode(&self, id: &str) -> Result<EpisodeSpec, Failure> {
         let missing = || Failure::scene(format!("no episode {id} in split '{}'", self.settings.split));
         self.split.episode(id)?.ok_or_else(missing)
+    }
+
+    /// Returns a mission's ground truth for the phase's rules.
+    pub(crate) fn truth(
+        &self,
+        episode: &EpisodeSpec,
+        order: Order,
+        assets: &SceneAssets,
+    ) -> Result<EpisodeTruth, Failure> {
+        self.split.truth(episode, order, self.rules(), assets)
     }
 
     /// Returns an episode's scene file size, bytes; 0 if missing or not accessible.

@@ -54,6 +54,7 @@ impl Arena {
         self.return_episode(&lost.run, &lost.handle, ReturnCause::Server).await;
     }
 
+    #[tracing::instrument(level = "debug", name = "restore", skip_all)]
     pub(crate) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
         let phase = self.phase(&row.phase).await?;

@@ -6,7 +6,7 @@ use crate::{
     ids, now_unix_ms,
     phases::{PhaseCatalog, find_phase},
 };
-use avln_challenge::{MethodInfo, names::is_visible_text};
+use avln_challenge::{MethodInfo, MethodType, names::is_visible_text};
 use avln_episode::Order;
 use avln_store::{NewRun, Run, Store};
 use std::sync::Arc;
@@ -52,6 +52,8 @@ pub struct SealedRunRequest<'a> {
     pub method: &'a str,
     /// Method version; may be empty.
     pub version: &'a str,
+    /// Method type.
+    pub method_type: Option<MethodType>,
     /// Goal order.
     pub order: Order,
 }
@@ -104,7 +106,7 @@ fn method_of(request: &SealedRunRequest<'_>) -> Result<MethodInfo, Failure> {
             return Err(Failure::data(message).hinted(format!("use {least} to {most} printable characters")));
         }
     }
-    Ok(MethodInfo::new(name, version))
+    Ok(MethodInfo { method_type: request.method_type, ..MethodInfo::new(name, version) })
 }
 
 fn unknown(phase: &str, known: Vec<&str>) -> Failure {
@@ -123,11 +125,19 @@ mod tests {
     #[test]
     fn methods_of_sealed_runs_are_limited() {
         let check = |method: &str, version: &str| {
-            let request = SealedRunRequest { phase: "p", team: "t", method, version, order: Order::Ordered };
+            let request = SealedRunRequest {
+                phase: "p",
+                team: "t",
+                method,
+                version,
+                method_type: Some(MethodType::Rl),
+                order: Order::Ordered,
+            };
             method_of(&request)
         };
         let method = check(" walker ", "").expect("a method");
         assert_eq!((method.name.as_str(), method.version.as_str()), ("walker", ""));
+        assert_eq!(method.method_type, Some(MethodType::Rl));
         assert!(check(&"x".repeat(80), &"1".repeat(40)).is_ok());
         for (method, version) in [
             ("", "1"),

@@ -183,6 +183,7 @@ impl NewSplit {
             seed: None,
             missions: MissionRules::default(),
             survey: SurveyOptions::default(),
+            verifier: None,
             splits: vec![split],
         }
     }
@@ -280,6 +281,7 @@ pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Res
         return Err(Failure::scene(format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
+    split.check_distractors(&phase.rules)?;
     store.published_splits().await?.check(&phase, split.digest(), now_unix_ms())?;
     check_overlap(data, &phases, &phase)?;
     let notes = challenge::notes(&challenge::actor(), before, &phase, "");
@@ -363,15 +365,17 @@ pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failu
     Err(Failure::data(message).hinted("add recordings, or omit --sounds"))
 }
 
-/// Returns the rule set `name`, by default the split's. The two may differ only in noise and clips.
+/// Returns the rule set `name`, by default the split's. The two may differ only in noise, sounds and claims.
 pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
     let Some(name) = name else { return Ok(of_split) };
     let rules = Rules::named(name).map_err(Failure::scene)?;
     if rules.fits_episodes_of(&of_split) {
         return Ok(rules);
     }
-    let message =
-        format!("rule set '{name}' and the split's '{}' differ in more than noise and clips", of_split.name);
+    let message = format!(
+        "rule set '{name}' and the split's '{}' differ in more than noise, sounds and claims",
+        of_split.name
+    );
     Err(Failure::scene(message).hinted("make a split with: avln data split make NAME --rules RULES"))
 }
 

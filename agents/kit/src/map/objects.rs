@@ -1,29 +1,16 @@
-//! Object memory: hypotheses from detections over time, and their surroundings.
+//! Object memory: hypotheses from detections over time.
 
+use crate::LOOK_M;
 use crate::geometry::{FloorPoint, Pose2d};
 use crate::map::occupancy::Occupancy;
-use crate::perception::category::likeness;
-use crate::perception::cue::{CueWords, Query};
+use crate::map::priors::categories_of;
 use crate::perception::objects::DetectedObject;
 
 const MOST: usize = 400;
-/// Radius for nearby objects, and a room's radius, metres.
-const NEAR_M: f32 = 1.2;
-const ROOM_M: f32 = 3.0;
-/// Assumed height for objects without a detection, metres.
-const SUPPOSED_M: f32 = 1.0;
-/// Context for goals without surroundings in their cue.
-const NEUTRAL: f32 = 0.5;
-/// Typical objects by room.
-const ROOMS: [(&str, &[&str]); 7] = [
-    ("bathroom", &["toilet", "bathtub", "shower", "towel"]),
-    ("bedroom", &["bed", "chest_of_drawers", "clothes"]),
-    ("kitchen", &["counter", "stool"]),
-    ("living room", &["sofa", "tv_monitor", "fireplace"]),
-    ("dining room", &["table", "chair"]),
-    ("office", &["table", "chair", "cabinet"]),
-    ("gym", &["gym_equipment"]),
-];
+/// Distance between the positions of two near views that both count, metres: one position is one look.
+const APART_M: f32 = 0.2;
+/// Positions of near views kept per hypothesis.
+const MOST_VIEWS: usize = 12;
 
 /// The paper's object memory O_t: object hypotheses merged over images, and their compatibility with the goals.
 #[derive(Clone, Debug, Default)]
@@ -39,10 +26,39 @@ pub struct ObjectHypothesis {
     pub detection: DetectedObject,
     /// Near views.
     pub looks: u32,
+    /// Frames with a detection of the hypothesis.
+    views: u32,
     /// Unsuccessful Submits at the hypothesis.
     pub wrong_submits: i32,
     /// Visual compatibility by goal over all views, 0 to 1 (s_vis in the paper).
     vis: Vec<f32>,
+    /// Positions of the near views.
+    viewed_from: Vec<FloorPoint>,
+    /// Positions of views without the expected detection.
+    missed_from: Vec<FloorPoint>,
+    /// Probabilities of the categories in the tables of priors.
+    categories: Vec<f32>,
+}
+
+/// A detection in the current frame: the only evidence for a visual verification.
+///
+/// Only [`ObjectMemory::recognise`] creates looks, from the detections of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FreshLook {
+    object: usize,
+    fits: Vec<f32>,
+}
+
+impl FreshLook {
+    /// Returns the index of the hypothesis that the detection belongs to.
+    pub fn object(&self) -> usize {
+        self.object
+    }
+
+    /// Returns s_vis of this look for a goal, 0 to 1.
+    pub fn vis(&self, goal: usize) -> f32 {
+        self.fits.get(goal).copied().unwrap_or(0.0)
+    }
 }
 
 impl ObjectMemory {
@@ -54,24 +70,53 @@ impl ObjectMemory {
     /// Adds an image's detections.
     pub fn see(&mut self, seen: Vec<DetectedObject>) {
         for detection in seen {
-            // The first match wins: indices stay stable, which Submits and traces refer to.
-            match self.all.iter_mut().find(|known| known.detection.is_same(&detection)) {
-                Some(known) => known.detection.merge(&detection),
-                None => self.add(detection),
-            }
+            self.add(detection);
         }
     }
 
-    fn add(&mut self, detection: DetectedObject) {
-        if self.all.len() < MOST {
-            let vis = vec![0.0; self.goals];
-            self.all.push(ObjectHypothesis { detection, looks: 0, wrong_submits: 0, vis });
+    /// Adds the detections of a frame from `pose`, compares each with the goals, and returns the looks. Views within
+    /// [`LOOK_M`] count as near views.
+    pub fn recognise(
+        &mut self,
+        pose: &Pose2d,
+        seen: Vec<DetectedObject>,
+        fit: impl Fn(&DetectedObject, usize) -> f32,
+    ) -> Vec<FreshLook> {
+        let mut looks = Vec::new();
+        for detection in seen {
+            let fits: Vec<f32> = (0..self.goals).map(|goal| fit(&detection, goal)).collect();
+            let is_near = detection.distance_m(pose.place) <= LOOK_M;
+            let Some(object) = self.add(detection) else { continue };
+            self.all[object].view(&fits, is_near.then_some(pose.place));
+            looks.push(FreshLook { object, fits });
+        }
+        looks
+    }
+
+    /// Records a view from `place` that should show a hypothesis but does not: its compatibility with all goals falls, once per
+    /// position.
+    pub fn miss(&mut self, index: usize, place: FloorPoint) {
+        let Some(object) = self.all.get_mut(index) else { return };
+        if object.missed_from.iter().all(|from| from.distance_m(place) >= APART_M) {
+            object.missed_from.push(place);
+            object.mix(&vec![0.0; self.goals], object.views + object.missed_from.len() as u32);
         }
     }
 
-    /// Adds a hypothesis without a detection, for an object that blends into the surroundings.
-    pub fn suppose(&mut self, place: FloorPoint) {
-        self.add(DetectedObject { min: place, max: place, high_m: SUPPOSED_M, ..DetectedObject::default() });
+    /// Merges a detection into its hypothesis, or adds one; returns the index, `None` if the memory is full.
+    fn add(&mut self, detection: DetectedObject) -> Option<usize> {
+        // The first match wins: indices stay stable, which Submits and traces refer to.
+        let known = self.all.iter().position(|known| known.detection.is_same(&detection));
+        if let Some(index) = known {
+            self.all[index].detection.merge(&detection);
+        } else if self.all.len() < MOST {
+            self.all.push(ObjectHypothesis::new(detection, self.goals));
+        } else {
+            return None;
+        }
+        let index = known.unwrap_or(self.all.len() - 1);
+        self.all[index].categories = categories_of(&self.all[index].detection);
+        Some(index)
     }
 
     /// Returns all hypotheses. Indices are stable within an episode.
@@ -108,50 +153,53 @@ impl ObjectMemory {
         if let Some(object) = self.all.get_mut(index) {
             object.wrong_submits += 1;
             object.looks = 0;
+            object.viewed_from.clear();
         }
-    }
-
-    /// Returns the support from room and surroundings for a goal, 0 to 1 (P_room, P_obj and P_ctx in the paper).
-    pub fn context(&self, place: FloorPoint, query: &Query) -> f32 {
-        match query {
-            Query::Words(words) => self.expects(place, words),
-            Query::Picture { .. } => NEUTRAL,
-        }
-    }
-
-    fn expects(&self, place: FloorPoint, words: &CueWords) -> f32 {
-        let stated = words.room.as_deref().map(|room| self.room(place, room));
-        let typical = ROOMS.iter().filter(|(_, typical)| typical.contains(&words.category.as_str()));
-        let usual = typical.map(|(room, _)| self.room(place, room)).reduce(f32::max);
-        let room = stated.or(usual).unwrap_or(NEUTRAL);
-        match words.near.as_deref() {
-            Some(noun) => 0.5 * room + 0.5 * self.presence(place, NEAR_M, noun),
-            None => room,
-        }
-    }
-
-    /// Returns the confidence in an object within `reach_m` metres with this category, 0 to 1.
-    fn presence(&self, place: FloorPoint, reach_m: f32, category: &str) -> f32 {
-        let near = self.all.iter().filter(|object| object.detection.distance_m(place) <= reach_m);
-        near.map(|object| likeness(&object.detection, category)).fold(0.0, f32::max)
-    }
-
-    /// Returns the nearby objects' support for a room, 0 to 1 (the paper's room memory R_t).
-    fn room(&self, place: FloorPoint, room: &str) -> f32 {
-        let Some((_, typical)) = ROOMS.iter().find(|(name, _)| *name == room) else { return NEUTRAL };
-        let sum: f32 = typical.iter().map(|category| self.presence(place, ROOM_M, category)).sum();
-        sum / typical.len() as f32
     }
 }
 
 impl ObjectHypothesis {
     /// Adds a near view, given the fits by goal, 0 to 1.
     pub fn look(&mut self, fits: &[f32]) {
+        self.looks += 1;
+        self.mix(fits, self.looks);
+    }
+
+    fn new(detection: DetectedObject, goals: usize) -> Self {
+        let (vis, viewed_from, categories) = (vec![0.0; goals], Vec::new(), Vec::new());
+        let missed_from = Vec::new();
+        Self { detection, looks: 0, views: 0, wrong_submits: 0, vis, viewed_from, missed_from, categories }
+    }
+
+    /// Adds a view of a frame with the fits by goal; a near view counts as a look if its position is new.
+    fn view(&mut self, fits: &[f32], near: Option<FloorPoint>) {
+        self.views += 1;
+        self.mix(fits, self.views);
+        let Some(place) = near else { return };
+        if self.viewed_from.iter().all(|from| from.distance_m(place) >= APART_M) {
+            self.looks += 1;
+            if self.viewed_from.len() >= MOST_VIEWS {
+                self.viewed_from.remove(0);
+            }
+            self.viewed_from.push(place);
+        }
+    }
+
+    fn mix(&mut self, fits: &[f32], views: u32) {
         /// Views of the mean. Older ones fade, since extents grow from view to view.
         const WINDOW: u32 = 4;
-        self.looks += 1;
-        let share = 1.0 / self.looks.min(WINDOW) as f32;
+        let share = 1.0 / views.clamp(1, WINDOW) as f32;
         self.vis.iter_mut().zip(fits).for_each(|(vis, fit)| *vis += share * (fit - *vis));
+    }
+
+    /// Returns the positions of the last near views.
+    pub fn viewed_from(&self) -> &[FloorPoint] {
+        &self.viewed_from
+    }
+
+    /// Returns the probability of a category in the tables of priors, 0 to 1.
+    pub(crate) fn category(&self, index: usize) -> f32 {
+        self.categories.get(index).copied().unwrap_or(0.0)
     }
 
     /// Returns the visual compatibility with a goal, 0 to 1; 0 before the first view.
@@ -164,7 +212,6 @@ impl ObjectHypothesis {
 mod tests {
     use super::*;
     use crate::perception::objects::Palette;
-    use avln_client::GoalCue;
 
     fn detection(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> DetectedObject {
         let (min, max) = (FloorPoint::new(x, 0.0), FloorPoint::new(x + size_m[0], size_m[1]));
@@ -199,14 +246,23 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_support_goals() {
-        let mut objects = ObjectMemory::new(1);
-        objects.see(vec![detection(0.0, [2.0, 1.6], 0.6, [40, 60, 190])]);
-        let context = |sentence: &str, x: f32| {
-            objects.context(FloorPoint::new(x, 0.3), &Query::new(&GoalCue::Description(sentence.into())))
+    fn looks_belong_to_their_frame() {
+        let mut objects = ObjectMemory::new(2);
+        let bed = detection(0.0, [2.0, 1.6], 0.6, [40, 60, 190]);
+        let chair = detection(5.0, [0.5, 0.5], 0.9, [200, 40, 40]);
+        let fit = |detection: &DetectedObject, goal: usize| {
+            if detection.high_m < 0.7 && goal == 1 { 0.8 } else { 0.1 }
         };
-        assert!(context("the lamp in the bedroom", 2.5) > context("the lamp in the bathroom", 2.5));
-        assert!(context("the lamp near a bed", 2.5) > context("the lamp near a bed", 9.0));
-        assert_eq!(context("the lamp", 2.5), NEUTRAL);
+        let pose = |x: f32| Pose2d::new(&avln_client::Pose::new([x, 0.0, 2.0], 0.0));
+        let looks = objects.recognise(&pose(0.0), vec![bed.clone(), chair], fit);
+        let seen: Vec<_> = looks.iter().map(|look| (look.object(), look.vis(1), look.vis(7))).collect();
+        assert_eq!(seen, [(0, 0.8, 0.0), (1, 0.1, 0.0)]);
+        // The chair is too far for a near view, and a second view from the same place is no new look.
+        objects.recognise(&pose(0.1), vec![bed.clone()], fit);
+        assert_eq!((objects.all()[0].looks, objects.all()[1].looks), (1, 0));
+        objects.recognise(&pose(0.3), vec![bed], fit);
+        assert_eq!((objects.all()[0].looks, objects.all()[0].viewed_from().len()), (2, 2));
+        assert!((objects.all()[0].vis(1) - 0.8).abs() < 1e-6);
+        assert!(objects.recognise(&pose(0.6), Vec::new(), fit).is_empty());
     }
 }

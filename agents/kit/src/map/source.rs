@@ -35,7 +35,7 @@ const MISSED_M: f32 = 1.8;
 /// Radius around the best cell whose probability mass is the certainty, metres.
 const CERTAIN_M: f32 = 0.75;
 
-/// A source's likelihood over the floor plan, accumulated from bearings and levels (the paper's bearing memory).
+/// A source's likelihood over the floor plan, accumulated from bearings and levels : an extension of the paper.
 pub struct SourceBelief {
     scores: Vec<f32>,
 }
@@ -127,7 +127,7 @@ const ASKED: usize = 3;
 /// Standard deviation for the log range at a level.
 const SPREAD: f32 = 0.8;
 
-/// The paper's intensity memory A_int for one source: the highest level by position.
+/// The paper's intensity memory A_int for one storey: the highest level by position.
 #[derive(Clone, Debug, Default)]
 pub struct IntensityMemory {
     cells: BTreeMap<(i32, i32), LoudestSound>,
@@ -152,6 +152,14 @@ impl IntensityMemory {
     /// Returns the highest level; 0 without sound.
     pub fn loudest(&self) -> f32 {
         self.cells.values().map(|heard| heard.level).fold(0.0, f32::max)
+    }
+
+    /// Returns the support for a source at a point, 0 to 1: `reach_m` relative to the range by the highest level heard within
+    /// `reach_m` metres of it; 0 if nothing was heard there.
+    pub fn nearness(&self, distance_m: impl Fn(FloorPoint) -> f32, reach_m: f32) -> f32 {
+        let near = self.cells.values().filter(|heard| distance_m(heard.place) <= reach_m);
+        let level = near.map(|heard| heard.level).reduce(f32::max);
+        level.map_or(0.0, |level| (reach_m / range_m(level)).min(1.0))
     }
 
     /// Returns a source's support by the loudest cells, 0 to 1: a Gaussian over log range by level to distance.
@@ -216,7 +224,7 @@ mod tests {
             for step in 0..24 {
                 let heading_rad = step as f32 * 30_f32.to_radians();
                 let position = [0.1 * step as f32, 0.0, -0.05 * step as f32];
-                let pose = Pose2d::new(&Pose { position, heading_rad });
+                let pose = Pose2d::new(&Pose::new(position, heading_rad));
                 let spread = SoundField::new(&Occupancy::default(), pose.place, AREA);
                 belief.hear(&spread, &pose, &heard_from(&pose, source));
                 field = Some(spread);
@@ -261,6 +269,17 @@ mod tests {
         assert!(memory.cells.len() == 1 && memory.loudest() == 0.025);
         memory.hear(FloorPoint::new(0.9, 0.1), 0.05);
         assert!(memory.cells.len() == 2 && memory.loudest() == 0.05);
+    }
+
+    #[test]
+    fn loud_positions_support_sources_nearby() {
+        let mut memory = IntensityMemory::default();
+        let nearness = |memory: &IntensityMemory, x: f32| memory.nearness(|place| (place.x - x).abs(), 1.0);
+        assert_eq!(nearness(&memory, 0.0), 0.0);
+        memory.hear(FloorPoint::new(0.0, 0.0), expected_level(0.8));
+        memory.hear(FloorPoint::new(4.0, 0.0), expected_level(4.0));
+        assert_eq!((nearness(&memory, 0.5), nearness(&memory, 9.0)), (1.0, 0.0));
+        assert!((nearness(&memory, 4.0) - 0.25).abs() < 1e-3);
     }
 
     #[test]

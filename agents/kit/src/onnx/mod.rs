@@ -1,15 +1,17 @@
-//! Perception by user-supplied ONNX models: a detector, and an image encoder with a text space (CLIP).
+//! Perception by user-supplied ONNX models: a detector with classes, or a detector and an image encoder with a text space (CLIP).
 //!
 //! Start reading at [`OnnxRecognition`]. `docs/models.md` specifies the inputs and outputs of models.
 //!
 //! This module contains no model and no ONNX Runtime; the runtime library is loaded on first use.
 
 mod model;
+mod naming;
 
 pub use model::ModelsError;
 
 use crate::geometry::{PinholeCamera, Pose2d};
-use crate::onnx::model::{CropBox, Model, Models, Numbers, unit, words};
+use crate::onnx::model::{CropBox, Model, Models, Numbers, unit};
+use crate::onnx::naming::{Appearance, Naming, cosine};
 use crate::perception::cue::{Layout, Query};
 use crate::perception::objects::DetectedObject;
 use crate::perception::{Recognition, WallTest};
@@ -22,19 +24,14 @@ const DEEP_M: f32 = 0.35;
 const DEEP_SHARE: f32 = 0.1;
 /// Detection limit per image: the best ones.
 const MOST_THINGS: usize = 24;
-/// Smaller probabilities are dropped.
-const UNLIKELY: f32 = 0.003;
 /// Embedding weight for image cues; view similarity has the rest.
 const EMBEDDING: f32 = 0.7;
 
 /// Recognition by user-supplied models.
 pub struct OnnxRecognition {
     detector: Model,
-    encoder: Model,
-    words: Vec<(String, Vec<f32>)>,
+    naming: Naming,
     least_score: f32,
-    scale: f32,
-    alike: [f32; 2],
     view: PinholeCamera,
     goals: Vec<OnnxGoal>,
     layout: Layout,
@@ -46,23 +43,31 @@ pub struct OnnxRecognition {
 /// The first model failure after loading; clones share it. A failed image counts as empty.
 pub type SharedFailure = Arc<OnceLock<ModelsError>>;
 
+/// A detected box with its class scores.
+struct ScoredBox {
+    frame: CropBox,
+    scores: Vec<f32>,
+}
+
+/// Embedding and category of the object in an image's middle.
+type MiddleObject = (Option<Vec<f32>>, Option<String>);
+
 /// A goal: the parsed cue, and the embedding from a reference image's middle.
 struct OnnxGoal {
     query: Query,
     embedding: Option<Vec<f32>>,
+    /// Most likely category of a reference image's middle.
+    category: Option<String>,
 }
 
 impl OnnxRecognition {
     /// Loads the models of a file and tries them; fails if a file cannot be loaded or a shape is wrong.
     pub fn load(path: &Path) -> Result<Self, ModelsError> {
-        let Models { runtime, detector, encoder } = Models::read(path)?;
+        let models = Models::read(path)?;
         let mut recognition = Self {
-            detector: Model::load(&runtime, detector.model)?,
-            encoder: Model::load(&runtime, encoder.model)?,
-            words: words(&encoder.words)?,
-            least_score: detector.least_score,
-            scale: encoder.scale,
-            alike: encoder.alike,
+            least_score: models.detector.least_score,
+            naming: Naming::load(&models)?,
+            detector: Model::load(&models.runtime, models.detector.model)?,
             view: PinholeCamera::new(&TaskSpec::default()),
             goals: Vec::new(),
             layout: Layout::default(),
@@ -72,7 +77,7 @@ impl OnnxRecognition {
         // Wrong shapes must appear here, before a run begins.
         let blank = Image { width: 64, height: 64, pixels: vec![128; 3 * 64 * 64] };
         recognition.detect(&blank)?;
-        recognition.encode(&blank, CropBox::ALL)?;
+        recognition.naming.check(&blank)?;
         Ok(recognition)
     }
 
@@ -86,57 +91,41 @@ impl OnnxRecognition {
     }
 
     /// Returns the detected boxes, best first.
-    fn detect(&mut self, image: &Image) -> Result<Vec<CropBox>, ModelsError> {
+    fn detect(&mut self, image: &Image) -> Result<Vec<ScoredBox>, ModelsError> {
         let [boxes, scores] = self.detector.run(image, CropBox::ALL)?;
-        let found = detections(&boxes, &scores).map_err(|problem| self.detector.wrong(problem))?;
-        let mut found: Vec<(CropBox, f32)> =
-            found.into_iter().filter(|(_, score)| *score >= self.least_score).collect();
-        found.sort_by(|a, b| b.1.total_cmp(&a.1));
-        Ok(found.into_iter().filter_map(|(frame, _)| frame.inside()).take(MOST_THINGS).collect())
-    }
-
-    /// Returns a crop's unit embedding.
-    fn encode(&mut self, image: &Image, frame: CropBox) -> Result<Vec<f32>, ModelsError> {
-        let [(_, numbers)] = self.encoder.run(image, frame)?;
-        let length = self.words.first().map_or(0, |(_, embedding)| embedding.len());
-        if numbers.len() != length {
-            let problem =
-                format!("its output has {} numbers, but the word embeddings have {length}", numbers.len());
-            return Err(self.encoder.wrong(problem));
-        }
-        Ok(unit(&numbers))
-    }
-
-    /// Returns an embedding's words with their probabilities: softmax over all words.
-    fn kinds(&self, embedding: &[f32]) -> Vec<(String, f32)> {
-        let scores: Vec<f32> =
-            self.words.iter().map(|(_, word)| self.scale * cosine(word, embedding)).collect();
-        let top = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let all: f32 = scores.iter().map(|score| libm::expf(score - top)).sum();
-        let named =
-            self.words.iter().zip(scores).map(|((word, _), score)| (word, libm::expf(score - top) / all));
-        named.filter(|(_, p)| *p > UNLIKELY).map(|(word, p)| (word.clone(), p)).collect()
+        let mut found = detections(&boxes, &scores, self.naming.classes())
+            .map_err(|problem| self.detector.wrong(problem))?;
+        found.retain(|found| found.best() >= self.least_score);
+        found.sort_by(|a, b| b.best().total_cmp(&a.best()));
+        let inside =
+            found.into_iter().filter_map(|found| Some(ScoredBox { frame: found.frame.inside()?, ..found }));
+        Ok(inside.take(MOST_THINGS).collect())
     }
 
     fn goal(&mut self, cue: &GoalCue) -> OnnxGoal {
-        let embedding = match cue {
+        let looked = match cue {
             GoalCue::Image(image) => {
                 let looked = self.in_the_middle(image);
                 self.or_failure(looked)
             }
             GoalCue::Category(_) | GoalCue::Description(_) => None,
         };
-        OnnxGoal { query: Query::new(cue), embedding }
+        let (embedding, category) = looked.unwrap_or_default();
+        OnnxGoal { query: Query::new(cue), embedding, category }
     }
 
-    /// Returns the embedding for the object in an image's middle, or for the whole image without an object.
-    fn in_the_middle(&mut self, image: &Image) -> Result<Vec<f32>, ModelsError> {
-        let is_there = |frame: &CropBox| {
-            let [left, top, right, bottom] = frame.0;
+    /// Returns embedding and category of the object in an image's middle. Without an object there is no category, and an embedding only
+    /// if the names need no object.
+    fn in_the_middle(&mut self, image: &Image) -> Result<MiddleObject, ModelsError> {
+        let is_there = |found: &ScoredBox| {
+            let [left, top, right, bottom] = found.frame.0;
             (left..=right).contains(&0.5) && (top..=bottom).contains(&0.5)
         };
-        let frame = self.detect(image)?.into_iter().find(is_there).unwrap_or(CropBox::ALL);
-        self.encode(image, frame)
+        let found = self.detect(image)?.into_iter().find(is_there);
+        let Some(found) = found else { return Ok((self.naming.embedding(image, None)?, None)) };
+        let Appearance { kinds, embedding } = self.naming.appearance(image, &found)?;
+        let best = kinds.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        Ok((Some(embedding), best.map(|(category, _)| category)))
     }
 
     fn look(
@@ -146,11 +135,11 @@ impl OnnxRecognition {
         depth: &DepthImage,
     ) -> Result<Vec<DetectedObject>, ModelsError> {
         let mut detections = Vec::new();
-        for frame in self.detect(image)? {
-            let pixels = self.pixels(frame, pose, depth);
+        for found in self.detect(image)? {
+            let pixels = self.pixels(found.frame, pose, depth);
             if let Some(detection) = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels) {
-                let embedding = self.encode(image, frame)?;
-                detections.push(DetectedObject { kinds: self.kinds(&embedding), embedding, ..detection });
+                let Appearance { kinds, embedding } = self.naming.appearance(image, &found)?;
+                detections.push(DetectedObject { kinds, embedding, ..detection });
             }
         }
         Ok(detections)
@@ -191,18 +180,33 @@ impl Recognition for OnnxRecognition {
     }
 
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32 {
-        let Some(OnnxGoal { query, embedding }) = self.goals.get(goal) else { return 0.0 };
+        let Some(OnnxGoal { query, embedding, .. }) = self.goals.get(goal) else { return 0.0 };
         let view = query.fit(detection, &self.layout);
-        let [unlike, alike] = self.alike;
+        let [unlike, alike] = self.naming.alike();
         embedding.as_ref().filter(|_| !detection.embedding.is_empty()).map_or(view, |wanted| {
             let likeness = (cosine(wanted, &unit(&detection.embedding)) - unlike) / (alike - unlike);
             EMBEDDING * likeness.clamp(0.0, 1.0) + (1.0 - EMBEDDING) * view
         })
     }
+
+    fn refresh(&mut self) {
+        self.last = None;
+    }
+
+    fn category_of(&self, goal: usize) -> Option<&str> {
+        self.goals.get(goal)?.category.as_deref()
+    }
 }
 
-/// Pairs boxes with their highest scores.
-fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, String> {
+impl ScoredBox {
+    /// Returns the highest score.
+    fn best(&self) -> f32 {
+        self.scores.iter().copied().fold(f32::MIN, f32::max)
+    }
+}
+
+/// Pairs boxes with their scores: one per class if the classes are known.
+fn detections(boxes: &Numbers, scores: &Numbers, classes: Option<usize>) -> Result<Vec<ScoredBox>, String> {
     let count = boxes.1.len() / 4;
     if boxes.0.last() != Some(&4) {
         return Err(format!("its output 0 has the shape {:?}; the last dimension must be 4", boxes.0));
@@ -211,13 +215,14 @@ fn detections(boxes: &Numbers, scores: &Numbers) -> Result<Vec<(CropBox, f32)>, 
         return Err(format!("its output 1 has {} scores for {count} boxes", scores.1.len()));
     }
     let kinds = scores.1.len().checked_div(count).unwrap_or(1).max(1);
-    let best = scores.1.chunks(kinds).map(|scores| scores.iter().copied().fold(f32::MIN, f32::max));
+    if let Some(classes) = classes.filter(|&classes| count > 0 && classes != kinds) {
+        return Err(format!(
+            "its output 1 has {kinds} scores per box, but detector.classes has {classes} names"
+        ));
+    }
     let frames = boxes.1.chunks_exact(4).map(|side| CropBox([side[0], side[1], side[2], side[3]]));
-    Ok(frames.zip(best).collect())
-}
-
-fn cosine(a: &[f32], b: &[f32]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let scores = scores.1.chunks(kinds).map(<[f32]>::to_vec);
+    Ok(frames.zip(scores).map(|(frame, scores)| ScoredBox { frame, scores }).collect())
 }
 
 #[cfg(test)]
@@ -227,11 +232,16 @@ mod tests {
     #[test]
     fn boxes_and_scores_are_paired() {
         let boxes = (vec![1, 2, 4], vec![0.0; 8]);
-        let found = detections(&boxes, &(vec![1, 2, 3], vec![0.1, 0.7, 0.2, 0.3, 0.1, 0.0])).unwrap();
-        assert_eq!(found.iter().map(|(_, score)| *score).collect::<Vec<_>>(), [0.7, 0.3]);
-        assert!(detections(&boxes, &(vec![3], vec![0.0; 3])).unwrap_err().contains("3 scores for 2 boxes"));
-        let flat = (vec![8], vec![0.0; 8]);
-        assert!(detections(&flat, &(vec![2], vec![0.0; 2])).unwrap_err().contains("must be 4"));
-        assert_eq!(detections(&(vec![1, 0, 4], vec![]), &(vec![1, 0], vec![])).unwrap().len(), 0);
+        let scores = (vec![1, 2, 3], vec![0.1, 0.7, 0.2, 0.3, 0.1, 0.0]);
+        let found = detections(&boxes, &scores, Some(3)).unwrap();
+        assert_eq!(found.iter().map(ScoredBox::best).collect::<Vec<_>>(), [0.7, 0.3]);
+        assert_eq!(found[1].scores, [0.3, 0.1, 0.0]);
+        let refusal = |boxes: &Numbers, scores: &Numbers, classes| {
+            detections(boxes, scores, classes).err().expect("a refusal")
+        };
+        assert!(refusal(&boxes, &(vec![3], vec![0.0; 3]), None).contains("3 scores for 2 boxes"));
+        assert!(refusal(&(vec![8], vec![0.0; 8]), &(vec![2], vec![0.0; 2]), None).contains("must be 4"));
+        assert!(refusal(&boxes, &scores, Some(80)).contains("3 scores per box, but detector.classes has 80"));
+        assert_eq!(detections(&(vec![1, 0, 4], vec![]), &(vec![1, 0], vec![]), Some(2)).unwrap().len(), 0);
     }
 }

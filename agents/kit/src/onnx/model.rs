@@ -153,7 +153,7 @@ const SIDES_PX: [usize; 2] = [8, 2048];
 pub(crate) struct Models {
     pub(crate) runtime: PathBuf,
     pub(crate) detector: Detector,
-    pub(crate) encoder: Encoder,
+    pub(crate) encoder: Option<Encoder>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -162,6 +162,16 @@ pub(crate) struct Detector {
     #[serde(flatten)]
     pub(crate) model: ModelFile,
     pub(crate) least_score: f32,
+    /// Category per score of a box; empty for a class-agnostic detector.
+    #[serde(default)]
+    pub(crate) classes: Vec<String>,
+    /// Score of a certain class.
+    #[serde(default = "one")]
+    pub(crate) sure_score: f32,
+}
+
+fn one() -> f32 {
+    1.0
 }
 
 #[derive(Debug, Deserialize)]
@@ -233,12 +243,10 @@ impl Models {
         let mut models: Self =
             toml::from_str(&text(path)?).map_err(|error| malformed(path, error.to_string().trim()))?;
         let folder = path.parent().unwrap_or(Path::new("."));
-        for file in [
-            &mut models.runtime,
-            &mut models.detector.model.file,
-            &mut models.encoder.model.file,
-            &mut models.encoder.words,
-        ] {
+        let encoder = models.encoder.as_mut();
+        let encoder_files = encoder.map(|encoder| [&mut encoder.model.file, &mut encoder.words]);
+        let own_files = [&mut models.runtime, &mut models.detector.model.file];
+        for file in own_files.into_iter().chain(encoder_files.into_iter().flatten()) {
             *file = folder.join(&*file);
         }
         models.check().map_err(|problem| malformed(path, &problem))?;
@@ -246,11 +254,28 @@ impl Models {
     }
 
     fn check(&self) -> Result<(), String> {
-        self.detector.model.check("detector")?;
-        self.encoder.model.check("encoder")?;
-        within("detector.least_score", self.detector.least_score, 0.0, 1.0)?;
-        within("encoder.scale", self.encoder.scale, 0.1, 1000.0)?;
-        let [unlike, alike] = self.encoder.alike;
+        self.detector.check()?;
+        match &self.encoder {
+            Some(encoder) if self.detector.classes.is_empty() => encoder.check(),
+            None if !self.detector.classes.is_empty() => Ok(()),
+            _ => Err("boxes get names from detector.classes or from [encoder]; give one of them".to_owned()),
+        }
+    }
+}
+
+impl Detector {
+    fn check(&self) -> Result<(), String> {
+        self.model.check("detector")?;
+        within("detector.least_score", self.least_score, 0.0, 1.0)?;
+        within("detector.sure_score", self.sure_score, 0.01, 1.0)
+    }
+}
+
+impl Encoder {
+    fn check(&self) -> Result<(), String> {
+        self.model.check("encoder")?;
+        within("encoder.scale", self.scale, 0.1, 1000.0)?;
+        let [unlike, alike] = self.alike;
         within("encoder.alike, first,", unlike, -1.0, 1.0)?;
         within("encoder.alike, second,", alike, unlike + 0.001, 1.0)
     }
@@ -305,6 +330,7 @@ fn malformed(path: &Path, problem: &str) -> ModelsError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::perception::category::noun_of;
 
     fn model(side_px: usize) -> ModelFile {
         ModelFile { file: "m".into(), side_px, mean: [0.5, 0.0, 0.0], std: [0.5, 1.0, 1.0] }
@@ -369,13 +395,37 @@ mod tests {
     fn relative_paths_start_at_the_file() {
         let models = read(TEXT).unwrap();
         assert!(models.detector.model.file.is_absolute() && models.runtime.ends_with("libonnxruntime.so"));
-        assert_eq!(models.encoder.model.file, Path::new("/models/encoder.onnx"));
+        assert_eq!(models.encoder.unwrap().model.file, Path::new("/models/encoder.onnx"));
     }
 
     #[test]
-    fn documented_example_is_valid() {
+    fn documented_examples_are_valid() {
         let models = read(include_str!("../../../../docs/models.toml")).unwrap();
-        assert_eq!((models.detector.model.side_px, models.encoder.model.side_px), (640, 224));
+        assert_eq!((models.detector.model.side_px, models.encoder.unwrap().model.side_px), (640, 224));
+        let models = read(include_str!("../../models/centernet.toml")).unwrap();
+        assert_eq!((models.detector.classes.len(), models.encoder.is_none()), (80, true));
+    }
+
+    #[test]
+    fn converted_classes_are_known_categories() {
+        let classes = read(include_str!("../../models/centernet.toml")).unwrap().detector.classes;
+        let coco = [(13, "seating"), (56, "chair"), (57, "sofa"), (58, "plant"), (59, "bed"), (60, "table")];
+        let rest = [(61, "toilet"), (62, "tv_monitor"), (69, "stove"), (71, "sink"), (72, "refrigerator")];
+        for (number, name) in coco.into_iter().chain(rest) {
+            assert_eq!(classes[number], name);
+            assert_eq!(noun_of(&[name]), Some((name, 1)));
+        }
+    }
+
+    #[test]
+    fn names_have_a_single_origin() {
+        let (detector, encoder) = TEXT.split_at(TEXT.find("[encoder]").unwrap());
+        let classes = format!("{detector}classes = ['bed']\n");
+        assert_eq!(read(&classes).unwrap().detector.sure_score, 1.0);
+        for text in [detector.to_owned(), format!("{classes}{encoder}")] {
+            let error = read(&text).unwrap_err().to_string();
+            assert!(error.contains("detector.classes or from [encoder]"), "{error}");
+        }
     }
 
     #[test]
@@ -383,6 +433,7 @@ mod tests {
         for (from, to, words) in [
             ("side_px = 640", "side_px = 4", "detector.side_px is 4, and must be from 8 to 2048"),
             ("least_score = 0.2", "least_score = 2.0", "detector.least_score is 2"),
+            ("least_score = 0.2", "least_score = 0.2\nsure_score = 0", "detector.sure_score is 0"),
             ("std = [1.0, 1.0, 1.0]", "std = [1.0, 0.0, 1.0]", "detector.std is 0"),
             ("alike = [0.5, 0.9]", "alike = [0.5, 0.4]", "encoder.alike, second, is 0.4"),
             ("scale = 100.0", "", "missing field `scale`"),

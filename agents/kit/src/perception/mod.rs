@@ -30,6 +30,14 @@ pub trait Recognition: Send {
 
     /// Returns the fit of an object in view with a goal in the last image, 0 to 1.
     fn fit(&self, detection: &DetectedObject, goal: usize) -> f32;
+
+    /// Forgets the last view: the next image is processed, even from almost the same pose.
+    fn refresh(&mut self) {}
+
+    /// Returns the predicted category of a goal image; `None` for other cues, or without a prediction.
+    fn category_of(&self, _goal: usize) -> Option<&str> {
+        None
+    }
 }
 
 /// Training-free recognition by stretches of depth, extents and colours; image cues by the whole view.
@@ -130,7 +138,7 @@ const ALIKE: [f32; 2] = [0.3, 0.9];
 /// Embedding weight for image cues; view similarity has the rest.
 const NETWORK: f32 = 0.6;
 /// Everyday words for objects, with the network's wider category.
-const WIDER: [(&str, &str); 13] = [
+pub(crate) const WIDER: [(&str, &str); 13] = [
     ("armchair", "chair"),
     ("coffee_table", "table"),
     ("desk", "table"),
@@ -159,8 +167,13 @@ pub struct NetworkRecognition {
 
 enum GoalMatcher {
     Words(CueWords),
-    /// The descriptor from the reference image's middle, if the network found an object, and the parsed cue.
-    Picture(Option<Vec<f32>>, Query),
+    /// The object in the reference image's middle, if the network found one, and the parsed cue.
+    Picture(Option<PictureObject>, Query),
+}
+
+struct PictureObject {
+    look: Vec<f32>,
+    category: String,
 }
 
 impl Default for NetworkRecognition {
@@ -184,9 +197,11 @@ impl NetworkRecognition {
         }
     }
 
-    fn look_of(&mut self, cue: &GoalCue) -> Option<Vec<f32>> {
+    fn look_of(&mut self, cue: &GoalCue) -> Option<PictureObject> {
         let GoalCue::Image(image) = cue else { return None };
-        self.network.look_at_picture(&picture(image)).ok()?.map(|segment| look(&segment))
+        let segment = self.network.look_at_picture(&picture(image)).ok()??;
+        let category = self.network.categories().get(segment.category().0)?.clone();
+        Some(PictureObject { look: look(&segment), category })
     }
 
     /// Builds an object from a segment; `None` if too distant or without depth.
@@ -256,10 +271,22 @@ impl Recognition for NetworkRecognition {
             Some(GoalMatcher::Words(words)) => words.fit(detection),
             Some(GoalMatcher::Picture(look, query)) => {
                 let view = query.fit(detection, &self.layout);
-                look.as_ref()
-                    .map_or(view, |look| NETWORK * alike(look, &detection.embedding) + (1.0 - NETWORK) * view)
+                look.as_ref().map_or(view, |seen| {
+                    NETWORK * alike(&seen.look, &detection.embedding) + (1.0 - NETWORK) * view
+                })
             }
             None => 0.0,
+        }
+    }
+
+    fn refresh(&mut self) {
+        self.last = None;
+    }
+
+    fn category_of(&self, goal: usize) -> Option<&str> {
+        match self.goals.get(goal)? {
+            GoalMatcher::Words(_) => None,
+            GoalMatcher::Picture(seen, _) => seen.as_ref().map(|seen| seen.category.as_str()),
         }
     }
 }

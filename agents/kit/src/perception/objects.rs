@@ -87,6 +87,13 @@ impl DetectedObject {
         FloorPoint::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
     }
 
+    /// Returns the point of the object to face from `place`: the nearest one of the box, or its centre from within or beside the box.
+    pub fn facing(&self, place: FloorPoint) -> FloorPoint {
+        const BESIDE_M: f32 = 0.3;
+        let nearest = self.nearest(place);
+        if nearest.distance_m(place) < BESIDE_M { self.center() } else { nearest }
+    }
+
     /// Returns the distance between a point and the box on the floor plan, metres.
     pub fn distance_m(&self, place: FloorPoint) -> f32 {
         self.nearest(place).distance_m(place)

@@ -1,17 +1,22 @@
 //! Trace lines from the agent's state.
 
-use crate::candidate::{Candidate, Decision, Stage, SubmitGate};
-use crate::goals::{PendingSubmit, SourceMemory};
-use crate::weights::{Ablation, Weights};
-use avln_client::{Action, GoalCue, Mission, Observation, Pose};
+use crate::agent::StoreyMemory;
+use crate::candidate::{Candidate, Decision, Stage};
+use crate::mission::MissionState;
+use crate::outcome::PendingSubmit;
+use crate::preset::Ablation;
+use crate::verify::{SubmitGate, Warrant};
+use crate::weights::Weights;
+use avln_client::{Action, GoalCue, Mission, Observation};
 use avln_kit::geometry::FloorPoint;
 use avln_kit::hearing::{HeardSound, SoundSchedule};
-use avln_kit::map::{CELL_M, Cell, ObjectHypothesis, ObjectMemory, Occupancy};
+use avln_kit::map::{CELL_M, Cell, ObjectHypothesis, Occupancy};
 use avln_kit::perception::DetectedObject;
 use serde::Serialize;
 use std::fmt::Write;
+use std::ops::Range;
 
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// Words per object in a map line.
 const WORDS: usize = 3;
 
@@ -19,13 +24,12 @@ const WORDS: usize = 3;
 pub(crate) struct TraceInput<'a> {
     pub(crate) weights: &'a Weights,
     pub(crate) ablation: Ablation,
-    pub(crate) map: &'a Occupancy,
-    pub(crate) objects: &'a ObjectMemory,
-    pub(crate) goals: usize,
-    pub(crate) sources: &'a [SourceMemory],
+    pub(crate) memory: &'a StoreyMemory,
+    pub(crate) mission: &'a MissionState,
     pub(crate) schedule: &'a SoundSchedule,
     pub(crate) focus: Option<usize>,
-    pub(crate) pending: Option<PendingSubmit>,
+    pub(crate) claimed: Option<Warrant>,
+    pub(crate) outcome: Option<(PendingSubmit, bool)>,
     pub(crate) decision: &'a Decision,
 }
 
@@ -86,7 +90,7 @@ struct PoseLine {
 
 #[derive(Serialize)]
 struct HeardLine {
-    source: usize,
+    source: Option<usize>,
     itd_s: f32,
     level: f32,
 }
@@ -104,7 +108,7 @@ struct SourceLine {
 struct CandidateLine {
     goal: usize,
     object: usize,
-    source: usize,
+    source: Option<usize>,
     place_m: [f32; 2],
     #[serde(flatten)]
     solid: BoxLine,
@@ -155,13 +159,15 @@ impl<'a> GoalLine<'a> {
 impl StepLine {
     pub(crate) fn new(agent: &TraceInput, observation: &Observation, action: Action) -> Self {
         let decision = agent.decision;
-        let Pose { position, heading_rad } = observation.pose;
         let sound = |(source, HeardSound { itd_s, level })| HeardLine { source, itd_s, level };
         Self {
             step: observation.step,
-            pose: PoseLine { position_m: position, heading_rad },
+            pose: PoseLine {
+                position_m: observation.pose.position(),
+                heading_rad: observation.pose.heading_rad(),
+            },
             heard: decision.heard.map(sound),
-            sources: (0..agent.sources.len()).map(|source| SourceLine::of(agent, source)).collect(),
+            sources: agent.sources().map(|source| SourceLine::of(agent, source)).collect(),
             focus: agent.focus,
             stage: decision.stage,
             candidate: decision.candidate.map(|candidate| CandidateLine::of(agent, &candidate)),
@@ -172,13 +178,24 @@ impl StepLine {
     }
 }
 
+impl TraceInput<'_> {
+    /// Returns the estimated sources.
+    fn sources(&self) -> Range<usize> {
+        0..if self.weights.switches.source_positions { self.memory.sources.len() } else { 0 }
+    }
+
+    fn is_silent(&self, source: usize) -> bool {
+        self.weights.switches.count_windows && self.schedule.is_silent(source)
+    }
+}
+
 impl SourceLine {
     fn of(agent: &TraceInput, index: usize) -> Self {
-        let source = &agent.sources[index];
+        let source = &agent.memory.sources[index];
         Self {
             place_m: source.estimate.map(|estimate| xz(estimate.place)),
             certainty: source.estimate.map(|estimate| estimate.certainty),
-            is_silent: agent.schedule.is_silent(index),
+            is_silent: agent.is_silent(index),
             looks: source.looks,
             sought_steps: source.sought_steps,
         }
@@ -193,7 +210,7 @@ impl CandidateLine {
             object,
             source,
             place_m: xz(place),
-            solid: BoxLine::of(&agent.objects.all()[object].detection),
+            solid: BoxLine::of(&agent.memory.objects.all()[object].detection),
             vis: evidence.vis,
             context: evidence.context,
             sound: evidence.sound,
@@ -248,9 +265,9 @@ struct ObjectLine {
 
 impl MapLine {
     pub(crate) fn new(agent: &TraceInput, step: u32) -> Self {
-        let objects = agent.objects.all().iter().enumerate();
-        let note = |(index, object)| ObjectLine::new(index, object, agent.goals);
-        Self { step, plan: MapGrid::of(agent.map), objects: objects.map(note).collect() }
+        let objects = agent.memory.objects.all().iter().enumerate();
+        let note = |(index, object)| ObjectLine::new(index, object, agent.mission.goals());
+        Self { step, plan: MapGrid::of(&agent.memory.map), objects: objects.map(note).collect() }
     }
 }
 
@@ -320,62 +337,59 @@ pub(crate) fn runs(letters: impl Iterator<Item = char>) -> String {
 pub(crate) struct TracedState {
     stage: Option<Stage>,
     focus: Option<usize>,
-    pending: Option<PendingSubmit>,
     silent: Vec<bool>,
     located: Vec<bool>,
+    /// Outcome and claim of this step only.
+    made: Vec<TraceEvent>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum TraceEvent {
-    Found { source: usize, goal: usize, object: usize },
-    Missed { source: usize, goal: usize, object: usize },
+    Found { source: Option<usize>, goal: usize, object: usize },
+    Missed { source: Option<usize>, goal: usize, object: usize },
     Silenced { source: usize },
     Located { source: usize },
     Stage { stage: Stage },
     Focus { source: Option<usize> },
-    Claimed { source: usize, goal: usize, object: usize },
+    Claimed { source: Option<usize>, goal: usize, object: usize },
 }
 
 impl TracedState {
     pub(crate) fn of(agent: &TraceInput) -> Self {
-        let sources = 0..agent.sources.len();
         let is_located = |source: usize| {
-            let memory = &agent.sources[source];
-            !agent.schedule.is_silent(source) && memory.is_located(agent.weights)
+            !agent.is_silent(source) && agent.memory.sources[source].is_located(agent.weights)
         };
+        let outcome = agent.outcome.map(|(pending, found)| pending.settled(found));
+        let claim = agent.claimed.and(agent.decision.candidate).map(|candidate| {
+            let Candidate { source, goal, object, .. } = candidate;
+            TraceEvent::Claimed { source, goal, object }
+        });
         Self {
             stage: agent.decision.stage,
             focus: agent.focus,
-            pending: agent.pending,
-            silent: sources.clone().map(|source| agent.schedule.is_silent(source)).collect(),
-            located: sources.map(is_located).collect(),
+            silent: (0..agent.memory.sources.len()).map(|source| agent.is_silent(source)).collect(),
+            located: agent.sources().map(is_located).collect(),
+            made: outcome.into_iter().chain(claim).collect(),
         }
     }
 
     /// Returns the changes up to `next`: new information first, then decisions.
     pub(crate) fn until(&self, next: &Self) -> Vec<TraceEvent> {
-        let settled = self
-            .pending
-            .filter(|_| next.pending.is_none())
-            .map(|pending| pending.settled(next.silent.get(pending.source) == Some(&true)));
+        let is_claim = |event: &&TraceEvent| matches!(event, TraceEvent::Claimed { .. });
+        let outcome = next.made.iter().filter(|event| !is_claim(event)).copied();
         let silenced = risen(&self.silent, &next.silent).map(|source| TraceEvent::Silenced { source });
         let located = risen(&self.located, &next.located).map(|source| TraceEvent::Located { source });
         let stage = next.stage.filter(|_| self.stage != next.stage).map(|stage| TraceEvent::Stage { stage });
         let focus = (self.focus != next.focus).then_some(TraceEvent::Focus { source: next.focus });
-        let known = settled.into_iter().chain(silenced).chain(located);
-        let made = next.pending.filter(|_| self.pending.is_none()).map(PendingSubmit::made);
-        known.chain(stage).chain(focus).chain(made).collect()
+        let claims = next.made.iter().filter(is_claim).copied();
+        outcome.chain(silenced).chain(located).chain(stage).chain(focus).chain(claims).collect()
     }
 }
 
 impl PendingSubmit {
-    fn made(self) -> TraceEvent {
-        TraceEvent::Claimed { source: self.source, goal: self.goal, object: self.object }
-    }
-
     fn settled(self, is_found: bool) -> TraceEvent {
-        let Self { source, goal, object, .. } = self;
+        let Self { goal, object, source, .. } = self;
         if is_found {
             TraceEvent::Found { source, goal, object }
         } else {

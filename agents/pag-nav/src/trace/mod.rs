@@ -1,6 +1,7 @@
 //! Episode traces as JSON Lines, specified in `docs/traces.md`; a trace never affects actions.
 
 pub(crate) mod lines;
+pub(crate) mod summary;
 #[cfg(test)]
 mod tests;
 
@@ -59,6 +60,14 @@ pub enum TraceError {
     Handle {
         /// Handle from the server.
         handle: String,
+    },
+    /// A trace or a folder of traces cannot be read.
+    #[error("cannot read trace {}: {problem}; give a folder written by --trace", path.display())]
+    Unreadable {
+        /// File or folder.
+        path: PathBuf,
+        /// First problem.
+        problem: String,
     },
 }
 

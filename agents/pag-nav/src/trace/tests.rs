@@ -1,7 +1,8 @@
 use crate::agent::PagNav;
+use crate::preset::{Ablation, Preset};
 use crate::trace::Recorder;
 use crate::trace::lines::{MapGrid, runs};
-use crate::weights::{Ablation, Weights};
+use crate::weights::Weights;
 use avln_client::{
     Action, Agent, Audio, DepthImage, GoalCue, Image, Mission, Observation, Order, Pose, TaskSpec,
 };
@@ -32,7 +33,9 @@ impl Hints for OneTarget {
 
 fn agent() -> PagNav {
     let hints = Arc::new(OneTarget);
-    PagNav::new(Weights::default()).hinted(hints.clone()).seeing(HintRecognition::new(hints))
+    // The body does not move: one position is one look.
+    let weights = Weights { verify_looks: 1, ..Preset::PagNavPlus.weights() };
+    PagNav::new(weights).hinted(hints.clone()).seeing(HintRecognition::new(hints))
 }
 
 fn task() -> TaskSpec {
@@ -102,7 +105,7 @@ fn traces_can_be_read_back() {
     let first = &all[0];
     assert_eq!(
         (&first["kind"], &first["format"], &first["episode"]),
-        (&"mission".into(), &1.into(), &"ep_1".into())
+        (&"mission".into(), &2.into(), &"ep_1".into())
     );
     assert_eq!(
         (&first["agent"], &first["version"]),
@@ -112,14 +115,16 @@ fn traces_can_be_read_back() {
         first["goals"],
         serde_json::json!([{"category": "bed"}, {"image": {"width": 2, "height": 1}}])
     );
-    assert_eq!((&first["order"], &first["weights"]["verify_looks"]), (&"unordered".into(), &3.into()));
+    assert_eq!((&first["order"], &first["weights"]["verify_looks"]), (&"unordered".into(), &1.into()));
     assert_eq!(first["ablation"]["no_gate"], false);
 
     let steps = of_kind(&all, "step");
     let written: Vec<String> = steps.iter().map(|step| step["action"].as_str().unwrap().to_owned()).collect();
     assert_eq!(written, actions.iter().map(Action::to_string).collect::<Vec<_>>());
     let submit = steps[actions.iter().position(|action| *action == Action::Submit).expect("a Submit")];
-    assert_eq!((&submit["stage"], &submit["gate"]["is_verified"]), (&"verify".into(), &true.into()));
+    let verification = &submit["gate"]["verification"];
+    assert_eq!((&submit["stage"], &verification["vis"]), (&"verify".into(), &1.0.into()));
+    assert_eq!((&verification["looks"], verification["floor"].as_f64()), (&1.into(), Some(0.5)));
     assert_eq!((&submit["candidate"]["goal"], &submit["candidate"]["vis"]), (&0.into(), &1.0.into()));
     assert_eq!((&submit["heard"]["source"], &submit["sources"][0]["certainty"]), (&0.into(), &1.0.into()));
     assert_eq!(of_kind(&lines(&place.join("ep_2.jsonl")), "step").len(), STEPS as usize);
@@ -166,7 +171,7 @@ fn maps_appear_every_25_steps_and_last() {
 #[test]
 fn search_steps_have_a_frontier() {
     let folder = tempfile::tempdir().unwrap();
-    let deaf = PagNav::default().without(Ablation { no_audio: true, ..Ablation::default() });
+    let deaf = PagNav::preset(Preset::PagNavPlus).without(Ablation { no_audio: true, ..Ablation::default() });
     let mut traced = deaf.traced(Recorder::new(folder.path()).unwrap());
     play(&mut traced, "e");
     traced.end_trace().unwrap();

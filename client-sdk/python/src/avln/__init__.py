@@ -38,6 +38,7 @@ from avln.errors import (
     UnknownActionError,
     UnreachableError,
 )
+from avln.method_type import MethodType
 from avln.mission import Goal, Mission, Modality
 from avln.observation import Feedback, Observation, Pose
 from avln.packing import Packing
@@ -69,6 +70,7 @@ __all__ = [
     "Feedback",
     "Goal",
     "LostError",
+    "MethodType",
     "Metric",
     "Mission",
     "Modality",

@@ -18,7 +18,7 @@ class Action(enum.IntEnum):
     TURN_RIGHT = 2
     """Turn right by `TaskSpec.turn_rad` on the spot."""
     SUBMIT = 3
-    """Report a goal at this position. A mission's last Submit is final."""
+    """Report a goal at this position. `TaskSpec.extra_submit` defines the effect without Submits left."""
     STOP = 4
     """Report the last goal and end the episode."""
 
@@ -46,7 +46,7 @@ class EndReason(enum.Enum):
     STOPPED = "stopped"
     """The agent chose Stop."""
     FINAL_SUBMIT = "final submit"
-    """The agent used the final Submit."""
+    """The agent sent a Submit without Submits left, under `ends_episode`."""
     STEP_LIMIT = "step limit"
     """The step limit was reached."""
     TIME_BUDGET = "time budget"

@@ -15,6 +15,7 @@ from avln.backoff import Backoff
 from avln.connect_options import CONNECT_TIMEOUT_S, ConnectOptions, open_channel, parse_address, unreachable
 from avln.connection import CALL_TIMEOUT_S, Connection, Dialler
 from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
+from avln.method_type import MethodType
 from avln.packing import Packing
 from avln.play import Play
 from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo, phase_to_practise
@@ -137,6 +138,7 @@ class Client:
         order: Order = Order.UNORDERED,
         *,
         version: str = "",
+        method_type: MethodType | str | None = None,
         description: str = "",
         code_url: str = "",
         request_id: str = "",
@@ -148,16 +150,25 @@ class Client:
             method: name on the leaderboard, 1 to 80 characters.
             order: order of the goals.
             version: version of the method, at most 40 characters.
+            method_type: type of the method, `MethodType` or its value: `training-free`, `learnt-perception`,
+                `foundation-models`, `imitation` or `rl`.
             description: text for people, at most 2000 characters.
             code_url: address of the code, http(s).
             request_id: idempotency key, at most 64 characters; a repeated key returns the same run. The default is a
                 random key, so a lost answer does not start a second run.
 
         Raises:
+            ValueError: if `method_type` is unknown.
             RefusedError: if the phase is unknown, closed or forbidden, the quota is used up, or the server is full.
             Error: if the connection is lost.
         """
-        info = run_pb2.MethodInfo(name=method, version=version, description=description, code_url=code_url)
+        info = run_pb2.MethodInfo(
+            name=method,
+            version=version,
+            method_type=None if method_type is None else MethodType(method_type).to_wire(),
+            description=description,
+            code_url=code_url,
+        )
         request = run_pb2.StartRunRequest(
             phase=phase or self.practice_phase(),
             order=Order(order).to_wire(),
@@ -362,18 +373,29 @@ def begin(
     method: str,
     order: Order = Order.UNORDERED,
     *,
+    method_type: MethodType | str | None = None,
     sensors: Sensors | None = None,
     connect_options: ConnectOptions | None = None,
 ) -> Play:
     """Connects, begins a run and opens its stream for a single slot.
 
-    A run token continues its run and ignores `phase`, `method` and `order`; sealed agents never
+    A run token continues its run and ignores `phase`, `method`, `order` and `method_type`; sealed agents never
     see an account token.
 
     Raises:
+        ValueError: if `method_type` is unknown; no run begins.
         Error: as for `Client.connect`, `Client.start_run` and `Client.play`.
     """
-    client, run = begin_run(server, token, phase, method, order, sensors=sensors, connect_options=connect_options)
+    client, run = begin_run(
+        server,
+        token,
+        phase,
+        method,
+        order,
+        method_type=method_type,
+        sensors=sensors,
+        connect_options=connect_options,
+    )
     with undone_on_error(client, run, is_own=not token.startswith(RUN_TOKEN)):
         play = client.play(run, sensors)
     play.connection.on_close = client.close
@@ -387,6 +409,7 @@ def begin_run(
     method: str,
     order: Order = Order.UNORDERED,
     *,
+    method_type: MethodType | str | None = None,
     sensors: Sensors | None = None,
     connect_options: ConnectOptions | None = None,
 ) -> tuple[Client, Run]:
@@ -395,13 +418,17 @@ def begin_run(
     Raises:
         Error: as for `Client.connect` and `Client.start_run`.
         SensorsError: if the sensor settings are out of range; no run begins.
+        ValueError: if `method_type` is unknown; no run begins.
     """
     order = Order(order)
+    method_type = None if method_type is None else MethodType(method_type)
     is_of_run = token.startswith(RUN_TOKEN)
     client = Client.connect(server, "" if is_of_run else token, connect_options)
     try:
         client.check_sensors(sensors)
-        return client, Run.from_token(token) if is_of_run else client.start_run(phase, method, order)
+        if is_of_run:
+            return client, Run.from_token(token)
+        return client, client.start_run(phase, method, order, method_type=method_type)
     except BaseException:
         client.close()
         raise

@@ -226,7 +226,7 @@ def play(
         agent: object with `reset()` and `act(observations)`.
         keys: observation entries.
         actions: the agent's action numbers.
-        stop_submits: True to treat STOP as a Submit, for single-goal agents; the last Submit ends the episode.
+        stop_submits: True to treat STOP as a Submit while Submits are left, for single-goal agents.
         on_end: callback for every ended episode.
         **senses: further `Senses` arguments, such as `min_depth_m=0.5`.
 
@@ -239,7 +239,8 @@ def play(
         agent.reset()
         for observation in _observations(episode, view):
             action = to_action(agent.act(observation), actions)
-            episode.act(Action.SUBMIT if stop_submits and action is Action.STOP else action)
+            has_submits = episode.observation.remaining_submits > 0
+            episode.act(Action.SUBMIT if stop_submits and has_submits and action is Action.STOP else action)
         if on_end is not None and episode.end is not None:
             on_end(episode.end)
 

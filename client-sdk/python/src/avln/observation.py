@@ -62,6 +62,6 @@ class Observation:
     remaining_steps: int = 0
     """Remaining steps."""
     remaining_submits: int = 0
-    """Remaining Submits before the final Submit."""
+    """Remaining Submits, N - 1 at the start of a mission with N goals. At 0, claim the last goal with Stop."""
     feedback: Feedback = Feedback.NONE
     """Feedback to a Submit in this step."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from avln.action import Order
 from avln.client import Client, begin_run
 from avln.connect_options import ConnectOptions
+from avln.method_type import MethodType
 from avln.packing import Packing
 from avln.task import Sensors
 from avln.version import VERSION
@@ -41,11 +42,15 @@ def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> 
     to.add_argument("--packing", choices=packings, help=f"encoding of images and sound {usual}")
 
 
-def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
+def add_run(to: argparse.ArgumentParser, *, method: str, method_type: MethodType | None = None) -> None:
     """Adds the options for the run."""
     to.add_argument("--phase", default="", help=f"phase to play in {PRACTICE}")
     to.add_argument("--order", type=Order, default=Order.UNORDERED, help="goal order: ordered or unordered [unordered]")
     to.add_argument("--method", default=method, help=f"method name on the leaderboard [{method}]")
+    types = [known.value for known in MethodType]
+    usual = method_type.value if method_type else None
+    about = f"method type on the leaderboard [{usual or 'none'}]"
+    to.add_argument("--method-type", choices=types, default=usual, help=about)
 
 
 def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
@@ -76,6 +81,7 @@ def begin_from(options: argparse.Namespace, sensors: Sensors | None = None) -> t
         options.phase,
         options.method,
         options.order,
+        method_type=options.method_type,
         sensors=sensors,
         connect_options=connect_options(options),
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from avln.action import EndReason, Order
 from avln.errors import PhaseError
+from avln.method_type import MethodType
 from avln.summary import Metric, Progress, ends, metrics
 from avln.task import word
 from avln.v1 import common_pb2, info_pb2, run_pb2, task_pb2
@@ -142,6 +143,8 @@ class RunStatus:
     """Phase."""
     method: str
     """Method name."""
+    method_type: MethodType | None
+    """Method type; None if it is undeclared or unknown to this client."""
     state: str
     """`created`, `running`, `draining`, `completed`, `failed`, `cancelled` or `expired`."""
     state_reason: str
@@ -171,6 +174,7 @@ class RunStatus:
             id=run.id,
             phase=run.phase,
             method=run.method.name,
+            method_type=MethodType.from_wire(run.method.method_type),
             state=word(run_pb2.RunState, run.state),
             state_reason=run.state_reason,
             progress=Progress.from_wire(run.progress),

@@ -115,9 +115,17 @@ class TaskSpec:
     success_radius_m: float = 2.0
     """Success radius, metres."""
     success_distance: str = "camera_to_box"
-    """Success distance definition: `camera_to_box` or `base_to_viewpoint`."""
+    """Success distance definition: `camera_to_box`, `base_to_viewpoint` or `camera_to_mesh`."""
     wrong_submit: str = "keeps_goal"
     """Wrong Submit's effect in an ordered mission: `keeps_goal` or `skips_goal`."""
+    extra_submit: str = "ignored"
+    """Effect of a Submit without Submits left: `ignored` (uses a step) or `ends_episode`; `unspecified` from
+    older servers, where it ends the episode.
+    """
+    stop_claims: str = "any_open"
+    """Goals open to a Stop: `any_open`, as for a Submit, or `last_only`; `unspecified` from older servers,
+    where any open goal counts.
+    """
     feedback: str = "none"
     """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     sounding: str = "unfinished_in_drawn_order"
@@ -128,6 +136,10 @@ class TaskSpec:
     """Silence of a found target: `immediate`, `delayed` (5 to 20 steps after the Submit) or `window_end`
     (at the end of its turn); `unspecified` from older servers, where it is immediate.
     """
+    distractor_sources: int = 0
+    """Sounding distractors per episode, besides those per goal; see `sounding_sources`."""
+    distractor_sources_per_goal: int = 0
+    """Sounding distractors per goal of the episode."""
     sound_clip: str = "anonymous"
     """Sound clip assignment: `anonymous`, `by_category` or `distinct`."""
     source_lift_m: float = 0.0
@@ -145,6 +157,10 @@ class TaskSpec:
     def turn_rad(self) -> float:
         """TURN_LEFT and TURN_RIGHT angle, radians."""
         return math.radians(self.turn_deg)
+
+    def sounding_sources(self, goals: int) -> int:
+        """Returns the number of sound sources at the start of a mission: targets and distractors, with equal turns."""
+        return goals + self.distractor_sources + self.distractor_sources_per_goal * goals
 
     @classmethod
     def from_wire(cls, task: task_pb2.TaskSpec) -> TaskSpec:
@@ -165,6 +181,8 @@ _RULES = {
     "pose_frame": task_pb2.PoseFrame,
     "success_distance": task_pb2.DistanceRule,
     "wrong_submit": task_pb2.WrongSubmit,
+    "extra_submit": task_pb2.ExtraSubmit,
+    "stop_claims": task_pb2.StopClaims,
     "feedback": task_pb2.FeedbackRule,
     "sounding": task_pb2.SoundingRule,
     "silence": task_pb2.SilenceRule,

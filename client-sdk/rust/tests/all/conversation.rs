@@ -83,7 +83,7 @@ async fn observations_arrive_in_metres_and_ears() {
     assert_eq!(episode.mission().goals[0], GoalCue::Category("chair".into()));
     let seen = episode.step(Action::MoveForward).await.unwrap();
     assert_eq!((seen.step, seen.remaining_steps, seen.remaining_submits), (1, 99, 1));
-    assert_eq!(seen.pose.position, [0.0, 0.0, -0.25]);
+    assert_eq!(seen.pose.position(), [0.0, 0.0, -0.25]);
     let rgb = seen.rgb.as_ref().unwrap();
     assert_eq!(
         (rgb.width, rgb.height, rgb.pixels[0], rgb.pixels.len()),

@@ -1,45 +1,44 @@
-//! The suite's results page, as Markdown and CSV.
+//! The suite's results page, as Markdown with charts, and the CSV table.
 
+mod chart;
+mod contrast;
+mod difficulty;
+mod episodes;
+mod factors;
+mod hard;
+mod head;
+mod paper;
+mod selection;
+mod sound;
 mod statistics;
 
 use super::{AgentVariant, Cause, ResultLine, host::results_path, results};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
-use clap::ValueEnum;
-use statistics::{Paired, VariantResults, comparable, compare, mean, steps_to_first};
-use std::{collections::BTreeSet, fmt::Write as _, path::Path};
+use contrast::{Contrast, ORDERS, PageSection, correct, p, points};
+use selection::{RowResults, TrackResults, comparable};
+use statistics::average;
+use std::{fmt::Write as _, path::Path};
 
-const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 const ENDS: [EndReason; 4] =
     [EndReason::Stopped, EndReason::FinalSubmit, EndReason::StepLimit, EndReason::TimeBudget];
-
-/// A row of the paper's table 1, percent: SR, ISR, OSR, SPL and SoftSPL by order.
-struct PaperRow {
-    method: &'static str,
-    hears: bool,
-    ordered: [f64; 5],
-    unordered: [f64; 5],
-}
-
-const fn paper(method: &'static str, hears: bool, ordered: [f64; 5], unordered: [f64; 5]) -> PaperRow {
-    PaperRow { method, hears, ordered, unordered }
-}
-
-const PAPER: [PaperRow; 5] = [
-    paper("MTU3D", false, [1.7, 15.5, 47.6, 1.5, 8.8], [2.1, 17.3, 41.3, 1.1, 9.8]),
-    paper("3D-Mem", false, [0.0, 11.6, 23.7, 0.0, 8.6], [1.0, 14.8, 28.0, 0.7, 9.2]),
-    paper("SAVi", true, [0.0, 0.1, 34.4, 0.0, 0.1], [0.0, 0.7, 35.1, 0.0, 0.5]),
-    paper("GOAT-Bench", false, [0.0, 7.9, 9.1, 0.2, 7.9], [0.2, 8.9, 9.2, 0.2, 8.9]),
-    paper("PAG-Nav", true, [2.3, 17.5, 66.5, 1.8, 12.9], [3.1, 31.5, 55.6, 1.8, 14.8]),
-];
+/// Tracks of the page's main part: the first with results.
+const MAIN_TRACKS: [&str; 4] = ["main", "quick", "main-practice", "quick-practice"];
+const FLOOR: &str = "sound-follower";
+const TESTS: &str = "## Tests\n\nAll tests compare the same missions or the same houses. p-values are two-sided, by the sign-flip \
+    permutation test over houses, and corrected for the number of tests in a family by Holm's method; intervals are resampled by \
+    house and not corrected. With 11 houses the least p-value before the correction is 1/1024. A difference is significant if \
+    p < 0.05.\n";
 
 /// The results in a folder.
 pub struct SuiteReport {
-    /// Markdown page, with a link to `results.csv` in the same folder.
+    /// Markdown page, with links to `results.csv` and `images/` in the same folder.
     pub page: String,
     /// CSV table with all episodes.
     pub episodes: String,
+    /// SVG charts by file name in `images/`.
+    pub charts: Vec<(String, String)>,
 }
 
 /// Formats the results in a folder.
@@ -48,50 +47,57 @@ pub struct SuiteReport {
 /// If there are no results, or they cannot be read.
 pub fn report(folder: &Path) -> Result<SuiteReport, Failure> {
     let played = results::read(&results_path(folder))?;
-    let lines = comparable(played.values());
-    let Some(first) = lines.first() else {
+    of_lines(&comparable(played.values())).ok_or_else(|| {
         let message = format!("there are no results in {}", folder.display());
-        return Err(Failure::new(FailureKind::Data, message)
-            .hinted("run the suite first: avln lab baselines run --out FOLDER"));
-    };
-    let page = ReportPage { lines: &lines, first };
-    let sections = [
-        page.head(),
-        page.main(),
-        paper_table(),
-        page.variants(),
-        page.tests(),
-        page.shares(),
-        page.failures(),
+        Failure::new(FailureKind::Data, message)
+            .hinted("run the suite first: avln lab baselines run --out FOLDER")
+    })
+}
+
+/// Formats comparable results; `None` without results of a main track.
+fn of_lines(lines: &[&ResultLine]) -> Option<SuiteReport> {
+    let tracks = MAIN_TRACKS.map(|label| TrackResults::of(lines, label, "none"));
+    let track = tracks.into_iter().find(|track| !track.lines.is_empty())?;
+    let label = track.lines.first()?.key.track.clone();
+    let verdicts = TrackResults::of(lines, &label, "verdict");
+    let page = ReportPage { track };
+    let questions = [
+        difficulty::difficulty_section(&page.track),
+        sound::sound_section(&page.track, &verdicts),
+        factors::factors_section(&page.track),
+        hard::hard_section(&TrackResults::of(lines, "hard", "none")),
     ];
-    Ok(SuiteReport { page: sections.join("\n"), episodes: statistics::table(&lines) })
+    let mut parts = vec![head::head(&page.track)?, page.main(), TESTS.to_owned()];
+    let mut charts = Vec::new();
+    for PageSection { text, charts: own } in questions {
+        parts.extend(Some(text).filter(|text| !text.is_empty()));
+        charts.extend(own);
+    }
+    parts.extend([page.ablations(), page.shares(), page.failures(), paper::paper_section()]);
+    Some(SuiteReport { page: parts.join("\n"), episodes: episodes::table(lines), charts })
 }
 
 struct ReportPage<'a> {
-    lines: &'a [&'a ResultLine],
-    first: &'a ResultLine,
+    track: TrackResults<'a>,
 }
 
 impl ReportPage<'_> {
-    fn of(&self, variant: AgentVariant, order: Order) -> VariantResults<'_> {
-        VariantResults::of(self.lines, variant, order)
-    }
-
     /// Formats a table per order, with a row per agent that played.
     fn tables(
         &self,
+        heading: &str,
         header: &str,
-        row: impl Fn(AgentVariant, Order, &VariantResults) -> Option<String>,
+        row: impl Fn(AgentVariant, Order, &RowResults) -> Option<String>,
     ) -> String {
         let mut text = String::new();
         for order in ORDERS {
-            let heading = match order {
+            let order_name = match order {
                 Order::Ordered => "Ordered",
                 Order::Unordered => "Unordered",
             };
-            let _ = write!(text, "\n### {heading}\n\n{header}");
-            for &variant in AgentVariant::value_variants() {
-                let played = self.of(variant, order);
+            let _ = write!(text, "\n### {order_name}: {heading}\n\n{header}");
+            for variant in self.track.variants() {
+                let played = self.track.variant(variant, order);
                 let row = if played.lines.is_empty() { None } else { row(variant, order, &played) };
                 text.extend(row.map(|row| row + "\n"));
             }
@@ -99,73 +105,68 @@ impl ReportPage<'_> {
         text
     }
 
-    fn head(&self) -> String {
-        let key = &self.first.key;
-        let scenes: BTreeSet<&str> = self.lines.iter().map(|line| line.scene.as_str()).collect();
-        let missions: BTreeSet<&str> = self.lines.iter().map(|line| line.key.episode.as_str()).collect();
-        let hours = wall_h(self.lines);
+    fn main(&self) -> String {
+        let mut labels = labels_with_floor();
+        labels.extend(["ms per action", "hours"]);
+        let rows = self.tables("all agents", &header_of(&labels), |variant, order, played| {
+            let summary = played.summary().filter(|_| !is_ablation(variant))?;
+            let (think_ms, _) = average(played.lines.iter().map(|line| line.think_ms));
+            let mut cells = cells_with_floor(&self.track, variant, order, &summary);
+            cells.extend([format!("{think_ms:.1}"), format!("{:.2}", wall_h(&played.lines))]);
+            Some(format!("| {} |", cells.join(" | ")))
+        });
         format!(
-            "# Results\n\nWritten by `avln lab baselines report`; do not edit. {} missions in {} houses of the public split `val` of \
-             `lab/src/suite/recipe.json`, with furniture from the validation pool, which no agent was trained or tuned on. Numbers are \
-             percentages with 95 % intervals, resampled by house. Agents marked † are privileged: they receive ground truth and \
-             show the value of perfect perception.\n\n\
-             Program {}, benchmark {}, split `{}`, agent seed {}, {} episodes in {hours:.1} hours of episode time. \
-             [results.csv](results.csv) lists all episodes.\n",
-            missions.len(),
-            scenes.len(),
-            key.program,
-            key.benchmark,
-            &key.split[..key.split.len().min(16)],
-            key.seed,
-            self.lines.len(),
+            "## All agents\n\nIn an unordered mission every sound is an unfinished target: the sound-follower, without vision, is \
+             the floor. Its column lists the difference in SR on common missions, in percentage points.\n{rows}"
         )
     }
 
-    fn main(&self) -> String {
-        let rows = self.tables(&header(&["ms per action", "hours"]), |variant, _, played| {
-            let summary = played.summary().filter(|_| !variant.is_variant() || variant.is_privileged())?;
-            let (think_ms, _) = mean(played.lines.iter().map(|line| line.think_ms));
-            let hours = wall_h(&played.lines);
-            Some(format!("{} {think_ms:.1} | {hours:.2} |", row(variant, &summary)))
-        });
-        format!("## All agents\n{rows}")
-    }
-
-    fn variants(&self) -> String {
-        let rows = self.tables(&header(&["ISR less than PAG-Nav's"]), |variant, order, played| {
-            let is_whole = variant == AgentVariant::PagNav;
-            let summary = played.summary().filter(|_| is_whole || variant.is_variant())?;
-            let whole = self.of(AgentVariant::PagNav, order);
-            let test = compare(&whole, played, |line| line.metrics.isr).filter(|_| !is_whole);
-            let less =
-                test.map_or("-".to_owned(), |test| format!("{:.1}, {}", 100.0 * test.difference, p(test)));
-            Some(format!("{} {less} |", row(variant, &summary)))
-        });
-        format!("## Ablation of PAG-Nav\n{rows}")
-    }
-
-    /// Compares PAG-Nav with and without audio.
-    fn tests(&self) -> String {
+    /// Compares the ablations of both presets with the preset.
+    fn ablations(&self) -> String {
         let mut text = String::from(
-            "## The value of audio\n\nPAG-Nav minus PAG-Nav without audio on the same missions: mean differences, with two-sided \
-             p-values by the sign-flip permutation test over houses. An episode without a found goal counts as 1000 steps to \
-             the first.\n\n| order | pairs | OSR | | steps to the first goal | |\n|---|---|---|---|---|---|\n",
+            "## Ablations of PAG-Nav\n\n*no-audio*: deaf. *no-search-sound*: outcomes by sound, but no sound in search and \
+             grounding. *no-outcomes*: the opposite. *no-object-memory*: objects out of view are forgotten, and a single look \
+             verifies. *no-acoustic-memory*: only the present sound. *no-map*: only the present view. *no-priors*: neutral priors. \
+             *no-gate*: claims at a plausible candidate without visual verification. Others remove an extension of the paper.\n",
         );
         for order in ORDERS {
-            let with = self.of(AgentVariant::PagNav, order);
-            let without = self.of(AgentVariant::PagNavNoAudio, order);
-            let osr = compare(&with, &without, |line| 100.0 * line.metrics.osr);
-            let (Some(osr), Some(steps)) = (osr, compare(&with, &without, steps_to_first)) else { continue };
-            let (pairs, gain, later) = (osr.pairs, osr.difference, steps.difference);
-            let (order, p_osr, p_steps) = (order.as_str(), p(osr), p(steps));
-            let _ = writeln!(text, "| {order} | {pairs} | {gain:+.1} | {p_osr} | {later:+.0} | {p_steps} |");
+            let _ = write!(
+                text,
+                "\n### Ablations, {}\n\n{}",
+                order.as_str(),
+                header(&["ISR of the preset minus own"])
+            );
+            for base in ["pag-nav-plus", "pag-nav"] {
+                self.ablations_of(base, order, &mut text);
+            }
         }
         text
     }
 
+    fn ablations_of(&self, base: &str, order: Order, text: &mut String) {
+        let whole = self.track.row(base, order);
+        let is_own =
+            |variant: &AgentVariant| variant.name() == base || preset_of(&variant.name()) == Some(base);
+        let own: Vec<_> = self.track.variants().into_iter().filter(is_own).collect();
+        let test = |variant: &AgentVariant| {
+            let label = variant.name();
+            let isr = |line: &ResultLine| Some(line.metrics.isr);
+            let test = whole.minus(&self.track.row(&label, order), isr).filter(|_| label != base)?;
+            Some(Contrast { label, order, test })
+        };
+        let mut tests: Vec<Contrast> = own.iter().filter_map(test).collect();
+        correct(&mut tests);
+        for variant in own {
+            let Some(summary) = self.track.variant(variant, order).summary() else { continue };
+            let own = tests.iter().find(|contrast| contrast.label == variant.name());
+            let less = own.map_or("-".to_owned(), |own| format!("{}, {}", points(&own.test), p(&own.test)));
+            let _ = writeln!(text, "{} {less} |", row(variant, &summary));
+        }
+    }
+
     fn shares(&self) -> String {
         let header = "| agent | category | description | image | 2 goals | 3 goals | 4 goals |\n|---|---|---|---|---|---|---|\n";
-        let rows = self.tables(header, |variant, _, played| {
+        let rows = self.tables("goals found", header, |variant, _, played| {
             let modalities = [Modality::Category, Modality::Description, Modality::Image];
             let shares = modalities.map(|modality| played.by_modality(modality)).into_iter();
             let shares = shares.chain([2, 3, 4].map(|goals| played.by_goals(goals)));
@@ -181,15 +182,15 @@ impl ReportPage<'_> {
         let causes = Cause::ALL.iter().map(|cause| cause.words().to_owned());
         let labels: Vec<_> = ends.chain(causes).collect();
         let header = format!("| agent | {} |\n|{}\n", labels.join(" | "), "---|".repeat(1 + labels.len()));
-        let rows = self.tables(&header, |variant, _, played| {
+        let rows = self.tables("failures", &header, |variant, _, played| {
             let lines = &played.lines;
             let ends = ENDS.map(|end| {
                 let ended = lines.iter().map(|line| if line.end == end { 100.0 } else { 0.0 });
-                format!("{:.0}", mean(ended).0)
+                format!("{:.0}", average(ended).0)
             });
             let causes = Cause::ALL.map(|cause| {
                 let counts = lines.iter().map(|line| line.wrong.get(&cause).copied().unwrap_or(0));
-                format!("{:.2}", mean(counts.map(f64::from)).0)
+                format!("{:.2}", average(counts.map(f64::from)).0)
             });
             let cells: Vec<_> = ends.into_iter().chain(causes).collect();
             Some(format!("| {} | {} |", name(variant), cells.join(" | ")))
@@ -202,51 +203,88 @@ impl ReportPage<'_> {
     }
 }
 
+/// Returns `true` for PAG-Nav's ablations: every variant without a part.
+fn is_ablation(variant: AgentVariant) -> bool {
+    variant.name().contains("-no-")
+}
+
+/// Returns the preset of an ablation or a privileged variant.
+fn preset_of(name: &str) -> Option<&'static str> {
+    let is_variant = name.contains("-no-") || name.contains("-true-");
+    let preset = ["pag-nav-plus", "pag-nav"].into_iter().find(|preset| name.starts_with(preset));
+    preset.filter(|_| is_variant || name == "pag-nav-classical")
+}
+
 /// Returns the total episode time, hours.
 fn wall_h(lines: &[&ResultLine]) -> f64 {
     lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0
-}
-
-fn paper_table() -> String {
-    let mut text = String::from(
-        "## The paper's numbers\n\nFrom another data set (Matterport3D scans, other missions), as published in its table 1; \
-         the rows are not comparable with the tables above.\n\n\
-         | method | audio | SR | ISR | OSR | SPL | SoftSPL | SR | ISR | OSR | SPL | SoftSPL |\n\
-         |---|---|---|---|---|---|---|---|---|---|---|---|\n\
-         | | | ordered | | | | | unordered | | | | |\n",
-    );
-    for PaperRow { method, hears, ordered, unordered } in PAPER {
-        let cells: Vec<_> = ordered.iter().chain(&unordered).map(|value| format!("{value:.1}")).collect();
-        let _ = writeln!(text, "| {method} | {} | {} |", yes(hears), cells.join(" | "));
-    }
-    text
 }
 
 fn name(variant: AgentVariant) -> String {
     format!("{}{}", variant.name(), if variant.is_privileged() { " †" } else { "" })
 }
 
-fn yes(is: bool) -> &'static str {
-    if is { "yes" } else { "-" }
+/// Column of SR in [`labels`].
+const SR_COLUMN: usize = 4;
+
+/// Returns the labels of an agent's first cells.
+fn labels() -> Vec<&'static str> {
+    let metrics = Metric::headlines().map(|metric| metric.label);
+    ["agent", "type", "audio", "n"].into_iter().chain(metrics).collect()
+}
+
+fn header_of(labels: &[&str]) -> String {
+    format!("| {} |\n|{}\n", labels.join(" | "), "---|".repeat(labels.len()))
 }
 
 /// Returns the header for rows by [`row`] with `more` columns.
 fn header(more: &[&str]) -> String {
-    let labels = Metric::headlines().map(|metric| metric.label);
-    let cells: Vec<&str> =
-        ["agent", "audio", "n"].into_iter().chain(labels).chain(more.iter().copied()).collect();
-    format!("| {} |\n|{}\n", cells.join(" | "), "---|".repeat(cells.len()))
+    header_of(&[&labels()[..], more].concat())
 }
 
 /// Returns an agent's first cells.
 fn row(variant: AgentVariant, summary: &Summary) -> String {
-    let percent =
-        |e: Estimate| format!("{:.1} [{:.1}, {:.1}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high);
-    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(summary));
-    let cells = estimates.map(percent).collect::<Vec<_>>().join(" | ");
-    format!("| {} | {} | {} | {cells} |", name(variant), yes(variant.hears()), summary.episodes)
+    format!("| {} |", cells(variant, summary).join(" | "))
 }
 
-fn p(test: Paired) -> String {
-    if test.p < 1e-4 { "p < 0.0001".to_owned() } else { format!("p = {:.4}", test.p) }
+/// Returns the labels of [`cells_with_floor`].
+fn labels_with_floor() -> Vec<&'static str> {
+    let mut labels = labels();
+    labels.insert(SR_COLUMN + 1, "SR above the sound-follower");
+    labels
 }
+
+/// Returns the cells of a row, with the difference in SR to the sound-follower on common missions.
+fn cells_with_floor(
+    track: &TrackResults,
+    variant: AgentVariant,
+    order: Order,
+    summary: &Summary,
+) -> Vec<String> {
+    let (own, floor) = (track.variant(variant, order), track.row(FLOOR, order));
+    let above = own.minus(&floor, |line| Some(line.metrics.sr)).filter(|_| variant.name() != FLOOR);
+    let mut cells = cells(variant, summary);
+    cells.insert(SR_COLUMN + 1, above.map_or("-".to_owned(), |above| points(&above)));
+    cells
+}
+
+fn cells(variant: AgentVariant, summary: &Summary) -> Vec<String> {
+    let method_type = match variant.is_privileged() {
+        true => "-".to_owned(),
+        false => variant.method_type().to_string(),
+    };
+    let audio = if variant.hears() { "yes" } else { "-" };
+    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(summary)).map(percent);
+    [name(variant), method_type, audio.to_owned(), summary.episodes.to_string()]
+        .into_iter()
+        .chain(estimates)
+        .collect()
+}
+
+fn percent(estimate: Estimate) -> String {
+    let Estimate { value, low, high } = estimate;
+    format!("{:.1} [{:.1}, {:.1}]", 100.0 * value, 100.0 * low, 100.0 * high)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,179 +1,208 @@
-//! Numbers behind the tables: means, paired tests, and the CSV table.
+//! Tests of differences: paired by mission, or between groups in a house; houses are resampled as a whole.
 
-use crate::suite::{AgentVariant, EpisodeKey, ResultLine};
-use avln_episode::{Modality, Order};
 use avln_geom::Rng;
-use avln_scoring::{EpisodeScore, EpisodeValue, METRICS, Metric, Summary, Unit, summarise};
-use std::collections::BTreeMap;
 
 const SEED: u64 = 1;
+/// Random sign patterns, for more houses than [`MOST_EXACT`].
 const DRAWS: u32 = 20_000;
-/// Metrics without a column: docs/results.csv was published before they existed.
-const OMITTED: [&str; 3] = ["osr_all", "sna", "wrong_instance_submits"];
+/// Most houses with all sign patterns: 65 536.
+const MOST_EXACT: usize = 16;
+/// Resamples per interval.
+const RESAMPLES: usize = 4000;
+/// Significance level.
+pub(super) const LEVEL: f64 = 0.05;
 
-/// An agent's results in one order.
-pub(super) struct VariantResults<'a> {
-    pub(super) lines: Vec<&'a ResultLine>,
+/// A difference with a two-sided test.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Difference {
+    /// Compared missions or goals.
+    pub(super) count: usize,
+    /// Houses.
+    pub(super) scenes: usize,
+    pub(super) value: f64,
+    /// 95 % interval, resampled by house; infinite with a single house.
+    pub(super) low: f64,
+    pub(super) high: f64,
+    /// Probability of an equal or greater difference if the signs of the houses were random.
+    pub(super) p: f64,
 }
 
-impl<'a> VariantResults<'a> {
-    pub(super) fn of(lines: &[&'a ResultLine], variant: AgentVariant, order: Order) -> Self {
-        let name = variant.name();
-        let own = |line: &&&ResultLine| line.key.agent == name && line.order() == order;
-        Self { lines: lines.iter().filter(own).copied().collect() }
+impl Difference {
+    pub(super) fn is_significant(&self) -> bool {
+        self.p < LEVEL
     }
+}
 
-    /// Returns means with intervals resampled by scene; `None` without results.
-    pub(super) fn summary(&self) -> Option<Summary> {
-        let score = |line: &&ResultLine| EpisodeScore {
-            episode: line.key.episode.clone(),
-            scene: line.scene.clone(),
-            order: line.order(),
-            metrics: line.metrics.clone(),
-        };
-        summarise(&self.lines.iter().map(score).collect::<Vec<_>>(), SEED)
+/// A house's share of a weighted mean.
+#[derive(Clone, Copy)]
+struct SceneSum {
+    sum: f64,
+    weight: f64,
+}
+
+/// Tests the mean of paired differences by scene; `None` without pairs.
+pub(super) fn paired(differences: &[(&str, f64)]) -> Option<Difference> {
+    let mut sorted = differences.to_vec();
+    // Floating-point sums depend on term order.
+    sorted.sort_by(|a, b| a.0.cmp(b.0).then(a.1.total_cmp(&b.1)));
+    // A scene's missions are alike: they are resampled, and their signs flip, together.
+    let scenes = sorted.chunk_by(|a, b| a.0 == b.0).map(|scene| SceneSum {
+        sum: scene.iter().map(|(_, value)| value).sum(),
+        weight: scene.len() as f64,
+    });
+    test(&scenes.collect::<Vec<_>>(), sorted.len())
+}
+
+/// Tests the difference of two groups' means inside the scenes: scene, `true` for the first group, value. Scenes without one of
+/// the groups do not count; the others count by the harmonic mean of the group sizes, the inverse variance.
+pub(super) fn between(values: &[(&str, bool, f64)]) -> Option<Difference> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(|a, b| a.0.cmp(b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)));
+    let (mut scenes, mut count) = (Vec::new(), 0);
+    for scene in sorted.chunk_by(|a, b| a.0 == b.0) {
+        let [second, first] = [false, true].map(|group| {
+            let own = scene.iter().filter(|(_, of, _)| *of == group);
+            own.fold((0.0, 0.0), |(sum, size), (_, _, value)| (sum + value, size + 1.0))
+        });
+        if first.1 > 0.0 && second.1 > 0.0 {
+            let weight = first.1 * second.1 / (first.1 + second.1);
+            scenes.push(SceneSum { sum: weight * (first.0 / first.1 - second.0 / second.1), weight });
+            count += scene.len();
+        }
     }
+    test(&scenes, count)
+}
 
-    /// Returns the found share of a modality's goals, and the goal count.
-    pub(super) fn by_modality(&self, modality: Modality) -> (f64, usize) {
-        let goals =
-            self.lines.iter().flat_map(|line| line.modalities.iter().zip(&line.metrics.steps_to_goal));
-        let own = goals.filter(|(of, _)| **of == modality);
-        mean(own.map(|(_, found)| if found.is_some() { 1.0 } else { 0.0 }))
+fn test(scenes: &[SceneSum], count: usize) -> Option<Difference> {
+    let value = mean(scenes.iter())?;
+    let (low, high) = interval(scenes).unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+    let p = sign_flip(scenes);
+    Some(Difference { count, scenes: scenes.len(), value, low: low.min(value), high: high.max(value), p })
+}
+
+fn mean<'a>(scenes: impl Iterator<Item = &'a SceneSum>) -> Option<f64> {
+    let (sum, weight) =
+        scenes.fold((0.0, 0.0), |(sum, weight), scene| (sum + scene.sum, weight + scene.weight));
+    (weight > 0.0).then(|| sum / weight)
+}
+
+/// Returns the percentile bootstrap interval over scenes (Efron 1979); `None` with a single scene.
+fn interval(scenes: &[SceneSum]) -> Option<(f64, f64)> {
+    if scenes.len() < 2 {
+        return None;
     }
+    let mut rng = Rng::new(SEED);
+    let mut resample = || mean((0..scenes.len()).map(|_| &scenes[rng.below(scenes.len())])).unwrap_or(0.0);
+    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| resample()).collect();
+    means.sort_by(f64::total_cmp);
+    Some((means[RESAMPLES / 40 - 1], means[RESAMPLES - RESAMPLES / 40]))
+}
 
-    /// Returns the mean ISR of missions with `goals` goals, and the mission count.
-    pub(super) fn by_goals(&self, goals: u32) -> (f64, usize) {
-        let lines = self.lines.iter().filter(|line| line.metrics.goals == goals);
-        mean(lines.map(|line| line.metrics.isr))
+/// Returns the two-sided p-value of the sign-flip permutation test (Fisher 1935).
+fn sign_flip(scenes: &[SceneSum]) -> f64 {
+    let total = scenes.iter().map(|scene| scene.sum).sum::<f64>().abs() - 1e-9;
+    let flipped = |is_kept: &mut dyn FnMut(usize) -> bool| {
+        let terms =
+            (0..).zip(scenes).map(|(index, scene)| if is_kept(index) { scene.sum } else { -scene.sum });
+        terms.sum::<f64>().abs()
+    };
+    if scenes.len() <= MOST_EXACT {
+        let patterns = 1_u32 << scenes.len();
+        let extreme =
+            (0..patterns).filter(|pattern| flipped(&mut |index| pattern >> index & 1 == 0) >= total);
+        return extreme.count() as f64 / f64::from(patterns);
+    }
+    let mut rng = Rng::new(SEED);
+    let extreme = (0..DRAWS).filter(|_| flipped(&mut |_| rng.next_u64() >> 63 == 0) >= total).count();
+    // The observed pattern counts too, so that no p-value is 0.
+    (extreme as f64 + 1.0) / (f64::from(DRAWS) + 1.0)
+}
+
+/// Corrects a family of p-values for their number (Holm 1979).
+pub(super) fn holm<'a>(family: impl IntoIterator<Item = &'a mut Difference>) {
+    let mut family: Vec<_> = family.into_iter().collect();
+    family.sort_by(|a, b| a.p.total_cmp(&b.p));
+    let (count, mut least) = (family.len(), 0.0);
+    for (rank, difference) in family.into_iter().enumerate() {
+        least = (difference.p * (count - rank) as f64).max(least).min(1.0);
+        difference.p = least;
     }
 }
 
 /// Returns mean and count; 0 without values.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> (f64, usize) {
+pub(super) fn average(values: impl Iterator<Item = f64>) -> (f64, usize) {
     let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
     (if count == 0 { 0.0 } else { sum / count as f64 }, count)
-}
-
-/// Compares a number between two agents over their common episodes.
-pub(super) fn compare(
-    a: &VariantResults<'_>,
-    b: &VariantResults<'_>,
-    number: impl Fn(&ResultLine) -> f64,
-) -> Option<Paired> {
-    let others: BTreeMap<&str, &ResultLine> =
-        b.lines.iter().map(|line| (line.key.episode.as_str(), *line)).collect();
-    let difference = |line: &&'_ ResultLine| {
-        let other = others.get(line.key.episode.as_str())?;
-        Some((line.scene.clone(), number(line) - number(other)))
-    };
-    let differences: Vec<(String, f64)> = a.lines.iter().filter_map(difference).collect();
-    sign_flip(&differences, SEED)
-}
-
-/// Returns the steps to the first found goal, or the step limit.
-pub(super) fn steps_to_first(line: &ResultLine) -> f64 {
-    const MAX_STEPS: f64 = 1000.0;
-    line.metrics.steps_to_goal.iter().flatten().min().map_or(MAX_STEPS, |&step| f64::from(step))
-}
-
-/// Returns the largest group of lines with equal build, split and seed.
-pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a ResultLine>) -> Vec<&'a ResultLine> {
-    let lines: Vec<&ResultLine> = lines.collect();
-    let edition =
-        |key: &EpisodeKey| (key.benchmark.clone(), key.program.clone(), key.split.clone(), key.seed);
-    let mut counts = BTreeMap::<_, usize>::new();
-    lines.iter().for_each(|line| *counts.entry(edition(&line.key)).or_default() += 1);
-    let Some((most, _)) = counts.into_iter().max_by_key(|(_, count)| *count) else { return Vec::new() };
-    lines.into_iter().filter(|line| edition(&line.key) == most).collect()
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Paired {
-    pub(super) pairs: usize,
-    pub(super) difference: f64,
-    /// Two-sided probability of an equal or greater mean if signs were random.
-    pub(super) p: f64,
-}
-
-/// Runs the sign-flip permutation test (Fisher 1935) on paired differences by scene; `None` without pairs.
-fn sign_flip(differences: &[(String, f64)], seed: u64) -> Option<Paired> {
-    if differences.is_empty() {
-        return None;
-    }
-    let mut sorted = differences.to_vec();
-    sorted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    // A scene's episodes are alike: their signs flip together.
-    let sums: Vec<f64> =
-        sorted.chunk_by(|a, b| a.0 == b.0).map(|scene| scene.iter().map(|(_, value)| value).sum()).collect();
-    let total: f64 = sums.iter().sum();
-    let mut rng = Rng::new(seed);
-    let mut flipped =
-        || sums.iter().map(|sum| if rng.next_u64() >> 63 == 0 { *sum } else { -sum }).sum::<f64>();
-    let extreme = (0..DRAWS).filter(|_| flipped().abs() >= total.abs() - 1e-9).count();
-    let p = (extreme as f64 + 1.0) / (f64::from(DRAWS) + 1.0);
-    Some(Paired { pairs: sorted.len(), difference: total / sorted.len() as f64, p })
-}
-
-/// Returns the CSV table: a header, and a row per line.
-pub(super) fn table(lines: &[&ResultLine]) -> String {
-    let ids = METRICS.iter().filter(|metric| is_column(metric)).map(|metric| metric.id);
-    let before = ["agent", "order", "episode", "scene"].into_iter();
-    let header: Vec<&str> = before.chain(ids).chain(["steps_to_first_goal", "end"]).collect();
-    let mut text = header.join(",") + "\n";
-    for line in lines {
-        // Names are ids: no cell needs quotes.
-        text += &(cells(line).join(",") + "\n");
-    }
-    text
-}
-
-fn is_column(metric: &Metric) -> bool {
-    matches!(metric.episode, EpisodeValue::Number(_)) && !OMITTED.contains(&metric.id)
-}
-
-fn cells(line: &ResultLine) -> Vec<String> {
-    let ResultLine { key, scene, metrics, end, .. } = line;
-    let mut cells = vec![key.agent.clone(), key.order.clone(), key.episode.clone(), scene.clone()];
-    for metric in METRICS.iter().filter(|metric| is_column(metric)) {
-        cells.extend(metric.of(metrics).map(|value| number(metric, value)));
-    }
-    let first = metrics.steps_to_goal.iter().flatten().min();
-    cells.push(first.map(u32::to_string).unwrap_or_default());
-    cells.push(end.as_str().to_owned());
-    cells
-}
-
-fn number(metric: &Metric, value: f64) -> String {
-    match metric.unit {
-        // An episode's SR is 0 or 1.
-        Unit::Share if metric.id == "sr" => value.to_string(),
-        Unit::Share => format!("{value:.4}"),
-        Unit::Metres => format!("{value:.2}"),
-        Unit::Count => value.to_string(),
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn test_of(differences: &[(&str, f64)]) -> Option<Paired> {
-        let named: Vec<_> = differences.iter().map(|&(scene, value)| (scene.to_owned(), value)).collect();
-        sign_flip(&named, 1)
+    const HOUSES: [&str; 11] = ["a", "b", "c", "d", "e", "f", "g", "h", "i", "j", "k"];
+
+    #[test]
+    fn eleven_agreeing_houses_have_probability_1_in_1024() {
+        let tested = paired(&HOUSES.map(|house| (house, 0.5))).unwrap();
+        assert_eq!((tested.count, tested.scenes, tested.p), (11, 11, 1.0 / 1024.0));
+        assert_eq!((tested.value, tested.low, tested.high), (0.5, 0.5, 0.5));
+        assert!(tested.is_significant());
     }
 
     #[test]
-    fn eight_agreeing_scenes_have_probability_1_in_128() {
-        let paired = test_of(&["a", "b", "c", "d", "e", "f", "g", "h"].map(|name| (name, 0.5))).unwrap();
-        // Both signs count: 2 of 2^8.
-        assert!((paired.p - 2.0 / 256.0).abs() < 2e-3 && paired.difference == 0.5, "{paired:?}");
+    fn one_opposed_house_of_four_doubles_no_sign() {
+        // Sums of ±1 ±1 ±1 ±1: |sum| >= 2 in 10 of 16 patterns.
+        let tested = paired(&[("a", 1.0), ("b", 1.0), ("c", 1.0), ("d", -1.0)]).unwrap();
+        assert_eq!((tested.value, tested.p), (0.5, 10.0 / 16.0));
     }
 
     #[test]
-    fn cancelling_differences_are_not_significant() {
-        let paired = test_of(&[("a", 1.0), ("b", -1.0)]).unwrap();
-        assert_eq!((paired.pairs, paired.p), (2, 1.0));
-        assert_eq!(test_of(&[]), None);
+    fn missions_of_a_house_flip_together() {
+        let one_house: Vec<_> = (0..100).map(|_| ("a", 1.0)).collect();
+        let tested = paired(&one_house).unwrap();
+        assert_eq!((tested.count, tested.scenes, tested.p), (100, 1, 1.0));
+        assert_eq!((tested.low, tested.high), (f64::NEG_INFINITY, f64::INFINITY));
+        assert_eq!(paired(&[]), None);
+    }
+
+    #[test]
+    fn random_patterns_agree_with_all_patterns() {
+        let names: Vec<String> = (0..17).map(|house| format!("{house:02}")).collect();
+        let alike: Vec<_> = names.iter().map(|name| (name.as_str(), 1.0)).collect();
+        assert!(paired(&alike).unwrap().p < 1e-3);
+        let mixed: Vec<_> = (0..17).map(|house| (names[house].as_str(), [1.0, -1.0][house % 2])).collect();
+        assert_eq!(paired(&mixed).unwrap().p, 1.0);
+    }
+
+    #[test]
+    fn groups_are_compared_inside_houses() {
+        // House b is easier for both groups: the difference is 0.5 in both houses.
+        let values = [
+            ("a", true, 0.5),
+            ("a", true, 0.5),
+            ("a", false, 0.0),
+            ("b", true, 1.0),
+            ("b", false, 0.5),
+            ("c", true, 1.0),
+        ];
+        let tested = between(&values).unwrap();
+        assert!((tested.value - 0.5).abs() < 1e-12, "{tested:?}");
+        assert_eq!((tested.count, tested.scenes, tested.p), (5, 2, 0.5));
+        assert_eq!(between(&values[5..]), None);
+    }
+
+    #[test]
+    fn intervals_cover_the_spread_of_houses() {
+        let tested = paired(&HOUSES.map(|house| (house, if house < "f" { 0.0 } else { 1.0 }))).unwrap();
+        // Six of eleven houses: 0.545 ± 1.96 × sqrt(0.545 × 0.455 / 11) = 0.25 to 0.84.
+        assert!((0.15..0.35).contains(&tested.low) && (0.75..0.95).contains(&tested.high), "{tested:?}");
+    }
+
+    #[test]
+    fn holm_corrects_by_rank() {
+        let of = |p| Difference { count: 1, scenes: 1, value: 1.0, low: 0.0, high: 2.0, p };
+        let mut family = [of(0.04), of(0.01), of(0.03), of(0.9)];
+        holm(&mut family);
+        assert_eq!(family.map(|tested| (tested.p * 100.0).round() as u32), [9, 4, 9, 90]);
     }
 }

@@ -109,6 +109,10 @@ impl PhaseConversion<'_> {
         fill(&mut phase.rules.head, self.head(), faults);
         phase.rules.feedback = self.entry.feedback.unwrap_or(phase.rules.feedback);
         phase.rules.silence = self.entry.silence.unwrap_or(phase.rules.silence);
+        let PhaseFile { distractor_sources, extra_submit, stop_claims, .. } = self.entry;
+        phase.rules.distractor_sources = distractor_sources.unwrap_or(phase.rules.distractor_sources);
+        phase.rules.extra_submit = extra_submit.unwrap_or(phase.rules.extra_submit);
+        phase.rules.stop_claims = stop_claims.unwrap_or(phase.rules.stop_claims);
         match self.episodes(split) {
             Ok(episodes) => {
                 fill(&mut phase.sampling, self.sampling(&episodes), faults);
@@ -121,6 +125,8 @@ impl PhaseConversion<'_> {
         if faults.is_empty() {
             let sounds = check_sounds(self.data, phase);
             faults.extend(sounds.err().map(|failure| self.failed("sounds", &failure)));
+            let distractors = split.check_distractors(&phase.rules);
+            faults.extend(distractors.err().map(|failure| self.failed("rules", &failure)));
             faults.extend(self.changes_of_fixed(phase));
             let published = self.published.check(phase, split.digest(), now_unix_ms());
             faults.extend(published.err().map(|error| self.fault("split", error)));
@@ -139,7 +145,7 @@ impl PhaseConversion<'_> {
 
     /// Returns a fault per change of a setting that existing runs fix.
     fn changes_of_fixed(&self, new: &Phase) -> Vec<Fault> {
-        const PROBLEM: &str = "existing runs fix split, rules, feedback, silence, sounds, head, sample and shuffle; open another phase";
+        const PROBLEM: &str = "existing runs fix split, rules, claims, feedback, silence, sounds, distractors, head, sample and shuffle; open another phase";
         let Some(old) = self.fixed else { return Vec::new() };
         // Rules and sounds may come from the split.
         if old.split != new.split || old.episodes != new.episodes {
@@ -147,7 +153,9 @@ impl PhaseConversion<'_> {
         }
         let (is, was) = (&new.rules, &old.rules);
         let (sounds, head) = (was.sounds.clone(), was.head.clone());
-        let rest = Rules { sounds, head, feedback: was.feedback, silence: was.silence, ..is.clone() };
+        let Rules { feedback, silence, distractor_sources, extra_submit, stop_claims, .. } = *was;
+        let claims = Rules { distractor_sources, extra_submit, stop_claims, ..is.clone() };
+        let rest = Rules { sounds, head, feedback, silence, ..claims };
         let changes = [
             ("shuffle", new.sampling.shuffle != old.sampling.shuffle),
             ("sample", new.sampling.sample != old.sampling.sample),
@@ -155,6 +163,9 @@ impl PhaseConversion<'_> {
             ("head", is.head != was.head),
             ("feedback", is.feedback != was.feedback),
             ("silence", is.silence != was.silence),
+            ("distractor_sources", is.distractor_sources != was.distractor_sources),
+            ("extra_submit", is.extra_submit != was.extra_submit),
+            ("stop_claims", is.stop_claims != was.stop_claims),
             ("rules", rest != *was),
         ];
         let changed = changes.into_iter().filter(|(_, is_changed)| *is_changed);

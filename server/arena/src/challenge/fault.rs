@@ -5,7 +5,7 @@ use std::{fmt, ops::Range, path::Path};
 use toml::de::{DeTable, DeValue};
 
 /// Valid lines, each with the keys that it is an example for.
-pub(super) const EXAMPLES: [(&[&str], &str); 39] = [
+pub(super) const EXAMPLES: [(&[&str], &str); 42] = [
     (&["phases"], "[[phases]]"),
     (&["splits"], "[splits.hidden]"),
     (&["dataset"], "dataset = \"../data\""),
@@ -18,6 +18,9 @@ pub(super) const EXAMPLES: [(&[&str], &str); 39] = [
     (&["head"], "head = \"sphere\""),
     (&["feedback"], "feedback = \"none\""),
     (&["silence"], "silence = \"window_end\""),
+    (&["distractor_sources"], "distractor_sources = \"goals\""),
+    (&["extra_submit"], "extra_submit = \"ignored\""),
+    (&["stop_claims"], "stop_claims = \"any_open\""),
     (&["orders"], "orders = [\"ordered\", \"unordered\"]"),
     (&["sensors"], "sensors = [\"rgb\", \"depth\", \"audio\"]"),
     (&["encodings", "depth"], "encodings = { depth = \"millimetres\" }"),

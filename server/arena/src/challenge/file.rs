@@ -1,7 +1,10 @@
 //! Contents of a challenge file.
 
 use super::{Fault, KeyPath, keys};
-use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, SilenceRule, Sounds, TimeLimits};
+use avln_episode::{
+    DistractorSources, Encodings, ExtraSubmit, FeedbackRule, HeadRule, Order, Sensors, SilenceRule, Sounds,
+    StopClaims, TimeLimits,
+};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -57,6 +60,12 @@ pub struct PhaseFile {
     pub feedback: Option<FeedbackRule>,
     /// Silence of found targets; the rule set's by default.
     pub silence: Option<SilenceRule>,
+    /// Sounding non-goals per episode; the rule set's by default.
+    pub distractor_sources: Option<DistractorSources>,
+    /// Effect of a Submit without Submits left; the rule set's by default.
+    pub extra_submit: Option<ExtraSubmit>,
+    /// Goals open to a Stop; the rule set's by default.
+    pub stop_claims: Option<StopClaims>,
     /// Permitted orders; both by default.
     pub orders: Option<Vec<Order>>,
     /// Permitted sensors; all by default.
@@ -203,6 +212,9 @@ impl PhaseFile {
             head: Some(head_word(&phase.rules.head)),
             feedback: Some(phase.rules.feedback),
             silence: Some(phase.rules.silence),
+            distractor_sources: Some(phase.rules.distractor_sources),
+            extra_submit: Some(phase.rules.extra_submit),
+            stop_claims: Some(phase.rules.stop_claims),
             orders: Some(phase.orders.clone()),
             sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
             opens: phase.schedule.opens_unix_ms.and_then(datetime),

@@ -2,8 +2,8 @@
 
 use crate::{Failure, data::private_file, lru::LruCache};
 use avln_dataset::{
-    BuiltScene, DatasetError, EpisodeSpec, Manifest, PublicMission, Recipe, SceneLine, SceneSource,
-    SceneSpec, SecretFile, Split, SplitLine, Statistics,
+    BuiltScene, DatasetError, EpisodeSpec, Manifest, PublicMission, Recipe, SceneLine, SceneMissions,
+    SceneSource, SceneSpec, SecretFile, Split, SplitLine, Statistics,
     format::{
         DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
         read_scenes, read_secret, scenes_bytes, write_scene,
@@ -18,6 +18,7 @@ use std::{
 };
 
 mod seal;
+mod truth;
 
 pub use seal::Passphrase;
 
@@ -332,7 +333,7 @@ pub struct SplitFolder {
     missions: usize,
     scenes: Vec<SceneLine>,
     by_name: BTreeMap<String, usize>,
-    cache: LruCache<usize, Vec<EpisodeSpec>>,
+    cache: LruCache<usize, SceneMissions>,
 }
 
 impl SplitFolder {
@@ -453,9 +454,8 @@ impl SplitFolder {
 
     /// Returns a mission; `None` if unknown.
     pub fn episode(&self, id: &str) -> Result<Option<EpisodeSpec>, Failure> {
-        let Some(&index) = scene_of(id).and_then(|scene| self.by_name.get(scene)) else { return Ok(None) };
-        let (episodes, _) = self.cache.get(index, || self.episodes(&self.scenes[index]))?;
-        Ok(episodes.iter().find(|episode| episode.id == id).cloned())
+        let scene = self.scene_of_mission(id)?;
+        Ok(scene.and_then(|missions| missions.episodes().iter().find(|episode| episode.id == id).cloned()))
     }
 
     /// Loads all missions.

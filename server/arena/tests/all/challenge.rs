@@ -10,7 +10,7 @@ use avln_arena::{
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_dataset::{Seed, SplitSecret};
-use avln_episode::{Order, SilenceRule};
+use avln_episode::{DistractorSources, ExtraSubmit, Order, SilenceRule, StopClaims};
 use avln_grpc::{Host, Reason, RunRequest};
 use avln_store::{AuditNote, Phase, Schedule, Store, Viewer, Visibility};
 use std::path::Path;
@@ -253,6 +253,54 @@ async fn first_run_fixes_silence() {
     let changed = late.replace("window_end", "delayed");
     let refused = hall.plan(&changed).await.expect_err("a run exists").to_string();
     assert!(refused.contains("existing runs fix") && refused.contains("silence"), "{refused}");
+}
+
+#[tokio::test]
+async fn hard_track_needs_enough_other_targets() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    hall.make("rich", 8, 8).await;
+    hall.make("poor", 9, 1).await;
+    let hard = |split: &str| {
+        FILE.replace("feedback = \"verdict\"", "rules = \"lh-avln-hard-v1\"")
+            .replace("split = \"val\"", &format!("split = \"{split}\""))
+    };
+    let refused = hall.refused(&hard("poor")).await;
+    assert!(
+        refused.contains("distractor sources in mission") && refused.contains("has 0 other targets"),
+        "{refused}"
+    );
+    hall.apply(&hard("rich")).await;
+    assert!(hall.shown().await.contains("distractor_sources = \"goals\""));
+    let split = hall.data.missions("rich").expect("a split");
+    let rules = hall.store.phase("practice").await.expect("the phase").rules;
+    let scene = &split.scenes()[0];
+    let assets = scene.spec().open(&rules).expect("a house");
+    for episode in split.episodes(scene).expect("missions") {
+        let [ordered, unordered] = [Order::Ordered, Order::Unordered]
+            .map(|order| split.truth(&episode, order, &rules, &assets).expect("a truth").distractor_sources);
+        assert_eq!((ordered.len(), &ordered), (episode.goals.len(), &unordered));
+    }
+}
+
+#[tokio::test]
+async fn first_run_fixes_claims_and_distractors() {
+    let _memory = crate::MEMORY.read().await;
+    let hall = Hall::new().await;
+    let options = "extra_submit = \"ends_episode\"\nstop_claims = \"last_only\"\ndistractor_sources = 1";
+    let file = FILE.replace("feedback = \"verdict\"", options);
+    hall.apply(&file).await;
+    let rules = hall.store.phase("practice").await.expect("the phase").rules;
+    assert_eq!((rules.extra_submit, rules.stop_claims), (ExtraSubmit::EndsEpisode, StopClaims::LastOnly));
+    assert_eq!(rules.distractor_sources, DistractorSources::Number(1));
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    arena.start_run(&account(), request("practice")).await.expect("a run");
+    for (was, is) in [("ends_episode", "ignored"), ("last_only", "any_open"), ("= 1\n", "= 2\n")] {
+        let refused = hall.refused(&file.replace(was, is)).await;
+        assert!(refused.contains("existing runs fix"), "{refused}");
+    }
+    let unknown = hall.refused(&file.replace("= 1\n", "= 9\n")).await;
+    assert!(unknown.contains("distractor_sources"), "{unknown}");
 }
 
 #[tokio::test]

@@ -20,7 +20,8 @@ pub use phase::{
 };
 pub use quota::{Quota, QuotaLimits, QuotaWindow, RunGrant, quotas};
 pub use run::{
-    Charge, EpisodeOutcome, EpisodeState, MethodInfo, Ruling, RunState, RunStatus, RunUse, TimeAccount,
+    Charge, EpisodeOutcome, EpisodeState, MethodInfo, MethodType, Ruling, RunState, RunStatus, RunUse,
+    TimeAccount,
 };
 pub use sampling::{
     CommitmentValues, GoalText, PhaseEpisode, PhaseSecret, Sample, Sampling, draw, pool_digest,

@@ -52,6 +52,26 @@ words!(EpisodeState, "episode state", {
     Pending => "pending", Running => "running", Terminated => "terminated", Truncated => "truncated", Infra => "infra",
 });
 
+/// A method's type, declared by the team.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum MethodType {
+    /// Without learnt parts.
+    TrainingFree,
+    /// Learnt perception; the decisions are not learnt.
+    LearntPerception,
+    /// Models trained on data from outside the benchmark: detectors, encoders, language models.
+    FoundationModels,
+    /// A policy learnt from demonstrations.
+    Imitation,
+    /// A policy learnt by reinforcement learning.
+    Rl,
+}
+words!(MethodType, "method type", {
+    TrainingFree => "training-free", LearntPerception => "learnt-perception",
+    FoundationModels => "foundation-models", Imitation => "imitation", Rl => "rl",
+});
+
 /// A method, as described by the team.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct MethodInfo {
@@ -59,6 +79,9 @@ pub struct MethodInfo {
     pub name: String,
     /// Version; may be empty.
     pub version: String,
+    /// Type; `None` if the team declared none.
+    #[serde(rename = "type")]
+    pub method_type: Option<MethodType>,
     /// Text for people; may be empty, as the fields below.
     pub description: String,
     /// Code address.

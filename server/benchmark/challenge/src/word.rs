@@ -57,8 +57,8 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use crate::{
-        EpisodeState, PhaseState, QuotaWindow, Reference, RunChoice, RunState, TokenScope, UnknownWord,
-        Visibility,
+        EpisodeState, MethodType, PhaseState, QuotaWindow, Reference, RunChoice, RunState, TokenScope,
+        UnknownWord, Visibility,
     };
     use std::{fmt::Debug, str::FromStr};
 
@@ -76,6 +76,7 @@ mod tests {
     #[test]
     fn words_round_trip() {
         check_words(EpisodeState::ALL, EpisodeState::as_str);
+        check_words(MethodType::ALL, MethodType::as_str);
         check_words(PhaseState::ALL, PhaseState::as_str);
         check_words(QuotaWindow::ALL, QuotaWindow::as_str);
         check_words(Reference::ALL, Reference::as_str);
@@ -92,6 +93,9 @@ mod tests {
         }
         for visibility in Visibility::ALL {
             assert_eq!(serde_json::to_value(visibility).expect("JSON"), visibility.as_str());
+        }
+        for method_type in MethodType::ALL {
+            assert_eq!(serde_json::to_value(method_type).expect("JSON"), method_type.as_str());
         }
         for reference in Reference::ALL {
             assert_eq!(serde_json::to_value(reference).expect("JSON"), reference.as_str());

@@ -5,6 +5,7 @@ use crate::{
     recipe::{Recipe, SceneChoice, SplitRecipe},
     split::{DatasetError, DrawnScene, SceneSource},
     stats::Statistics,
+    survey::{ThresholdsOnly, Verifier},
 };
 use avln_geom::Rng;
 use avln_houses::Pool;
@@ -96,25 +97,39 @@ impl Recipe {
     }
 }
 
-/// Builds a scene: geometry, survey, missions, files. A pure function of recipe and job, apart from the render data
-/// in `cache`.
+/// Builds a scene as [`build_scene_with`], without a verifier.
 ///
 /// # Errors
-/// If the scene is unusable, a file has no mission, or all draws of a house have too few.
-///
-/// # Panics
-/// If the recipe has no such split.
+/// As [`build_scene_with`].
 pub fn build_scene(
     recipe: &Recipe,
     job: Job,
     cache: Option<&Arc<dyn Cache>>,
 ) -> Result<BuiltScene, DatasetError> {
+    build_scene_with(recipe, job, &ThresholdsOnly, cache)
+}
+
+/// Builds a scene: geometry, survey, missions, files. A pure function of recipe and job, apart from the render data
+/// in `cache`.
+///
+/// # Errors
+/// If the scene is unusable, a file has no mission, all draws of a house have too few, or the recipe has another verifier.
+///
+/// # Panics
+/// If the recipe has no such split.
+pub fn build_scene_with(
+    recipe: &Recipe,
+    job: Job,
+    verifier: &dyn Verifier,
+    cache: Option<&Arc<dyn Cache>>,
+) -> Result<BuiltScene, DatasetError> {
+    recipe.check_verifier(verifier)?;
     let split = &recipe.splits[job.split];
     let name = recipe.scene_name(job);
     let rules = recipe.rules()?;
     let build = |source, missions_seed, least| {
         let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
-        let drawn = DrawnScene::new(&name, source, &rules, &recipe.survey, &options, cache)?;
+        let drawn = DrawnScene::new(&name, source, &rules, &recipe.survey, &options, verifier, cache)?;
         if drawn.episodes.len() < least { Err(drawn.no_mission()) } else { finish(&drawn) }
     };
     match &split.scenes {
@@ -136,7 +151,7 @@ pub fn build_scene(
 }
 
 fn finish(drawn: &DrawnScene) -> Result<BuiltScene, DatasetError> {
-    let DrawnScene { spec, assets, instances, episodes } = drawn;
+    let DrawnScene { spec, assets, instances, removals, episodes } = drawn;
     let storeys = assets.scene.regions.iter().map(|region| region.storey).max().map_or(1, |top| top + 1);
     let facts = SceneFacts {
         regions: assets.scene.regions.len() as u32,
@@ -144,6 +159,7 @@ fn finish(drawn: &DrawnScene) -> Result<BuiltScene, DatasetError> {
         objects: assets.scene.objects.len() as u32,
         instances: *instances as u32,
         area_m2: assets.navmesh.area_m2(),
+        removed: Some(*removals),
     };
     let statistics = Statistics::of_scene(Some(facts), episodes);
     let written = write_scene(spec, Some(facts), episodes)?;

@@ -1,16 +1,23 @@
 //! Independent check of missions against their constraints, from files and scenes.
 //!
 //! Distances come from plain fields and tours from brute force; the sampler uses neither. Cues are checked against
-//! repeated survey looks.
+//! repeated survey looks. parry gives a second opinion on start poses and lines of sight.
 
 mod goals;
+mod solid;
 
 use crate::{
-    mission::EpisodeSpec, recipe::MissionRules, reference::reference_steps, survey::look::SurveyOptions,
+    mission::EpisodeSpec,
+    recipe::MissionRules,
+    reference::reference_steps,
+    split::DatasetError,
+    survey::{Verifier, look::SurveyOptions, look_around, recognised},
 };
 use avln_episode::Rules;
+use avln_scene::InstanceId;
 use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
 use goals::{GoalCheck, SNAP_M, Seen};
+use solid::Solid;
 use std::{
     collections::{BTreeMap, BTreeSet},
     fmt,
@@ -50,13 +57,17 @@ pub enum Constraint {
     Distractors,
     /// Existing target instance.
     Target,
+    /// Target recognised by the verifier.
+    Recognised,
     /// Matching cue: a valid sentence, or a picture with the target.
     Cue,
     /// Sound source at the target.
     Source,
     /// Valid success region points on the reachable island.
     Region,
-    /// Start on the reachable island.
+    /// Lines of sight from the success region, confirmed by a second ray caster.
+    Sight,
+    /// Start on the reachable island, with room for the body and a floor below.
     Start,
     /// Reachable targets.
     Reachable,
@@ -108,9 +119,10 @@ pub fn check_scene(
     episodes: &[EpisodeSpec],
     depth: Depth<'_>,
 ) -> Vec<Fault> {
-    let seen = depth.survey.map(|options| Seen::of(assets, rules, options));
-    let goals = GoalCheck::new(assets, rules, seen.as_ref());
-    let mut check = SceneCheck { assets, rules, limits, goals, faults: Vec::new() };
+    let seen = depth.survey.map(|options| Seen::of(assets, rules, options, limits));
+    let solid = Solid::new(assets, rules);
+    let goals = GoalCheck::new(assets, rules, &solid, seen.as_ref());
+    let mut check = SceneCheck { assets, rules, limits, solid: &solid, goals, faults: Vec::new() };
     let mut ids = BTreeSet::new();
     for (index, episode) in episodes.iter().enumerate() {
         if !ids.insert(&episode.id) {
@@ -122,10 +134,39 @@ pub fn check_scene(
     check.faults
 }
 
+/// Repeats the survey of a scene, and checks that `verifier` recognises all targets.
+///
+/// # Errors
+/// If the verifier fails.
+pub fn check_recognition(
+    assets: &SceneAssets,
+    rules: &Rules,
+    limits: &MissionRules,
+    episodes: &[EpisodeSpec],
+    (options, verifier): (&SurveyOptions, &dyn Verifier),
+) -> Result<Vec<Fault>, DatasetError> {
+    let seen = look_around(assets, rules, options, &limits.distractor_range());
+    let recognised = recognised(assets, rules, options, &seen.sightings, verifier)?;
+    let mut faults: BTreeMap<u32, Fault> = BTreeMap::new();
+    for episode in episodes {
+        for goal in &episode.goals {
+            let (instance, category) = (goal.target.instance, &goal.target.category);
+            if !recognised.contains(&InstanceId(instance)) {
+                let found = format!("the verifier recognises {category} {instance} in no view");
+                let mission = episode.id.clone();
+                let fault = Fault { mission, constraint: Constraint::Recognised, found };
+                faults.entry(instance).or_insert(fault);
+            }
+        }
+    }
+    Ok(faults.into_values().collect())
+}
+
 struct SceneCheck<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
     limits: &'a MissionRules,
+    solid: &'a Solid<'a>,
     goals: GoalCheck<'a>,
     faults: Vec<Fault>,
 }
@@ -148,6 +189,9 @@ impl SceneCheck<'_> {
             let found = format!("no reachable floor is at {}", episode.start.position);
             return self.fault(episode, Constraint::Start, found);
         };
+        if let Some(found) = self.solid.stand_fault(&episode.start.position) {
+            self.fault(episode, Constraint::Start, found);
+        }
         let stands: Vec<Vec<NavPoint>> =
             episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
         self.distances(episode, &start, &stands);

@@ -20,6 +20,7 @@ use crate::{
     recipe::Recipe,
     seed::SplitSecret,
     split::{SceneSource, SceneSpec},
+    survey::Removals,
 };
 use avln_geom::Pose;
 use avln_truth::Target;
@@ -113,6 +114,9 @@ pub struct SceneFacts {
     pub instances: u32,
     /// Walkable area, square metres.
     pub area_m2: f64,
+    /// Removed instances of target categories, if recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub removed: Option<Removals>,
 }
 
 /// Public part of a mission: a line in a missions file.

@@ -11,6 +11,7 @@ mod build;
 mod check;
 mod cue;
 mod describe;
+mod distractors;
 pub mod format;
 mod mission;
 mod recipe;
@@ -20,9 +21,10 @@ mod split;
 mod stats;
 mod survey;
 
-pub use build::{BuiltScene, Job, build_scene};
-pub use check::{Constraint, Depth, Fault, check_scene};
+pub use build::{BuiltScene, Job, build_scene, build_scene_with};
+pub use check::{Constraint, Depth, Fault, check_recognition, check_scene};
 pub use cue::{Claims, CueSpec, CueView, Description};
+pub use distractors::SceneMissions;
 pub use format::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SecretFile, SplitLine};
 pub use mission::{
     EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
@@ -30,7 +32,8 @@ pub use mission::{
 pub use recipe::{MissionRules, Recipe, SceneChoice, SplitRecipe};
 pub use seed::{Seed, SplitSecret};
 pub use split::{DatasetError, FormatError, SceneSource, SceneSpec, Split};
-pub use stats::{Spread, Statistics, page, summary};
+pub use stats::{Lengths, Spread, Statistics, page, summary};
 pub use survey::{
-    Instance, SurveyOptions, ThresholdsOnly, Verifier, distractors, survey, survey_with, target_at,
+    DetectorView, Instance, Removals, Survey, SurveyOptions, ThresholdsOnly, Verifier, VerifierId,
+    distractors, survey, survey_with, target_at,
 };

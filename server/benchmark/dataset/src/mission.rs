@@ -62,7 +62,7 @@ impl EpisodeSpec {
         Mission { order, goals }
     }
 
-    /// Returns the hidden truth.
+    /// Returns the hidden truth, without distractor sources.
     pub fn truth(&self, order: Order) -> EpisodeTruth {
         let tour = match order {
             Order::Ordered => &self.ordered,
@@ -75,6 +75,7 @@ impl EpisodeSpec {
             start: self.start,
             order,
             targets: self.goals.iter().map(|goal| goal.target.clone()).collect(),
+            distractor_sources: Vec::new(),
             reference_m: tour.length_m,
             reference_path: tour.path.clone(),
         }
@@ -101,7 +102,8 @@ pub struct MissionOptions {
 }
 
 /// Wanted reference steps in ordered missions: the closest of several draws wins. The wanted count is `mean` for the
-/// middle goal count, proportional for others, and uniform within `spread`.
+/// middle goal count, proportional for others, and uniform within `spread`. Missing steps of earlier missions in the
+/// scene are added, within limits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StepGoal {
@@ -132,6 +134,8 @@ impl MissionOptions {
 const ATTEMPTS: usize = 40;
 /// Relative step deviation for immediate acceptance.
 const NEAR_ENOUGH: f64 = 0.04;
+/// Largest correction of the wanted steps by earlier missions, relative.
+const MOST_CORRECTION: f64 = 0.5;
 /// Largest distance from a sampled point to the mesh, metres.
 const SNAP_M: f32 = 0.1;
 /// Random shift in the use order, uses.
@@ -146,6 +150,7 @@ const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Mo
 ///
 /// Every mission has at least two modalities and distinct categories. Targets are reachable, and apart from the start
 /// and from each other. Rarely used instances and modalities come first. Ids are `SCENE-NUMBER`.
+#[tracing::instrument(level = "debug", name = "missions", skip_all, fields(scene = assets.scene.name))]
 pub fn sample_missions(
     assets: &SceneAssets,
     instances: &[Instance],
@@ -171,6 +176,8 @@ struct Sampler<'a> {
     options: &'a MissionOptions,
     atlas: Atlas<'a>,
     pool: CandidatePool<'a>,
+    /// Wanted minus drawn steps over all missions with wanted steps.
+    missing_steps: f64,
 }
 
 struct Draft {
@@ -179,6 +186,7 @@ struct Draft {
     chosen: Vec<usize>,
     tour: Tour,
     steps: u32,
+    wanted_steps: Option<f64>,
 }
 
 impl<'a> Sampler<'a> {
@@ -198,7 +206,7 @@ impl<'a> Sampler<'a> {
         let atlas = Atlas::new(&assets.navmesh, &regions, options.min_separation_m);
         let count = instances.len();
         let pool = CandidatePool { instances, uses: vec![0; count], asked: vec![[0; 3]; count] };
-        Self { assets, rules, options, atlas, pool }
+        Self { assets, rules, options, atlas, pool, missing_steps: 0.0 }
     }
 
     /// Draws a mission; `None` without matching targets or with a single modality.
@@ -214,6 +222,7 @@ impl<'a> Sampler<'a> {
         let modalities = self.pool.modalities(&draft.chosen, rng)?;
         let episode = self.finish(&draft, &modalities, rng)?;
         self.pool.note(&draft.chosen, &modalities);
+        self.missing_steps += draft.wanted_steps.map_or(0.0, |wanted| wanted - f64::from(draft.steps));
         Some(episode)
     }
 
@@ -224,18 +233,21 @@ impl<'a> Sampler<'a> {
         let share = 1.0 + steps.spread * (2.0 * rng.unit() - 1.0);
         // More goals need longer tours: without the proportion, missions with few goals would rarely match.
         let wanted = steps.mean * share * count as f64 / middle;
-        let off = |draft: &Draft| (f64::from(draft.steps) - wanted).abs();
+        // Most houses have fewer long tours than short ones: without the correction, the mean would be too low.
+        let limit = MOST_CORRECTION * wanted;
+        let aim = wanted + self.missing_steps.clamp(-limit, limit);
+        let off = |draft: &Draft| (f64::from(draft.steps) - aim).abs();
         let mut best: Option<Draft> = None;
         for draft in self.attempts(count, rng).take(steps.draws.max(1) as usize) {
             if best.as_ref().is_none_or(|best| off(&draft) < off(best)) {
                 best = Some(draft);
             }
             // Later draws would only cost time: the spread of the wanted counts is much wider than this tolerance.
-            if best.as_ref().is_some_and(|best| off(best) < NEAR_ENOUGH * wanted) {
+            if best.as_ref().is_some_and(|best| off(best) < NEAR_ENOUGH * aim) {
                 break;
             }
         }
-        best
+        best.map(|draft| Draft { wanted_steps: Some(wanted), ..draft })
     }
 
     fn attempts(&self, count: usize, rng: &mut Rng) -> impl Iterator<Item = Draft> {
@@ -252,7 +264,7 @@ impl<'a> Sampler<'a> {
         let chosen = self.pool.targets(&self.atlas, &departure, self.options, count, rng)?;
         let tour = ordered(&self.atlas, &departure, &chosen)?;
         let steps = self.steps(&start, &tour, count);
-        Some(Draft { start, departure, chosen, tour, steps })
+        Some(Draft { start, departure, chosen, tour, steps, wanted_steps: None })
     }
 
     fn steps(&self, start: &Pose, tour: &Tour, goals: usize) -> u32 {
@@ -260,7 +272,7 @@ impl<'a> Sampler<'a> {
     }
 
     fn finish(&self, draft: &Draft, modalities: &[Modality], rng: &mut Rng) -> Option<EpisodeSpec> {
-        let Draft { start, departure, chosen, tour, steps } = draft;
+        let Draft { start, departure, chosen, tour, steps, .. } = draft;
         let goal = |(&index, &modality): (&usize, &Modality)| {
             let instance = self.pool.instances[index];
             let start_distance_m = self.atlas.start_m(departure, index);

@@ -4,12 +4,12 @@ use crate::{
     mission::{MissionOptions, StepGoal},
     seed::SplitSecret,
     split::DatasetError,
-    survey::look::SurveyOptions,
+    survey::{Verifier, VerifierId, look::SurveyOptions},
 };
 use avln_episode::Rules;
 use avln_houses::Pool;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::{ops::RangeInclusive, path::PathBuf};
 
 /// Recipe for a data set. Equal recipes give equal bytes on any thread count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,9 @@ pub struct Recipe {
     /// Survey thresholds.
     #[serde(default)]
     pub survey: SurveyOptions,
+    /// Verifier of targets; none if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verifier: Option<VerifierId>,
     /// Splits in build order. Scenes are disjoint.
     pub splits: Vec<SplitRecipe>,
 }
@@ -112,6 +115,17 @@ impl Recipe {
         split.missions.as_ref().unwrap_or(&self.missions)
     }
 
+    /// Compares the recipe's verifier with `verifier`; an error names both.
+    pub(crate) fn check_verifier(&self, verifier: &dyn Verifier) -> Result<(), DatasetError> {
+        let found = verifier.id();
+        require(self.verifier == found, || {
+            let shown = |id: &Option<VerifierId>| {
+                id.as_ref().map_or_else(|| "none".to_owned(), VerifierId::to_string)
+            };
+            format!("`verifier` is {}, but the build has {}", shown(&self.verifier), shown(&found))
+        })
+    }
+
     /// Checks all values; an error names the field, the value and the allowed range.
     pub fn check(&self) -> Result<(), DatasetError> {
         self.rules()?;
@@ -176,10 +190,15 @@ impl MissionRules {
             goals: self.goals[0]..=self.goals[1],
             min_start_m: self.min_start_m,
             min_separation_m: self.min_separation_m,
-            distractors: self.distractors[0]..=self.distractors[1],
+            distractors: self.distractor_range(),
             steps: self.steps,
             seed,
         }
+    }
+
+    /// Returns the allowed numbers of distractors.
+    pub(crate) fn distractor_range(&self) -> RangeInclusive<u8> {
+        self.distractors[0]..=self.distractors[1]
     }
 
     fn check(&self) -> Result<(), DatasetError> {

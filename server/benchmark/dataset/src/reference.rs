@@ -22,6 +22,7 @@ pub(crate) struct Tour {
 type Costs = Vec<f64>;
 
 /// Shortest tour in this order, exact over the sampled points (dynamic programming); `None` if one is unreachable.
+#[tracing::instrument(level = "debug", name = "reference_tour", skip_all, fields(order = "ordered"))]
 pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
     let (&first, rest) = regions.split_first()?;
     let mut stages: Vec<Costs> = vec![atlas.depart(start, first)];
@@ -43,6 +44,7 @@ pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Op
 }
 
 /// Returns the shortest tour over all orders (Bellman 1962, Held and Karp 1962).
+#[tracing::instrument(level = "debug", name = "reference_tour", skip_all, fields(order = "unordered"))]
 pub(crate) fn unordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
     let table = Table::fill(atlas, start, regions);
     let mut visited = (1 << regions.len()) - 1;

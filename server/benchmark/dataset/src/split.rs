@@ -2,7 +2,7 @@
 
 use crate::{
     mission::{EpisodeSpec, MissionOptions, sample_missions},
-    survey::{ThresholdsOnly, look::SurveyOptions, survey_with},
+    survey::{Removals, Survey, ThresholdsOnly, Verifier, look::SurveyOptions, survey_with},
 };
 use avln_episode::Rules;
 use avln_formats::open::open;
@@ -99,6 +99,9 @@ pub enum DatasetError {
         /// Recorded digest.
         expected: String,
     },
+    /// Failed verifier.
+    #[error("the verifier failed: {0}")]
+    Verifier(String),
     /// Invalid recipe: field, value and allowed range.
     #[error("invalid recipe: {0}")]
     Recipe(String),
@@ -171,6 +174,7 @@ pub(crate) struct DrawnScene {
     pub(crate) spec: SceneSpec,
     pub(crate) assets: SceneAssets,
     pub(crate) instances: usize,
+    pub(crate) removals: Removals,
     pub(crate) episodes: Vec<EpisodeSpec>,
 }
 
@@ -182,13 +186,15 @@ impl DrawnScene {
         rules: &Rules,
         survey: &SurveyOptions,
         missions: &MissionOptions,
+        verifier: &dyn Verifier,
         cache: Option<&Arc<dyn Cache>>,
     ) -> Result<Self, DatasetError> {
         let (spec, scene) = SceneSpec::new(name, source)?;
         let assets = spec.prepare(scene, rules, cache)?;
-        let instances = survey_with(&assets, rules, survey, &ThresholdsOnly);
+        let Survey { instances, removals } =
+            survey_with(&assets, rules, survey, verifier, &missions.distractors)?;
         let episodes = sample_missions(&assets, &instances, rules, missions);
-        Ok(Self { spec, assets, instances: instances.len(), episodes })
+        Ok(Self { spec, assets, instances: instances.len(), removals, episodes })
     }
 
     pub(crate) fn no_mission(&self) -> DatasetError {
@@ -205,6 +211,7 @@ fn one_storey() -> RangeInclusive<u8> {
 }
 
 impl SceneSource {
+    #[tracing::instrument(level = "debug", name = "load_scene", skip_all, fields(scene = name))]
     fn make(&self, name: &str) -> Result<Scene, DatasetError> {
         match self {
             Self::Procedural { seed, rooms, storeys, pool } => {
@@ -231,7 +238,8 @@ impl Split {
         options: &MissionOptions,
         cache: Option<&Arc<dyn Cache>>,
     ) -> Result<SceneAssets, DatasetError> {
-        let drawn = DrawnScene::new(name, source, rules, &SurveyOptions::default(), options, cache)?;
+        let survey = SurveyOptions::default();
+        let drawn = DrawnScene::new(name, source, rules, &survey, options, &ThresholdsOnly, cache)?;
         if drawn.episodes.is_empty() {
             return Err(drawn.no_mission());
         }

@@ -1,18 +1,12 @@
-//! Statistics of data sets, and their page.
+//! Statistics of data sets.
 
-use crate::{cue::CueSpec, format::SceneFacts, mission::EpisodeSpec};
+mod page;
+
+pub use page::{page, summary};
+
+use crate::{cue::CueSpec, format::SceneFacts, mission::EpisodeSpec, survey::Removals};
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    fmt::{Display, Write},
-};
-
-const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}\
-table{border-collapse:collapse;margin:.5rem 0 1.5rem}td,th{padding:.15rem .6rem;text-align:left;vertical-align:middle}\
-td.n{text-align:right;font-variant-numeric:tabular-nums}.bar{background:#4a7ab5;height:.8rem;display:block}\
-h2{margin-top:2.5rem;border-bottom:1px solid #ccc}";
-/// Longest bar, em.
-const LONGEST_BAR_EM: f64 = 20.0;
+use std::collections::BTreeMap;
 
 /// Counts over scenes and missions; sums of several scenes are allowed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +24,9 @@ pub struct Statistics {
     pub area_m2: Spread,
     /// Potential targets per scene.
     pub instances: Spread,
+    /// Instances of target categories removed by each test of the survey.
+    #[serde(default)]
+    pub removed: BTreeMap<String, u64>,
     /// Missions by goal count.
     pub goals: BTreeMap<usize, u64>,
     /// Goals by modality.
@@ -46,6 +43,9 @@ pub struct Statistics {
     pub ordered_m: Spread,
     /// Unordered reference length, metres.
     pub unordered_m: Spread,
+    /// Reference lengths by goal count.
+    #[serde(default)]
+    pub lengths: BTreeMap<usize, Lengths>,
     /// Ordered reference steps.
     pub ordered_steps: Spread,
     /// Unordered reference steps.
@@ -54,6 +54,38 @@ pub struct Statistics {
     pub start_m: Spread,
     /// Words per description.
     pub words: Spread,
+}
+
+/// Reference lengths and steps of missions with equal goal counts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lengths {
+    /// Ordered length, metres.
+    pub ordered_m: Spread,
+    /// Unordered length, metres.
+    pub unordered_m: Spread,
+    /// Ordered steps.
+    pub ordered_steps: Spread,
+}
+
+impl Default for Lengths {
+    fn default() -> Self {
+        Self { ordered_m: Spread::new(5.0), unordered_m: Spread::new(5.0), ordered_steps: Spread::new(25.0) }
+    }
+}
+
+impl Lengths {
+    fn note(&mut self, episode: &EpisodeSpec) {
+        self.ordered_m.note(episode.ordered.length_m);
+        self.unordered_m.note(episode.unordered.length_m);
+        self.ordered_steps.note(f64::from(episode.ordered.steps));
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.ordered_m.add(&other.ordered_m);
+        self.unordered_m.add(&other.unordered_m);
+        self.ordered_steps.add(&other.ordered_steps);
+    }
 }
 
 impl Default for Statistics {
@@ -65,6 +97,7 @@ impl Default for Statistics {
             storeys: BTreeMap::new(),
             area_m2: Spread::new(25.0),
             instances: Spread::new(10.0),
+            removed: BTreeMap::new(),
             goals: BTreeMap::new(),
             modalities: BTreeMap::new(),
             mixes: BTreeMap::new(),
@@ -73,6 +106,7 @@ impl Default for Statistics {
             uses: BTreeMap::new(),
             ordered_m: Spread::new(5.0),
             unordered_m: Spread::new(5.0),
+            lengths: BTreeMap::new(),
             ordered_steps: Spread::new(25.0),
             unordered_steps: Spread::new(25.0),
             start_m: Spread::new(2.0),
@@ -90,6 +124,9 @@ impl Statistics {
             *numbers.storeys.entry(facts.storeys).or_default() += 1;
             numbers.area_m2.note(facts.area_m2);
             numbers.instances.note(f64::from(facts.instances));
+            for (test, count) in facts.removed.iter().flat_map(Removals::by_test) {
+                *numbers.removed.entry(test.to_owned()).or_default() += u64::from(count);
+            }
         }
         let mut uses: BTreeMap<u32, u32> = BTreeMap::new();
         for episode in episodes {
@@ -109,6 +146,7 @@ impl Statistics {
         *self.mixes.entry(mix.join(" + ")).or_default() += 1;
         self.ordered_m.note(episode.ordered.length_m);
         self.unordered_m.note(episode.unordered.length_m);
+        self.lengths.entry(episode.goals.len()).or_default().note(episode);
         self.ordered_steps.note(f64::from(episode.ordered.steps));
         self.unordered_steps.note(f64::from(episode.unordered.steps));
         for goal in &episode.goals {
@@ -127,12 +165,16 @@ impl Statistics {
         self.scenes += other.scenes;
         self.missions += other.missions;
         add(&mut self.storeys, &other.storeys);
+        add(&mut self.removed, &other.removed);
         add(&mut self.goals, &other.goals);
         add(&mut self.modalities, &other.modalities);
         add(&mut self.mixes, &other.mixes);
         add(&mut self.categories, &other.categories);
         add(&mut self.distractors, &other.distractors);
         add(&mut self.uses, &other.uses);
+        for (goals, lengths) in &other.lengths {
+            self.lengths.entry(*goals).or_default().add(lengths);
+        }
         let mut other = other.clone();
         self.spreads().into_iter().zip(other.spreads()).for_each(|(mine, theirs)| mine.add(theirs));
     }
@@ -219,114 +261,9 @@ impl Spread {
     }
 }
 
-/// Returns the HTML statistics page with a section per split.
-pub fn page(name: &str, splits: &[(String, Statistics)]) -> String {
-    let name = escaped(name);
-    let mut html = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{name}: statistics</title>\
-         <style>{STYLE}</style><h1>{name}: statistics</h1>"
-    );
-    for (split, numbers) in splits {
-        let _ = write!(html, "<h2>{}</h2><table>", escaped(split));
-        for (label, value) in summary(numbers) {
-            let _ = write!(html, "<tr><th>{label}<td>{value}");
-        }
-        html.push_str("</table>");
-        counts(&mut html, "Goals of a mission", &numbers.goals);
-        counts(&mut html, "Modalities of goals", &numbers.modalities);
-        counts(&mut html, "Modalities of a mission", &numbers.mixes);
-        counts(&mut html, "Categories of targets", &numbers.categories);
-        counts(&mut html, "Same-category distractors of a target", &numbers.distractors);
-        counts(&mut html, "Missions that ask for a target", &numbers.uses);
-        histogram(&mut html, "Reference length, ordered, metres", &numbers.ordered_m);
-        histogram(&mut html, "Reference length, unordered, metres", &numbers.unordered_m);
-        histogram(&mut html, "Reference steps, ordered", &numbers.ordered_steps);
-        histogram(&mut html, "Reference steps, unordered", &numbers.unordered_steps);
-        histogram(&mut html, "Start to success region, metres", &numbers.start_m);
-        histogram(&mut html, "Words of a description", &numbers.words);
-        histogram(&mut html, "Rooms of a scene", &numbers.regions);
-        counts(&mut html, "Storeys of a scene", &numbers.storeys);
-        histogram(&mut html, "Walkable area of a scene, square metres", &numbers.area_m2);
-        histogram(&mut html, "Possible targets of a scene", &numbers.instances);
-    }
-    html
-}
-
-/// Returns the main numbers with labels.
-pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
-    let spread = |spread: &Spread, unit: &str| {
-        format!("{:.1}{unit} ({:.1} to {:.1})", spread.mean(), spread.min, spread.max)
-    };
-    let share = |modality| format!("{:.1} %", 100.0 * numbers.share(modality));
-    let shares = ["category", "description", "image"].map(share);
-    let targets: u64 = numbers.uses.values().sum();
-    let per_target = per(numbers.goal_count(), targets);
-    let most = numbers.uses.keys().next_back().copied().unwrap_or(0);
-    vec![
-        ("scenes", numbers.scenes.to_string()),
-        ("missions", numbers.missions.to_string()),
-        ("goals", numbers.goal_count().to_string()),
-        ("category, description, image", shares.join(", ")),
-        ("targets", format!("{targets}, each requested {per_target:.1} times, at most {most}")),
-        ("reference length, ordered", spread(&numbers.ordered_m, " m")),
-        ("reference length, unordered", spread(&numbers.unordered_m, " m")),
-        ("reference steps, ordered", spread(&numbers.ordered_steps, "")),
-        ("reference steps, unordered", spread(&numbers.unordered_steps, "")),
-        ("start to success region", spread(&numbers.start_m, " m")),
-        ("words of a description", spread(&numbers.words, "")),
-        ("rooms of a scene", spread(&numbers.regions, "")),
-        ("walkable area of a scene", spread(&numbers.area_m2, " m2")),
-    ]
-}
-
-/// Escapes text for HTML. Categories of imported data sets are arbitrary text.
-fn escaped(text: &str) -> String {
-    // The ampersand first: it begins the other replacements.
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-fn per(count: u64, of: u64) -> f64 {
-    count as f64 / of.max(1) as f64
-}
-
-fn counts<K: Display>(html: &mut String, title: &str, counts: &BTreeMap<K, u64>) {
-    table(html, title, counts.iter().map(|(key, &count)| (key.to_string(), count)));
-}
-
-fn histogram(html: &mut String, title: &str, spread: &Spread) {
-    let label = |bin: u32| format!("{} to {}", f64::from(bin) * spread.bin, f64::from(bin + 1) * spread.bin);
-    table(html, title, spread.bins.iter().map(|(&bin, &count)| (label(bin), count)));
-}
-
-fn table(html: &mut String, title: &str, rows: impl Iterator<Item = (String, u64)>) {
-    let rows: Vec<_> = rows.collect();
-    let most = rows.iter().map(|row| row.1).max().unwrap_or(1).max(1);
-    let total: u64 = rows.iter().map(|row| row.1).sum();
-    let _ = write!(html, "<h3>{title}</h3><table>");
-    for (label, count) in rows {
-        let label = escaped(&label);
-        let width = LONGEST_BAR_EM * count as f64 / most as f64;
-        let share = 100.0 * per(count, total);
-        let _ = write!(
-            html,
-            "<tr><td>{label}<td class=n>{count}<td class=n>{share:.1} %<td><span class=bar style=\"width:{width:.2}em\"></span>"
-        );
-    }
-    html.push_str("</table>");
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn page_escapes_names_and_categories() {
-        let mut numbers = Statistics::default();
-        numbers.categories.insert("<script>\"&".to_owned(), 1);
-        let html = page("<b>", &[("<i>".to_owned(), numbers)]);
-        assert!(html.contains("&lt;script&gt;&quot;&amp;") && html.contains("&lt;b&gt;: statistics"));
-        assert!(!html.contains("<script") && !html.contains("<b>") && !html.contains("<i>"), "{html}");
-    }
 
     #[test]
     fn spreads_add_up() {

@@ -2,21 +2,31 @@
 
 pub(crate) mod look;
 mod place;
+mod removed;
+mod verify;
 
 pub use look::SurveyOptions;
 pub use place::target_at;
+pub use removed::Removals;
+pub(crate) use verify::recognised;
+pub use verify::{DetectorView, ThresholdsOnly, Verifier, VerifierId};
 
 use crate::{
     cue::{CueView, Description},
     describe::Writer,
+    split::DatasetError,
 };
 use avln_episode::Rules;
 use avln_geom::{Point3, Rng};
 use avln_scene::{InstanceId, Object, Scene, categories};
 use avln_truth::Target;
-use avln_world::{CameraImage, SceneAssets};
+use avln_world::SceneAssets;
 use look::{Look, Palette, collect_colors};
-use std::collections::{BTreeMap, BTreeSet};
+use removed::SurveyTest;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::RangeInclusive,
+};
 
 /// Potential target, reachable and recognisable from the success region.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,26 +45,58 @@ pub struct Instance {
     pub distractors: u8,
 }
 
-/// Finds potential targets with default options.
-pub fn survey(assets: &SceneAssets, rules: &Rules) -> Vec<Instance> {
-    survey_with(assets, rules, &SurveyOptions::default(), &ThresholdsOnly)
+/// Result of a survey.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Survey {
+    /// Potential targets, sorted by id.
+    pub instances: Vec<Instance>,
+    /// Removed instances.
+    pub removals: Removals,
 }
 
-/// Finds reachable instances of target categories, recognisable by `options` and `verifier`, sorted by id.
+/// Finds potential targets with default options and without a verifier.
+pub fn survey(assets: &SceneAssets, rules: &Rules) -> Vec<Instance> {
+    let options = SurveyOptions::default();
+    let seen = look_around(assets, rules, &options, &(0..=u8::MAX));
+    instances(assets, &options, &seen, |_| true)
+}
+
+/// Finds reachable instances of target categories with an allowed number of distractors, recognisable by `options` and
+/// `verifier`.
+///
+/// # Errors
+/// If the verifier fails.
+#[tracing::instrument(level = "debug", name = "survey", skip_all, fields(scene = assets.scene.name))]
 pub fn survey_with(
     assets: &SceneAssets,
     rules: &Rules,
     options: &SurveyOptions,
     verifier: &dyn Verifier,
+    distractors: &RangeInclusive<u8>,
+) -> Result<Survey, DatasetError> {
+    let seen = look_around(assets, rules, options, distractors);
+    let recognised = recognised(assets, rules, options, &seen.sightings, verifier)?;
+    let mut removals = seen.removals;
+    (recognised.len()..seen.sightings.len()).for_each(|_| removals.note(SurveyTest::Verifier));
+    let instances = instances(assets, options, &seen, |id| recognised.contains(&id));
+    Ok(Survey { instances, removals })
+}
+
+/// Describes the sighted instances that satisfy `is_target`. Pictures differ from all others, so that no removed
+/// instance resembles a target.
+fn instances(
+    assets: &SceneAssets,
+    options: &SurveyOptions,
+    seen: &Sightings,
+    is_target: impl Fn(InstanceId) -> bool,
 ) -> Vec<Instance> {
-    let (sightings, palettes) = look_around(assets, rules, options, verifier);
-    let writer = Writer::new(assets, &palettes, options);
+    let writer = Writer::new(assets, &seen.palettes, options);
     let scene = &assets.scene;
     let instance = |sighting: &Sighting| {
-        let id = scene.objects[sighting.index].id;
+        let id = sighting.id(assets);
         let rng = Rng::new(options.seed).fork(&format!("{} {}", scene.name, id.0));
         let sentences = writer.sentences(sighting, rng);
-        let (images, image_margin) = choose_pictures(scene, sighting, &sightings, options);
+        let (images, image_margin) = choose_pictures(scene, sighting, &seen.sightings, options);
         Instance {
             target: sighting.target.clone(),
             views: sighting.looks.iter().map(|look| look.view).collect(),
@@ -64,7 +106,7 @@ pub fn survey_with(
             distractors: distractors(scene, id),
         }
     };
-    sightings.iter().map(instance).collect()
+    seen.sightings.iter().filter(|sighting| is_target(sighting.id(assets))).map(instance).collect()
 }
 
 /// Returns the count of other objects in the same category, at most 255.
@@ -77,34 +119,36 @@ pub fn distractors(scene: &Scene, id: InstanceId) -> u8 {
 /// Attempts before giving up on an invisible object.
 const HOPELESS_LOOKS: usize = 4;
 
-/// Extra recognition check after the built-in thresholds, for example a detector.
-pub trait Verifier: Sync {
-    /// True if `object` is recognisable in `frame`, which has passed the built-in thresholds.
-    fn recognises(&self, frame: &CameraImage, object: &Object) -> bool;
+/// Sighted instances, observed colours per instance, and removed instances.
+pub(crate) struct Sightings {
+    pub(crate) sightings: Vec<Sighting>,
+    pub(crate) palettes: BTreeMap<InstanceId, Palette>,
+    pub(crate) removals: Removals,
 }
 
-/// Verifier without extra checks.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ThresholdsOnly;
-
-impl Verifier for ThresholdsOnly {
-    fn recognises(&self, _: &CameraImage, _: &Object) -> bool {
-        true
-    }
-}
-
-/// Returns the recognised target objects, and observed colours per instance.
+/// Looks at all objects in target categories with an allowed number of distractors.
 pub(crate) fn look_around(
     assets: &SceneAssets,
     rules: &Rules,
     options: &SurveyOptions,
-    verifier: &dyn Verifier,
-) -> (Vec<Sighting>, BTreeMap<InstanceId, Palette>) {
-    let mut surveyor = Surveyor { assets, rules, options, verifier, palettes: BTreeMap::new() };
+    allowed: &RangeInclusive<u8>,
+) -> Sightings {
+    let mut surveyor = Surveyor { assets, rules, options, palettes: BTreeMap::new() };
+    let mut removals = Removals::default();
     let objects = assets.scene.objects.iter().enumerate();
     let candidates = objects.filter(|(_, object)| categories::is_target(&object.category));
-    let sightings = candidates.filter_map(|(index, _)| surveyor.inspect(index)).collect();
-    (sightings, surveyor.palettes)
+    let mut sightings = Vec::new();
+    for (index, object) in candidates {
+        // Looks are most of the survey. All instances in a category have equally many distractors, so that no rival of a
+        // target is skipped.
+        let is_allowed = allowed.contains(&distractors(&assets.scene, object.id));
+        let sighting = if is_allowed { surveyor.inspect(index) } else { Err(SurveyTest::Distractors) };
+        match sighting {
+            Ok(sighting) => sightings.push(sighting),
+            Err(test) => removals.note(test),
+        }
+    }
+    Sightings { sightings, palettes: surveyor.palettes, removals }
 }
 
 pub(crate) struct Sighting {
@@ -114,33 +158,40 @@ pub(crate) struct Sighting {
     pub(crate) looks: Vec<Look>,
 }
 
+impl Sighting {
+    pub(crate) fn id(&self, assets: &SceneAssets) -> InstanceId {
+        assets.scene.objects[self.index].id
+    }
+}
+
 struct Surveyor<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
     options: &'a SurveyOptions,
-    verifier: &'a dyn Verifier,
     /// Observed colours per instance over all pictures.
     palettes: BTreeMap<InstanceId, Palette>,
 }
 
 impl Surveyor<'_> {
-    fn inspect(&mut self, index: usize) -> Option<Sighting> {
+    /// Returns the sighting, or the test that removes the object.
+    fn inspect(&mut self, index: usize) -> Result<Sighting, SurveyTest> {
         let object = &self.assets.scene.objects[index];
-        let mut target = place::target_without_views(self.assets, self.rules, object, &object.category)?;
-        let looks = self.look_at(object, &target.region);
+        let target = place::target_without_views(self.assets, self.rules, object, &object.category);
+        let mut target = target.ok_or(SurveyTest::Region)?;
+        let looks = self.look_at(object, &target.region)?;
         target.viewpoints = looks.iter().map(|look| look.view.pose).collect();
-        (!looks.is_empty()).then_some(Sighting { index, target, looks })
+        Ok(Sighting { index, target, looks })
     }
 
-    /// Good looks from places spread over the region, best first.
-    fn look_at(&mut self, object: &Object, region: &[Point3<f32>]) -> Vec<Look> {
+    /// Returns the good looks from places spread over the region, best first, or the test that stops the best look.
+    fn look_at(&mut self, object: &Object, region: &[Point3<f32>]) -> Result<Vec<Look>, SurveyTest> {
         let mut looks: Vec<Look> = Vec::new();
-        let mut seen = false;
+        let mut farthest: Option<SurveyTest> = None;
         let center = object.bounds.center();
         let places = place::spread(region, &center, self.options.looks);
         for (number, base) in places.into_iter().enumerate() {
             // Enclosed objects are never visible, and every look renders a picture.
-            if number >= HOPELESS_LOOKS && !seen {
+            if number >= HOPELESS_LOOKS && looks.is_empty() && farthest.is_none() {
                 break;
             }
             let pose = place::facing(&base, &center);
@@ -148,14 +199,17 @@ impl Surveyor<'_> {
             let frame = view.render(self.assets, self.rules);
             collect_colors(&frame, &mut self.palettes);
             let Some(look) = Look::of(view, &frame, object.id, self.options) else { continue };
-            seen = true;
-            if self.verifier.recognises(&frame, object) && look.is_good(self.options) {
-                looks.push(look);
+            match look.failed(self.options) {
+                None => looks.push(look),
+                test => farthest = farthest.max(test),
             }
+        }
+        if looks.is_empty() {
+            return Err(farthest.unwrap_or(SurveyTest::Visible));
         }
         looks.sort_by(|a, b| b.quality().total_cmp(&a.quality()));
         looks.truncate(self.options.viewpoints);
-        looks
+        Ok(looks)
     }
 }
 

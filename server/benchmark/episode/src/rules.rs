@@ -1,5 +1,6 @@
-//! Rule sets and time limits.
+//! Rule sets.
 
+use crate::options::{DistractorSources, ExtraSubmit, Spelling, StopClaims};
 use serde::{Deserialize, Serialize};
 
 /// A rule set for the task. Every disputed point is a named option, recorded with results.
@@ -40,6 +41,10 @@ pub struct Rules {
     // Not serialised by default, so that digests of earlier rules stay the same.
     #[serde(default, skip_serializing_if = "SilenceRule::is_immediate")]
     pub silence: SilenceRule,
+    /// Sounding non-goals per episode.
+    #[serde(default, skip_serializing_if = "DistractorSources::is_none")]
+    #[schema(value_type = Spelling)]
+    pub distractor_sources: DistractorSources,
     /// Source height above the target centre, metres.
     pub source_lift_m: f32,
     /// Sound clip choice.
@@ -56,6 +61,12 @@ pub struct Rules {
     pub success_distance: DistanceRule,
     /// A wrong Submit's effect in an ordered mission.
     pub wrong_submit: WrongSubmit,
+    /// Effect of a Submit without Submits left.
+    #[serde(default, skip_serializing_if = "ExtraSubmit::ends_episode")]
+    pub extra_submit: ExtraSubmit,
+    /// Goals open to a Stop.
+    #[serde(default, skip_serializing_if = "StopClaims::is_any_open")]
+    pub stop_claims: StopClaims,
     /// Feedback to Submits.
     pub feedback: FeedbackRule,
     /// Depth noise for the agent. The referee uses exact depth.
@@ -160,6 +171,8 @@ pub enum DistanceRule {
     CameraToBox,
     /// Base to nearest viewpoint, geodesic, with a visible target pixel.
     BaseToViewpoint,
+    /// Camera to the nearest triangle of the target, Euclidean, otherwise as [`Self::CameraToBox`].
+    CameraToMesh,
 }
 
 /// A wrong Submit's effect in an ordered mission.
@@ -220,8 +233,13 @@ impl Rules {
     pub const NOISY: &str = "lh-avln-noisy-v1";
     /// Name for the default rule set with a clip per target.
     pub const DISTINCT: &str = "lh-avln-distinct-v1";
+    /// Name for noisy rules with as many sounding distractors as goals.
+    pub const HARD: &str = "lh-avln-hard-v1";
+    /// Name for the default rule set with success distances to meshes.
+    pub const MESH: &str = "lh-avln-mesh-v1";
     /// All rule set names.
-    pub const NAMES: [&str; 4] = [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT];
+    pub const NAMES: [&str; 6] =
+        [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT, Self::HARD, Self::MESH];
     /// Half the visible elevation range, radians: a square picture with 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
 
@@ -235,6 +253,8 @@ impl Rules {
             Self::AUTHORS => Ok(Self::authors()),
             Self::NOISY => Ok(Self::noisy()),
             Self::DISTINCT => Ok(Self::distinct()),
+            Self::HARD => Ok(Self::hard()),
+            Self::MESH => Ok(Self::mesh()),
             other => Err(UnknownRules(other.to_owned())),
         }
     }
@@ -258,6 +278,7 @@ impl Rules {
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
             silence: SilenceRule::Immediate,
+            distractor_sources: DistractorSources::default(),
             source_lift_m: 0.0,
             // The clip must reveal nothing about its target: docs/decisions/0010.
             sound_clip: SoundClip::Anonymous,
@@ -266,6 +287,8 @@ impl Rules {
             success_radius_m: 2.0,
             success_distance: DistanceRule::CameraToBox,
             wrong_submit: WrongSubmit::KeepsGoal,
+            extra_submit: ExtraSubmit::Ignored,
+            stop_claims: StopClaims::AnyOpen,
             feedback: FeedbackRule::None,
             depth_noise: DepthNoise::None,
             rgb_noise: RgbNoise::None,
@@ -288,6 +311,22 @@ impl Rules {
         Self { name: Self::DISTINCT.to_owned(), sound_clip: SoundClip::Distinct, ..Self::paper() }
     }
 
+    /// Returns [`Rules::noisy`] with as many sounding distractors as goals.
+    pub fn hard() -> Self {
+        Self {
+            name: Self::HARD.to_owned(),
+            // A found target completes its turn: no turn ends early, so a sudden silence is never a verdict.
+            silence: SilenceRule::WindowEnd,
+            distractor_sources: DistractorSources::Goals,
+            ..Self::noisy()
+        }
+    }
+
+    /// Returns [`Rules::paper`] with success distances to the targets' meshes.
+    pub fn mesh() -> Self {
+        Self { name: Self::MESH.to_owned(), success_distance: DistanceRule::CameraToMesh, ..Self::paper() }
+    }
+
     /// Returns the effective rules in the authors' released code.
     pub fn authors() -> Self {
         Self {
@@ -303,22 +342,31 @@ impl Rules {
             success_radius_m: 1.0,
             success_distance: DistanceRule::BaseToViewpoint,
             wrong_submit: WrongSubmit::SkipsGoal,
+            extra_submit: ExtraSubmit::EndsEpisode,
             feedback: FeedbackRule::Verdict,
             ..Self::paper()
         }
     }
 
-    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips, head and silence may differ.
+    /// Returns whether episodes for `other` are playable with these rules: only name, noise, clips, head, silence, distractor
+    /// sources and the options of claims may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
         // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
         // is listed here.
         let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, silence, .. } = self.clone();
-        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, silence, ..other.clone() }
+        let Self { distractor_sources, extra_submit, stop_claims, .. } = *self;
+        let options = Self { distractor_sources, extra_submit, stop_claims, ..other.clone() };
+        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, silence, ..options }
     }
 
-    /// Returns the clip count per episode.
-    pub fn clips_of_episode(&self, targets: usize) -> usize {
-        if self.sound_clip == SoundClip::Distinct { targets } else { 1 }
+    /// Returns the number of sound sources in an episode: targets and distractors.
+    pub fn sounding_sources(&self, goals: usize) -> usize {
+        goals + self.distractor_sources.count(goals)
+    }
+
+    /// Returns the clip count of an episode with `goals` goals.
+    pub fn clips_of_episode(&self, goals: usize) -> usize {
+        if self.sound_clip == SoundClip::Distinct { self.sounding_sources(goals) } else { 1 }
     }
 
     /// Describes a leak of target properties through sound; `None` for rules without leaks.
@@ -335,31 +383,6 @@ impl Rules {
     /// Returns samples per ear in a step.
     pub fn samples_per_step(&self) -> u32 {
         (self.step_s * crate::Sensors::SAMPLE_RATE_HZ as f32).round() as u32
-    }
-}
-
-/// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
-///
-/// An action beyond `step_ms` uses up the episode's `bank_ms`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct TimeLimits {
-    /// Free thinking time per action, milliseconds.
-    pub step_ms: u32,
-    /// Extra thinking time per episode, milliseconds.
-    pub bank_ms: u32,
-    /// Longest run, seconds; 0: until the phase ends.
-    pub run_s: u32,
-    /// Longest single disconnection, seconds; 0: lost episodes end at once.
-    pub disconnect_s: u32,
-    /// Longest disconnection per run in total, seconds.
-    pub disconnect_total_s: u32,
-}
-
-impl Default for TimeLimits {
-    /// One minute per action, for first trials; two minutes per disconnection, ten in total.
-    fn default() -> Self {
-        Self { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 120, disconnect_total_s: 600 }
     }
 }
 
@@ -391,7 +414,7 @@ mod tests {
     #[test]
     fn only_authors_rules_leak() {
         let leaks = |name: &str| Rules::named(name).expect("a rule set").leaks().is_some();
-        assert_eq!(Rules::NAMES.map(leaks), [false, true, false, false]);
+        assert_eq!(Rules::NAMES.map(leaks), [false, true, false, false, false, false]);
         let (distinct, own) = (Rules::distinct(), Sounds::Own("c0ffee".to_owned()));
         assert!(distinct.fits_episodes_of(&Rules::paper()) && distinct.fits_episodes_of(&Rules::noisy()));
         assert!(Rules { sounds: own, ..distinct.clone() }.fits_episodes_of(&distinct));
@@ -400,6 +423,22 @@ mod tests {
         assert!(!distinct.fits_episodes_of(&Rules::authors()));
         let leaky = Rules { sound_clip: SoundClip::ByCategory, ..Rules::paper() };
         assert_eq!(leaky.leaks(), Some("the clip reveals a target's category"));
+    }
+
+    #[test]
+    fn mesh_rules_need_their_own_episodes() {
+        let mesh = Rules::mesh();
+        assert_eq!(
+            Rules {
+                name: Rules::PAPER.to_owned(),
+                success_distance: DistanceRule::CameraToBox,
+                ..mesh.clone()
+            },
+            Rules::paper()
+        );
+        assert!(!mesh.fits_episodes_of(&Rules::paper()) && !Rules::paper().fits_episodes_of(&mesh));
+        let text = serde_json::to_string(&mesh).expect("JSON");
+        assert!(text.contains(r#""success_distance":"camera_to_mesh""#), "{text}");
     }
 
     #[test]
@@ -417,7 +456,7 @@ mod tests {
 
     #[test]
     fn default_silence_changes_no_digest() {
-        for name in Rules::NAMES {
+        for name in Rules::NAMES.into_iter().filter(|&name| name != Rules::HARD) {
             let rules = Rules::named(name).expect("a rule set");
             assert!(!serde_json::to_string(&rules).expect("JSON").contains("silence"), "{name}");
         }
@@ -431,12 +470,5 @@ mod tests {
     #[test]
     fn paper_step_has_4000_samples() {
         assert_eq!(Rules::paper().samples_per_step(), 4000);
-    }
-
-    #[test]
-    fn missing_limits_default_and_unknown_are_rejected() {
-        let limits: TimeLimits = serde_json::from_str(r#"{"step_ms": 5000, "bank_ms": 60000}"#).unwrap();
-        assert_eq!(limits, TimeLimits { step_ms: 5000, bank_ms: 60_000, ..TimeLimits::default() });
-        assert!(serde_json::from_str::<TimeLimits>(r#"{"steps_ms": 5000}"#).is_err());
     }
 }

@@ -5,11 +5,11 @@ use crate::{
     sounds::{self, TooFewClips},
 };
 use avln_episode::{
-    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame, Rules,
-    Sensors, SensorsError, WrongSubmit,
+    Action, EndReason, ExtraSubmit, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, PoseFrame,
+    Rules, Sensors, SensorsError, StopClaims, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use avln_world::{Bank, Head, Motion, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
+use avln_world::{Bank, Head, Motion, Point3, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
 use std::sync::Arc;
 
 /// Error at the start or during an episode.
@@ -30,6 +30,9 @@ pub enum RefereeError {
     /// Different goal counts in mission and truth.
     #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
     Mismatch { episode: String, goals: usize, targets: usize },
+    /// Too few distractor sources in the truth.
+    #[error("episode {episode}: rules '{rules}' need {needed} distractor sources, the truth has {found}")]
+    Distractors { episode: String, rules: String, needed: usize, found: usize },
     /// Start pose outside the walkable floor.
     #[error("episode {episode}: {source}")]
     Start { episode: String, source: StartError },
@@ -51,6 +54,7 @@ pub struct Referee {
     goals: Vec<GoalState>,
     submits_used: u32,
     first: Option<Observation>,
+    /// Sounding source: targets, then distractors.
     sounding: Option<usize>,
     steps: Vec<StepFacts>,
     submits: Vec<SubmitFacts>,
@@ -97,11 +101,11 @@ impl Referee {
     /// Places the body at the start pose, without rendering.
     ///
     /// # Errors
-    /// If sensors, mission or start pose are invalid, or the bank has too few clips.
+    /// If sensors, mission or start pose are invalid, or there are too few clips or distractor sources.
     pub fn new(
         assets: Arc<SceneAssets>,
         mission: Mission,
-        truth: EpisodeTruth,
+        mut truth: EpisodeTruth,
         rules: Rules,
         sensors: Sensors,
         audio: &Audio,
@@ -111,6 +115,7 @@ impl Referee {
         if goals != targets || !(1..=Self::MAX_GOALS).contains(&goals) {
             return Err(RefereeError::Mismatch { episode: truth.episode, goals, targets });
         }
+        set_distractors(&mut truth, &rules)?;
         let rng = Rng::new(truth.seed);
         let sources = match sensors.audio {
             true => sounds::sources(&rules, &truth, &audio.bank, &mut rng.fork("clips"))
@@ -162,9 +167,20 @@ impl Referee {
         &self.sensors
     }
 
-    /// Returns the goal with the sounding target in the last observation; `None` for silence. Hidden from agents.
+    /// Returns the sounding source in the last observation: a goal, or the goal count plus a distractor's index; `None` for
+    /// silence. Hidden from agents.
     pub fn sounding(&self) -> Option<usize> {
         self.sounding
+    }
+
+    /// Returns the position of the sounding source in the last observation, world frame. Hidden from agents.
+    pub fn sounding_position(&self) -> Option<Point3<f32>> {
+        sounds::episode_sources(&self.rules, &self.truth).get(self.sounding?).copied()
+    }
+
+    /// Returns the remaining Submits, as in observations.
+    pub fn remaining_submits(&self) -> u32 {
+        self.submit_limit().saturating_sub(self.submits_used)
     }
 
     /// Returns per goal whether it is still open. Hidden from agents.
@@ -256,6 +272,7 @@ impl Referee {
         let motion = motion_of(action);
         let moved = self.world.advance(motion);
         let feedback = match action {
+            Action::Submit if self.is_ignored() => Feedback::None,
             Action::Submit | Action::Stop => self.submit(action),
             _ => Feedback::None,
         };
@@ -297,10 +314,10 @@ impl Referee {
 
     /// Evaluates a Submit or Stop at the current position.
     fn submit(&mut self, action: Action) -> Feedback {
-        let completed = self.matching_goal();
+        let completed = self.matching_goal(action);
         // Also after a right Submit, so that the time does not reveal the result. Before a goal is found or skipped: the fact is
         // about the goal claimed now.
-        let distractor = self.goal_of_a_distractor();
+        let distractor = self.goal_of_a_distractor(action);
         // A claim that completes a goal is not wrong, even with a distractor nearby.
         let wrong_instance = if completed.is_some() { None } else { distractor };
         let mut skipped = None;
@@ -312,8 +329,8 @@ impl Referee {
         if let Some(goal) = skipped {
             self.goals[goal] = GoalState::Skipped;
         }
-        // The paper allows N - 1 Submits and a Stop. The N-th Submit ends the episode, and can complete a goal.
-        let is_final = self.submits_used >= self.submit_limit();
+        // The paper allows N - 1 Submits and a Stop. The N-th Submit is ignored, or ends the episode and can complete a goal.
+        let is_final = self.remaining_submits() == 0;
         if action == Action::Submit {
             self.submits_used += 1;
         }
@@ -336,9 +353,14 @@ impl Referee {
         }
     }
 
-    /// Returns the goal that a Submit completes here: the next one, or the nearest in an unordered mission.
-    fn matching_goal(&self) -> Option<usize> {
-        self.claimable_goals()
+    /// Returns true if a Submit now is not judged.
+    fn is_ignored(&self) -> bool {
+        self.rules.extra_submit == ExtraSubmit::Ignored && self.remaining_submits() == 0
+    }
+
+    /// Returns the goal that a claim completes here: the next one, or the nearest in an unordered mission.
+    fn matching_goal(&self, action: Action) -> Option<usize> {
+        self.claimable_goals(action)
             .filter_map(|goal| Some((self.distance_within(goal)?, goal)))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, goal)| goal)
@@ -346,17 +368,19 @@ impl Referee {
 
     /// Returns the first goal that would match with a distractor as target. Tests all goals, so that the time does not depend on
     /// the result.
-    fn goal_of_a_distractor(&self) -> Option<usize> {
-        self.claimable_goals().fold(None, |first, goal| {
+    fn goal_of_a_distractor(&self, action: Action) -> Option<usize> {
+        self.claimable_goals(action).fold(None, |first, goal| {
             let target = &self.truth.targets[goal];
             let is_there = SuccessTest::is_at_distractor(&self.world, target, &self.rules);
             first.or(is_there.then_some(goal))
         })
     }
 
-    /// Returns the goals open to a Submit: the next one, or all open ones in an unordered mission.
-    fn claimable_goals(&self) -> impl Iterator<Item = usize> {
+    /// Returns the goals open to a claim: the next one, or all open ones in an unordered mission.
+    fn claimable_goals(&self, action: Action) -> impl Iterator<Item = usize> {
+        let claims_last_only = action == Action::Stop && self.rules.stop_claims == StopClaims::LastOnly;
         self.open_goals().take(match self.mission.order {
+            _ if claims_last_only && self.open_goals().count() > 1 => 0,
             Order::Ordered => 1,
             Order::Unordered => self.goals.len(),
         })
@@ -402,8 +426,20 @@ impl Referee {
                 PoseFrame::World => self.world.pose(),
             },
             remaining_steps: self.rules.max_steps.saturating_sub(self.steps()),
-            remaining_submits: self.submit_limit().saturating_sub(self.submits_used),
+            remaining_submits: self.remaining_submits(),
             feedback,
         }
     }
+}
+
+/// Keeps the distractor sources required by the rules.
+fn set_distractors(truth: &mut EpisodeTruth, rules: &Rules) -> Result<(), RefereeError> {
+    let needed = rules.distractor_sources.count(truth.targets.len());
+    let found = truth.distractor_sources.len();
+    if found < needed {
+        let (episode, rules) = (truth.episode.clone(), rules.name.clone());
+        return Err(RefereeError::Distractors { episode, rules, needed, found });
+    }
+    truth.distractor_sources.truncate(needed);
+    Ok(())
 }

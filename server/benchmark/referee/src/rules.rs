@@ -49,11 +49,11 @@ impl SuccessTest {
         rules: &Rules,
     ) -> Option<f64> {
         match self.rule {
-            DistanceRule::CameraToBox => {
-                let assets = world.assets();
-                let sees =
-                    |eye: &_, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
-                target.distance_within_region(&world.pose().position, rules, sees)
+            DistanceRule::CameraToBox | DistanceRule::CameraToMesh => {
+                let (assets, instance) = (world.assets(), InstanceId(target.instance));
+                let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, instance);
+                let sees = |eye: &_, half_view_rad| assets.sees(eye, instance, half_view_rad);
+                target.distance_within_region(&world.pose().position, rules, to_mesh_m, sees)
             }
             DistanceRule::BaseToViewpoint => {
                 let distance_m =
@@ -65,7 +65,7 @@ impl SuccessTest {
     }
 
     /// Returns whether the body is within the success radius and in sight of another instance in the target's category.
-    /// Measured from camera to box under every rule set. Tests all instances, so that the time does not depend on the result.
+    /// Measured from the camera under every rule set. Tests all instances, so that the time does not depend on the result.
     pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
         let assets = world.assets();
         let base = world.pose().position;
@@ -74,6 +74,7 @@ impl SuccessTest {
                 object.category == target.category && object.id != InstanceId(target.instance)
             });
         distractors.fold(false, |is_there, object| {
+            let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, object.id);
             let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
             // Its floor is unknown. Anything visible within the radius is on the body's floor.
             let it = Target {
@@ -84,7 +85,7 @@ impl SuccessTest {
                 category: String::new(),
                 ..*target
             };
-            let is_within = it.distance_within_region(&base, rules, sees).is_some();
+            let is_within = it.distance_within_region(&base, rules, to_mesh_m, sees).is_some();
             is_there || is_within
         })
     }
@@ -110,7 +111,7 @@ fn in_picture(world: &World, target: &Target, rules: &Rules) -> bool {
 /// Fewest and most steps from a Submit to the silence of the found target under [`SilenceRule::Delayed`].
 const DELAY_STEPS: (u32, u32) = (5, 20);
 
-/// Sounding schedule: a function of seed, rules and completion steps.
+/// Sounding schedule over all sources, targets first: a function of seed, rules and completion steps.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
     turn: Turn,
@@ -124,29 +125,30 @@ struct Silence {
     rule: SilenceRule,
     /// Steps from the completion to the silence per goal; empty unless delayed.
     delay_steps: Vec<u32>,
-    /// Observations since the completion per goal, 0 in the observation after the Submit; `None` for open goals.
+    /// Observations since the completion per source, 0 in the observation after the Submit; `None` for open goals and
+    /// distractors.
     age: Vec<Option<u32>>,
 }
 
 impl Silence {
-    fn new(rule: SilenceRule, goal_count: usize, rng: &mut Rng) -> Self {
+    fn new(rule: SilenceRule, goal_count: usize, source_count: usize, rng: &mut Rng) -> Self {
         let (least, most) = DELAY_STEPS;
         let delay = |_| least + rng.below((most - least + 1) as usize) as u32;
         let is_delayed = rule == SilenceRule::Delayed;
         let delay_steps = if is_delayed { (0..goal_count).map(delay).collect() } else { Vec::new() };
-        Self { rule, delay_steps, age: vec![None; goal_count] }
+        Self { rule, delay_steps, age: vec![None; source_count] }
     }
 
-    /// Counts an observation. Returns per goal whether its target is silent; `window` is the present one.
+    /// Counts an observation. Returns per source whether it is silent; `window` is the present one.
     fn next(&mut self, found: &[bool], window: Window) -> Vec<bool> {
         let ages = self.age.iter_mut().zip(found);
         ages.for_each(|(age, &found)| *age = found.then(|| age.map_or(0, |age| age + 1)));
-        let is_silent = |(goal, age): (usize, &Option<u32>)| match (self.rule, *age) {
+        let is_silent = |(source, age): (usize, &Option<u32>)| match (self.rule, *age) {
             (_, None) => false,
             (SilenceRule::Immediate, Some(_)) => true,
-            (SilenceRule::Delayed, Some(age)) => age >= self.delay_steps[goal],
+            (SilenceRule::Delayed, Some(age)) => age >= self.delay_steps[source],
             // Not in the observation after the Submit, which would reveal the result if a window ends there.
-            (SilenceRule::WindowEnd, Some(age)) => age > 0 && (goal != window.goal || window.has_ended),
+            (SilenceRule::WindowEnd, Some(age)) => age > 0 && (source != window.source || window.has_ended),
         };
         self.age.iter().enumerate().map(is_silent).collect()
     }
@@ -155,44 +157,46 @@ impl Silence {
 /// Sounding window.
 #[derive(Clone, Copy, Debug)]
 struct Window {
-    goal: usize,
+    source: usize,
     has_ended: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Turn {
-    /// Cycles through a drawn order; skips silent targets.
+    /// Cycles through a drawn order; skips silent sources.
     Drawn { order: Vec<usize>, place: usize, steps_left: u32 },
-    /// Cycles through all goals in order; counts only moves and turns.
+    /// Cycles through all sources in order; counts only moves and turns.
     Goals { count: usize, moves: u32 },
 }
 
 impl Schedule {
     pub(crate) fn new(rules: &Rules, goal_count: usize, rng: &mut Rng) -> Self {
+        let source_count = rules.sounding_sources(goal_count);
         let window_steps = rules.sounding_window_steps.max(1);
         let turn = match rules.sounding {
             SoundingRule::UnfinishedInDrawnOrder => {
-                let mut order: Vec<_> = (0..goal_count).collect();
+                let mut order: Vec<_> = (0..source_count).collect();
                 rng.shuffle(&mut order);
                 Turn::Drawn { order, place: 0, steps_left: window_steps }
             }
-            SoundingRule::AllInGoalOrder => Turn::Goals { count: goal_count, moves: 0 },
+            SoundingRule::AllInGoalOrder => Turn::Goals { count: source_count, moves: 0 },
         };
         // After the order, which is thus the same under every silence rule.
-        let silence = Silence::new(rules.silence, goal_count, rng);
+        let silence = Silence::new(rules.silence, goal_count, source_count, rng);
         Self { turn, window_steps, silence }
     }
 
-    /// Returns the sounding target for the next observation; `None` if all are silent. `moved` is true for moves and turns.
+    /// Returns the sounding source for the next observation; `None` if all are silent. `found` is by goal, `moved` true for
+    /// moves and turns.
     pub(crate) fn next(&mut self, found: &[bool], moved: bool) -> Option<usize> {
         match &mut self.turn {
             Turn::Drawn { order, place, steps_left } => {
-                let window = Window { goal: order[*place], has_ended: *steps_left == 0 };
+                let window = Window { source: order[*place], has_ended: *steps_left == 0 };
                 let silent = self.silence.next(found, window);
                 if silent.iter().all(|&silent| silent) {
                     return None;
                 }
-                if window.has_ended || silent[window.goal] {
+                if window.has_ended || silent[window.source] {
                     *place = next_place(order, *place, &silent);
                     *steps_left = self.window_steps;
                 }
@@ -207,7 +211,7 @@ impl Schedule {
     }
 }
 
-/// Returns the next place in the cycle with a sounding target; at least one exists.
+/// Returns the next place in the cycle with a sounding source; at least one exists.
 fn next_place(order: &[usize], place: usize, silent: &[bool]) -> usize {
     let cycle = (1..=order.len()).map(|ahead| (place + ahead) % order.len());
     cycle.into_iter().find(|&next| !silent[order[next]]).unwrap_or(place)
@@ -396,6 +400,43 @@ mod tests {
         (0..4000).filter_map(first).for_each(|goal| counts[goal] += 1);
         // Three standard deviations of a draw of one in four.
         assert!(counts.iter().all(|count| (918..=1082).contains(count)), "{counts:?}");
+    }
+
+    /// Sounding sources under the hard rules with three goals, 0 to 2, and three distractors, 3 to 5.
+    fn hard(seed: u64, found_from: [u32; 3], steps: u32) -> Vec<usize> {
+        let mut schedule = Schedule::new(&Rules::hard(), 3, &mut Rng::new(seed).fork("schedule"));
+        let mut next = |step| schedule.next(&found_from.map(|from| step >= from), step > 0);
+        (0..steps).map(|step| next(step).expect("distractors sound forever")).collect()
+    }
+
+    #[test]
+    fn step_number_does_not_distinguish_distractors() {
+        const EPISODES: u32 = 4000;
+        let mut targets = [0_u32; 6];
+        for seed in 0..u64::from(EPISODES) {
+            let turns: Vec<_> = hard(seed, [u32::MAX; 3], 150).chunks(25).map(|turn| turn[0]).collect();
+            (0..6).for_each(|turn| targets[turn] += u32::from(turns[turn] < 3));
+        }
+        // Three standard deviations of a fair coin.
+        let most = 3.0 * (f64::from(EPISODES) / 4.0).sqrt();
+        let off = |count: &u32| (f64::from(*count) - f64::from(EPISODES) / 2.0).abs();
+        assert!(targets.iter().all(|count| off(count) <= most), "targets by turn: {targets:?}");
+    }
+
+    #[test]
+    fn distractors_sound_in_whole_turns_forever() {
+        let mut rng = Rng::new(3);
+        for seed in 0..100 {
+            let found_from = std::array::from_fn(|_| rng.below(400) as u32);
+            let (heard, open) = (hard(seed, found_from, 900), hard(seed, [u32::MAX; 3], 150));
+            let turns: Vec<_> = heard.chunks(25).collect();
+            assert!(turns.iter().all(|turn| turn.iter().all(|source| *source == turn[0])), "seed {seed}");
+            let order: Vec<_> = open.chunks(25).map(|turn| turn[0]).filter(|&source| source > 2).collect();
+            let last: Vec<_> = turns[turns.len() - 6..].iter().map(|turn| turn[0]).collect();
+            assert!(last.iter().all(|&source| source > 2), "seed {seed}: {last:?}");
+            let first = order.iter().position(|&source| source == last[0]).expect("a distractor");
+            assert!((0..6).all(|turn| last[turn] == order[(first + turn) % 3]), "the drawn order continues");
+        }
     }
 
     #[test]

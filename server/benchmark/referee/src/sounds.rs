@@ -1,7 +1,7 @@
 //! An episode's sound clips and sources.
 
 use avln_episode::{Rules, SoundClip, Sounds};
-use avln_truth::{EpisodeTruth, Target};
+use avln_truth::{DistractorSource, EpisodeTruth, Target};
 use avln_world::{Bank, ClipPool, Point3, Rng, SoundSource, Vector3};
 
 /// Too few clips for the rules.
@@ -31,30 +31,47 @@ pub fn source_positions(rules: &Rules, targets: &[Target]) -> Vec<Point3<f32>> {
     targets.iter().map(lifted).collect()
 }
 
-/// Returns a source per target, all with the same clip offset.
+/// Returns the positions of all sources in an episode, world frame, metres: targets, then distractors.
+pub fn episode_sources(rules: &Rules, truth: &EpisodeTruth) -> Vec<Point3<f32>> {
+    let lifted = |distractor: &DistractorSource| distractor.source + Vector3::y() * rules.source_lift_m;
+    let distractors = truth.distractor_sources.iter().map(lifted);
+    source_positions(rules, &truth.targets).into_iter().chain(distractors).collect()
+}
+
+/// Returns a sound per source, all with the same clip offset.
 pub(crate) fn sources(
     rules: &Rules,
     truth: &EpisodeTruth,
     bank: &Bank,
     rng: &mut Rng,
 ) -> Result<Vec<SoundSource>, TooFewClips> {
-    let clips = clips(rules, &truth.targets, bank.len(), rng)?;
+    let clips = clips(rules, truth, bank.len(), rng)?;
     let offset_samples = (rng.next_u64() >> 32) as usize;
     let source = |(position, clip)| Some(SoundSource { position, clip: bank.clip(clip)?, offset_samples });
-    let positions = source_positions(rules, &truth.targets);
+    let positions = episode_sources(rules, truth);
     Ok(positions.into_iter().zip(clips).filter_map(source).collect())
 }
 
-/// Returns the clip index per target. Only leaking rules depend on the target.
-fn clips(rules: &Rules, targets: &[Target], count: usize, rng: &mut Rng) -> Result<Vec<usize>, TooFewClips> {
-    let needed = rules.clips_of_episode(targets.len());
+/// Returns the clip index per source. Only leaking rules depend on the source.
+fn clips(
+    rules: &Rules,
+    truth: &EpisodeTruth,
+    count: usize,
+    rng: &mut Rng,
+) -> Result<Vec<usize>, TooFewClips> {
+    let needed = rules.clips_of_episode(truth.targets.len());
     if count < needed {
         return Err(TooFewClips { rules: rules.name.clone(), needed, found: count });
     }
+    let sources = truth.targets.len() + truth.distractor_sources.len();
     Ok(match rules.sound_clip {
-        SoundClip::Anonymous => vec![rng.below(count); targets.len()],
-        SoundClip::Distinct => different(count, targets.len(), rng),
-        SoundClip::ByCategory => targets.iter().map(|target| of_category(&target.category, count)).collect(),
+        SoundClip::Anonymous => vec![rng.below(count); sources],
+        SoundClip::Distinct => different(count, sources, rng),
+        SoundClip::ByCategory => {
+            let targets = truth.targets.iter().map(|target| &target.category);
+            let distractors = truth.distractor_sources.iter().map(|distractor| &distractor.category);
+            targets.chain(distractors).map(|category| of_category(category, count)).collect()
+        }
     })
 }
 
@@ -131,6 +148,7 @@ mod tests {
             start: Pose::new(Point3::origin(), 0.0),
             order: Order::Ordered,
             targets: (0..4).map(|_| target(rng)).collect(),
+            distractor_sources: Vec::new(),
             reference_m: 0.0,
             reference_path: Vec::new(),
         }
@@ -142,7 +160,7 @@ mod tests {
         let mut rng = Rng::new(2);
         let one = |number: u64| {
             let truth = episode(&mut rng);
-            let clips = clips(&rules, &truth.targets, CLIPS, &mut Rng::new(truth.seed).fork("clips"));
+            let clips = clips(&rules, &truth, CLIPS, &mut Rng::new(truth.seed).fork("clips"));
             let goal = number as usize % truth.targets.len();
             let target = &truth.targets[goal];
             Heard {
@@ -201,6 +219,30 @@ mod tests {
     }
 
     #[test]
+    fn clips_do_not_distinguish_distractors() {
+        let mut rng = Rng::new(6);
+        let distractor = |rng: &mut Rng| {
+            let Target { instance, category, source, .. } = target(rng);
+            DistractorSource { instance, category, source }
+        };
+        for sound_clip in [SoundClip::Anonymous, SoundClip::Distinct] {
+            let rules = Rules { sound_clip, ..Rules::hard() };
+            let one = |number: u64| {
+                let distractor_sources = (0..4).map(|_| distractor(&mut rng)).collect();
+                let truth = EpisodeTruth { distractor_sources, ..episode(&mut rng) };
+                let clips = clips(&rules, &truth, CLIPS, &mut Rng::new(truth.seed).fork("clips"));
+                let (clips, source) = (clips.expect("enough clips"), number as usize % 8);
+                assert_eq!(clips.len(), 8);
+                (clips[source] * FAMILIES / CLIPS, usize::from(source < 4))
+            };
+            let pairs: Vec<_> = (0..EPISODES).map(one).collect();
+            let (chi_square, bits) = dependence(&pairs, FAMILIES, 2);
+            let deviations = deviations(chi_square, (FAMILIES - 1) as f64);
+            assert!(deviations < 2.33 && bits < 0.01, "{sound_clip:?}: {deviations} deviations, {bits} bits");
+        }
+    }
+
+    #[test]
     fn clips_by_category_are_seen_to_leak() {
         let heard = heard(SoundClip::ByCategory);
         let pairs: Vec<_> =
@@ -216,7 +258,7 @@ mod tests {
             let truth = episode(&mut rng);
             let draw = |sound_clip| {
                 let rules = Rules { sound_clip, ..Rules::paper() };
-                clips(&rules, &truth.targets, CLIPS, &mut Rng::new(truth.seed)).expect("enough clips")
+                clips(&rules, &truth, CLIPS, &mut Rng::new(truth.seed)).expect("enough clips")
             };
             let same = draw(SoundClip::Anonymous);
             assert!(same.iter().all(|&clip| clip == same[0]));

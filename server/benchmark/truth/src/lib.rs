@@ -4,7 +4,7 @@
 //!
 //! Crates reachable by agents or visitors (`avln-grpc`, `avln-web`) never import or re-export this crate.
 
-use avln_episode::{Action, EndReason, Modality, Order, Rules};
+use avln_episode::{Action, DistanceRule, EndReason, Modality, Order, Rules};
 use avln_geom::{Aabb, Point3, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -23,10 +23,25 @@ pub struct EpisodeTruth {
     pub order: Order,
     /// Targets in goal order.
     pub targets: Vec<Target>,
+    /// Sounding non-goals, by the rules' number.
+    // Not serialised by default, so that truths without distractors stay the same.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub distractor_sources: Vec<DistractorSource>,
     /// Shortest tour length through all success regions, metres.
     pub reference_m: f64,
     /// This tour's corners on the floor, for replays.
     pub reference_path: Vec<Point3<f32>>,
+}
+
+/// A sounding instance that is no goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DistractorSource {
+    /// Instance id in the scene; never 0.
+    pub instance: u32,
+    /// Instance category.
+    pub category: String,
+    /// Sound source position.
+    pub source: Point3<f32>,
 }
 
 /// A goal's target.
@@ -56,19 +71,24 @@ impl Target {
     /// Least storey height, metres: points within half this height share a floor.
     const STOREY_M: f32 = 2.0;
 
-    /// Returns the distance from the camera at `base` to the target's box, metres, if `base` is in the success region
-    /// by [`DistanceRule::CameraToBox`](avln_episode::DistanceRule::CameraToBox).
+    /// Returns the distance from the camera at `base` to the target, metres, if `base` is in the success region: to the mesh
+    /// under [`DistanceRule::CameraToMesh`], otherwise to the box.
     ///
-    /// `sees(eye, half_view_rad)` checks whether the target is visible at some heading, within this elevation.
+    /// `to_mesh_m(eye)` measures the distance to the target's mesh. `sees(eye, half_view_rad)` checks whether the target is
+    /// visible at some heading, within this elevation.
     pub fn distance_within_region(
         &self,
         base: &Point3<f32>,
         rules: &Rules,
+        to_mesh_m: impl FnOnce(&Point3<f32>) -> f32,
         sees: impl FnOnce(&Point3<f32>, f32) -> bool,
     ) -> Option<f64> {
         let mut eye = *base;
         eye.y += rules.camera_height_m;
-        let distance_m = self.bounds.distance_m(&eye);
+        let distance_m = match rules.success_distance {
+            DistanceRule::CameraToMesh => to_mesh_m(&eye),
+            DistanceRule::CameraToBox | DistanceRule::BaseToViewpoint => self.bounds.distance_m(&eye),
+        };
         let on_its_floor = (base.y - self.floor_y_m).abs() < 0.5 * Self::STOREY_M;
         // The line of sight casts rays, so it is tested last.
         let within = distance_m <= rules.success_radius_m && on_its_floor && sees(&eye, Rules::HALF_VIEW_RAD);
@@ -106,7 +126,7 @@ pub struct StepFacts {
     pub collided: bool,
     /// Bit i: the body is in goal i's success region.
     pub in_region: u8,
-    /// Goal with the sounding target; `None` for silence.
+    /// Sounding source: a goal, or the goal count plus a distractor's index; `None` for silence.
     pub sounding: Option<u8>,
     /// State hash afterwards.
     pub state_hash: u64,

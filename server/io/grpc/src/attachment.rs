@@ -85,6 +85,24 @@ impl Attachment {
 }
 
 impl StopReason {
+    /// Returns the name in logs.
+    pub(crate) fn as_str(self) -> &'static str {
+        match self {
+            Self::Superseded => "superseded",
+            Self::Resumed => "resumed",
+            Self::Draining => "draining",
+            Self::Cancelled => "cancelled",
+            Self::Expired => "expired",
+            Self::ConnectionLost => "connection_lost",
+            Self::Paused => "paused",
+            Self::Goodbye => "goodbye",
+            Self::NothingLeft => "nothing_left",
+            Self::AgentHangs => "agent_hangs",
+            Self::Idle => "idle",
+            Self::AwayTooLong => "away_too_long",
+        }
+    }
+
     pub(crate) fn ending(self) -> Ending {
         match self {
             // The client of the new connection never saw the open episodes, so it cannot continue them.

@@ -7,6 +7,7 @@ use crate::{
     registry::{SessionGuard, SessionRegistry},
     session::Session,
     sim_pool::SimPool,
+    spans::RunSpans,
     watchdog::Watchdog,
     wire,
 };
@@ -20,6 +21,7 @@ pub(crate) struct ServiceContext<H: Host> {
     pub(crate) host: Arc<H>,
     pub(crate) limits: Arc<Limits>,
     pub(crate) registry: Arc<SessionRegistry<Session<H>>>,
+    pub(crate) spans: Arc<RunSpans>,
     pool: SimPool,
     watchdog: Watchdog,
     /// WatchRun calls per team.
@@ -33,7 +35,7 @@ impl<H: Host> ServiceContext<H> {
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
         let watchers = Places::new(Some(limits.max_watchers), limits.max_watchers);
         let registry = SessionRegistry::new(limits.clone());
-        Arc::new(Self { host, registry, limits, pool, watchdog, watchers })
+        Arc::new(Self { host, registry, limits, spans: Arc::default(), pool, watchdog, watchers })
     }
 
     /// Refuses new runs while too many simulations hang.
@@ -73,13 +75,18 @@ impl<H: Host> ServiceContext<H> {
 
     /// Completes a run without episodes left. With `abandons`, ends the run in any case.
     pub(crate) async fn finish_run(&self, run: &str, abandons: bool) -> Result<v1::RunEnd> {
-        let run = run.to_owned();
-        let finish = |host: Arc<H>| async move { host.finish_run(&run, abandons).await };
-        call_host("finish a run", &self.host, finish).await.map(wire::run_end)
+        let id = run.to_owned();
+        let finish = |host: Arc<H>| async move { host.finish_run(&id, abandons).await };
+        let status = call_host("finish a run", &self.host, finish).await?;
+        if !status.state.is_open() {
+            self.spans.end(run, status.state.as_str());
+        }
+        Ok(wire::run_end(status))
     }
 
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
-        Arc::new(Session::open(self.host.clone(), self.pool.clone(), &self.limits, interrupted))
+        let run = self.spans.enter(&interrupted.open.run);
+        Arc::new(Session::open(self.host.clone(), self.pool.clone(), &self.limits, interrupted, &run))
     }
 }
 

@@ -86,6 +86,7 @@ mod serve;
 mod session;
 mod shared;
 mod sim_pool;
+mod spans;
 mod unary;
 mod watchdog;
 mod wire;

@@ -57,7 +57,7 @@ impl<H: Host> ServiceContext<H> {
             previous => {
                 if let Some(session) = previous {
                     // It was handed over for a connection that resumes, but this one, which starts over, entered first.
-                    session.close(EndReason::Disconnected).await;
+                    session.close(EndReason::Disconnected, StopReason::Superseded).await;
                 }
                 // Only for a new session: another keeps its sensors when the organiser lowers the limits of the phase.
                 wire::check_sensors(&agreement.sensors, &open.sensors)?;
@@ -149,7 +149,7 @@ impl<H: Host> ServiceContext<H> {
         reason: StopReason,
     ) -> Result<Option<v1::RunEnd>> {
         match reason.ending() {
-            Ending::Close(end) => session.close(end).await,
+            Ending::Close(end) => session.close(end, reason).await,
             Ending::KeepForRestart => session.leave().await,
             Ending::Detach => {
                 self.detach(session, guard).await;
@@ -172,7 +172,7 @@ impl<H: Host> ServiceContext<H> {
         let patience = session.detach().await;
         if patience.is_zero() {
             tracing::info!("connection lost; the run has no time left to reconnect");
-            return session.close(EndReason::Disconnected).await;
+            return session.close(EndReason::Disconnected, StopReason::ConnectionLost).await;
         }
         tracing::info!(?patience, "connection lost; open episodes wait");
         self.spawn_wait(session, guard, Instant::now() + patience);
@@ -207,7 +207,7 @@ impl<H: Host> ServiceContext<H> {
             // That connection may have given up meanwhile. Without this task, the session would stay open for ever.
             sleep(patience).await;
             if let Some(session) = registry.take_unclaimed(&run, number) {
-                session.close(EndReason::Disconnected).await;
+                session.close(EndReason::Disconnected, StopReason::AwayTooLong).await;
             }
         });
     }
@@ -235,7 +235,7 @@ impl<H: Host> ServiceContext<H> {
 
     /// Restores an interrupted run and waits for the client.
     pub(crate) async fn restore(self: Arc<Self>, guard: RunGuard<H>) {
-        let span = tracing::error_span!("session", run = guard.run);
+        let span = self.spans.enter(&guard.run);
         if let Err(failure) = self.try_restore(guard).instrument(span).await {
             tracing::error!(why = failure.message, "an interrupted run could not be restored");
         }
@@ -262,9 +262,12 @@ impl<H: Host> ServiceContext<H> {
         let Some(control) = self.host.control().cloned() else { return std::future::pending().await };
         loop {
             for run in control.cancelled_runs().await {
-                let registry = self.registry.clone();
+                let (registry, spans) = (self.registry.clone(), self.spans.clone());
                 // A task per run, because a session may need long to store its episodes.
-                tokio::spawn(async move { registry.stop(&run, StopReason::Cancelled).await });
+                tokio::spawn(async move {
+                    registry.stop(&run, StopReason::Cancelled).await;
+                    spans.end(&run, RunState::Cancelled.as_str());
+                });
             }
         }
     }
@@ -284,7 +287,7 @@ impl<H: Host> ServiceContext<H> {
                 }
             };
             for run in runs {
-                let span = tracing::error_span!("session", run);
+                let span = self.spans.enter(&run);
                 self.expire(run).instrument(span).await;
             }
         }
@@ -299,10 +302,11 @@ impl<H: Host> ServiceContext<H> {
             tracing::error!(why = failure.message, "an expired run was not ended");
             return;
         }
-        let registry = self.registry.clone();
+        let (registry, spans) = (self.registry.clone(), self.spans.clone());
         let stop = async move {
             registry.stop(&run, StopReason::Expired).await;
             tracing::info!("the run's wall time has passed");
+            spans.end(&run, RunState::Expired.as_str());
         };
         tokio::spawn(stop.in_current_span());
     }

@@ -37,7 +37,7 @@ impl<H: Host> PlayStream<H> {
         let hello = self.hello().await?;
         match self.context.admit(&self.token, &hello, Limits::MAX_SLOTS).await {
             Ok(admission) => {
-                let span = tracing::error_span!("session", run = admission.open.run);
+                let span = admission.session.span();
                 self.attach(admission, &hello.known).instrument(span).await
             }
             Err(over) if hello.resume && over.reason == Reason::RunOver => {

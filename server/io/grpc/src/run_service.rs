@@ -137,6 +137,7 @@ impl<H: Host> RunService for RunCalls<H> {
             .await?;
         self.0.registry.stop(&run, StopReason::Cancelled).await;
         let status = self.status(&account, &run).await?;
+        self.0.spans.end(&run, status.state.as_str());
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
     }
 
@@ -227,6 +228,7 @@ fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
         name: text("method.name", method.name.trim(), 1, MethodInfo::MAX_NAME_CHARS)?,
         version: text("method.version", method.version.trim(), 0, MethodInfo::MAX_VERSION_CHARS)?,
+        method_type: wire::declared_type(method.method_type()),
         description: paragraphs("method.description", method.description.trim(), MAX_DESCRIPTION_CHARS)?,
         code_url: url("method.code_url", method.code_url.trim())?,
         paper_url: url("method.paper_url", method.paper_url.trim())?,

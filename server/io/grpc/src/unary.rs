@@ -119,7 +119,7 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         let welcome = v1::Welcome { resumed: vec![], ..admission.welcome };
         let client = Arc::new(UnaryClient { session, welcome, last_call });
         admission.guard.attach_unary(&self.token, client.clone());
-        let span = tracing::error_span!("session", run = admission.open.run);
+        let span = client.session.span();
         tokio::spawn(supervise(self.context.clone(), client.clone(), admission.guard).instrument(span));
         Ok(client)
     }

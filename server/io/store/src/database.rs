@@ -30,7 +30,7 @@ static MIGRATIONS: Migrator = sqlx::migrate!("../../../migrations");
 pub(crate) type Transaction<'a> = sqlx::Transaction<'a, Sqlite>;
 
 /// The newest schema version known to this program.
-pub const SCHEMA_VERSION: i64 = 10;
+pub const SCHEMA_VERSION: i64 = 11;
 
 /// The letters AVLN, written into the file by the first migration.
 const APPLICATION_ID: i64 = 0x4156_4C4E;

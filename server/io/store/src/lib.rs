@@ -28,7 +28,7 @@ pub use accounts::{NewToken, Team, Token, TokenHash, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
 pub use avln_challenge::{
-    Admission, Charge, CommitmentValues, EpisodeState, GoalText, PhaseEpisode, PhaseState, Quota,
+    Admission, Charge, CommitmentValues, EpisodeState, GoalText, MethodType, PhaseEpisode, PhaseState, Quota,
     QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
     TimeAccount, TokenScope, Visibility, calendar, pool_digest,
 };

@@ -3,7 +3,7 @@
 use crate::{
     admission::read_charge,
     audit::{AuditNote, add_notes},
-    database::{Store, Transaction, json, optional_json, word},
+    database::{Store, Transaction, json, optional_json, value, word},
     error::{Result, StoreError},
 };
 use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
@@ -83,6 +83,7 @@ impl FromRow<'_, SqliteRow> for Run {
             method: MethodInfo {
                 name: row.try_get("method")?,
                 version: row.try_get("version")?,
+                method_type: value(row.try_get("method_type")?),
                 description: text("method_description")?,
                 code_url: text("method_code_url")?,
                 paper_url: text("method_paper_url")?,

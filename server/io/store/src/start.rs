@@ -9,7 +9,7 @@ use crate::{
     phases::{Phase, find_phase},
     runs::{Run, read_run},
 };
-use avln_challenge::{MethodInfo, PhaseEpisode, Quota, Sampling, TokenScope, draw};
+use avln_challenge::{MethodInfo, MethodType, PhaseEpisode, Quota, Sampling, TokenScope, draw};
 use avln_episode::Order;
 use sqlx::types::Json;
 use std::collections::BTreeMap;
@@ -126,8 +126,8 @@ async fn insert_run(
 ) -> Result<()> {
     let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
                   created_ms, episodes, deadline_ms, method_description, method_code_url, method_paper_url, \
-                  method_weights_licence, method_external_data) \
-                  VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)";
+                  method_weights_licence, method_external_data, method_type) \
+                  VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
     // A limit of 0 s means no wall time; the run then ends with its phase.
     let wall_ms = (phase.time.run_s > 0).then(|| 1000 * i64::from(phase.time.run_s));
     let method = new.method;
@@ -148,6 +148,7 @@ async fn insert_run(
         .bind(filled(&method.paper_url))
         .bind(filled(&method.weights_licence))
         .bind(filled(&method.external_data))
+        .bind(method.method_type.map(MethodType::as_str))
         .execute(&mut **tx)
         .await?;
     insert_episodes(tx, new.id, phase).await?;

@@ -65,6 +65,7 @@ pub(crate) struct Problem {
     detail: String,
     instance: String,
     reason: &'static str,
+    request_id: String,
 }
 
 /// An error's status, code for programs (as in gRPC) and page heading.
@@ -111,7 +112,7 @@ impl RequestError {
         }
     }
 
-    pub(crate) fn problem(&self, path: &str) -> Problem {
+    pub(crate) fn problem(&self, path: &str, request_id: &str) -> Problem {
         let ErrorClass { status, reason, title } = self.class();
         Problem {
             r#type: "about:blank",
@@ -120,6 +121,7 @@ impl RequestError {
             detail: self.to_string(),
             instance: path.to_owned(),
             reason,
+            request_id: request_id.to_owned(),
         }
     }
 }

@@ -3,6 +3,7 @@
 pub(crate) use crate::links::linked_html;
 pub(crate) use avln_store::calendar::rfc3339;
 
+use avln_challenge::MethodType;
 use avln_episode::{Encoding, EndReason, Order, Sensors};
 use avln_scoring::{Difference, Direction, Estimate, FEW_SCENES, Key, Standing, Summary, Unit};
 use avln_store::{EpisodeState, LeaderboardRow, PhaseState, PhaseView, QuotaWindow, RunState, Visibility};
@@ -210,6 +211,20 @@ pub(crate) fn rank_html(standing: &Option<Standing>, summary: &Summary) -> Strin
 pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
     let runs = plural(&row.runs_count, "run");
     if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
+}
+
+pub(crate) fn method_type(method_type: &MethodType) -> &'static str {
+    match method_type {
+        MethodType::TrainingFree => "training-free",
+        MethodType::LearntPerception => "learnt perception",
+        MethodType::FoundationModels => "foundation models",
+        MethodType::Imitation => "imitation",
+        MethodType::Rl => "RL",
+    }
+}
+
+pub(crate) fn maybe_method_type(declared: &Option<MethodType>) -> &'static str {
+    declared.as_ref().map_or(NOTHING, method_type)
 }
 
 pub(crate) fn run_state(state: &RunState) -> &'static str {

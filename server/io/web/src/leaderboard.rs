@@ -5,6 +5,7 @@ use crate::{
     format::{rfc3339, url_encode},
     request::RequestContext,
 };
+use avln_challenge::MethodType;
 use avln_episode::Order;
 use avln_scoring::{Key, Prominence};
 use avln_store::{LeaderboardQuery, LeaderboardView, PhaseView, RowFilter, RunChoice, calendar};
@@ -42,6 +43,8 @@ pub(crate) struct LeaderboardParams {
     pub(crate) search: String,
     /// Team name; empty for all teams.
     pub(crate) team: String,
+    /// Method type; `None` for all.
+    pub(crate) method_type: Option<MethodType>,
     /// Filters by colour, depth and sound: true for agents with the sensor.
     pub(crate) sensors: [Option<bool>; 3],
     /// Latest completion time, milliseconds since 1970-01-01 UTC.
@@ -84,6 +87,7 @@ impl LeaderboardParams {
             }
             "q" => value.trim().clone_into(&mut self.search),
             "team" => value.clone_into(&mut self.team),
+            "type" => self.method_type = parse(name, value)?,
             "as_of" => self.as_of_unix_ms = parse_day(value)?,
             "column" => self.columns.extend(parse::<Key>(name, value)?),
             other => {
@@ -120,7 +124,12 @@ impl LeaderboardParams {
             pick: self.pick.unwrap_or(phase.ranking.entry),
             as_of_unix_ms: self.as_of_unix_ms,
             now_unix_ms,
-            filter: RowFilter { words: self.search.clone(), team: self.team.clone(), senses: self.sensors },
+            filter: RowFilter {
+                words: self.search.clone(),
+                team: self.team.clone(),
+                method_type: self.method_type,
+                senses: self.sensors,
+            },
         }
     }
 
@@ -157,7 +166,8 @@ impl LeaderboardParams {
     }
 
     pub(crate) fn is_filtered(&self) -> bool {
-        !self.search.is_empty() || !self.team.is_empty() || self.sensors.iter().any(Option::is_some)
+        let has_names = !self.search.is_empty() || !self.team.is_empty();
+        has_names || self.method_type.is_some() || self.sensors.iter().any(Option::is_some)
     }
 
     /// Returns the table metrics, including the ranking key.
@@ -185,6 +195,9 @@ impl LeaderboardParams {
             if !value.is_empty() {
                 add(name, value);
             }
+        }
+        if let Some(method_type) = self.method_type {
+            add("type", method_type.as_str());
         }
         for (name, filter) in SENSOR_PARAMS.iter().zip(self.sensors) {
             if let Some(filter) = filter {
@@ -333,6 +346,11 @@ impl LeaderboardControls {
         [0, 1, 2].map(|index| (SENSOR_PARAMS[index], labels[index], value(index)))
     }
 
+    /// Returns the types with their choice in the form.
+    pub(crate) fn method_types(&self) -> impl Iterator<Item = (MethodType, bool)> {
+        MethodType::ALL.iter().map(|&known| (known, self.params.method_type == Some(known)))
+    }
+
     pub(crate) fn day(&self) -> String {
         self.params.as_of_unix_ms.map_or_else(String::new, day)
     }
@@ -360,7 +378,7 @@ mod tests {
 
     #[test]
     fn empty_form_fields_are_ignored() {
-        let query = params("order=&sort=&q=&team=&audio=&as_of=&column=spl").expect("a query");
+        let query = params("order=&sort=&q=&team=&type=&audio=&as_of=&column=spl").expect("a query");
         assert_eq!(
             query,
             LeaderboardParams { columns: vec![Key::Spl], has_blanks: true, ..LeaderboardParams::default() }
@@ -377,6 +395,7 @@ mod tests {
             "order=sideways",
             "sort=fame",
             "pick=worst",
+            "type=magic",
             "audio=yes",
             "as_of=2026-02-30",
             "as_of=now",

@@ -25,6 +25,7 @@ mod plot;
 mod replay;
 mod replay_renderer;
 mod request;
+mod request_id;
 mod server;
 
 pub use api::SignedLogs;

@@ -383,6 +383,7 @@ mod tests {
             disqualified: None,
             method: "m".to_owned(),
             version: "1".to_owned(),
+            method_type: None,
             order: Order::Ordered,
             state,
             episodes: 9,

@@ -6,6 +6,7 @@ use crate::{
     management::{MAX_FORM_BYTES, has_session_cookie},
     pages,
     request::{CONTEXT, Menu, PageContext},
+    request_id::{RequestId, identify},
     server::Streaming,
 };
 use axum::{
@@ -13,7 +14,7 @@ use axum::{
     body::{Body, Bytes, to_bytes},
     extract::{Request, State},
     http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
-    middleware::{Next, from_fn_with_state},
+    middleware::{Next, from_fn, from_fn_with_state},
     response::{IntoResponse, Response},
 };
 use flate2::{Compression, write::GzEncoder};
@@ -29,9 +30,9 @@ use tower_http::{
     catch_panic::CatchPanicLayer,
     compression::{CompressionLayer, DefaultPredicate, Predicate, predicate::NotForContentType},
     limit::RequestBodyLimitLayer,
-    trace::{DefaultOnFailure, DefaultOnResponse, TraceLayer},
+    trace::{DefaultOnFailure, TraceLayer},
 };
-use tracing::Level;
+use tracing::{Level, Span, field::Empty};
 
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -59,8 +60,10 @@ const VARY_BY_HOST: &str = "authorization, cookie, accept-encoding, host";
 // A year: browsers then use only TLS for this host.
 const ONLY_TLS: (HeaderName, &str) = (header::STRICT_TRANSPORT_SECURITY, "max-age=31536000");
 // Headers with which pages of other sites may read the API, also with a token and with revalidation.
-static SHARED: [(HeaderName, &str); 2] =
-    [(header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"), (header::ACCESS_CONTROL_EXPOSE_HEADERS, "etag")];
+static SHARED: [(HeaderName, &str); 2] = [
+    (header::ACCESS_CONTROL_ALLOW_ORIGIN, "*"),
+    (header::ACCESS_CONTROL_EXPOSE_HEADERS, "etag, x-request-id"),
+];
 static PREFLIGHT: [(HeaderName, &str); 3] = [
     (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD"),
     (header::ACCESS_CONTROL_ALLOW_HEADERS, "authorization, if-none-match"),
@@ -118,13 +121,10 @@ impl ResponseSettings {
 pub(crate) fn with_middleware(router: Router, settings: ResponseSettings) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
-    // The path without the query: search words do not belong into a log.
     let access_log = TraceLayer::new_for_http()
-        .make_span_with(|request: &Request| {
-            tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
-        })
+        .make_span_with(request_span)
         .on_request(())
-        .on_response(DefaultOnResponse::new().level(Level::DEBUG))
+        .on_response(log_response)
         .on_failure(DefaultOnFailure::new().level(Level::WARN));
     router
         .layer(from_fn_with_state(Arc::<CompressedBodies>::default(), cache_and_compress))
@@ -134,11 +134,32 @@ pub(crate) fn with_middleware(router: Router, settings: ResponseSettings) -> Rou
         // For streamed and private bodies, which `cache_and_compress` leaves as they are.
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(is_compressible))
         .layer(access_log)
+        .layer(from_fn(identify))
+}
+
+/// Creates the span of a request. Its level is error, so that every line of a request has the id.
+fn request_span(request: &Request) -> Span {
+    tracing::error_span!(
+        "request",
+        id = request.extensions().get::<RequestId>().map(tracing::field::display),
+        method = %request.method(),
+        // Without the query: search words do not belong into a log.
+        path = request.uri().path(),
+        status = Empty,
+        duration_ms = Empty
+    )
+}
+
+fn log_response<B>(response: &axum::http::Response<B>, took: Duration, span: &Span) {
+    span.record("status", response.status().as_u16());
+    span.record("duration_ms", took.as_micros() as f64 / 1000.0);
+    tracing::debug!("request ended");
 }
 
 /// Limits time and address length, and adds error bodies and headers.
 async fn finish_response(State(settings): State<ResponseSettings>, request: Request, next: Next) -> Response {
     let path = request.uri().path().to_owned();
+    let id = request.extensions().get::<RequestId>().map(RequestId::to_string).unwrap_or_default();
     let for_programs = path.starts_with("/api/") || path == "/readyz";
     let is_too_long = request.uri().path_and_query().is_some_and(|a| a.as_str().len() > MAX_ADDRESS_BYTES);
     let context = settings.page_context();
@@ -153,7 +174,7 @@ async fn finish_response(State(settings): State<ResponseSettings>, request: Requ
     };
     let status = response.status();
     if status.is_client_error() || status.is_server_error() {
-        response = with_error_body(response, for_programs, &path, context);
+        response = with_error_body(response, for_programs, (&path, &id), context);
     }
     settings.add_headers(response.headers_mut(), &path, for_programs);
     response
@@ -173,16 +194,21 @@ fn insert(headers: &mut HeaderMap, added: &[(HeaderName, &'static str)]) {
 }
 
 /// Adds the body of an error: problem details (RFC 9457) for programs, a page for people.
-fn with_error_body(bare: Response, for_programs: bool, path: &str, context: PageContext) -> Response {
+fn with_error_body(
+    bare: Response,
+    for_programs: bool,
+    (path, id): (&str, &str),
+    context: PageContext,
+) -> Response {
     let error = bare.extensions().get::<RequestError>().cloned();
     let error = error.unwrap_or_else(|| RequestError::of_status(bare.status()));
     let menu = bare.extensions().get::<Menu>().copied().unwrap_or_default();
     let (mut parts, _) = bare.into_parts();
     let (kind, body) = if for_programs {
-        ("application/problem+json", json!(error.problem(path)).to_string())
+        ("application/problem+json", json!(error.problem(path, id)).to_string())
     } else {
         let context = PageContext { menu, ..context };
-        ("text/html; charset=utf-8", CONTEXT.sync_scope(context, || pages::error_page(&error)))
+        ("text/html; charset=utf-8", CONTEXT.sync_scope(context, || pages::error_page(&error, id)))
     };
     parts.status = error.class().status;
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
@@ -313,16 +339,35 @@ mod tests {
 
     /// Requests an address from a router with broken handlers.
     async fn ask(address: &str) -> (StatusCode, String) {
+        let (status, _, body) = ask_as(address, "").await;
+        (status, body)
+    }
+
+    /// Requests an address with a request id. Returns status, request id and body.
+    async fn ask_as(address: &str, id: &'static str) -> (StatusCode, String, String) {
         let broken = Router::new()
             .route("/panic", get(async || if true { panic!("a secret reason") } else { "" }))
             .route("/api/panic", get(async || if true { panic!("a secret reason") } else { "" }))
             .route("/endless", get(async || std::future::pending::<&str>().await));
-        let request = Request::get(address).body(Body::empty()).expect("a request");
+        let request =
+            Request::get(address).header("x-request-id", id).body(Body::empty()).expect("a request");
         let response =
             with_middleware(broken, ResponseSettings::default()).oneshot(request).await.expect("an answer");
         let status = response.status();
+        let id = response.headers()["x-request-id"].to_str().expect("text").to_owned();
         let body = response.into_body().collect().await.expect("a body").to_bytes();
-        (status, String::from_utf8(body.to_vec()).expect("text"))
+        (status, id, String::from_utf8(body.to_vec()).expect("text"))
+    }
+
+    #[tokio::test]
+    async fn errors_name_the_request_id() {
+        for address in ["/panic", "/api/panic", "/nowhere", "/api/nowhere"] {
+            let (_, id, body) = ask_as(address, "from-a-proxy").await;
+            assert!(id == "from-a-proxy" && body.contains("from-a-proxy"), "{address}: {id} {body}");
+            let (_, id, body) = ask_as(address, "<b>forged</b>").await;
+            assert!(id.starts_with("req_") && body.contains(&id), "{address}: {id} {body}");
+            assert!(!body.contains("forged"), "{body}");
+        }
     }
 
     #[tokio::test]

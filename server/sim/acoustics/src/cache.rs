@@ -20,7 +20,7 @@ pub struct BuildingCache {
 }
 
 // Increment whenever equal positions in equal buildings would give different bytes.
-pub(crate) const VERSION: u32 = 4;
+pub(crate) const VERSION: u32 = 5;
 
 #[derive(Default)]
 pub(crate) struct Writer {

@@ -1,8 +1,11 @@
 //! Large planar building parts, which mirror sound: directions with large surface area, and the surface
 //! offsets in them. Exact planes are found first, then the bumpy planes in scans.
 
+mod fit;
+
 use avln_geom::{Point3, Vector3};
 use avln_scene::Scene;
+use fit::PlaneFit;
 
 /// Plane number in a building; the largest plane is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -243,7 +246,7 @@ impl<'a> Fitter<'a> {
         let free = |part: &[(f32, usize)]| -> Vec<usize> {
             part.iter().map(|(_, facet)| *facet).filter(|facet| self.taken_by[*facet].is_none()).collect()
         };
-        let first = self.fitted(&free(layer), direction);
+        let first = self.estimated(&free(layer), direction);
         let low = layer[0].0 - WIDE * self.tolerance.distance_m;
         let high = layer[layer.len() - 1].0 + WIDE * self.tolerance.distance_m;
         let from = row.partition_point(|entry| entry.0 < low);
@@ -264,15 +267,24 @@ impl<'a> Fitter<'a> {
         true
     }
 
-    fn fitted(&self, facets: &[usize], direction: &Vector3<f32>) -> Plane {
+    /// Plane with the mean normal: a strip of a bumpy wall has no reliable least-squares normal.
+    fn estimated(&self, facets: &[usize], direction: &Vector3<f32>) -> Plane {
         let normal = self.mean_normal(facets, direction);
-        let (mut moment, mut total) = (0.0, 0.0);
-        for facet in facets.iter().map(|facet| &self.facets[*facet]) {
-            moment += f64::from(facet.area_m2) * f64::from(facet.center.coords.dot(&normal));
-            total += f64::from(facet.area_m2);
-        }
-        let offset_m = if total > 0.0 { (moment / total) as f32 } else { f32::INFINITY };
-        Plane { normal, offset_m, slack_m: 0.0 }
+        self.fit_of(facets).plane(normal)
+    }
+
+    /// Least-squares plane; with the mean normal for facets along a line.
+    fn fitted(&self, facets: &[usize], direction: &Vector3<f32>) -> Plane {
+        let fit = self.fit_of(facets);
+        let corners = |facet: usize| self.scene.corners(self.facets[facet].triangle as usize);
+        let triangles = facets.iter().map(|&facet| (self.facets[facet].area_m2, corners(facet)));
+        let normal = fit.normal(triangles, direction);
+        fit.plane(normal.unwrap_or_else(|| self.mean_normal(facets, direction)))
+    }
+
+    fn fit_of(&self, facets: &[usize]) -> PlaneFit {
+        let facets = facets.iter().map(|facet| &self.facets[*facet]);
+        PlaneFit::new(facets.map(|facet| (facet.area_m2, facet.center)))
     }
 
     fn lies_in(&self, facet: usize, plane: &Plane) -> bool {

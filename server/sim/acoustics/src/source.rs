@@ -111,6 +111,8 @@ impl Acoustics {
     }
 
     /// Reads the source from the cache, or computes and stores it.
+    // The span has no field: positions of sources are hidden facts.
+    #[tracing::instrument(level = "debug", name = "sound_source", skip_all)]
     fn load_or_compute(&self, position: &Point3<f32>, key: Key) -> Source {
         let Some(BuildingCache { cache, name }) = &self.cache else {
             return Source::new(Arc::clone(&self.building), position);

@@ -91,6 +91,7 @@ impl Pool {
 
 /// Builds the house for `seed`, centred near the origin. Floors are at y = 0 and 3.12 m, ceilings 2.6 m
 /// above. Houses with five or more rooms have a hallway, living room, kitchen, bedroom and bathroom.
+#[tracing::instrument(level = "debug", skip_all, fields(scene = name))]
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     let rng = Rng::new(seed).fork("house");
     let (rooms, storeys) = size(&mut rng.fork("size"), options);

@@ -47,6 +47,7 @@ struct Source {
 }
 
 impl Source {
+    #[tracing::instrument(level = "debug", name = "render_model", skip_all, fields(scene = self.scene.name))]
     fn model(&self) -> Model {
         let Some(ModelCacheEntry { cache, name }) = &self.place else { return self.build() };
         cache.find(name).unwrap_or_else(|| cache.keep(name, self.build()))

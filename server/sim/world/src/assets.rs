@@ -1,7 +1,7 @@
 //! A building's immutable data: scene, navigation mesh, render model, acoustics.
 
 use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
-use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
+use avln_geom::{Point3, QueryMesh, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
 use avln_scene::{InstanceId, Mesh, Scene};
@@ -24,8 +24,22 @@ pub struct SceneAssets {
     /// Built on first use.
     acoustics: OnceLock<Acoustics>,
     cached: Option<Cached>,
+    surfaces: BTreeMap<InstanceId, InstanceSurface>,
+}
+
+/// An instance's surface.
+struct InstanceSurface {
     /// Sampled evenly over the area.
-    surface_points: BTreeMap<InstanceId, Vec<Point3<f32>>>,
+    points: Vec<Point3<f32>>,
+    /// Built on first use; `None` without area.
+    mesh: OnceLock<Option<QueryMesh>>,
+}
+
+impl InstanceSurface {
+    fn byte_count(&self) -> usize {
+        let mesh = self.mesh.get().and_then(Option::as_ref);
+        size_of_val(self.points.as_slice()) + mesh.map_or(0, QueryMesh::byte_count)
+    }
 }
 
 /// A persistent cache for render models and sound sources.
@@ -85,6 +99,7 @@ impl SceneAssets {
     ///
     /// # Errors
     /// If the mesh is invalid or not walkable.
+    #[tracing::instrument(level = "debug", name = "prepare_scene", skip_all, fields(scene = scene.name))]
     pub fn prepare_cached(
         mut scene: Scene,
         body: &Body,
@@ -92,25 +107,26 @@ impl SceneAssets {
     ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
         // The navmesh validates corners and indices; all other parts rely on this.
-        let navmesh = NavMesh::build(&scene, body)
-            .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
+        let navmesh = tracing::debug_span!("navmesh").in_scope(|| NavMesh::build(&scene, body));
+        let navmesh =
+            navmesh.map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
         let place = cached.clone().map(|Cached { cache, name }| ModelCacheEntry { cache, name });
         let renderer = Renderer::with_cache(Arc::clone(&scene), textures, Arc::clone(&rays), place);
-        let surface_points = surface_points(&scene);
-        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surface_points })
+        let surfaces = surfaces(&scene);
+        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
 
-    /// Returns the countable memory, bytes: mesh, rays, navmesh, surface points, acoustics, and render data
-    /// including mapped files. It grows with the first image and with new sound sources. Names, regions and
+    /// Returns the countable memory, bytes: mesh, rays, navmesh, instance surfaces, acoustics, and render data
+    /// including mapped files. It grows with the first image, new sound sources and distances to meshes. Names, regions and
     /// images in progress are not counted.
     pub fn resident_bytes(&self) -> usize {
         mesh_bytes(&self.scene.mesh)
             + self.rays.byte_count()
             + self.navmesh.byte_count()
-            + self.surface_points.values().map(|points| size_of_val(points.as_slice())).sum::<usize>()
+            + self.surfaces.values().map(InstanceSurface::byte_count).sum::<usize>()
             + self.acoustics.get().map_or(0, Acoustics::resident_bytes)
             + self.renderer.resident_bytes()
     }
@@ -130,9 +146,20 @@ impl SceneAssets {
     /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, within
     /// `half_vfov_rad` above or below the horizon. False for instances without surface.
     pub fn sees(&self, eye: &Point3<f32>, instance: InstanceId, half_vfov_rad: f32) -> bool {
+        self.visible_points(eye, instance, half_vfov_rad).next().is_some()
+    }
+
+    /// Returns the sampled surface points of `instance` that are visible as in [`Self::sees`].
+    pub fn visible_points<'a>(
+        &'a self,
+        eye: &'a Point3<f32>,
+        instance: InstanceId,
+        half_vfov_rad: f32,
+    ) -> impl Iterator<Item = &'a Point3<f32>> {
         let (sin, cos) = angle::sin_cos(half_vfov_rad.clamp(0.0, std::f32::consts::FRAC_PI_2));
-        let points = self.surface_points.get(&instance).map_or(&[][..], Vec::as_slice);
-        points.iter().map(|point| point - eye).any(|offset| {
+        let points = self.surfaces.get(&instance).map_or(&[][..], |surface| surface.points.as_slice());
+        points.iter().filter(move |&point| {
+            let offset = point - eye;
             let across_m = (offset.x * offset.x + offset.z * offset.z).sqrt();
             if offset.y.abs() * cos > across_m * sin {
                 return false;
@@ -145,6 +172,14 @@ impl SceneAssets {
                     .cast(eye, &offset, reach)
                     .is_some_and(|hit| self.scene.mesh.instance_of[hit.triangle as usize] == instance)
         })
+    }
+
+    /// Returns the Euclidean distance from `eye` to the nearest triangle of `instance`, metres; infinite for instances
+    /// without surface.
+    pub fn distance_to_mesh_m(&self, eye: &Point3<f32>, instance: InstanceId) -> f32 {
+        let Some(surface) = self.surfaces.get(&instance) else { return f32::INFINITY };
+        let mesh = surface.mesh.get_or_init(|| instance_mesh(&self.scene.mesh, instance));
+        mesh.as_ref().map_or(f32::INFINITY, |mesh| mesh.distance_m(eye))
     }
 
     /// Computes or loads the data for the first image.
@@ -163,6 +198,7 @@ impl SceneAssets {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let cached = self.cached.clone();
             let place = cached.map(|Cached { cache, name }| BuildingCache { cache, name });
+            let _span = tracing::debug_span!("acoustics", scene = self.scene.name).entered();
             Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
                 .with_cache(place)
         };
@@ -197,14 +233,24 @@ fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
     Ok(())
 }
 
-fn surface_points(scene: &Scene) -> BTreeMap<InstanceId, Vec<Point3<f32>>> {
+fn instance_mesh(mesh: &Mesh, instance: InstanceId) -> Option<QueryMesh> {
+    let all = (0..).zip(&mesh.triangles).zip(&mesh.instance_of);
+    let own = all.filter(|(_, of)| **of == instance).map(|((index, triangle), _)| (index, *triangle));
+    QueryMesh::new(&mesh.positions, own)
+}
+
+fn surfaces(scene: &Scene) -> BTreeMap<InstanceId, InstanceSurface> {
     let mut triangles = BTreeMap::<InstanceId, Vec<_>>::new();
     for (triangle, &id) in scene.mesh.instance_of.iter().enumerate() {
         if id != InstanceId::NONE {
             triangles.entry(id).or_default().push(scene.corners(triangle));
         }
     }
-    triangles.iter().map(|(&id, triangles)| (id, spread(triangles, u64::from(id.0)))).collect()
+    let surface = |triangles: &[[Point3<f32>; 3]], id: InstanceId| InstanceSurface {
+        points: spread(triangles, u64::from(id.0)),
+        mesh: OnceLock::new(),
+    };
+    triangles.iter().map(|(&id, triangles)| (id, surface(triangles, id))).collect()
 }
 
 /// Returns [`POINTS`] points, one per equal area share; none without area.
@@ -269,6 +315,26 @@ mod tests {
         assert_eq!(seen, before - textures + assets.renderer.model().byte_count());
         assets.source(&eye);
         assert!(assets.resident_bytes() > seen);
+    }
+
+    #[test]
+    fn mesh_distances_are_at_least_box_distances() {
+        let assets =
+            SceneAssets::prepare(avln_houses::house("measured", 1, &HouseOptions::small()), &Body::default())
+                .expect("a house");
+        let before = assets.resident_bytes();
+        let eye = Point3::new(0.3, 1.0, 0.2);
+        for object in &assets.scene.objects {
+            let mesh_m = assets.distance_to_mesh_m(&eye, object.id);
+            let is_own = |triangle: &usize| assets.scene.mesh.instance_of[*triangle] == object.id;
+            let corners = (0..assets.scene.mesh.triangles.len()).filter(is_own);
+            let corners = corners.flat_map(|triangle| assets.scene.corners(triangle));
+            let corner_m = corners.map(|corner| (corner - eye).norm()).fold(f32::INFINITY, f32::min);
+            assert!(mesh_m >= object.bounds.distance_m(&eye) - 1e-4, "{}", object.category);
+            assert!(mesh_m <= corner_m + 1e-4, "{}: {mesh_m}, {corner_m}", object.category);
+        }
+        assert!(assets.distance_to_mesh_m(&eye, InstanceId(InstanceId::MAX)).is_infinite());
+        assert!(assets.resident_bytes() > before, "the meshes are kept");
     }
 
     #[test]

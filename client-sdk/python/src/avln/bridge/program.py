@@ -29,6 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
             options.phase,
             options.method,
             options.order,
+            method_type=options.method_type,
             sensors=sensors(options),
             connect_options=connect_options(options),
         )

@@ -103,7 +103,9 @@ class RequestHandler:
         if choice is None:
             raise ValueError("take a step: the field action is missing; send an integer from 0 to 4")
         action = to_action(choice)
-        seen = episode.act(action)
+        # In the authors' protocol the N-th Submit ends the episode. Here this is a Stop under every rule set.
+        is_last = action is Action.SUBMIT and episode.observation.remaining_submits == 0
+        seen = episode.act(Action.STOP if is_last else action)
         self._submits += action is Action.SUBMIT
         answer = {
             "op": "step",

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from avln.connect_options import ConnectOptions
+    from avln.method_type import MethodType
     from avln.mission import Mission
     from avln.play import Episode
 
@@ -37,7 +38,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
     """A run slot.
 
     Actions are the values of `avln.Action`, 0 to 4; observations follow `ObservationSpace`.
-    `terminated` means that the task ended the episode (Stop, final Submit), `truncated` any
+    `terminated` means that the task ended the episode (Stop, or an extra Submit under `ends_episode`), `truncated` any
     other end.
 
     `reset` starts the next episode of the run. If the phase limits the number of runs, an
@@ -55,6 +56,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         phase: str = "",
         *,
         method: str = "gymnasium",
+        method_type: MethodType | str | None = None,
         order: Order | str = Order.UNORDERED,
         sensors: Sensors | None = None,
         keys: Sequence[str] | None = None,
@@ -70,6 +72,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
             token: account token or run token.
             phase: id of the phase; empty for `Client.practice_phase`.
             method: name on the leaderboard.
+            method_type: type of the method, `avln.MethodType` or its value, such as `rl`.
             order: goal order, `avln.Order` or its value.
             sensors: sensors and their settings; by default all at 256 x 256 pixels.
             keys: observation entries; by default all.
@@ -80,10 +83,19 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
 
         Raises:
             Error: if the server refuses or the connection is lost.
-            ValueError: if a key is unknown.
+            ValueError: if a key or `method_type` is unknown.
         """
         sensors = sensors or Sensors()
-        self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, connect_options=connect_options)
+        self._runs = Runs(
+            server,
+            token,
+            phase,
+            method,
+            Order(order),
+            method_type=method_type,
+            sensors=sensors,
+            connect_options=connect_options,
+        )
         self._layout = self._runs.lay_out(keys, goal_side)
         self._reward = reward
         self._episode: Episode | None = None

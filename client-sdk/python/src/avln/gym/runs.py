@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from avln.action import Order
     from avln.connect_options import ConnectOptions
+    from avln.method_type import MethodType
     from avln.play import Play
     from avln.task import Sensors
 
@@ -28,14 +29,22 @@ class Runs:
         method: str,
         order: Order,
         *,
+        method_type: MethodType | str | None = None,
         sensors: Sensors,
         slots: int = 1,
         connect_options: ConnectOptions | None = None,
     ) -> None:
-        self._method, self._order = method, order
+        self._method, self._method_type, self._order = method, method_type, order
         self._sensors, self._slots = sensors, slots
         self._client, self._run = begin_run(
-            server, token, phase, method, order, sensors=sensors, connect_options=connect_options
+            server,
+            token,
+            phase,
+            method,
+            order,
+            method_type=method_type,
+            sensors=sensors,
+            connect_options=connect_options,
         )
         is_given = token.startswith(RUN_TOKEN)
         with undone_on_error(self._client, self._run, is_own=not is_given):
@@ -76,7 +85,7 @@ class Runs:
         if self.is_counted:
             raise RunOverError(self.plays[0].run, self.phase, f"{because}, and counted runs cannot restart")
         self.plays[0].finish()
-        self._run = self._client.start_run(self.phase, self._method, self._order)
+        self._run = self._client.start_run(self.phase, self._method, self._order, method_type=self._method_type)
         with undone_on_error(self._client, self._run, is_own=True):
             self.plays = self._open()
         self.is_fresh = True

@@ -38,7 +38,7 @@ class ObservationSpace:
     | `depth` | f32 [height, width] | metres on the optical axis; 0: no surface in range |
     | `audio` | f32 [2, samples] | sound pressure of the step, left ear first |
     | `pose` | f32 [4] | x right, y up, z back in metres, heading in radians, left positive |
-    | `remaining` | i32 [2] | remaining steps, remaining Submits before the final Submit |
+    | `remaining` | i32 [2] | remaining steps, remaining Submits; at 0, claim the last goal with Stop |
     | `feedback` | 0 to 3 | `avln.Feedback` of the last step |
     | `order` | 0 or 1 | 1: goals count only in the given order |
     | `goal_modality` | 0 to 3, [4] | `avln.Modality` per goal; 0: no goal |

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from avln.connect_options import ConnectOptions
     from avln.gym.spaces import ObservationSpace
+    from avln.method_type import MethodType
     from avln.play import Episode, Play
 
 Arrays = dict[str, Any]
@@ -75,6 +76,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         phase: str = "",
         *,
         method: str = "gymnasium",
+        method_type: MethodType | str | None = None,
         order: Order | str = Order.UNORDERED,
         sensors: Sensors | None = None,
         keys: Sequence[str] | None = None,
@@ -86,13 +88,21 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
 
         Raises:
             Error: if the server refuses, grants fewer slots or the connection is lost.
-            ValueError: if a key is unknown.
+            ValueError: if a key or `method_type` is unknown.
         """
         super().__init__()
         self.closed = True  # until the run is open
         sensors = sensors or Sensors()
         self._runs = Runs(
-            server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, connect_options=connect_options
+            server,
+            token,
+            phase,
+            method,
+            Order(order),
+            method_type=method_type,
+            sensors=sensors,
+            slots=num_envs,
+            connect_options=connect_options,
         )
         self._layout = self._runs.lay_out(keys, goal_side)
         self.closed = False

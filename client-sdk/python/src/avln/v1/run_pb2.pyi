@@ -8,6 +8,15 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class MethodType(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    METHOD_TYPE_UNSPECIFIED: _ClassVar[MethodType]
+    METHOD_TYPE_TRAINING_FREE: _ClassVar[MethodType]
+    METHOD_TYPE_LEARNT_PERCEPTION: _ClassVar[MethodType]
+    METHOD_TYPE_FOUNDATION_MODELS: _ClassVar[MethodType]
+    METHOD_TYPE_IMITATION: _ClassVar[MethodType]
+    METHOD_TYPE_RL: _ClassVar[MethodType]
+
 class RunState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     RUN_STATE_UNSPECIFIED: _ClassVar[RunState]
@@ -35,6 +44,12 @@ class TokenScope(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     TOKEN_SCOPE_READ_ONLY: _ClassVar[TokenScope]
     TOKEN_SCOPE_ORGANISER: _ClassVar[TokenScope]
     TOKEN_SCOPE_RUN: _ClassVar[TokenScope]
+METHOD_TYPE_UNSPECIFIED: MethodType
+METHOD_TYPE_TRAINING_FREE: MethodType
+METHOD_TYPE_LEARNT_PERCEPTION: MethodType
+METHOD_TYPE_FOUNDATION_MODELS: MethodType
+METHOD_TYPE_IMITATION: MethodType
+METHOD_TYPE_RL: MethodType
 RUN_STATE_UNSPECIFIED: RunState
 RUN_STATE_CREATED: RunState
 RUN_STATE_RUNNING: RunState
@@ -56,7 +71,7 @@ TOKEN_SCOPE_ORGANISER: TokenScope
 TOKEN_SCOPE_RUN: TokenScope
 
 class MethodInfo(_message.Message):
-    __slots__ = ("name", "version", "description", "code_url", "paper_url", "weights_licence", "external_data")
+    __slots__ = ("name", "version", "description", "code_url", "paper_url", "weights_licence", "external_data", "method_type")
     NAME_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
@@ -64,6 +79,7 @@ class MethodInfo(_message.Message):
     PAPER_URL_FIELD_NUMBER: _ClassVar[int]
     WEIGHTS_LICENCE_FIELD_NUMBER: _ClassVar[int]
     EXTERNAL_DATA_FIELD_NUMBER: _ClassVar[int]
+    METHOD_TYPE_FIELD_NUMBER: _ClassVar[int]
     name: str
     version: str
     description: str
@@ -71,7 +87,8 @@ class MethodInfo(_message.Message):
     paper_url: str
     weights_licence: str
     external_data: str
-    def __init__(self, name: _Optional[str] = ..., version: _Optional[str] = ..., description: _Optional[str] = ..., code_url: _Optional[str] = ..., paper_url: _Optional[str] = ..., weights_licence: _Optional[str] = ..., external_data: _Optional[str] = ...) -> None: ...
+    method_type: MethodType
+    def __init__(self, name: _Optional[str] = ..., version: _Optional[str] = ..., description: _Optional[str] = ..., code_url: _Optional[str] = ..., paper_url: _Optional[str] = ..., weights_licence: _Optional[str] = ..., external_data: _Optional[str] = ..., method_type: _Optional[_Union[MethodType, str]] = ...) -> None: ...
 
 class StartRunRequest(_message.Message):
     __slots__ = ("phase", "order", "method", "client_request_id", "client")

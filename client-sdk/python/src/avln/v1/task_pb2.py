@@ -15,31 +15,35 @@ _sym_db = _symbol_database.Default()
 from avln.v1 import common_pb2 as avln_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x12\x61vln/v1/task.proto\x12\x07\x61vln.v1\x1a\x14\x61vln/v1/common.proto\"j\n\x12SensorSubscription\x12#\n\x06wishes\x18\x01 \x03(\x0b\x32\x13.avln.v1.SensorWish\x12\r\n\x05width\x18\x02 \x01(\r\x12\x0e\n\x06height\x18\x03 \x01(\r\x12\x10\n\x08hfov_rad\x18\x04 \x01(\x02\"U\n\nSensorWish\x12!\n\x04kind\x18\x01 \x01(\x0e\x32\x13.avln.v1.SensorKind\x12$\n\tencodings\x18\x02 \x03(\x0e\x32\x11.avln.v1.Encoding\"\xbe\x01\n\nTensorSpec\x12\n\n\x02id\x18\x01 \x01(\r\x12\x0c\n\x04name\x18\x02 \x01(\t\x12!\n\x04kind\x18\x03 \x01(\x0e\x32\x13.avln.v1.SensorKind\x12\x1d\n\x05\x64type\x18\x04 \x01(\x0e\x32\x0e.avln.v1.Dtype\x12\r\n\x05shape\x18\x05 \x03(\r\x12#\n\x08\x65ncoding\x18\x06 \x01(\x0e\x32\x11.avln.v1.Encoding\x12\x0f\n\x07minimum\x18\x07 \x01(\x02\x12\x0f\n\x07maximum\x18\x08 \x01(\x02\"\xb8\x06\n\x08TaskSpec\x12\r\n\x05rules\x18\x01 \x01(\t\x12\x11\n\tforward_m\x18\x02 \x01(\x02\x12\x10\n\x08turn_deg\x18\x03 \x01(\r\x12\x0e\n\x06step_s\x18\x04 \x01(\x02\x12\x11\n\tmax_steps\x18\x05 \x01(\r\x12\x15\n\rbody_radius_m\x18\x06 \x01(\x02\x12\x15\n\rbody_height_m\x18\x07 \x01(\x02\x12\r\n\x05width\x18\x08 \x01(\r\x12\x0e\n\x06height\x18\t \x01(\r\x12\x10\n\x08hfov_rad\x18\n \x01(\x02\x12\x17\n\x0f\x63\x61mera_height_m\x18\x0b \x01(\x02\x12\x14\n\x0c\x65\x61r_height_m\x18\x0c \x01(\x02\x12\x13\n\x0b\x64\x65pth_max_m\x18\r \x01(\x02\x12\x15\n\rdepth_divisor\x18\x0e \x01(\x02\x12\x16\n\x0esample_rate_hz\x18\x0f \x01(\r\x12\x15\n\raudio_samples\x18\x10 \x01(\r\x12\x18\n\x10samples_per_step\x18\x11 \x01(\r\x12&\n\npose_frame\x18\x12 \x01(\x0e\x32\x12.avln.v1.PoseFrame\x12\x18\n\x10success_radius_m\x18\x13 \x01(\x02\x12/\n\x10success_distance\x18\x14 \x01(\x0e\x32\x15.avln.v1.DistanceRule\x12*\n\x0cwrong_submit\x18\x15 \x01(\x0e\x32\x14.avln.v1.WrongSubmit\x12\'\n\x08\x66\x65\x65\x64\x62\x61\x63k\x18\x16 \x01(\x0e\x32\x15.avln.v1.FeedbackRule\x12\'\n\x08sounding\x18\x17 \x01(\x0e\x32\x15.avln.v1.SoundingRule\x12\x1d\n\x15sounding_window_steps\x18\x18 \x01(\r\x12&\n\nsound_clip\x18\x19 \x01(\x0e\x32\x12.avln.v1.SoundClip\x12\x15\n\rsource_lift_m\x18\x1a \x01(\x02\x12(\n\x0b\x64\x65pth_noise\x18\x1b \x01(\x0e\x32\x13.avln.v1.DepthNoise\x12$\n\trgb_noise\x18\x1c \x01(\x0e\x32\x11.avln.v1.RgbNoise\x12\x0c\n\x04head\x18\x1d \x01(\t\x12%\n\x07silence\x18\x1e \x01(\x0e\x32\x14.avln.v1.SilenceRule\"F\n\x07Mission\x12\x1d\n\x05order\x18\x01 \x01(\x0e\x32\x0e.avln.v1.Order\x12\x1c\n\x05goals\x18\x02 \x03(\x0b\x32\r.avln.v1.Goal\"Z\n\x04Goal\x12\x12\n\x08\x63\x61tegory\x18\x01 \x01(\tH\x00\x12\x15\n\x0b\x64\x65scription\x18\x02 \x01(\tH\x00\x12 \n\x05image\x18\x03 \x01(\x0b\x32\x0f.avln.v1.TensorH\x00\x42\x05\n\x03\x63ue*S\n\tPoseFrame\x12\x1a\n\x16POSE_FRAME_UNSPECIFIED\x10\x00\x12\x14\n\x10POSE_FRAME_START\x10\x01\x12\x14\n\x10POSE_FRAME_WORLD\x10\x02*s\n\x0c\x44istanceRule\x12\x1d\n\x19\x44ISTANCE_RULE_UNSPECIFIED\x10\x00\x12\x1f\n\x1b\x44ISTANCE_RULE_CAMERA_TO_BOX\x10\x01\x12#\n\x1f\x44ISTANCE_RULE_BASE_TO_VIEWPOINT\x10\x02*e\n\x0bWrongSubmit\x12\x1c\n\x18WRONG_SUBMIT_UNSPECIFIED\x10\x00\x12\x1b\n\x17WRONG_SUBMIT_KEEPS_GOAL\x10\x01\x12\x1b\n\x17WRONG_SUBMIT_SKIPS_GOAL\x10\x02*|\n\x0c\x46\x65\x65\x64\x62\x61\x63kRule\x12\x1d\n\x19\x46\x45\x45\x44\x42\x41\x43K_RULE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x46\x45\x45\x44\x42\x41\x43K_RULE_NONE\x10\x01\x12\x1a\n\x16\x46\x45\x45\x44\x42\x41\x43K_RULE_ACCEPTED\x10\x02\x12\x19\n\x15\x46\x45\x45\x44\x42\x41\x43K_RULE_VERDICT\x10\x03*\x7f\n\x0cSoundingRule\x12\x1d\n\x19SOUNDING_RULE_UNSPECIFIED\x10\x00\x12+\n\'SOUNDING_RULE_UNFINISHED_IN_DRAWN_ORDER\x10\x01\x12#\n\x1fSOUNDING_RULE_ALL_IN_GOAL_ORDER\x10\x02*~\n\x0bSilenceRule\x12\x1c\n\x18SILENCE_RULE_UNSPECIFIED\x10\x00\x12\x1a\n\x16SILENCE_RULE_IMMEDIATE\x10\x01\x12\x18\n\x14SILENCE_RULE_DELAYED\x10\x02\x12\x1b\n\x17SILENCE_RULE_WINDOW_END\x10\x03*v\n\tSoundClip\x12\x1a\n\x16SOUND_CLIP_UNSPECIFIED\x10\x00\x12\x18\n\x14SOUND_CLIP_ANONYMOUS\x10\x01\x12\x1a\n\x16SOUND_CLIP_BY_CATEGORY\x10\x02\x12\x17\n\x13SOUND_CLIP_DISTINCT\x10\x03*X\n\nDepthNoise\x12\x1b\n\x17\x44\x45PTH_NOISE_UNSPECIFIED\x10\x00\x12\x14\n\x10\x44\x45PTH_NOISE_NONE\x10\x01\x12\x17\n\x13\x44\x45PTH_NOISE_REDWOOD\x10\x02*Q\n\x08RgbNoise\x12\x19\n\x15RGB_NOISE_UNSPECIFIED\x10\x00\x12\x12\n\x0eRGB_NOISE_NONE\x10\x01\x12\x16\n\x12RGB_NOISE_GAUSSIAN\x10\x02\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x12\x61vln/v1/task.proto\x12\x07\x61vln.v1\x1a\x14\x61vln/v1/common.proto\"j\n\x12SensorSubscription\x12#\n\x06wishes\x18\x01 \x03(\x0b\x32\x13.avln.v1.SensorWish\x12\r\n\x05width\x18\x02 \x01(\r\x12\x0e\n\x06height\x18\x03 \x01(\r\x12\x10\n\x08hfov_rad\x18\x04 \x01(\x02\"U\n\nSensorWish\x12!\n\x04kind\x18\x01 \x01(\x0e\x32\x13.avln.v1.SensorKind\x12$\n\tencodings\x18\x02 \x03(\x0e\x32\x11.avln.v1.Encoding\"\xbe\x01\n\nTensorSpec\x12\n\n\x02id\x18\x01 \x01(\r\x12\x0c\n\x04name\x18\x02 \x01(\t\x12!\n\x04kind\x18\x03 \x01(\x0e\x32\x13.avln.v1.SensorKind\x12\x1d\n\x05\x64type\x18\x04 \x01(\x0e\x32\x0e.avln.v1.Dtype\x12\r\n\x05shape\x18\x05 \x03(\r\x12#\n\x08\x65ncoding\x18\x06 \x01(\x0e\x32\x11.avln.v1.Encoding\x12\x0f\n\x07minimum\x18\x07 \x01(\x02\x12\x0f\n\x07maximum\x18\x08 \x01(\x02\"\xcf\x07\n\x08TaskSpec\x12\r\n\x05rules\x18\x01 \x01(\t\x12\x11\n\tforward_m\x18\x02 \x01(\x02\x12\x10\n\x08turn_deg\x18\x03 \x01(\r\x12\x0e\n\x06step_s\x18\x04 \x01(\x02\x12\x11\n\tmax_steps\x18\x05 \x01(\r\x12\x15\n\rbody_radius_m\x18\x06 \x01(\x02\x12\x15\n\rbody_height_m\x18\x07 \x01(\x02\x12\r\n\x05width\x18\x08 \x01(\r\x12\x0e\n\x06height\x18\t \x01(\r\x12\x10\n\x08hfov_rad\x18\n \x01(\x02\x12\x17\n\x0f\x63\x61mera_height_m\x18\x0b \x01(\x02\x12\x14\n\x0c\x65\x61r_height_m\x18\x0c \x01(\x02\x12\x13\n\x0b\x64\x65pth_max_m\x18\r \x01(\x02\x12\x15\n\rdepth_divisor\x18\x0e \x01(\x02\x12\x16\n\x0esample_rate_hz\x18\x0f \x01(\r\x12\x15\n\raudio_samples\x18\x10 \x01(\r\x12\x18\n\x10samples_per_step\x18\x11 \x01(\r\x12&\n\npose_frame\x18\x12 \x01(\x0e\x32\x12.avln.v1.PoseFrame\x12\x18\n\x10success_radius_m\x18\x13 \x01(\x02\x12/\n\x10success_distance\x18\x14 \x01(\x0e\x32\x15.avln.v1.DistanceRule\x12*\n\x0cwrong_submit\x18\x15 \x01(\x0e\x32\x14.avln.v1.WrongSubmit\x12\'\n\x08\x66\x65\x65\x64\x62\x61\x63k\x18\x16 \x01(\x0e\x32\x15.avln.v1.FeedbackRule\x12\'\n\x08sounding\x18\x17 \x01(\x0e\x32\x15.avln.v1.SoundingRule\x12\x1d\n\x15sounding_window_steps\x18\x18 \x01(\r\x12&\n\nsound_clip\x18\x19 \x01(\x0e\x32\x12.avln.v1.SoundClip\x12\x15\n\rsource_lift_m\x18\x1a \x01(\x02\x12(\n\x0b\x64\x65pth_noise\x18\x1b \x01(\x0e\x32\x13.avln.v1.DepthNoise\x12$\n\trgb_noise\x18\x1c \x01(\x0e\x32\x11.avln.v1.RgbNoise\x12\x0c\n\x04head\x18\x1d \x01(\t\x12%\n\x07silence\x18\x1e \x01(\x0e\x32\x14.avln.v1.SilenceRule\x12*\n\x0c\x65xtra_submit\x18\x1f \x01(\x0e\x32\x14.avln.v1.ExtraSubmit\x12(\n\x0bstop_claims\x18  \x01(\x0e\x32\x13.avln.v1.StopClaims\x12\x1a\n\x12\x64istractor_sources\x18! \x01(\r\x12#\n\x1b\x64istractor_sources_per_goal\x18\" \x01(\r\"F\n\x07Mission\x12\x1d\n\x05order\x18\x01 \x01(\x0e\x32\x0e.avln.v1.Order\x12\x1c\n\x05goals\x18\x02 \x03(\x0b\x32\r.avln.v1.Goal\"Z\n\x04Goal\x12\x12\n\x08\x63\x61tegory\x18\x01 \x01(\tH\x00\x12\x15\n\x0b\x64\x65scription\x18\x02 \x01(\tH\x00\x12 \n\x05image\x18\x03 \x01(\x0b\x32\x0f.avln.v1.TensorH\x00\x42\x05\n\x03\x63ue*S\n\tPoseFrame\x12\x1a\n\x16POSE_FRAME_UNSPECIFIED\x10\x00\x12\x14\n\x10POSE_FRAME_START\x10\x01\x12\x14\n\x10POSE_FRAME_WORLD\x10\x02*\x95\x01\n\x0c\x44istanceRule\x12\x1d\n\x19\x44ISTANCE_RULE_UNSPECIFIED\x10\x00\x12\x1f\n\x1b\x44ISTANCE_RULE_CAMERA_TO_BOX\x10\x01\x12#\n\x1f\x44ISTANCE_RULE_BASE_TO_VIEWPOINT\x10\x02\x12 \n\x1c\x44ISTANCE_RULE_CAMERA_TO_MESH\x10\x03*e\n\x0bWrongSubmit\x12\x1c\n\x18WRONG_SUBMIT_UNSPECIFIED\x10\x00\x12\x1b\n\x17WRONG_SUBMIT_KEEPS_GOAL\x10\x01\x12\x1b\n\x17WRONG_SUBMIT_SKIPS_GOAL\x10\x02*|\n\x0c\x46\x65\x65\x64\x62\x61\x63kRule\x12\x1d\n\x19\x46\x45\x45\x44\x42\x41\x43K_RULE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x46\x45\x45\x44\x42\x41\x43K_RULE_NONE\x10\x01\x12\x1a\n\x16\x46\x45\x45\x44\x42\x41\x43K_RULE_ACCEPTED\x10\x02\x12\x19\n\x15\x46\x45\x45\x44\x42\x41\x43K_RULE_VERDICT\x10\x03*\x7f\n\x0cSoundingRule\x12\x1d\n\x19SOUNDING_RULE_UNSPECIFIED\x10\x00\x12+\n\'SOUNDING_RULE_UNFINISHED_IN_DRAWN_ORDER\x10\x01\x12#\n\x1fSOUNDING_RULE_ALL_IN_GOAL_ORDER\x10\x02*~\n\x0bSilenceRule\x12\x1c\n\x18SILENCE_RULE_UNSPECIFIED\x10\x00\x12\x1a\n\x16SILENCE_RULE_IMMEDIATE\x10\x01\x12\x18\n\x14SILENCE_RULE_DELAYED\x10\x02\x12\x1b\n\x17SILENCE_RULE_WINDOW_END\x10\x03*d\n\x0b\x45xtraSubmit\x12\x1c\n\x18\x45XTRA_SUBMIT_UNSPECIFIED\x10\x00\x12\x18\n\x14\x45XTRA_SUBMIT_IGNORED\x10\x01\x12\x1d\n\x19\x45XTRA_SUBMIT_ENDS_EPISODE\x10\x02*^\n\nStopClaims\x12\x1b\n\x17STOP_CLAIMS_UNSPECIFIED\x10\x00\x12\x18\n\x14STOP_CLAIMS_ANY_OPEN\x10\x01\x12\x19\n\x15STOP_CLAIMS_LAST_ONLY\x10\x02*v\n\tSoundClip\x12\x1a\n\x16SOUND_CLIP_UNSPECIFIED\x10\x00\x12\x18\n\x14SOUND_CLIP_ANONYMOUS\x10\x01\x12\x1a\n\x16SOUND_CLIP_BY_CATEGORY\x10\x02\x12\x17\n\x13SOUND_CLIP_DISTINCT\x10\x03*X\n\nDepthNoise\x12\x1b\n\x17\x44\x45PTH_NOISE_UNSPECIFIED\x10\x00\x12\x14\n\x10\x44\x45PTH_NOISE_NONE\x10\x01\x12\x17\n\x13\x44\x45PTH_NOISE_REDWOOD\x10\x02*Q\n\x08RgbNoise\x12\x19\n\x15RGB_NOISE_UNSPECIFIED\x10\x00\x12\x12\n\x0eRGB_NOISE_NONE\x10\x01\x12\x16\n\x12RGB_NOISE_GAUSSIAN\x10\x02\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'avln.v1.task_pb2', _globals)
 if _descriptor._USE_C_DESCRIPTORS == False:
   DESCRIPTOR._options = None
-  _globals['_POSEFRAME']._serialized_start=1432
-  _globals['_POSEFRAME']._serialized_end=1515
-  _globals['_DISTANCERULE']._serialized_start=1517
-  _globals['_DISTANCERULE']._serialized_end=1632
-  _globals['_WRONGSUBMIT']._serialized_start=1634
-  _globals['_WRONGSUBMIT']._serialized_end=1735
-  _globals['_FEEDBACKRULE']._serialized_start=1737
-  _globals['_FEEDBACKRULE']._serialized_end=1861
-  _globals['_SOUNDINGRULE']._serialized_start=1863
-  _globals['_SOUNDINGRULE']._serialized_end=1990
-  _globals['_SILENCERULE']._serialized_start=1992
-  _globals['_SILENCERULE']._serialized_end=2118
-  _globals['_SOUNDCLIP']._serialized_start=2120
-  _globals['_SOUNDCLIP']._serialized_end=2238
-  _globals['_DEPTHNOISE']._serialized_start=2240
-  _globals['_DEPTHNOISE']._serialized_end=2328
-  _globals['_RGBNOISE']._serialized_start=2330
-  _globals['_RGBNOISE']._serialized_end=2411
+  _globals['_POSEFRAME']._serialized_start=1583
+  _globals['_POSEFRAME']._serialized_end=1666
+  _globals['_DISTANCERULE']._serialized_start=1669
+  _globals['_DISTANCERULE']._serialized_end=1818
+  _globals['_WRONGSUBMIT']._serialized_start=1820
+  _globals['_WRONGSUBMIT']._serialized_end=1921
+  _globals['_FEEDBACKRULE']._serialized_start=1923
+  _globals['_FEEDBACKRULE']._serialized_end=2047
+  _globals['_SOUNDINGRULE']._serialized_start=2049
+  _globals['_SOUNDINGRULE']._serialized_end=2176
+  _globals['_SILENCERULE']._serialized_start=2178
+  _globals['_SILENCERULE']._serialized_end=2304
+  _globals['_EXTRASUBMIT']._serialized_start=2306
+  _globals['_EXTRASUBMIT']._serialized_end=2406
+  _globals['_STOPCLAIMS']._serialized_start=2408
+  _globals['_STOPCLAIMS']._serialized_end=2502
+  _globals['_SOUNDCLIP']._serialized_start=2504
+  _globals['_SOUNDCLIP']._serialized_end=2622
+  _globals['_DEPTHNOISE']._serialized_start=2624
+  _globals['_DEPTHNOISE']._serialized_end=2712
+  _globals['_RGBNOISE']._serialized_start=2714
+  _globals['_RGBNOISE']._serialized_end=2795
   _globals['_SENSORSUBSCRIPTION']._serialized_start=53
   _globals['_SENSORSUBSCRIPTION']._serialized_end=159
   _globals['_SENSORWISH']._serialized_start=161
@@ -47,9 +51,9 @@ if _descriptor._USE_C_DESCRIPTORS == False:
   _globals['_TENSORSPEC']._serialized_start=249
   _globals['_TENSORSPEC']._serialized_end=439
   _globals['_TASKSPEC']._serialized_start=442
-  _globals['_TASKSPEC']._serialized_end=1266
-  _globals['_MISSION']._serialized_start=1268
-  _globals['_MISSION']._serialized_end=1338
-  _globals['_GOAL']._serialized_start=1340
-  _globals['_GOAL']._serialized_end=1430
+  _globals['_TASKSPEC']._serialized_end=1417
+  _globals['_MISSION']._serialized_start=1419
+  _globals['_MISSION']._serialized_end=1489
+  _globals['_GOAL']._serialized_start=1491
+  _globals['_GOAL']._serialized_end=1581
 # @@protoc_insertion_point(module_scope)

@@ -18,6 +18,7 @@ class DistanceRule(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     DISTANCE_RULE_UNSPECIFIED: _ClassVar[DistanceRule]
     DISTANCE_RULE_CAMERA_TO_BOX: _ClassVar[DistanceRule]
     DISTANCE_RULE_BASE_TO_VIEWPOINT: _ClassVar[DistanceRule]
+    DISTANCE_RULE_CAMERA_TO_MESH: _ClassVar[DistanceRule]
 
 class WrongSubmit(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -45,6 +46,18 @@ class SilenceRule(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     SILENCE_RULE_DELAYED: _ClassVar[SilenceRule]
     SILENCE_RULE_WINDOW_END: _ClassVar[SilenceRule]
 
+class ExtraSubmit(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    EXTRA_SUBMIT_UNSPECIFIED: _ClassVar[ExtraSubmit]
+    EXTRA_SUBMIT_IGNORED: _ClassVar[ExtraSubmit]
+    EXTRA_SUBMIT_ENDS_EPISODE: _ClassVar[ExtraSubmit]
+
+class StopClaims(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    STOP_CLAIMS_UNSPECIFIED: _ClassVar[StopClaims]
+    STOP_CLAIMS_ANY_OPEN: _ClassVar[StopClaims]
+    STOP_CLAIMS_LAST_ONLY: _ClassVar[StopClaims]
+
 class SoundClip(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     SOUND_CLIP_UNSPECIFIED: _ClassVar[SoundClip]
@@ -69,6 +82,7 @@ POSE_FRAME_WORLD: PoseFrame
 DISTANCE_RULE_UNSPECIFIED: DistanceRule
 DISTANCE_RULE_CAMERA_TO_BOX: DistanceRule
 DISTANCE_RULE_BASE_TO_VIEWPOINT: DistanceRule
+DISTANCE_RULE_CAMERA_TO_MESH: DistanceRule
 WRONG_SUBMIT_UNSPECIFIED: WrongSubmit
 WRONG_SUBMIT_KEEPS_GOAL: WrongSubmit
 WRONG_SUBMIT_SKIPS_GOAL: WrongSubmit
@@ -83,6 +97,12 @@ SILENCE_RULE_UNSPECIFIED: SilenceRule
 SILENCE_RULE_IMMEDIATE: SilenceRule
 SILENCE_RULE_DELAYED: SilenceRule
 SILENCE_RULE_WINDOW_END: SilenceRule
+EXTRA_SUBMIT_UNSPECIFIED: ExtraSubmit
+EXTRA_SUBMIT_IGNORED: ExtraSubmit
+EXTRA_SUBMIT_ENDS_EPISODE: ExtraSubmit
+STOP_CLAIMS_UNSPECIFIED: StopClaims
+STOP_CLAIMS_ANY_OPEN: StopClaims
+STOP_CLAIMS_LAST_ONLY: StopClaims
 SOUND_CLIP_UNSPECIFIED: SoundClip
 SOUND_CLIP_ANONYMOUS: SoundClip
 SOUND_CLIP_BY_CATEGORY: SoundClip
@@ -135,7 +155,7 @@ class TensorSpec(_message.Message):
     def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., kind: _Optional[_Union[_common_pb2.SensorKind, str]] = ..., dtype: _Optional[_Union[_common_pb2.Dtype, str]] = ..., shape: _Optional[_Iterable[int]] = ..., encoding: _Optional[_Union[_common_pb2.Encoding, str]] = ..., minimum: _Optional[float] = ..., maximum: _Optional[float] = ...) -> None: ...
 
 class TaskSpec(_message.Message):
-    __slots__ = ("rules", "forward_m", "turn_deg", "step_s", "max_steps", "body_radius_m", "body_height_m", "width", "height", "hfov_rad", "camera_height_m", "ear_height_m", "depth_max_m", "depth_divisor", "sample_rate_hz", "audio_samples", "samples_per_step", "pose_frame", "success_radius_m", "success_distance", "wrong_submit", "feedback", "sounding", "sounding_window_steps", "sound_clip", "source_lift_m", "depth_noise", "rgb_noise", "head", "silence")
+    __slots__ = ("rules", "forward_m", "turn_deg", "step_s", "max_steps", "body_radius_m", "body_height_m", "width", "height", "hfov_rad", "camera_height_m", "ear_height_m", "depth_max_m", "depth_divisor", "sample_rate_hz", "audio_samples", "samples_per_step", "pose_frame", "success_radius_m", "success_distance", "wrong_submit", "feedback", "sounding", "sounding_window_steps", "sound_clip", "source_lift_m", "depth_noise", "rgb_noise", "head", "silence", "extra_submit", "stop_claims", "distractor_sources", "distractor_sources_per_goal")
     RULES_FIELD_NUMBER: _ClassVar[int]
     FORWARD_M_FIELD_NUMBER: _ClassVar[int]
     TURN_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -166,6 +186,10 @@ class TaskSpec(_message.Message):
     RGB_NOISE_FIELD_NUMBER: _ClassVar[int]
     HEAD_FIELD_NUMBER: _ClassVar[int]
     SILENCE_FIELD_NUMBER: _ClassVar[int]
+    EXTRA_SUBMIT_FIELD_NUMBER: _ClassVar[int]
+    STOP_CLAIMS_FIELD_NUMBER: _ClassVar[int]
+    DISTRACTOR_SOURCES_FIELD_NUMBER: _ClassVar[int]
+    DISTRACTOR_SOURCES_PER_GOAL_FIELD_NUMBER: _ClassVar[int]
     rules: str
     forward_m: float
     turn_deg: int
@@ -196,7 +220,11 @@ class TaskSpec(_message.Message):
     rgb_noise: RgbNoise
     head: str
     silence: SilenceRule
-    def __init__(self, rules: _Optional[str] = ..., forward_m: _Optional[float] = ..., turn_deg: _Optional[int] = ..., step_s: _Optional[float] = ..., max_steps: _Optional[int] = ..., body_radius_m: _Optional[float] = ..., body_height_m: _Optional[float] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., hfov_rad: _Optional[float] = ..., camera_height_m: _Optional[float] = ..., ear_height_m: _Optional[float] = ..., depth_max_m: _Optional[float] = ..., depth_divisor: _Optional[float] = ..., sample_rate_hz: _Optional[int] = ..., audio_samples: _Optional[int] = ..., samples_per_step: _Optional[int] = ..., pose_frame: _Optional[_Union[PoseFrame, str]] = ..., success_radius_m: _Optional[float] = ..., success_distance: _Optional[_Union[DistanceRule, str]] = ..., wrong_submit: _Optional[_Union[WrongSubmit, str]] = ..., feedback: _Optional[_Union[FeedbackRule, str]] = ..., sounding: _Optional[_Union[SoundingRule, str]] = ..., sounding_window_steps: _Optional[int] = ..., sound_clip: _Optional[_Union[SoundClip, str]] = ..., source_lift_m: _Optional[float] = ..., depth_noise: _Optional[_Union[DepthNoise, str]] = ..., rgb_noise: _Optional[_Union[RgbNoise, str]] = ..., head: _Optional[str] = ..., silence: _Optional[_Union[SilenceRule, str]] = ...) -> None: ...
+    extra_submit: ExtraSubmit
+    stop_claims: StopClaims
+    distractor_sources: int
+    distractor_sources_per_goal: int
+    def __init__(self, rules: _Optional[str] = ..., forward_m: _Optional[float] = ..., turn_deg: _Optional[int] = ..., step_s: _Optional[float] = ..., max_steps: _Optional[int] = ..., body_radius_m: _Optional[float] = ..., body_height_m: _Optional[float] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., hfov_rad: _Optional[float] = ..., camera_height_m: _Optional[float] = ..., ear_height_m: _Optional[float] = ..., depth_max_m: _Optional[float] = ..., depth_divisor: _Optional[float] = ..., sample_rate_hz: _Optional[int] = ..., audio_samples: _Optional[int] = ..., samples_per_step: _Optional[int] = ..., pose_frame: _Optional[_Union[PoseFrame, str]] = ..., success_radius_m: _Optional[float] = ..., success_distance: _Optional[_Union[DistanceRule, str]] = ..., wrong_submit: _Optional[_Union[WrongSubmit, str]] = ..., feedback: _Optional[_Union[FeedbackRule, str]] = ..., sounding: _Optional[_Union[SoundingRule, str]] = ..., sounding_window_steps: _Optional[int] = ..., sound_clip: _Optional[_Union[SoundClip, str]] = ..., source_lift_m: _Optional[float] = ..., depth_noise: _Optional[_Union[DepthNoise, str]] = ..., rgb_noise: _Optional[_Union[RgbNoise, str]] = ..., head: _Optional[str] = ..., silence: _Optional[_Union[SilenceRule, str]] = ..., extra_submit: _Optional[_Union[ExtraSubmit, str]] = ..., stop_claims: _Optional[_Union[StopClaims, str]] = ..., distractor_sources: _Optional[int] = ..., distractor_sources_per_goal: _Optional[int] = ...) -> None: ...
 
 class Mission(_message.Message):
     __slots__ = ("order", "goals")

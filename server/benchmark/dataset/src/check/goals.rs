@@ -1,16 +1,12 @@
 //! Checks of goals: targets, cues, success regions.
 
 use crate::{
-    check::Constraint,
+    check::{Constraint, solid::Solid},
     cue::{CueSpec, CueView, Description},
     describe::{Facts, fits_only, unsaid},
     mission::GoalSpec,
     recipe::MissionRules,
-    survey::{
-        Sighting, ThresholdsOnly, choose_pictures,
-        look::{Palette, SurveyOptions},
-        look_around,
-    },
+    survey::{Sightings, choose_pictures, look::SurveyOptions, look_around},
 };
 use avln_episode::{Modality, Rules};
 use avln_geom::Point3;
@@ -32,6 +28,7 @@ type Faults = Vec<(Constraint, String)>;
 pub(super) struct GoalCheck<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
+    solid: &'a Solid<'a>,
     seen: Option<&'a Seen<'a>>,
     known: BTreeMap<u32, Known>,
     /// Checked sentences and pictures per target.
@@ -45,8 +42,13 @@ struct Known {
 }
 
 impl<'a> GoalCheck<'a> {
-    pub(super) fn new(assets: &'a SceneAssets, rules: &'a Rules, seen: Option<&'a Seen<'a>>) -> Self {
-        Self { assets, rules, seen, known: BTreeMap::new(), cues: Vec::new() }
+    pub(super) fn new(
+        assets: &'a SceneAssets,
+        rules: &'a Rules,
+        solid: &'a Solid<'a>,
+        seen: Option<&'a Seen<'a>>,
+    ) -> Self {
+        Self { assets, rules, solid, seen, known: BTreeMap::new(), cues: Vec::new() }
     }
 
     /// Returns the success region on the mesh; empty for unchecked goals.
@@ -60,7 +62,7 @@ impl<'a> GoalCheck<'a> {
         let target = Target { modality: Modality::Category, start_distance_m: 0.0, ..goal.target.clone() };
         match self.known.entry(goal.target.instance) {
             Entry::Vacant(entry) => {
-                let (stands, found) = inspect(self.assets, self.rules, &target);
+                let (stands, found) = inspect(self.assets, self.rules, self.solid, &target);
                 faults.extend(found);
                 entry.insert(Known { target, distractors: goal.distractors, stands });
                 faults.extend(distractors(self.assets, goal, limits));
@@ -120,7 +122,12 @@ impl<'a> GoalCheck<'a> {
 }
 
 /// Checks a target's own data; returns the region on the mesh.
-fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoint>, Faults) {
+fn inspect(
+    assets: &SceneAssets,
+    rules: &Rules,
+    solid: &Solid<'_>,
+    target: &Target,
+) -> (Vec<NavPoint>, Faults) {
     let mut faults = Faults::new();
     let id = target.instance;
     let object = assets.scene.objects.iter().find(|object| object.id.0 == id);
@@ -147,15 +154,29 @@ fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoin
         let found = format!("{reached} of {all} success points of instance {id} can be reached");
         faults.push((Constraint::Region, found));
     }
-    let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
-    let outside = |base: &&Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
-    if let Some(base) = target.region.iter().find(outside) {
-        faults.push((Constraint::Region, format!("a Submit for instance {id} would not count at {base}")));
+    faults.extend(region_faults(assets, rules, solid, target));
+    (stands, faults)
+}
+
+fn region_faults(assets: &SceneAssets, rules: &Rules, solid: &Solid<'_>, target: &Target) -> Faults {
+    let mut faults = Faults::new();
+    let id = InstanceId(target.instance);
+    let to_mesh_m = |eye: &_| assets.distance_to_mesh_m(eye, id);
+    let sees = |eye: &_, half_view_rad| assets.sees(eye, id, half_view_rad);
+    let counts = |base: &Point3<f32>| target.distance_within_region(base, rules, to_mesh_m, sees).is_some();
+    let (inside, outside): (Vec<_>, Vec<_>) = target.region.iter().partition(|base| counts(base));
+    if let Some(base) = outside.first() {
+        faults
+            .push((Constraint::Region, format!("a Submit for instance {} would not count at {base}", id.0)));
+    }
+    if let Some(base) = inside.into_iter().find(|base| !solid.confirms_sight(base, id)) {
+        let found = format!("a second ray caster does not see instance {} from {base}", id.0);
+        faults.push((Constraint::Sight, found));
     }
     if target.viewpoints.is_empty() {
-        faults.push((Constraint::Region, format!("instance {id} has no viewpoint")));
+        faults.push((Constraint::Region, format!("instance {} has no viewpoint", id.0)));
     }
-    (stands, faults)
+    faults
 }
 
 fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> Faults {
@@ -178,14 +199,18 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
 pub(super) struct Seen<'a> {
     assets: &'a SceneAssets,
     options: &'a SurveyOptions,
-    sightings: Vec<Sighting>,
-    palettes: BTreeMap<InstanceId, Palette>,
+    seen: Sightings,
 }
 
 impl<'a> Seen<'a> {
-    pub(super) fn of(assets: &'a SceneAssets, rules: &Rules, options: &'a SurveyOptions) -> Self {
-        let (sightings, palettes) = look_around(assets, rules, options, &ThresholdsOnly);
-        Self { assets, options, sightings, palettes }
+    pub(super) fn of(
+        assets: &'a SceneAssets,
+        rules: &Rules,
+        options: &'a SurveyOptions,
+        limits: &MissionRules,
+    ) -> Self {
+        let seen = look_around(assets, rules, options, &limits.distractor_range());
+        Self { assets, options, seen }
     }
 
     /// Returns the problem with a sentence about `instance`.
@@ -193,7 +218,7 @@ impl<'a> Seen<'a> {
         let Some(claims) = &said.claims else {
             return Some("the description has no claims".to_owned());
         };
-        let facts = Facts::new(self.assets, &self.palettes);
+        let facts = Facts::new(self.assets, &self.seen.palettes);
         let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
         let fits = fits_only(&facts, claims, index);
         (!fits).then(|| format!("'{}' does not describe instance {instance} uniquely", said.text))
@@ -202,9 +227,10 @@ impl<'a> Seen<'a> {
     /// Returns the problem with a picture of `instance`.
     pub(super) fn picture(&self, instance: u32, view: &CueView) -> Option<String> {
         let objects = &self.assets.scene.objects;
-        let sighting = self.sightings.iter().find(|sighting| objects[sighting.index].id.0 == instance);
+        let sightings = &self.seen.sightings;
+        let sighting = sightings.iter().find(|sighting| objects[sighting.index].id.0 == instance);
         let known = sighting.is_some_and(|sighting| {
-            choose_pictures(&self.assets.scene, sighting, &self.sightings, self.options).0.contains(view)
+            choose_pictures(&self.assets.scene, sighting, sightings, self.options).0.contains(view)
         });
         (!known).then(|| {
             format!("the picture does not distinguish instance {instance} from others in the category")

@@ -11,7 +11,7 @@ use crate::{
         unsaid,
         writer::{Sentence, Writer},
     },
-    survey::{SurveyOptions, ThresholdsOnly, look::Palette, look_around},
+    survey::{Sightings, SurveyOptions, look::Palette, look_around},
 };
 use avln_episode::Rules;
 use avln_geom::{Aabb, Point2, Point3, Rng};
@@ -245,7 +245,7 @@ fn write(seed: u64) -> Written {
     let scene = avln_houses::house(&format!("house-{seed}"), seed, &options);
     let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
     let options = SurveyOptions { looks: 6, look_px: 64, ..SurveyOptions::default() };
-    let (sightings, palettes) = look_around(&assets, &rules, &options, &ThresholdsOnly);
+    let Sightings { sightings, palettes, .. } = look_around(&assets, &rules, &options, &(0..=u8::MAX));
     let writer = Writer::new(&assets, &palettes, &options);
     let rng = |index: usize| Rng::new(seed).fork(&index.to_string());
     let sentences = sightings.iter().map(|s| (s.index, writer.sentences(s, rng(s.index)))).collect();

@@ -1,6 +1,6 @@
 //! Survey thresholds, and measurements of an object in a picture: size, outline, colours.
 
-use crate::cue::CueView;
+use crate::{cue::CueView, survey::removed::SurveyTest};
 use avln_scene::{InstanceId, colors};
 use avln_world::CameraImage;
 use serde::{Deserialize, Serialize};
@@ -196,10 +196,19 @@ impl Look {
     }
 
     pub(crate) fn is_good(&self, options: &SurveyOptions) -> bool {
-        (options.min_share..=options.max_share).contains(&self.share)
-            && self.truncation <= options.max_truncation
-            && self.contrast >= options.min_contrast
-            && self.distinctness >= options.min_distinctness
+        self.failed(options).is_none()
+    }
+
+    /// Returns the first failed test.
+    pub(crate) fn failed(&self, options: &SurveyOptions) -> Option<SurveyTest> {
+        let tests = [
+            (SurveyTest::Small, self.share >= options.min_share),
+            (SurveyTest::Large, self.share <= options.max_share),
+            (SurveyTest::Truncated, self.truncation <= options.max_truncation),
+            (SurveyTest::Contrast, self.contrast >= options.min_contrast),
+            (SurveyTest::Color, self.distinctness >= options.min_distinctness),
+        ];
+        tests.into_iter().find(|(_, is_passed)| !is_passed).map(|(test, _)| test)
     }
 
     /// Returns the picture quality, 0 to 1: large, whole, clear.

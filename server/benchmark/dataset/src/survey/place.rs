@@ -84,12 +84,13 @@ fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
 fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
     let mut around = target.bounds.grown(rules.success_radius_m);
     (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
-    let sees =
-        |eye: &Point3<f32>, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
+    let instance = InstanceId(target.instance);
+    let to_mesh_m = |eye: &Point3<f32>| assets.distance_to_mesh_m(eye, instance);
+    let sees = |eye: &Point3<f32>, half_view_rad| assets.sees(eye, instance, half_view_rad);
     island_grid(assets, &around)
         .into_iter()
         .map(|point| point.position())
-        .filter(|base| target.distance_within_region(base, rules, sees).is_some())
+        .filter(|base| target.distance_within_region(base, rules, to_mesh_m, sees).is_some())
         .collect()
 }
 

@@ -234,11 +234,11 @@ fn sampled_points_lie_in_their_region() {
     let rules = Rules::paper();
     each_episode(|episode| {
         for target in episode.goals.iter().map(|goal| &goal.target) {
-            let sees =
-                |eye: &_, half_view_rad| MADE.assets.sees(eye, InstanceId(target.instance), half_view_rad);
-            assert!(
-                target.region.iter().all(|base| target.distance_within_region(base, &rules, sees).is_some())
-            );
+            let instance = InstanceId(target.instance);
+            let to_mesh_m = |eye: &_| MADE.assets.distance_to_mesh_m(eye, instance);
+            let sees = |eye: &_, half_view_rad| MADE.assets.sees(eye, instance, half_view_rad);
+            let counts = |base: &_| target.distance_within_region(base, &rules, to_mesh_m, sees).is_some();
+            assert!(target.region.iter().all(counts));
         }
     });
 }

@@ -1,5 +1,6 @@
 //! The referee from outside, on a hand-made floor: three boxes far apart, with the body in between. Replays.
 
+mod claims;
 mod facts;
 mod rules;
 
@@ -109,6 +110,7 @@ fn truth(order: Order) -> EpisodeTruth {
         start: Pose::new(Point3::origin(), 0.0),
         order,
         targets: (0..3).map(target).collect(),
+        distractor_sources: Vec::new(),
         reference_m: 12.0,
         reference_path: vec![],
     }

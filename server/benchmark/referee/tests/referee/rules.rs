@@ -27,6 +27,22 @@ fn success_radius_is_two_metres() {
 }
 
 #[test]
+fn mesh_distances_ignore_empty_space_in_boxes() {
+    // The first box reaches a metre beyond the mesh: by the box the region begins after 6 steps, by the mesh after 11.
+    let mut truth = truth(Order::Unordered);
+    truth.targets[0].bounds = truth.targets[0].bounds.grown(1.0);
+    let in_region = |rules: Rules| {
+        let mission = mission(Order::Unordered);
+        let mut referee =
+            Referee::new(ASSETS.clone(), mission, truth.clone(), rules, blind(), &Audio::default())
+                .expect("a legal episode");
+        go(&mut referee, &[(MoveForward, 12), (Stop, 1)]);
+        record(referee).steps.iter().position(|step| step.in_region & 1 == 1).map(|index| index + 1)
+    };
+    assert_eq!((in_region(Rules::paper()), in_region(Rules::mesh())), (Some(7), Some(11)));
+}
+
+#[test]
 fn ordered_mission_accepts_the_next_goal_only() {
     let mut referee = quick(Order::Ordered);
     // To the second target first: it does not count yet.
@@ -68,17 +84,6 @@ fn authors_rules_skip_goals_after_wrong_submits() {
     go(&mut referee, &[(Submit, 1)]);
     let facts = record(referee);
     assert_eq!((facts.submits[0].completed, facts.submits[0].skipped), (None, Some(0)));
-}
-
-#[test]
-fn last_submit_ends_and_can_complete() {
-    let mut referee = quick(Order::Unordered);
-    let first = go(&mut referee, &[(Submit, 1)]);
-    assert_eq!((first.observation.remaining_submits, first.end), (1, None));
-    assert_eq!(go(&mut referee, &[(Submit, 1)]).end, None);
-    go(&mut referee, &AHEAD);
-    assert_eq!(go(&mut referee, &[(Submit, 1)]).end, Some(EndReason::FinalSubmit));
-    assert_eq!(record(referee).found_at(3), [Some(15), None, None]);
 }
 
 #[test]

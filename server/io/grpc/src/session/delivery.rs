@@ -107,7 +107,10 @@ impl<H: Host> Slot<H> {
         self.end_frame(&episode, StoredEnd { reason, steps, outcome })
     }
 
-    fn count_end(&self, reason: EndReason) {
+    fn count_end(&mut self, reason: EndReason) {
+        if let Some(span) = self.episode.take() {
+            span.end(reason.as_str());
+        }
         self.session.progress.ended(reason);
         if let Some(control) = self.session.host.control() {
             control.ended(&self.session.run, self.id, reason);

@@ -9,6 +9,7 @@ use crate::{
     refusal::{Failure, Refusal, Result},
     shared::Shared,
     sim_pool::{SimClient, SimPool},
+    spans::SessionSpan,
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
 use avln_proto::v1::{self, Reason, RunProgress};
@@ -27,7 +28,7 @@ use tokio::{
     task::JoinHandle,
     time::Instant,
 };
-use tracing::Instrument;
+use tracing::{Instrument, Span};
 
 mod delivery;
 mod playing;
@@ -50,6 +51,7 @@ pub(crate) struct SessionContext<H> {
     frame_bytes: u64,
     time: TimeLimits,
     progress: ProgressTracker,
+    span: SessionSpan,
 }
 
 /// The ending of all slots of a session, once it has begun.
@@ -83,12 +85,13 @@ struct Absence {
 }
 
 impl<H: Host> Session<H> {
-    /// Opens the slots of a run, without a client.
+    /// Opens the slots of a run, without a client. `run` is the run's span.
     pub(crate) fn open(
         host: Arc<H>,
         pool: SimPool,
         limits: &Limits,
         interrupted: Interrupted<H::Episode>,
+        run: &Span,
     ) -> Self {
         let Interrupted { open, sensors, episodes, away } = interrupted;
         let state = Arc::new(SessionContext {
@@ -98,6 +101,7 @@ impl<H: Host> Session<H> {
             time: open.time,
             simulator: SimClient::new(pool, &open, limits),
             progress: ProgressTracker::new(open.episodes, open.done, limits.timeouts_in_a_row),
+            span: SessionSpan::begin(run),
             host,
         });
         let ending = Arc::<SessionEnding>::default();
@@ -112,8 +116,7 @@ impl<H: Host> Session<H> {
             let restored = episodes.iter_mut().find(held).and_then(Option::take);
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
             let slot = Slot::new(id, state.clone(), restored);
-            let span = tracing::error_span!("slot", run = open.run, slot = id);
-            tasks.push(tokio::spawn(slot.run(commands, ending.clone()).instrument(span)));
+            tasks.push(tokio::spawn(slot.run(commands, ending.clone()).instrument(state.span.span())));
             slots.push(sender);
         }
         let session = Self {
@@ -126,6 +129,11 @@ impl<H: Host> Session<H> {
         };
         session.report(|control, run| control.opened(run, false));
         session
+    }
+
+    /// Returns the session's span, to enter it.
+    pub(crate) fn span(&self) -> Span {
+        self.state.span.span()
     }
 
     fn report(&self, change: impl FnOnce(&Control, &str)) {
@@ -235,17 +243,17 @@ impl<H: Host> Session<H> {
         self.state.progress.over().await
     }
 
-    /// Ends open episodes for `reason` and waits until they are stored.
-    pub(crate) async fn close(&self, reason: EndReason) {
-        self.end(SlotEnding::Close(reason)).await;
+    /// Ends open episodes for `end` and waits until they are stored.
+    pub(crate) async fn close(&self, end: EndReason, reason: StopReason) {
+        self.end(SlotEnding::Close(end), reason).await;
     }
 
     /// Ends the session and leaves open episodes in the run log, after all earlier requests.
     pub(crate) async fn leave(&self) {
-        self.end(SlotEnding::Keep).await;
+        self.end(SlotEnding::Keep, StopReason::Draining).await;
     }
 
-    async fn end(&self, ending: SlotEnding) {
+    async fn end(&self, ending: SlotEnding, reason: StopReason) {
         self.ending.set(Some(ending));
         let tasks = std::mem::take(&mut *self.tasks.lock());
         for task in tasks {
@@ -254,6 +262,7 @@ impl<H: Host> Session<H> {
             }
         }
         self.report(Control::closed);
+        self.state.span.end(reason.as_str());
     }
 }
 

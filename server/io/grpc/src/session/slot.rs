@@ -10,6 +10,7 @@ use super::{
 use crate::{
     host::{Acted, Episode, Host, Restored},
     refusal::{Failure, Result, call_host},
+    spans::{EpisodeSpan, StepSpan},
     watchdog::CancelToken,
     wire,
 };
@@ -22,6 +23,7 @@ use tokio::{
     sync::{mpsc, oneshot},
     time::Instant,
 };
+use tracing::{Instrument, Span};
 
 pub(super) enum SlotCommand {
     /// Handle a request, and reply to the caller, or to the stream if there is none.
@@ -45,6 +47,8 @@ pub(super) struct Slot<H: Host> {
     pub(super) state: SlotContent<H::Episode>,
     /// Event before the next request to the host, which had no episode for this slot.
     waiting: Option<WaitingFor>,
+    /// Span of the requested or open episode.
+    pub(super) episode: Option<EpisodeSpan>,
 }
 
 pub(super) enum SlotContent<E> {
@@ -59,18 +63,22 @@ impl<H: Host> Slot<H> {
         session: Arc<SessionContext<H>>,
         restored: Option<Restored<H::Episode>>,
     ) -> Self {
-        let mut slot =
-            Self { id, session, audience: Audience::Nobody, state: SlotContent::Idle, waiting: None };
+        let (audience, state) = (Audience::Nobody, SlotContent::Idle);
+        let mut slot = Self { id, session, audience, state, waiting: None, episode: None };
         if let Some(restored) = restored {
             slot.state = SlotContent::Playing(Box::new(slot.restored(restored)));
         }
         slot
     }
 
-    fn restored(&self, restored: Restored<H::Episode>) -> OpenEpisode<H::Episode> {
+    fn restored(&mut self, restored: Restored<H::Episode>) -> OpenEpisode<H::Episode> {
         let Restored { hosted, last: (sensed, action), bank_left, .. } = restored;
         self.session.progress.requested();
         let ordinal = self.session.progress.started();
+        let mut span = EpisodeSpan::begin(&self.session.span.span(), self.id);
+        span.issued(&hosted.handle, ordinal);
+        span.stepped(hosted.episode.steps());
+        self.episode = Some(span);
         let clock = ChessClock::new(&self.session.time).with_bank(bank_left);
         let observation = self.observation(&hosted, sensed, hosted.episode.end(), &clock);
         let last = LastStep { action: action.map(wire::action_number), observation };
@@ -80,22 +88,29 @@ impl<H: Host> Slot<H> {
     pub(super) async fn run(mut self, mut commands: mpsc::Receiver<SlotCommand>, ending: Arc<SessionEnding>) {
         self.store_finished().await;
         loop {
-            let session = self.session.clone();
+            let (session, span) = (self.session.clone(), self.span());
             let refilled = self.waiting().map(|event| session.progress.wait(event));
             tokio::select! {
                 // In this order: the end of the session first, and the clock before requests, so that a flood of requests buys
                 // no time.
                 biased;
-                ending = ending.wait_for(|ending| *ending) => return self.end(ending).await,
-                () = if_any(self.clock().map(ChessClock::expired)) => self.cut(EndReason::TimeBudget).await,
+                ending = ending.wait_for(|ending| *ending) => return self.end(ending).instrument(span).await,
+                () = if_any(self.clock().map(ChessClock::expired)) => {
+                    self.cut(EndReason::TimeBudget).instrument(span).await;
+                }
                 command = commands.recv() => match command {
-                    Some(command) => self.serve(command).await,
+                    Some(command) => self.serve(command).instrument(span).await,
                     // The session was dropped without an end: the run log is the safe place for open episodes.
-                    None => return self.end(SlotEnding::Keep).await,
+                    None => return self.end(SlotEnding::Keep).instrument(span).await,
                 },
                 () = if_any(refilled) => self.handle(SlotRequest::Ready, None).await,
             }
         }
+    }
+
+    /// Returns the span of the open episode, otherwise that of the session.
+    fn span(&self) -> Span {
+        self.episode.as_ref().map_or_else(|| self.session.span.span(), EpisodeSpan::span)
     }
 
     /// Stores a restored episode that had ended before the server stopped.
@@ -175,11 +190,23 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Requests an episode from the host and starts it.
+    /// Requests and starts an episode in a span of its own.
     async fn begin(&mut self) -> Result<SlotReply> {
         if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
+        let episode = EpisodeSpan::begin(&self.session.span.span(), self.id);
+        let span = episode.span();
+        self.episode = Some(episode);
+        let reply = self.request_episode().instrument(span).await;
+        if !matches!(self.state, SlotContent::Playing(_)) {
+            self.episode = None;
+        }
+        reply
+    }
+
+    /// Requests an episode from the host and starts it.
+    async fn request_episode(&mut self) -> Result<SlotReply> {
         let was_parked = matches!(self.waiting.take(), Some(WaitingFor::End { .. }));
         // Before the request: an episode that another slot ends or returns meanwhile must wake this slot.
         let (returned, ended) = self.session.progress.returned_and_ended();
@@ -229,6 +256,9 @@ impl<H: Host> Slot<H> {
         let ordinal = self.session.progress.started();
         let handle = hosted.handle.clone();
         let ticket = hosted.ticket;
+        if let Some(span) = &self.episode {
+            span.issued(&handle, ordinal);
+        }
         let simulator = &self.session.simulator;
         let started =
             simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
@@ -289,7 +319,12 @@ impl<H: Host> Slot<H> {
             return Ok(SlotReply::step(Some(playing.last.observation.clone()), None));
         };
         match std::mem::replace(&mut self.state, SlotContent::Idle) {
-            SlotContent::Playing(playing) => self.step(*playing, act, action).await,
+            SlotContent::Playing(mut playing) => {
+                let thought = playing.stop_clock();
+                let span = StepSpan::begin(act.step, action, playing.hosted.time, thought);
+                let entered = span.span();
+                self.step(*playing, act, (action, thought), span).instrument(entered).await
+            }
             other => {
                 self.state = other;
                 Err(self.no_episode())
@@ -304,11 +339,11 @@ impl<H: Host> Slot<H> {
 
     async fn step(
         &mut self,
-        mut playing: OpenEpisode<H::Episode>,
+        playing: OpenEpisode<H::Episode>,
         act: &v1::Act,
-        action: Action,
+        (action, thought): (Action, Duration),
+        span: StepSpan,
     ) -> Result<SlotReply> {
-        let thought = playing.stop_clock();
         let OpenEpisode { hosted, ordinal, last, clock } = playing;
         let step = act.step;
         let bank_left = clock.bank();
@@ -332,14 +367,19 @@ impl<H: Host> Slot<H> {
         let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work).await {
             Ok(result) => result,
             Err(fault) => {
+                span.fail("lost");
                 self.report_fault(&handle, step, fault).await;
                 return Ok(self.timed_out(&handle, ticket, last).await);
             }
         };
         let refused = |error: String| Failure::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
-            Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
+            Ok(outcome) => {
+                let last = (act.action, outcome);
+                Ok(self.stepped(hosted, ordinal, clock, last, span).await)
+            }
             Err(fault) => {
+                span.fail(EndReason::ServerFault.as_str());
                 self.report_fault(&handle, step, fault).await;
                 Ok(self.broken(hosted, last).await)
             }
@@ -351,13 +391,17 @@ impl<H: Host> Slot<H> {
         mut hosted: Hosted<H>,
         ordinal: u32,
         clock: ChessClock,
-        action: i32,
-        outcome: StepOutcome,
+        (action, outcome): (i32, StepOutcome),
+        span: StepSpan,
     ) -> SlotReply {
         let StepOutcome { observation, end } = outcome;
         let begun = Instant::now();
         let observation = self.observation(&hosted, observation, end, &clock);
         hosted.time.encoding += begun.elapsed();
+        span.end(end.map_or("continues", EndReason::as_str), hosted.time);
+        if let Some(span) = &mut self.episode {
+            span.stepped(observation.step);
+        }
         self.report_step(&hosted, observation.step);
         let last = LastStep { action: Some(action), observation: observation.clone() };
         let mut episode_end = None;

@@ -1,10 +1,11 @@
 //! Conversions to messages. All messages are built here, from `avln-episode` types and public values of the host.
 
 use crate::host::Digests;
-use avln_challenge::{PhaseState, QuotaWindow, RunState, Visibility};
+use avln_challenge::{MethodType, PhaseState, QuotaWindow, RunState, Visibility};
 use avln_episode::{
-    Action, DepthNoise, DistanceRule, EndReason, FeedbackRule, GoalCue, HeadRule, Mission, Order, PoseFrame,
-    RgbImage, RgbNoise, Rules, Sensors, SilenceRule, SoundClip, SoundingRule, TimeLimits, WrongSubmit,
+    Action, DepthNoise, DistanceRule, DistractorSources, EndReason, ExtraSubmit, FeedbackRule, GoalCue,
+    HeadRule, Mission, Order, PoseFrame, RgbImage, RgbNoise, Rules, Sensors, SilenceRule, SoundClip,
+    SoundingRule, StopClaims, TimeLimits, WrongSubmit,
 };
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
@@ -15,7 +16,7 @@ mod run;
 mod sensors;
 
 pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
-pub(crate) use run::{episode_end, phase, quota, run, run_end, scope, seconds, server_info};
+pub(crate) use run::{declared_type, episode_end, phase, quota, run, run_end, scope, seconds, server_info};
 pub(crate) use sensors::{check_client, check_sensors, requested_sensors};
 
 /// Defines conversions of enums with the same variants in the benchmark and in the protocol.
@@ -36,13 +37,16 @@ same_variants! {
     depth_noise: DepthNoise { None, Redwood }
     rgb_noise: RgbNoise { None, Gaussian }
     pose_frame: PoseFrame { Start, World }
-    distance_rule: DistanceRule { CameraToBox, BaseToViewpoint }
+    distance_rule: DistanceRule { CameraToBox, BaseToViewpoint, CameraToMesh }
     wrong_submit: WrongSubmit { KeepsGoal, SkipsGoal }
     sounding_rule: SoundingRule { UnfinishedInDrawnOrder, AllInGoalOrder }
+    extra_submit: ExtraSubmit { Ignored, EndsEpisode }
+    stop_claims: StopClaims { AnyOpen, LastOnly }
     silence_rule: SilenceRule { Immediate, Delayed, WindowEnd }
     sound_clip: SoundClip { Anonymous, Distinct, ByCategory }
     visibility: Visibility { Organiser, Team, Public }
     run_state: RunState { Created, Running, Completed, Failed, Cancelled, Expired }
+    method_type: MethodType { TrainingFree, LearntPerception, FoundationModels, Imitation, Rl }
     phase_state: PhaseState { Upcoming, Open, Paused, Closed }
     quota_window: QuotaWindow { Day, Month, Total, Concurrent, Uncharged }
 }
@@ -58,6 +62,10 @@ pub(crate) fn action_number(action: Action) -> i32 {
 }
 
 pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
+    let (distractor_sources, distractor_sources_per_goal) = match rules.distractor_sources {
+        DistractorSources::Number(number) => (number, 0),
+        DistractorSources::Goals => (0, 1),
+    };
     v1::TaskSpec {
         rules: rules.name.clone(),
         forward_m: rules.forward_m,
@@ -89,6 +97,10 @@ pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
         rgb_noise: rgb_noise(rules.rgb_noise).into(),
         head: head(&rules.head),
         silence: silence_rule(rules.silence).into(),
+        extra_submit: extra_submit(rules.extra_submit).into(),
+        stop_claims: stop_claims(rules.stop_claims).into(),
+        distractor_sources,
+        distractor_sources_per_goal,
     }
 }
 
@@ -189,5 +201,23 @@ mod tests {
         let late = Rules { silence: SilenceRule::WindowEnd, ..Rules::paper() };
         assert_eq!(paper.silence(), v1::SilenceRule::Immediate);
         assert_eq!(task_spec(&late, &sensors).silence(), v1::SilenceRule::WindowEnd);
+    }
+
+    #[test]
+    fn task_specs_contain_claim_options_and_distractors() {
+        let spec = |rules: &Rules| task_spec(rules, &Sensors::all(64, 64));
+        let (paper, authors, hard) = (spec(&Rules::paper()), spec(&Rules::authors()), spec(&Rules::hard()));
+        assert_eq!(paper.extra_submit(), v1::ExtraSubmit::Ignored);
+        assert_eq!(authors.extra_submit(), v1::ExtraSubmit::EndsEpisode);
+        assert_eq!(paper.stop_claims(), v1::StopClaims::AnyOpen);
+        let sources = |task: &v1::TaskSpec| (task.distractor_sources, task.distractor_sources_per_goal);
+        assert_eq!((sources(&paper), sources(&hard)), ((0, 0), (0, 1)));
+        let last_only = Rules {
+            stop_claims: StopClaims::LastOnly,
+            distractor_sources: DistractorSources::Number(2),
+            ..Rules::paper()
+        };
+        assert_eq!(spec(&last_only).stop_claims(), v1::StopClaims::LastOnly);
+        assert_eq!(sources(&spec(&last_only)), (2, 0));
     }
 }

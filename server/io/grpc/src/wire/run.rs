@@ -5,7 +5,7 @@ use crate::{
     host::{ServerInfo, StoredEnd},
     limits::Limits,
 };
-use avln_challenge::{MethodInfo, PhaseInfo, Quota, RunState, RunStatus, TokenScope};
+use avln_challenge::{MethodInfo, MethodType, PhaseInfo, Quota, RunState, RunStatus, TokenScope};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
 
@@ -160,9 +160,22 @@ fn progress(status: &RunStatus) -> v1::RunProgress {
 }
 
 fn method(method: MethodInfo) -> v1::MethodInfo {
-    let MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data } =
-        method;
-    v1::MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data }
+    let MethodInfo { name, version, method_type, .. } = method;
+    v1::MethodInfo {
+        name,
+        version,
+        description: method.description,
+        code_url: method.code_url,
+        paper_url: method.paper_url,
+        weights_licence: method.weights_licence,
+        external_data: method.external_data,
+        method_type: method_type.map_or(v1::MethodType::Unspecified, super::method_type).into(),
+    }
+}
+
+/// Returns the type of a method; `None` if the client declared none.
+pub(crate) fn declared_type(declared: v1::MethodType) -> Option<MethodType> {
+    MethodType::ALL.iter().copied().find(|&known| super::method_type(known) == declared)
 }
 
 fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {

@@ -7,3 +7,4 @@ mod play;
 mod random_clients;
 mod resume;
 mod services;
+mod spans;

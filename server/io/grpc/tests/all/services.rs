@@ -3,6 +3,7 @@
 use crate::common::{
     ACCOUNT, Agent, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, TestServer, authorised, channel, reason, soon,
 };
+use avln_challenge::MethodType;
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient};
@@ -23,6 +24,7 @@ fn start_request(phase: &str) -> v1::StartRunRequest {
         description: "walks\nand stops".into(),
         code_url: "https://example.org/walker".into(),
         weights_licence: "MIT".into(),
+        method_type: v1::MethodType::Imitation.into(),
         ..v1::MethodInfo::default()
     };
     v1::StartRunRequest { phase: phase.into(), method: Some(method), ..v1::StartRunRequest::default() }
@@ -91,9 +93,11 @@ async fn a_team_starts_and_lists_its_runs() {
     assert_eq!(request.method.description, "walks\nand stops");
     assert_eq!(request.method.code_url, "https://example.org/walker");
     assert_eq!((request.method.weights_licence.as_str(), request.method.paper_url.as_str()), ("MIT", ""));
+    assert_eq!(request.method.method_type, Some(MethodType::Imitation));
 
     let get = authorised(v1::GetRunRequest { run: RUN.into() }, ACCOUNT);
     let run = client.get_run(get).await.unwrap().into_inner().run.unwrap();
+    assert_eq!(run.method.as_ref().unwrap().method_type(), v1::MethodType::Rl);
     let progress = run.progress.unwrap();
     assert_eq!((run.state(), progress.total, progress.in_flight), (v1::RunState::Running, 2, 2));
 
@@ -106,6 +110,19 @@ async fn a_team_starts_and_lists_its_runs() {
 
     let who = client.who_am_i(authorised(v1::WhoAmIRequest {}, ACCOUNT)).await.unwrap().into_inner();
     assert_eq!(who.team, "red");
+}
+
+#[tokio::test]
+async fn unknown_method_types_count_as_undeclared() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
+    for number in [0, 99] {
+        let mut request = start_request("practice");
+        request.method.iter_mut().for_each(|method| method.method_type = number);
+        client.start_run(authorised(request, ACCOUNT)).await.unwrap();
+    }
+    let stored: Vec<_> = server.host.requests().iter().map(|request| request.method.method_type).collect();
+    assert_eq!(stored, [None, None]);
 }
 
 #[tokio::test]

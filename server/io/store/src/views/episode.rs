@@ -87,7 +87,7 @@ pub struct Replay {
     pub actions: Vec<String>,
     /// Steps with a collision, counted from 1.
     pub collisions: Vec<u32>,
-    /// Source goal in every step, from 0; `None` for silence.
+    /// Sounding source in every step, from 0: a goal, or a distractor from the goal count on; `None` for silence.
     pub sounding: Vec<Option<u8>>,
     /// Per step a bit for every goal, set inside the success region.
     pub in_region: Vec<u8>,

@@ -8,7 +8,7 @@ use crate::{
     scores::INTERVAL_SEED,
     views::{Reader, Viewer, phase::PhaseView},
 };
-use avln_challenge::{Reference, RunChoice};
+use avln_challenge::{MethodType, Reference, RunChoice};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{
     Direction, Entry, EpisodeScore, Key, Metrics, RankedEntry, Standing, Summary, best_first, rank,
@@ -46,6 +46,8 @@ pub struct RowFilter {
     pub words: String,
     /// Team name; empty for all.
     pub team: String,
+    /// Method type; `None` for all, with and without a type.
+    pub method_type: Option<MethodType>,
     /// Required and excluded sensors: RGB, depth, audio; `None` for no restriction.
     pub senses: [Option<bool>; 3],
 }
@@ -60,7 +62,9 @@ impl RowFilter {
         let words = self.words.to_lowercase();
         let names = [&row.method, &row.version, &row.team];
         let is_named = names.into_iter().any(|name| name.to_lowercase().contains(&words));
-        is_named && (self.team.is_empty() || row.team == self.team) && self.fits(row.sensors.as_ref())
+        let has_type = self.method_type.is_none_or(|wanted| row.method_type == Some(wanted));
+        let is_of_team = self.team.is_empty() || row.team == self.team;
+        is_named && has_type && is_of_team && self.fits(row.sensors.as_ref())
     }
 
     /// A run without recorded sensors fits no requirement and no exclusion.
@@ -118,6 +122,9 @@ pub struct LeaderboardRow {
     pub method: String,
     /// Method version.
     pub version: String,
+    /// Method type; `None` if the team declared none.
+    #[serde(rename = "type")]
+    pub method_type: Option<MethodType>,
     /// Run id.
     pub run: String,
     /// Benchmark version used for scoring.
@@ -232,6 +239,7 @@ struct Candidate {
     team: String,
     method: String,
     version: String,
+    method_type: Option<Word<MethodType>>,
     reference: Option<Word<Reference>>,
     digests: Json<BTreeMap<String, String>>,
     senses: Option<Json<Sensors>>,
@@ -282,8 +290,8 @@ async fn read_candidates(
     query: &LeaderboardQuery<'_>,
     team: Option<&str>,
 ) -> Result<Vec<Candidate>> {
-    let select = "SELECT r.id AS run, r.team, r.method, r.version, t.reference, r.digests, r.senses, s.summary, \
-                  s.server_faults, r.finished_ms, COALESCE(g.verified, 0) AS verified \
+    let select = "SELECT r.id AS run, r.team, r.method, r.version, r.method_type, t.reference, r.digests, r.senses, \
+                  s.summary, s.server_faults, r.finished_ms, COALESCE(g.verified, 0) AS verified \
                   FROM runs r JOIN run_summaries s ON s.run = r.id JOIN teams t ON t.name = r.team \
                   LEFT JOIN rulings g ON g.run = r.id \
                   WHERE r.phase = $1 AND r.mission_order = $2 AND r.state = 'completed' \
@@ -360,6 +368,7 @@ impl Representative {
             reference: value(self.candidate.reference),
             method: method.clone(),
             version: version.clone(),
+            method_type: value(self.candidate.method_type),
             run: run.clone(),
             scorer: digests.0.get(Run::SCORER).cloned().unwrap_or_default(),
             sensors: self.candidate.senses.as_ref().map(|Json(senses)| senses.clone()),

@@ -9,7 +9,7 @@ use crate::{
     scores::{INTERVAL_SEED, Rescore, read_rescores, read_scores},
     views::{Reader, Viewer},
 };
-use avln_challenge::{EpisodeState, MethodInfo, Reference, RunState, TimeAccount};
+use avln_challenge::{EpisodeState, MethodInfo, MethodType, Reference, RunState, TimeAccount};
 use avln_episode::{EndReason, Modality, Order, Sensors};
 use avln_scoring::{EpisodeScore, Metrics, Summary, summarise};
 use serde::Serialize;
@@ -31,6 +31,9 @@ pub struct RunLine {
     pub method: String,
     /// Method version.
     pub version: String,
+    /// Method type; `None` if the team declared none.
+    #[serde(rename = "type")]
+    pub method_type: Option<MethodType>,
     /// Mission order.
     pub order: Order,
     /// Run state.
@@ -56,7 +59,7 @@ pub struct RunLine {
 pub struct RunView {
     /// The run.
     pub line: RunLine,
-    /// The method with description, links, licence and external data.
+    /// The method with type, description, links, licence and external data.
     pub method: MethodInfo,
     /// True if the viewer sees the scores.
     pub scores_visible: bool,
@@ -312,6 +315,7 @@ impl ListedRun {
             team: run.team,
             method: run.method.name,
             version: run.method.version,
+            method_type: run.method.method_type,
             order: run.order,
             state: run.state,
             episodes: run.episodes,

@@ -83,9 +83,20 @@ impl Arena {
 
     /// Plays a run of `team` as [`Arena::play`] does.
     pub(crate) async fn play_as(&self, team: &str, run: &str, method: &str, order: Order, found: u8) {
+        self.play_method(team, run, &MethodInfo::new(method, "1"), order, found).await;
+    }
+
+    /// Plays a run of `team` as [`Arena::play`] does, with a described method.
+    pub(crate) async fn play_method(
+        &self,
+        team: &str,
+        run: &str,
+        method: &MethodInfo,
+        order: Order,
+        found: u8,
+    ) {
         let digests = BTreeMap::new();
-        let method = MethodInfo::new(method, "1");
-        let new = NewRun { id: run, token: run, team, method: &method, order, ..new_run(&digests) };
+        let new = NewRun { id: run, token: run, team, method, order, ..new_run(&digests) };
         self.store.start_run(&new, 10).await.expect("a run");
         let mut index = 0;
         while let Some(assigned) = self.assign(run, &format!("{run}-handle-{index}")).await {

@@ -1,7 +1,7 @@
 //! Leaderboards, and a search of all pages of each viewer for hidden canary names.
 
 use crate::fixture::{Arena, CATEGORY, EPISODE, Played, SCENES, SENTENCE, TEAM, new_run, note, phase};
-use avln_challenge::{Reference, Ruling, RunChoice, TokenScope, Visibility};
+use avln_challenge::{MethodInfo, MethodType, Reference, Ruling, RunChoice, TokenScope, Visibility};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::Key;
 use avln_store::{
@@ -176,14 +176,19 @@ async fn sensors_of_all_sessions_are_recorded() {
 async fn filters_select_rows_and_keep_ranks() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_best", "runner", Order::Unordered, 2).await;
-    arena.play_as("blue", "run_blue", "Walker", Order::Unordered, 1).await;
+    let walker = MethodInfo { method_type: Some(MethodType::Imitation), ..MethodInfo::new("Walker", "1") };
+    arena.play_method("blue", "run_blue", &walker, Order::Unordered, 1).await;
     arena.play("run_weak", "walker", Order::Unordered, 0).await;
     arena
         .store
         .set_sensors("run_weak", &Sensors { audio: false, ..Sensors::all(64, 64) })
         .await
         .expect("a run");
+    let typed = RowFilter { method_type: Some(MethodType::Imitation), ..RowFilter::default() };
+    let untyped = RowFilter { method_type: Some(MethodType::Rl), ..RowFilter::default() };
     let filters = [
+        (typed, vec![("run_blue", 2)]),
+        (untyped, vec![]),
         (
             RowFilter { words: "WALK".to_owned(), ..RowFilter::default() },
             vec![("run_blue", 2), ("run_weak", 3)],
@@ -210,6 +215,7 @@ fn only_default_filter_is_empty() {
     for filter in [
         RowFilter { words: "walk".to_owned(), ..RowFilter::default() },
         RowFilter { team: TEAM.to_owned(), ..RowFilter::default() },
+        RowFilter { method_type: Some(MethodType::Rl), ..RowFilter::default() },
         RowFilter { senses: [None, Some(false), None], ..RowFilter::default() },
     ] {
         assert!(!filter.is_empty(), "{filter:?}");

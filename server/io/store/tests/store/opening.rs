@@ -129,7 +129,7 @@ async fn first_schema_keeps_runs_tokens_and_quotas() {
     let phase = store.phase("p").await.expect("the phase");
     assert_eq!((phase.quotas.total, phase.schedule.closed, phase.quotas.day), (Some(7), true, None));
     let run = store.run("run_1").await.expect("the run");
-    assert_eq!((run.team.as_str(), run.episodes), ("red", 1));
+    assert_eq!((run.team.as_str(), run.episodes, run.method.method_type), ("red", 1, None));
     assert!(run.is_overdue(2), "it has no wall time, and its phase is closed");
     store.upsert_phase(&Phase { schedule: Schedule::default(), ..phase }, 2).await.expect("open again");
     assert!(store.assign_next_episode("run_1", "h", 2).await.expect("an open run").is_some());

@@ -2,8 +2,8 @@
 
 use crate::fixture::{Arena, TEAM, new_run, note, phase};
 use avln_challenge::{
-    Admission, CommitmentValues, MethodInfo, RunState, Sample, Sampling, Schedule, TokenScope, Visibility,
-    pool_digest,
+    Admission, CommitmentValues, MethodInfo, MethodType, RunState, Sample, Sampling, Schedule, TokenScope,
+    Visibility, pool_digest,
 };
 use avln_episode::{Order, TimeLimits};
 use avln_store::{
@@ -362,8 +362,11 @@ async fn repeated_request_returns_same_run() {
     only_two.quotas.total = Some(2);
     let arena = Arena::new(&only_two).await;
     let digests = BTreeMap::from([("split".to_owned(), "d".to_owned())]);
-    let method =
-        MethodInfo { paper_url: "https://example.org/paper".to_owned(), ..MethodInfo::new("walker", "1") };
+    let method = MethodInfo {
+        method_type: Some(MethodType::LearntPerception),
+        paper_url: "https://example.org/paper".to_owned(),
+        ..MethodInfo::new("walker", "1")
+    };
     let first = NewRun { client_request_id: Some("r-1"), method: &method, ..new_run(&digests) };
     let again = NewRun { id: "run_2", token: "second-secret", ..first };
     let made = arena.store.start_run(&first, 10).await.expect("a run");
@@ -377,6 +380,7 @@ async fn repeated_request_returns_same_run() {
     let view = arena.store.reader().run(&Viewer::Organiser, "run_1").await.expect("a view").expect("the run");
     let page = serde_json::to_value(&view).expect("JSON");
     assert_eq!(page["method"]["paper_url"], "https://example.org/paper");
+    assert_eq!([&page["method"]["type"], &page["line"]["type"]], ["learnt-perception"; 2]);
     assert_eq!((made.run.episodes, made.run.state, &made.run.digests), (2, RunState::Created, &digests));
     let TokenState::Valid(token) = arena.store.find_token("second-secret", 12).await.expect("an answer")
     else {

@@ -9,6 +9,7 @@ use crate::{
     replay_renderer::{MaybeRenderQueue, StepLevels},
     request::{CompareQuery, PathOnly, RequestContext, RunsQuery, StrictQuery},
 };
+use avln_challenge::MethodType;
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
 use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
@@ -144,6 +145,7 @@ fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response> {
         .value("depth", sensor(|s| s.depth))
         .value("audio", sensor(|s| s.audio))
         .value("verified", |r| r.row.verified.to_string())
+        .value("type", |r| maybe(r.row.method_type.map(MethodType::as_str)))
         .respond(&entries.collect::<Vec<_>>())
 }
 
@@ -228,6 +230,7 @@ pub(super) async fn runs(
         .value("finished_at", |line| maybe_time(line.finished_unix_ms))
         .value("verified", |line| line.verified.to_string())
         .text("disqualified", |line| line.disqualified.as_deref().unwrap_or_default())
+        .value("type", |line| maybe(line.method_type.map(MethodType::as_str)))
         .respond(&list.runs)
 }
 
@@ -270,7 +273,7 @@ pub(super) async fn steps(
         .value("z_m", |r| r.position[2].to_string())
         .value("heading_rad", |r| r.moment.heading_rad.to_string())
         .value("collided", |r| r.moment.collided.to_string())
-        .value("sounding_goal", |r| maybe(r.moment.sounding.map(|goal| u32::from(goal) + 1)))
+        .value("sounding_goal", |r| maybe(r.moment.sounding_goal()))
         .value("bearing_rad", |r| maybe(r.moment.bearing_rad))
         .value("walked_m", |r| r.moment.walked_m.to_string())
         .value("actions_left", |r| r.moment.actions_left.to_string())

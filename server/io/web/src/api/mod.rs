@@ -21,8 +21,9 @@ const BASE: &str = "/api/v1";
 /// Schema version; it changes if a field is removed or gets another meaning.
 const SCHEMA_VERSION: u32 = 1;
 
-const LEADERBOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
-const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
+const LEADERBOARD_QUERY: &[&str] =
+    &["order", "sort", "pick", "q", "team", "type", "rgb", "depth", "audio", "as_of"];
+const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "type", "rgb", "depth", "audio", "as_of"];
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 const COMPARE_QUERY: &[&str] = &["first", "second"];
 

@@ -17,7 +17,7 @@ pub(super) struct Body {
 }
 
 /// Rules that are not serialised by default.
-const OMITTED_RULES: [&str; 2] = ["head", "silence"];
+const OMITTED_RULES: [&str; 5] = ["distractor_sources", "extra_submit", "head", "silence", "stop_claims"];
 
 impl Body {
     /// A body without inner structure, such as a table.
@@ -106,6 +106,7 @@ fn query_parameter(name: &str) -> Value {
         "order" => words(&["ordered", "unordered"]),
         "sort" => words(&Key::ALL.map(Key::as_str)),
         "pick" => words(&["best", "latest"]),
+        "type" => json!({ "$ref": "#/components/schemas/MethodType" }),
         "rgb" | "depth" | "audio" => words(&["with", "without"]),
         "as_of" => json!({ "type": "string", "format": "date" }),
         "limit" => json!({ "type": "integer", "minimum": 1, "maximum": RunsQuery::LIMITS.1 }),

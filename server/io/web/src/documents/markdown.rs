@@ -10,8 +10,11 @@ use std::{
     iter,
 };
 
-/// Renders the document at `path`; its title is the first heading. Links to other `pages` lead to their addresses, links to
-/// other files become plain text, and HTML in the text is escaped.
+/// File name ending of charts.
+pub(super) const CHART: &str = ".svg";
+
+/// Renders the document at `path`; its title is the first heading. Links to other `pages`, and their charts, lead to their
+/// addresses. Links to other files become plain text, other images their descriptions, and HTML in the text is escaped.
 pub(super) fn render(path: &str, text: &str, pages: &BTreeSet<&str>) -> Document {
     let events: Vec<Event> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
     let (title, rest) = split_title(events);
@@ -85,10 +88,10 @@ fn demoted(event: Event<'_>) -> Event<'_> {
     }
 }
 
-/// Returns the document's address below `/docs/`.
+/// Returns the document's or chart's address below `/docs/`.
 fn slug(path: &str) -> String {
     let inside = path.strip_prefix("docs/").or(path.strip_prefix("proto/")).unwrap_or(path);
-    inside.trim_end_matches(".md").to_lowercase()
+    if path.ends_with(CHART) { inside.to_owned() } else { inside.trim_end_matches(".md").to_lowercase() }
 }
 
 /// Returns the repository path of a relative link in the file at `path`.
@@ -142,6 +145,14 @@ fn linked<'a>(path: &str, pages: &BTreeSet<&str>, events: Vec<Event<'a>>) -> Vec
                 }
             }
             Event::End(TagEnd::Link) if !open.pop().unwrap_or(false) => {}
+            Event::Start(Tag::Image { link_type, dest_url, title, id }) => {
+                let chart = target(path, pages, &dest_url).filter(|target| target.starts_with("/docs/"));
+                open.push(chart.is_some());
+                if let Some(chart) = chart {
+                    linked.push(Event::Start(Tag::Image { link_type, dest_url: chart.into(), title, id }));
+                }
+            }
+            Event::End(TagEnd::Image) if !open.pop().unwrap_or(false) => {}
             other => linked.push(other),
         }
     }
@@ -304,6 +315,17 @@ mod tests {
         assert_eq!(brief(&format!("`{url}`")), format!("<p><code>{url}</code></p>\n"));
         let block = brief(&format!("    {url}\n"));
         assert_eq!(block, format!("<pre tabindex=\"0\"><code>{url}\n</code></pre>\n"));
+    }
+
+    #[test]
+    fn charts_are_shown_and_other_images_described() {
+        let pages = BTreeSet::from(["docs/images/sr.svg"]);
+        let html = |text: &str| render("docs/a.md", text, &pages).html;
+        let chart = "<p><img src=\"/docs/images/sr.svg\" alt=\"SR\" /></p>\n";
+        assert_eq!(html("![SR](images/sr.svg)"), chart);
+        for other in ["images/spl.svg", "images/sr.png", "https://e.org/sr.svg"] {
+            assert_eq!(html(&format!("![SR]({other})")), "<p>SR</p>\n", "{other}");
+        }
     }
 
     #[test]

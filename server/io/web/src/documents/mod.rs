@@ -19,7 +19,7 @@ pub struct Documents(Arc<DocumentSources>);
 #[derive(Debug, Default)]
 struct DocumentSources {
     summary: String,
-    /// Markdown by repository path.
+    /// Markdown and charts (SVG) by repository path.
     files: BTreeMap<String, String>,
     groups: OnceLock<Vec<DocumentGroup>>,
 }
@@ -59,7 +59,7 @@ pub(crate) struct FoundDocument<'a> {
 
 impl Documents {
     /// Creates documents from `docs/SUMMARY.md`, a table of contents in the format of mdBook, and from files as repository
-    /// path and Markdown. Entries without a file and files without an entry are omitted.
+    /// path and text: Markdown, and charts in SVG. Entries without a file and Markdown without an entry are omitted.
     pub fn new(summary: &str, files: &[(&str, &str)]) -> Self {
         let files = files.iter().map(|(path, text)| ((*path).to_owned(), (*text).to_owned()));
         let (summary, files) = (summary.to_owned(), files.collect());
@@ -72,6 +72,12 @@ impl Documents {
 
     pub(crate) fn find(&self, slug: &str) -> Option<&Document> {
         self.all().find(|document| document.slug == slug)
+    }
+
+    /// Returns the chart `docs/images/FILE` as SVG.
+    pub(crate) fn chart(&self, file: &str) -> Option<&str> {
+        let is_chart = file.ends_with(markdown::CHART);
+        self.0.files.get(&format!("docs/images/{file}")).filter(|_| is_chart).map(String::as_str)
     }
 
     /// Returns the documents with all `words`, which are in lower case.
@@ -92,7 +98,9 @@ impl DocumentSources {
     fn render(&self) -> Vec<DocumentGroup> {
         let parts = parts(&self.summary);
         let paths = parts.iter().flat_map(|(_, paths)| paths).map(String::as_str);
-        let pages: BTreeSet<&str> = paths.filter(|path| self.files.contains_key(*path)).collect();
+        let charts = self.files.keys().map(String::as_str).filter(|path| path.ends_with(markdown::CHART));
+        let present = paths.filter(|path| self.files.contains_key(*path));
+        let pages: BTreeSet<&str> = present.chain(charts).collect();
         let mut groups = Vec::new();
         for (title, paths) in &parts {
             let present = paths.iter().filter_map(|path| Some((path, self.files.get(path)?)));
@@ -164,6 +172,7 @@ mod tests {
             ("proto/B.md", "# Second\n\n## Lamps\n\nRed.\n\n## Lamps\n\nGreen, red, ÉTÉ.\n"),
             ("docs/decisions/c.md", "# Third\n\nNothing.\n"),
             ("docs/hidden.md", "# Hidden\n\nA red lamp.\n"),
+            ("docs/images/c.svg", "<svg/>"),
         ];
         Documents::new(CONTENTS, &files)
     }
@@ -195,6 +204,12 @@ mod tests {
         assert_eq!(documents.find("b").map(|document| document.title.as_str()), Some("Second"));
         assert!(documents.find("hidden").is_none() && documents.find("lost").is_none());
         assert!(Documents::default().groups().is_empty());
+    }
+
+    #[test]
+    fn charts_are_the_only_images() {
+        assert_eq!(documents().chart("c.svg"), Some("<svg/>"));
+        assert_eq!((documents().chart("d.svg"), documents().chart("../A.md")), (None, None));
     }
 
     #[test]

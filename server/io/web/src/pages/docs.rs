@@ -3,13 +3,17 @@
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
     documents::{Document, DocumentGroup, Documents, FoundDocument},
-    error::RequestError,
+    error::{RequestError, Result},
     format,
     request::{DocsQuery, GrpcAddress, PathOnly, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
-use axum::Extension;
+use axum::{
+    Extension,
+    http::header,
+    response::{IntoResponse, Response},
+};
 
 #[derive(Template)]
 #[template(path = "docs.html")]
@@ -56,6 +60,14 @@ pub(super) async fn document(
 ) -> Page {
     let document = documents.find(&slug).ok_or_else(|| RequestError::unknown("document", slug))?;
     render(&DocumentPage { shell: below_index(&document.title), document })
+}
+
+pub(super) async fn chart(
+    PathOnly(file): PathOnly<String>,
+    Extension(documents): Extension<Documents>,
+) -> Result<Response> {
+    let svg = documents.chart(&file).ok_or_else(|| RequestError::unknown("chart", &file))?;
+    Ok(([(header::CONTENT_TYPE, "image/svg+xml; charset=utf-8")], svg.to_owned()).into_response())
 }
 
 const TITLE: &str = "How to take part";

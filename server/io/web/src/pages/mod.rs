@@ -32,6 +32,7 @@ pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/", get(home))
         .route("/docs", get(docs::index))
+        .route("/docs/images/{file}", get(docs::chart))
         .route("/docs/{*document}", get(docs::document))
         .route("/leaderboard", get(leaderboards))
         .route("/leaderboard/{phase}", get(leaderboard::page))
@@ -157,13 +158,15 @@ struct ErrorPage {
     shell: PageShell,
     message: String,
     is_signing_in: bool,
+    request_id: String,
 }
 
-pub(crate) fn error_page(error: &RequestError) -> String {
+pub(crate) fn error_page(error: &RequestError, request_id: &str) -> String {
     let page = ErrorPage {
         shell: PageShell::new(error.class().title, SiteSection::Elsewhere),
         message: format!("Sorry, {error}."),
         is_signing_in: matches!(error, RequestError::WrongToken | RequestError::Attempts),
+        request_id: request_id.to_owned(),
     };
     page.render().unwrap_or_else(|_| error.class().title.to_owned())
 }

@@ -10,8 +10,8 @@ use crate::{
 };
 use askama::Template;
 use avln_episode::{
-    DistanceRule, FeedbackRule, Modality, PoseFrame, Rules, Sensors, SilenceRule, SoundClip, SoundingRule,
-    WrongSubmit,
+    DistanceRule, DistractorSources, ExtraSubmit, FeedbackRule, Modality, PoseFrame, Rules, Sensors,
+    SilenceRule, SoundClip, SoundingRule, StopClaims, WrongSubmit,
 };
 use avln_store::{MissionsView, PhaseState, PhaseView, QuotaLimits};
 use axum::{
@@ -58,23 +58,28 @@ impl PhasePage {
     }
 
     fn actions(&self) -> [Row; 4] {
-        let Rules { forward_m, turn_deg, wrong_submit, .. } = self.phase.rules;
+        let Rules { forward_m, turn_deg, wrong_submit, extra_submit, stop_claims, .. } = self.phase.rules;
         let wrong = match wrong_submit {
             WrongSubmit::KeepsGoal => {
                 "in ordered missions, the goal remains the next one after a wrong Submit"
             }
             WrongSubmit::SkipsGoal => "in ordered missions, a wrong Submit skips the goal",
         };
+        let submits = match extra_submit {
+            ExtraSubmit::Ignored => {
+                "one Submit per goal except the last, which Stop claims; further ones only use a step"
+            }
+            ExtraSubmit::EndsEpisode => "one Submit per goal, and the last one ends the episode",
+        };
+        let stop = match stop_claims {
+            StopClaims::AnyOpen => "ends the episode; may complete an open goal",
+            StopClaims::LastOnly => "ends the episode; may complete the last remaining goal",
+        };
         [
             ("MoveForward", format!("{forward_m} m forward, sliding along obstacles")),
             ("TurnLeft, TurnRight", format!("{turn_deg}° in place")),
-            (
-                "Submit",
-                format!(
-                    "claims that a goal is here; one Submit per goal, and the last one ends the episode; {wrong}"
-                ),
-            ),
-            ("Stop", "ends the episode; may complete the last remaining goal".to_owned()),
+            ("Submit", format!("claims that a goal is here; {submits}; {wrong}")),
+            ("Stop", stop.to_owned()),
         ]
     }
 
@@ -111,6 +116,9 @@ impl PhasePage {
             DistanceRule::CameraToBox => format!(
                 "within {radius_m} m of the target's surface, on its floor, with a line of sight to it"
             ),
+            DistanceRule::CameraToMesh => format!(
+                "within {radius_m} m of the target's nearest triangle, on its floor, with a line of sight to it"
+            ),
             DistanceRule::BaseToViewpoint => {
                 format!("within {radius_m} m of a viewpoint along the floor, with the target in the image")
             }
@@ -141,7 +149,7 @@ impl PhasePage {
         };
         [
             ("Success", success),
-            ("Sounding targets", sounding),
+            ("Sounding targets", sounding + &distractors(rules.distractor_sources)),
             ("Sound clips", clip.to_owned()),
             ("Feedback to a Submit", feedback.to_owned()),
             ("Length", format!("at most {} actions", rules.max_steps)),
@@ -189,6 +197,15 @@ impl PhasePage {
     fn api_address(&self, below: &str) -> String {
         format!("/api/v1/phases/{}{below}", url_encode(&self.phase.id))
     }
+}
+
+fn distractors(sources: DistractorSources) -> String {
+    let number = match sources {
+        DistractorSources::Number(0) => return String::new(),
+        DistractorSources::Number(number) => format!("{number} objects that are no goals"),
+        DistractorSources::Goals => "as many objects that are no goals".to_owned(),
+    };
+    format!("; {number} sound in turn with them and never fall silent")
 }
 
 fn run_limits(quotas: &QuotaLimits) -> String {

@@ -84,9 +84,11 @@ impl RunPage {
     }
 
     fn method_facts(&self) -> Vec<(&'static str, &str)> {
-        let MethodInfo { description, code_url, paper_url, weights_licence, external_data, .. } =
-            &self.view.method;
+        let MethodInfo {
+            method_type, description, code_url, paper_url, weights_licence, external_data, ..
+        } = &self.view.method;
         let all = [
+            ("Type", method_type.as_ref().map_or("", format::method_type)),
             ("Method", description.as_str()),
             ("Code", code_url),
             ("Paper", paper_url),

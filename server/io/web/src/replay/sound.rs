@@ -92,10 +92,10 @@ fn line(
     level: Option<Option<f64>>,
 ) -> String {
     let Some(goal) = sounding else { return "silence".to_owned() };
-    let category = replay.targets.get(usize::from(goal)).map_or("goal", |target| target.category.as_str());
-    let direction = direction.unwrap_or("above or below");
     let level = level.map_or_else(String::new, |level| format!(", {}", level_words(&level)));
-    format!("{} (goal {}), {direction}{level}", category.replace('_', " "), u32::from(goal) + 1)
+    let Some(target) = replay.targets.get(usize::from(goal)) else { return format!("a distractor{level}") };
+    let direction = direction.unwrap_or("above or below");
+    format!("{} (goal {}), {direction}{level}", target.category.replace('_', " "), u32::from(goal) + 1)
 }
 
 /// Returns the bearing name, which is positive to the left.

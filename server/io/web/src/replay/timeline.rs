@@ -15,7 +15,7 @@ pub(crate) struct Moment {
     pub(crate) heading_rad: f32,
     pub(crate) action: Option<String>,
     pub(crate) collided: bool,
-    /// Sounding goal, from 0.
+    /// Sounding source, from 0: a goal, or a distractor from the goal count on.
     pub(crate) sounding: Option<u8>,
     /// Horizontal bearing to the sounding goal, radians: 0 is straight ahead, positive is left.
     pub(crate) bearing_rad: Option<f32>,
@@ -88,9 +88,17 @@ impl Moment {
 
     pub(crate) fn sounding_words(&self) -> String {
         match self.sounding {
-            Some(goal) => format!("goal {}", u32::from(goal) + 1),
+            Some(_) => {
+                self.sounding_goal().map_or_else(|| "a distractor".to_owned(), |goal| format!("goal {goal}"))
+            }
             None => "nothing".to_owned(),
         }
+    }
+
+    /// Returns the sounding goal, from 1; `None` for silence and distractors.
+    pub(crate) fn sounding_goal(&self) -> Option<u32> {
+        let goal = self.sounding.filter(|&goal| usize::from(goal) < self.distances_m.len())?;
+        Some(u32::from(goal) + 1)
     }
 
     pub(crate) fn bearing_words(&self) -> String {
@@ -120,7 +128,7 @@ pub(crate) struct ReplayEvent {
 
 pub(super) fn events(view: &EpisodeView, replay: &Replay) -> Vec<ReplayEvent> {
     let mut events = vec![event(0, "Start".to_owned())];
-    events.extend(sounds(&replay.sounding));
+    events.extend(sounds(&replay.sounding, replay.targets.len()));
     events.extend(entries(replay));
     events.extend(replay.submits.iter().map(|submit| submit_event(replay, submit)));
     let reason = view.end.map(|end| format!("End: {}", format::end(&end)));
@@ -142,13 +150,16 @@ fn goal_name(replay: &Replay, goal: u8) -> String {
     }
 }
 
-fn sounds(sounding: &[Option<u8>]) -> Vec<ReplayEvent> {
+fn sounds(sounding: &[Option<u8>], goals: usize) -> Vec<ReplayEvent> {
     let mut last = None;
     let mut changes = Vec::new();
     for (step, &now) in (1..).zip(sounding) {
         if now != last {
-            let words = now
-                .map_or_else(|| "Silence".to_owned(), |goal| format!("Goal {} sounds", u32::from(goal) + 1));
+            let words = match now {
+                Some(goal) if usize::from(goal) < goals => format!("Goal {} sounds", u32::from(goal) + 1),
+                Some(_) => "A distractor sounds".to_owned(),
+                None => "Silence".to_owned(),
+            };
             changes.push(event(step, words));
         }
         last = now;
@@ -197,9 +208,10 @@ mod tests {
 
     #[test]
     fn changes_of_the_sound_are_listed_once() {
-        let changes = sounds(&[Some(1), Some(1), Some(0), None, None]);
+        let changes = sounds(&[Some(1), Some(1), Some(0), None, None], 2);
         let changes: Vec<_> = changes.iter().map(|event| (event.step, event.text.as_str())).collect();
         assert_eq!(changes, [(1, "Goal 2 sounds"), (3, "Goal 1 sounds"), (4, "Silence")]);
-        assert_eq!(sounds(&[]), []);
+        assert_eq!(sounds(&[], 2), []);
+        assert_eq!(sounds(&[Some(2)], 2), [event(1, "A distractor sounds".to_owned())]);
     }
 }

@@ -28,6 +28,12 @@ async fn csv_cells_are_no_formulas() {
     assert!(lines[0].starts_with("rank,rank_low,rank_high,tie_group,team,reference,method,version,run,"));
     let worse = ",'=1+1,,'@walker,1.0,run_formula,1,0,1970-01-01T00:00:00Z,2,1,0,0,0,0.5,0.5,0.5,";
     assert!(lines[2].starts_with('2') && lines[2].contains(worse), "{}", lines[2]);
+    assert!(lines[0].ends_with(",verified,type"), "{}", lines[0]);
+    assert!(
+        lines[1].ends_with(",false,learnt-perception") && lines[2].ends_with(",false,"),
+        "{}",
+        table.body
+    );
 }
 
 #[tokio::test]
@@ -163,7 +169,8 @@ async fn all_responses_have_security_headers() {
         assert_eq!(answer.header(header::X_CONTENT_TYPE_OPTIONS), "nosniff", "{address}");
         let shared = answer.header(header::ACCESS_CONTROL_ALLOW_ORIGIN) == "*";
         assert_eq!(shared, address.starts_with("/api/") || address == "/readyz", "{address}");
-        assert_eq!(answer.header(header::ACCESS_CONTROL_EXPOSE_HEADERS) == "etag", shared, "{address}");
+        let exposed = answer.header(header::ACCESS_CONTROL_EXPOSE_HEADERS);
+        assert_eq!(exposed == "etag, x-request-id", shared, "{address}");
         assert!(
             answer.headers["permissions-policy"].to_str().is_ok_and(|policy| policy.contains("camera=()"))
         );
@@ -256,6 +263,8 @@ async fn filtered_entries_keep_their_ranks() {
         ("audio=with", vec!["good walker"]),
         ("audio=without", vec!["@walker"]),
         ("rgb=without", vec![]),
+        ("type=learnt-perception", vec!["good walker"]),
+        ("type=rl", vec![]),
         ("rgb=with&depth=with&sort=spl", vec!["good walker", "@walker"]),
     ] {
         assert_eq!(methods(&board(query).await), wanted, "{query}");
@@ -295,7 +304,7 @@ async fn forms_redirect_to_canonical_addresses() {
         "{page}"
     );
     assert!(page.contains("leaderboard.csv?order=unordered&#38;sort=isr\""), "CSV has all columns: {page}");
-    for wrong in ["as_of=yesterday", "audio=yes", "q=a&colour=red", "column=fame"] {
+    for wrong in ["as_of=yesterday", "audio=yes", "type=magic", "q=a&colour=red", "column=fame"] {
         let page = arena.get(&format!("/leaderboard/open?{wrong}")).await;
         assert_eq!(page.status, StatusCode::BAD_REQUEST, "{wrong}");
     }

@@ -1,6 +1,6 @@
 use crate::fixture::{Arena, listed, repository};
 use avln_web::Documents;
-use axum::http::StatusCode;
+use axum::http::{StatusCode, header};
 use std::{collections::BTreeSet, fs};
 
 /// Returns the Markdown files of a folder. A README is the page of a package.
@@ -33,6 +33,19 @@ async fn documents_are_listed_by_group() {
     let empty = Arena::with_documents(Documents::default()).await.get("/docs").await;
     assert_eq!(empty.status, StatusCode::OK);
     assert!(empty.body.contains("This server has no documents."), "{}", empty.body);
+}
+
+#[tokio::test]
+async fn charts_are_served_with_their_document() {
+    let files = [("docs/a.md", "# First\n\n![SR](images/sr.svg)\n"), ("docs/images/sr.svg", "<svg/>")];
+    let arena = Arena::with_documents(Documents::new("# Use\n\n- [A](a.md)\n", &files)).await;
+    let page = arena.get("/docs/a").await.body;
+    assert!(page.contains("<img src=\"/docs/images/sr.svg\" alt=\"SR\" />"), "{page}");
+    let chart = arena.get("/docs/images/sr.svg").await;
+    assert_eq!((chart.status, chart.body.as_str()), (StatusCode::OK, "<svg/>"));
+    assert_eq!(chart.header(header::CONTENT_TYPE), "image/svg+xml; charset=utf-8");
+    let absent = arena.get("/docs/images/spl.svg").await;
+    assert_eq!(absent.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]

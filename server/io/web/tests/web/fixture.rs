@@ -1,6 +1,6 @@
 //! An arena with a public phase, played by two teams, and a hidden phase, played by one of them.
 
-use avln_challenge::MethodInfo;
+use avln_challenge::{MethodInfo, MethodType};
 use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_store::{
@@ -165,6 +165,7 @@ impl Arena {
             code_url: "https://code.example/a?b=1&c=2".to_owned(),
             paper_url: "javascript:alert(1)".to_owned(),
             weights_licence: "MIT".to_owned(),
+            method_type: (method != "@walker").then_some(MethodType::LearntPerception),
             ..MethodInfo::new(method, "1.0")
         };
         let new = NewRun {

@@ -39,6 +39,24 @@ async fn run_pages_link_only_https_addresses_of_methods() {
 }
 
 #[tokio::test]
+async fn boards_and_runs_show_method_types() {
+    let arena = Arena::new().await;
+    for board in ["/leaderboard/open?order=unordered", "/leaderboard/open?order=both", "/embed/open"] {
+        let page = arena.get(board).await.body;
+        assert!(page.contains("<th scope=\"col\">Type</th>"), "{board}: {page}");
+        assert!(
+            page.contains("<td>learnt perception</td>") && page.contains("<td>–</td>"),
+            "{board}: {page}"
+        );
+    }
+    let typed = arena.get("/runs/run_rude").await.body;
+    assert!(typed.contains("<dt>Type</dt><dd>learnt perception</dd>"), "{typed}");
+    assert!(!arena.get("/runs/run_formula").await.body.contains("<dt>Type</dt>"));
+    let compared = arena.get("/compare?first=run_rude&second=run_formula").await.body;
+    assert_eq!(compared.matches(", learnt perception</dd>").count(), 1, "{compared}");
+}
+
+#[tokio::test]
 async fn pages_have_a_heading_title_and_skip_link() {
     let arena = Arena::new().await;
     for address in PAGES {

@@ -118,6 +118,8 @@ impl Site {
 impl Browser<'_> {
     pub(crate) fn request(&self, method: &str, address: &str) -> axum::http::request::Builder {
         let request = Request::builder().method(method).uri(address).header(header::HOST, "arena.example");
+        // Answers to the same request are equal with the same id.
+        let request = request.header("x-request-id", "req_0123456789ab");
         if self.cookie.is_empty() { request } else { request.header(header::COOKIE, &self.cookie) }
     }
 

@@ -3,8 +3,8 @@ use super::{
     soon, {Quirk, ToyRunner},
 };
 use avln_challenge::{
-    Account, Charge, EpisodeOutcome, MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState,
-    RunStatus, TokenScope, Visibility,
+    Account, Charge, EpisodeOutcome, MethodInfo, MethodType, PhaseInfo, PhaseState, Quota, QuotaWindow,
+    RunState, RunStatus, TokenScope, Visibility,
 };
 use avln_episode::{Action, EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use avln_grpc::{
@@ -222,7 +222,7 @@ impl ToyHost {
         RunStatus {
             run: RUN.into(),
             phase: "practice".into(),
-            method: MethodInfo::new("toy", "1"),
+            method: MethodInfo { method_type: Some(MethodType::Rl), ..MethodInfo::new("toy", "1") },
             order: Order::Unordered,
             state: self.run_state(),
             episodes: self.total,

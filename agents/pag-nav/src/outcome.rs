@@ -1,0 +1,180 @@
+//! Outcomes of Submits: by verdict, by silence, or counted as completed.
+
+use crate::agent::PagNav;
+use crate::candidate::Candidate;
+use crate::ground::LEAST_SUPPORT;
+use crate::verify::Warrant;
+use avln_client::{Action, Feedback, WrongSubmit};
+use avln_kit::geometry::{FloorPoint, Pose2d};
+use avln_kit::hearing::HeardSound;
+use avln_kit::map::range_m;
+use avln_kit::outcome::SubmitOutcome;
+
+/// Sound steps over which the level is averaged.
+const RECENT: usize = 3;
+/// Steps beyond a cycle of the sounding windows for which the agent waits at a candidate.
+const SLACK_STEPS: u32 = 5;
+
+/// A Submit with an open outcome.
+#[derive(Clone, Copy)]
+pub(crate) struct PendingSubmit {
+    pub(crate) object: usize,
+    pub(crate) goal: usize,
+    /// The target's source, if known.
+    pub(crate) source: Option<usize>,
+    /// The outcome inferred from the source; `None` if the next observation decides.
+    pub(crate) heard: Option<SubmitOutcome>,
+}
+
+/// The state of an open gate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Readiness {
+    /// The outcome will be known, or does not matter.
+    Now,
+    /// The target should sound first.
+    Wait,
+    /// No source near the candidate sounded in a whole cycle.
+    Unheard,
+}
+
+impl PagNav {
+    /// Returns true if an outcome can be inferred from silence.
+    fn infers_outcomes(&self) -> bool {
+        self.weights.switches.silence_outcomes && self.falls_silent && !self.has_verdicts
+    }
+
+    /// Returns the mean level of the last sounds in the current window, if there are enough.
+    fn recent_level(&self) -> Option<f32> {
+        let recent = self.levels.len().checked_sub(RECENT).map(|from| &self.levels[from..])?;
+        Some(recent.iter().sum::<f32>() / RECENT as f32)
+    }
+
+    /// Returns the sounding source and its level, if it is near and will sound long enough for an outcome.
+    fn audible(&self, candidate: &Candidate) -> Option<(usize, f32)> {
+        let level = self.recent_level().filter(|&level| range_m(level) <= self.weights.look_range_m)?;
+        let source = self.schedule.current();
+        let located = candidate.source.filter(|&source| self.here.sources[source].is_located(&self.weights));
+        let is_its = match located {
+            Some(located) => located == source,
+            None => !self.is_elsewhere(source, candidate),
+        };
+        (is_its && self.schedule.steps_left() >= SubmitOutcome::STEPS).then_some((source, level))
+    }
+
+    /// Returns whether the agent claims at an open gate now, waits for the target's sound, or rejects the candidate.
+    pub(crate) fn readiness(&self, candidate: &Candidate) -> Readiness {
+        let is_hurry = self.remaining_steps < self.weights.hurry_steps;
+        let is_last = self.mission.is_last_claim();
+        if !self.infers_outcomes() || is_hurry || is_last || self.audible(candidate).is_some() {
+            return Readiness::Now;
+        }
+        if self.is_silent_there(candidate) {
+            return Readiness::Unheard;
+        }
+        let cycle_steps = self.window_steps * self.open_sources().count() as u32 + SLACK_STEPS;
+        if self.waited_steps(candidate) > cycle_steps { Readiness::Unheard } else { Readiness::Wait }
+    }
+
+    /// Returns true if all sounds come from elsewhere.
+    fn is_silent_there(&self, candidate: &Candidate) -> bool {
+        self.open_sources().all(|source| self.is_elsewhere(source, candidate))
+    }
+
+    /// Returns true if a source has a certain estimate that does not support the candidate.
+    fn is_elsewhere(&self, source: usize, candidate: &Candidate) -> bool {
+        let certainty = self.here.sources[source].estimate.map_or(0.0, |estimate| estimate.certainty);
+        let object = &self.here.objects.all()[candidate.object];
+        self.weights.switches.source_positions
+            && certainty >= self.weights.certain
+            && self.support(object, source) < LEAST_SUPPORT
+    }
+
+    /// Returns the steps of waiting at a candidate.
+    pub(crate) fn waited_steps(&self, candidate: &Candidate) -> u32 {
+        self.here.waited.get(&(candidate.object, candidate.goal)).copied().unwrap_or(0)
+    }
+
+    /// Waits a step at a candidate: turns to and fro with the candidate in view.
+    pub(crate) fn wait(&mut self, candidate: &Candidate, pose: &Pose2d) -> Action {
+        let key = (candidate.object, candidate.goal);
+        *self.here.waited.entry(key).or_default() += 1;
+        // Waiting does not use up patience.
+        if let Some(steps) = self.here.sought.get_mut(&key) {
+            *steps = steps.saturating_sub(1);
+        }
+        if pose.bearing_rad(candidate.place) >= 0.0 { Action::TurnLeft } else { Action::TurnRight }
+    }
+
+    /// Claims a candidate.
+    pub(crate) fn claim(&mut self, candidate: &Candidate, warrant: Warrant) -> Action {
+        let action = warrant.claim(&self.mission);
+        if action == Action::Submit {
+            let is_hurry = self.remaining_steps < self.weights.hurry_steps;
+            let audible = self.audible(candidate);
+            let source = audible.map(|(source, _)| source).or(candidate.source);
+            // Near the end, the steps of waiting for an outcome are worth more.
+            let heard =
+                audible.filter(|_| self.weights.switches.silence_outcomes && self.falls_silent && !is_hurry);
+            let heard =
+                heard.map(|(source, level)| SubmitOutcome::new(self.silence, source, &self.schedule, level));
+            let Candidate { object, goal, .. } = *candidate;
+            self.pending = Some(PendingSubmit { object, goal, source, heard });
+        }
+        self.claimed = Some(warrant);
+        action
+    }
+
+    /// Applies the pending Submit's outcome, once it is known. Without evidence the goal counts as completed.
+    pub(crate) fn settle(&mut self, feedback: Feedback, heard: Option<&HeardSound>, here: FloorPoint) {
+        let Some(pending) = &mut self.pending else { return };
+        let found_level = self.weights.found_level;
+        let found = match &mut pending.heard {
+            Some(outcome) => outcome.update(feedback, heard, found_level),
+            None => Some(feedback != Feedback::Verdict(false)),
+        };
+        let Some(found) = found else { return };
+        let pending = *pending;
+        self.pending = None;
+        self.levels.clear();
+        if found || matches!(feedback, Feedback::Verdict(_)) {
+            // Found or wrong, the object is no candidate for another goal.
+            self.here.objects.refute(pending.object);
+        } else {
+            // The inference may be wrong: the object comes after all others.
+            self.set_object_aside(pending.object, pending.goal);
+        }
+        let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered();
+        if found || skips {
+            self.mission.complete(pending.goal);
+            self.focus = None;
+            self.searched_steps = 0;
+        }
+        if let Some(source) = pending.source {
+            self.settle_source(source, pending.goal, found, here);
+            match pending.heard {
+                Some(outcome) if found => outcome.silence(source, &mut self.schedule),
+                None if found && self.falls_silent => self.schedule.silence(source),
+                _ => {}
+            }
+        }
+        self.outcome = Some((pending, found));
+    }
+
+    fn settle_source(&mut self, source: usize, goal: usize, found: bool, here: FloorPoint) {
+        if found {
+            self.pairing.found(source);
+            if self.mission.is_ordered() {
+                // Earlier Submits were for the previous goal.
+                self.here.sources.iter_mut().for_each(|source| source.missed.clear());
+            }
+        } else {
+            self.pairing.missed(source, goal);
+            let all = !self.mission.is_ordered();
+            for (index, memory) in self.here.sources.iter_mut().enumerate() {
+                if all || index == source {
+                    memory.missed.push(here);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Estimated sound sources, for the switch `source_positions`.
+
+use crate::agent::PagNav;
+use crate::candidate::Evidence;
+use crate::weights::Weights;
+use avln_kit::LOOK_M;
+use avln_kit::geometry::{FloorPoint, Pose2d};
+use avln_kit::hearing::HeardSound;
+use avln_kit::map::{IntensityMemory, SoundField, SourceBelief, SourceEstimate, range_m};
+
+/// Margin around the seen area in which sources may be, metres.
+const AROUND_M: f32 = 1.5;
+
+/// A source's memory on one storey.
+#[derive(Default)]
+pub(crate) struct SourceMemory {
+    pub(crate) belief: SourceBelief,
+    pub(crate) estimate: Option<SourceEstimate>,
+    pub(crate) intensity: IntensityMemory,
+    /// Number of near views at the estimate, and the first viewed position.
+    pub(crate) looks: u32,
+    looked_at: FloorPoint,
+    /// Positions after unsuccessful Submits.
+    pub(crate) missed: Vec<FloorPoint>,
+    /// Steps spent heading for the source.
+    pub(crate) sought_steps: u32,
+}
+
+impl SourceMemory {
+    /// Sets the estimate. Returns true, and resets the looks, if it left the viewed position.
+    pub(crate) fn locate(&mut self, estimate: Option<SourceEstimate>) -> bool {
+        const SAME_M: f32 = 1.0;
+        self.estimate = estimate;
+        let is_there = estimate.is_some_and(|estimate| estimate.place.distance_m(self.looked_at) <= SAME_M);
+        let is_elsewhere = self.looks > 0 && !is_there;
+        if is_elsewhere {
+            self.looks = 0;
+        }
+        is_elsewhere
+    }
+
+    /// Returns true if the estimate is certain and the source was heard within visual range.
+    pub(crate) fn is_located(&self, weights: &Weights) -> bool {
+        let heard_m = range_m(self.intensity.loudest());
+        let certainty = self.estimate.map(|estimate| estimate.certainty);
+        certainty.is_some_and(|certainty| certainty >= weights.certain) && heard_m <= weights.look_range_m
+    }
+
+    fn look_at(&mut self, place: FloorPoint) {
+        if self.looks == 0 {
+            self.looked_at = place;
+        }
+        self.looks += 1;
+    }
+}
+
+impl PagNav {
+    /// Adds a sound to the belief about its source.
+    pub(crate) fn locate_source(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
+        if self.ablation.no_acoustic_memory && self.schedule.is_first() {
+            self.here.sources[index] = SourceMemory::default();
+        }
+        let map = &self.here.map;
+        let source = &mut self.here.sources[index];
+        let field = self.field.take().filter(|field| field.listener() == pose.place);
+        let field = field.unwrap_or_else(|| SoundField::new(map, pose.place, map.area(AROUND_M)));
+        source.intensity.hear(pose.place, heard.level);
+        source.belief.hear(&field, pose, heard);
+        let hint = self.hints.as_ref().and_then(|hints| hints.source());
+        let hint = hint.map(|place| SourceEstimate { place, certainty: 1.0 });
+        let estimate = hint.or_else(|| source.belief.estimate(&field, map, &source.missed));
+        if source.locate(estimate) {
+            self.pairing.forget(index);
+        }
+        self.field = Some(field);
+    }
+
+    /// Records the objects' fits at located sources in view.
+    pub(crate) fn look_at_sources(&mut self, pose: &Pose2d) {
+        for index in 0..self.here.sources.len() {
+            let is_located = self.here.sources[index].is_located(&self.weights);
+            let Some(estimate) = self.here.sources[index].estimate.filter(|_| is_located) else { continue };
+            if self.here.map.is_in_view(pose, estimate.place, LOOK_M) {
+                self.here.sources[index].look_at(estimate.place);
+                for goal in 0..self.mission.goals() {
+                    self.pairing.see(index, goal, self.fit_at(estimate.place, goal));
+                }
+            }
+        }
+    }
+
+    /// Returns the best visual fit with a goal among the objects at a position, 0 to 1.
+    fn fit_at(&self, place: FloorPoint, goal: usize) -> f32 {
+        const AT_M: f32 = 0.4;
+        let all = self.here.objects.all().iter().enumerate();
+        let at = all.filter(|(_, object)| object.detection.distance_m(place) <= AT_M);
+        let fits = at.map(|(index, object)| {
+            let evidence = Evidence { vis: object.vis(goal), context: self.context(index, goal), sound: 0.0 };
+            evidence.seen(&self.weights)
+        });
+        fits.fold(0.0, f32::max)
+    }
+
+    /// Returns the sources that still sound, as far as known.
+    pub(crate) fn open_sources(&self) -> impl Iterator<Item = usize> + '_ {
+        let is_counted = self.weights.switches.count_windows;
+        (0..self.here.sources.len()).filter(move |&source| !is_counted || !self.schedule.is_silent(source))
+    }
+
+    /// Returns the most likely source to walk to: the cheapest likely goal, otherwise the cheapest unviewed source.
+    pub(crate) fn choose_source(&self, pose: &Pose2d) -> Option<(usize, SourceEstimate)> {
+        let heard: Vec<(usize, SourceEstimate)> = self
+            .open_sources()
+            .filter_map(|source| Some((source, self.here.sources[source].estimate?)))
+            .filter(|(source, _)| !self.is_settled(*source))
+            .collect();
+        let cost =
+            |(source, estimate): &(usize, SourceEstimate)| self.cost_steps(*source, estimate.place, pose);
+        let first = |is_wanted: &dyn Fn(usize) -> bool| {
+            let wanted = heard.iter().filter(|(source, _)| is_wanted(*source));
+            wanted.min_by(|a, b| cost(a).total_cmp(&cost(b))).copied()
+        };
+        first(&|source| self.is_right_goal(source)).or_else(|| first(&|_| true))
+    }
+
+    /// Returns a source's cost in steps: walk or wait, adjusted for past effort, doubt and loyalty.
+    fn cost_steps(&self, source: usize, place: FloorPoint, pose: &Pose2d) -> f32 {
+        let known = &self.here.sources[source];
+        let weights = &self.weights;
+        let is_counted = weights.switches.count_windows && !known.is_located(weights);
+        let wait_steps = if is_counted { self.schedule.wait_steps(source) } else { 0 };
+        let walk_steps = place.distance_m(pose.place) * weights.steps_per_m;
+        let loyalty_steps = if self.focus == Some(source) { weights.loyalty_steps } else { 0.0 };
+        let vain_steps = weights.vain * known.sought_steps as f32;
+        let doubt_steps = weights.doubt_steps * (1.0 - self.right(source));
+        walk_steps.max(wait_steps as f32) + vain_steps + doubt_steps - loyalty_steps
+    }
+
+    /// Counts a step towards a source.
+    pub(crate) fn head_for(&mut self, source: usize) {
+        self.focus = Some(source);
+        self.here.sources[source].sought_steps += 1;
+    }
+
+    /// Returns the probability that a source belongs to an active goal; 1 without joint association.
+    fn right(&self, source: usize) -> f32 {
+        if self.weights.switches.joint_association { self.pairing.right(source, &self.mission) } else { 1.0 }
+    }
+
+    /// Returns true if a source is likely an active goal, provided that further comparisons can still decide.
+    pub(crate) fn is_right_goal(&self, source: usize) -> bool {
+        let right = self.right(source);
+        if right >= self.weights.commit {
+            return true;
+        }
+        let is_hurry = self.remaining_steps < self.weights.hurry_steps;
+        let no_better = || self.open_sources().all(|other| self.right(other) <= right);
+        (is_hurry || self.open_sources().all(|other| self.is_settled(other))) && no_better()
+    }
+
+    /// Returns true if a source was viewed sufficiently, or sought for too long.
+    pub(crate) fn is_settled(&self, source: usize) -> bool {
+        let known = &self.here.sources[source];
+        known.looks >= self.weights.verify_looks || known.sought_steps >= self.weights.source_steps
+    }
+}

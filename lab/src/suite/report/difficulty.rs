@@ -1,0 +1,128 @@
+//! The paper's first question: difficulty for methods of different types.
+
+use super::chart::{Chart, ChartRow};
+use super::contrast::{Contrast, ORDERS, PageSection, contrast_table, correct, list};
+use super::selection::TrackResults;
+use super::{name, percent};
+use crate::suite::AgentVariant;
+use avln_episode::Order;
+use std::fmt::Write as _;
+
+/// Returns the section; empty without methods in both orders.
+pub(super) fn difficulty_section(track: &TrackResults<'_>) -> PageSection {
+    let mut section = PageSection::default();
+    let best_of_types = best_of_types(track);
+    let Some(best) = best_by(track, best_of_types.iter().map(|(_, variant)| *variant)) else {
+        return section;
+    };
+    section.text = "## Question 1: difficulty for methods of different types\n\nThe best method of each type by mean SR over both \
+         orders, without ablations and privileged agents; and the differences in SR to the best of all methods on common \
+         missions. The selection of the best favours it.\n\n\
+         | type | best method | SR ordered | SR unordered |\n|---|---|---|---|\n"
+        .to_owned();
+    for (method_type, variant) in &best_of_types {
+        let [ordered, unordered] = ORDERS.map(|order| sr(track, *variant, order));
+        let _ = writeln!(section.text, "| {method_type} | {} | {ordered} | {unordered} |", name(*variant));
+    }
+    let contrasts = contrasts(track, best, &best_of_types);
+    if !contrasts.is_empty() {
+        let _ = write!(section.text, "\n{}", contrast_table(&contrasts, "SR"));
+    }
+    section.add_chart("results-difficulty.svg", "SR of all methods with 95 % intervals", chart(track));
+    let _ = write!(section.text, "\n{}\n", answer(track, best, &contrasts));
+    section
+}
+
+/// Returns `true` for methods: neither ablations nor privileged agents.
+fn is_method(variant: AgentVariant) -> bool {
+    let name = variant.name();
+    // Any other ablation lacks a part of PAG-Nav.
+    !variant.is_privileged() && !name.contains("-no-")
+}
+
+fn mean_sr(track: &TrackResults<'_>, variant: AgentVariant) -> Option<f64> {
+    let [ordered, unordered] = ORDERS.map(|order| track.variant(variant, order).sr());
+    Some(ordered?.value + unordered?.value)
+}
+
+/// Returns the method with the best mean SR; the first among equals.
+fn best_by(track: &TrackResults<'_>, variants: impl Iterator<Item = AgentVariant>) -> Option<AgentVariant> {
+    let rated = variants.filter_map(|variant| Some((mean_sr(track, variant)?, variant)));
+    let better =
+        |best: (f64, AgentVariant), next: (f64, AgentVariant)| if next.0 > best.0 { next } else { best };
+    rated.reduce(better).map(|(_, variant)| variant)
+}
+
+fn best_of_types(track: &TrackResults<'_>) -> Vec<(String, AgentVariant)> {
+    let methods: Vec<_> = track.variants().into_iter().filter(|variant| is_method(*variant)).collect();
+    let mut types: Vec<String> = methods.iter().map(|variant| variant.method_type().to_string()).collect();
+    types.sort();
+    types.dedup();
+    let best = |method_type: String| {
+        let own = methods.iter().copied().filter(|variant| variant.method_type().to_string() == method_type);
+        best_by(track, own).map(|variant| (method_type, variant))
+    };
+    types.into_iter().filter_map(best).collect()
+}
+
+fn contrasts(
+    track: &TrackResults<'_>,
+    best: AgentVariant,
+    others: &[(String, AgentVariant)],
+) -> Vec<Contrast> {
+    let mut contrasts = Vec::new();
+    for &(_, other) in others.iter().filter(|(_, other)| *other != best) {
+        for order in ORDERS {
+            let [first, second] = [best, other].map(|variant| track.variant(variant, order));
+            let test = first.minus(&second, |line| Some(line.metrics.sr));
+            let label = format!("{} - {}", best.name(), other.name());
+            contrasts.extend(test.map(|test| Contrast { label, order, test }));
+        }
+    }
+    correct(&mut contrasts);
+    contrasts
+}
+
+fn chart(track: &TrackResults<'_>) -> Option<String> {
+    let mut rows = Vec::new();
+    for variant in track.variants().into_iter().filter(|variant| is_method(*variant)) {
+        for order in ORDERS {
+            let sr = track.variant(variant, order).sr();
+            let percent = sr.map(|sr| [sr.value, sr.low, sr.high].map(|share| 100.0 * share));
+            let label = variant.name();
+            rows.extend(percent.map(|[value, low, high]| ChartRow { label, order, value, low, high }));
+        }
+    }
+    Chart { title: "SR by method", axis: "SR, percent, with 95 % intervals", rows }.svg()
+}
+
+fn sr(track: &TrackResults<'_>, variant: AgentVariant, order: Order) -> String {
+    track.variant(variant, order).sr().map_or("-".to_owned(), percent)
+}
+
+fn answer(track: &TrackResults<'_>, best: AgentVariant, contrasts: &[Contrast]) -> String {
+    let share = |name: &str, order| {
+        track.row(name, order).sr().map_or("-".to_owned(), |sr| format!("{:.1} %", 100.0 * sr.value))
+    };
+    let rates = |name: &str| {
+        let [ordered, unordered] = ORDERS.map(|order| share(name, order));
+        format!("{ordered} of the ordered and {unordered} of the unordered missions")
+    };
+    let unsure: Vec<String> =
+        contrasts.iter().filter(|contrast| !contrast.test.is_significant()).map(Contrast::name).collect();
+    let verdict = match (contrasts.is_empty(), unsure.is_empty()) {
+        (true, _) => "no other type has results".to_owned(),
+        (false, true) => "the differences to the best methods of all other types are significant".to_owned(),
+        (false, false) => format!("these differences are not significant: {}", list(&unsure)),
+    };
+    let bound = match track.has("shortest-path") {
+        true => format!(", the shortest path {}", rates("shortest-path")),
+        false => String::new(),
+    };
+    let name = best.name();
+    format!(
+        "**Answer.** The best method without ground truth, {name} ({}), completes {}{bound}; {verdict}.",
+        best.method_type(),
+        rates(&name)
+    )
+}

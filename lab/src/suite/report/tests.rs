@@ -1,0 +1,124 @@
+//! Tests of the whole page.
+
+use super::*;
+use crate::suite::samples::{line, moved};
+
+const EPISODES: u32 = 22;
+
+/// Returns results of an agent in both orders: a number of found goals by episode.
+fn row_of(agent: &str, found: impl Fn(u32) -> u32) -> Vec<ResultLine> {
+    let episode = |order| (0..EPISODES).map(move |episode| (order, episode));
+    ORDERS
+        .into_iter()
+        .flat_map(episode)
+        .map(|(order, episode)| line(agent, order, episode, found(episode)))
+        .collect()
+}
+
+/// Returns results of methods, ablations and both tracks: PAG-Nav finds everything, the others every second goal or nothing.
+fn sample() -> Vec<ResultLine> {
+    let names = ["random", "sound-follower", "pag-nav", "pag-nav-no-audio", "shortest-path"];
+    let found = |name: &str, episode: u32| match name {
+        "random" => 0,
+        "sound-follower" | "pag-nav-no-audio" => episode % 2,
+        _ => 2,
+    };
+    let main = names.iter().flat_map(|name| row_of(name, |episode| found(name, episode)));
+    let mut lines: Vec<_> = main.collect();
+    let verdicts = ["pag-nav", "pag-nav-no-audio"];
+    let verdicts = verdicts.iter().flat_map(|name| row_of(name, |_| 2)).collect::<Vec<_>>();
+    lines.extend(verdicts.into_iter().map(|line| moved(line, "main", "verdict")));
+    let hard = ["sound-follower", "shortest-path"];
+    let hard =
+        hard.iter().flat_map(|name| row_of(name, |_| if *name == FLOOR { 0 } else { 2 })).collect::<Vec<_>>();
+    lines.extend(hard.into_iter().map(|line| moved(line, "hard", "none")));
+    lines
+}
+
+fn page(lines: &[ResultLine]) -> SuiteReport {
+    of_lines(&comparable(lines.iter())).expect("a page")
+}
+
+/// Returns the part of a page below a heading.
+fn part<'a>(page: &'a str, heading: &str) -> &'a str {
+    let (_, after) = page.split_once(&format!("{heading}\n")).expect("the heading");
+    after.split_once("\n#").map_or(after, |(part, _)| part)
+}
+
+#[test]
+fn head_states_missions_houses_and_versions() {
+    let page = page(&sample()).page;
+    for row in [
+        "| missions | 22 in 11 houses: split `val` of the recipe `paper`",
+        "| reference, ordered | 110.5 steps, 30.5 m on average |",
+        "| storeys | 1 in 6 houses and 2 in 5 houses |",
+        "| walkable area | 120 m² on average (120 to 120) |",
+        "| images | 128 × 128 pixels, colour and depth |",
+        "| clips | validation share of the bank |",
+        "| versions | program 1, benchmark 2 |",
+    ] {
+        assert!(page.contains(row), "{row} in {page}");
+    }
+}
+
+#[test]
+fn rows_show_type_and_distance_to_the_floor() {
+    let page = page(&sample()).page;
+    let table = part(&page, "### Unordered: all agents");
+    let row = |name: &str| table.lines().find(|line| line.starts_with(name)).expect("a row");
+    assert!(
+        row("| pag-nav |")
+            .contains("| learnt perception | yes | 22 | 100.0 [100.0, 100.0] | +100.0 [+100.0, +100.0] |")
+    );
+    assert!(
+        row("| sound-follower |").contains("| training-free | yes | 22 | 0.0 [0.0, 0.0] | - |"),
+        "{table}"
+    );
+    assert!(row("| shortest-path † |").starts_with("| shortest-path † | - | - | 22 |"), "{table}");
+    assert!(!table.contains("no-audio"), "{table}");
+    assert!(part(&page, "### Ablations, ordered").contains("| pag-nav-no-audio |"), "{page}");
+}
+
+#[test]
+fn every_question_has_a_test_a_chart_and_an_answer() {
+    let report = page(&sample());
+    let charts: Vec<&str> = report.charts.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(charts, ["results-difficulty.svg", "results-sound.svg", "results-factors.svg"]);
+    assert!(charts.iter().all(|name| report.page.contains(&format!("](images/{name})"))));
+    assert_eq!(report.page.matches("**Answer.**").count(), 4, "{}", report.page);
+    let answer = |start: &str| {
+        let mut lines = report.page.lines();
+        lines.find(|line| line.starts_with(&format!("**Answer.** {start}"))).expect("an answer").to_owned()
+    };
+    let first = answer("The best method without ground truth, pag-nav (learnt perception)");
+    assert!(first.contains("other types are significant"), "{first}");
+    let second =
+        answer("For pag-nav, hearing significantly raises the ISR of ordered missions (+75.0 points");
+    assert!(second.contains("largest for image goals, ordered (+100.0 points"), "{second}");
+    let third = answer("On the ISR of pag-nav, no factor has a significant effect");
+    assert!(third.ends_with("without results: number of goals and memory."), "{third}");
+    let hard = answer(
+        "The sound-follower completes 0.0 % of the ordered and 0.0 % of the unordered missions (within",
+    );
+    assert!(hard.ends_with("significant differences: none; not significant: none."), "{hard}");
+}
+
+#[test]
+fn verdict_rows_are_compared_among_themselves() {
+    let page = page(&sample()).page;
+    let table = part(&page, "## Question 2: benefit of sound beyond vision and language");
+    let row = |start: &str| table.lines().find(|line| line.starts_with(start)).expect("a row");
+    assert!(row("| pag-nav - no-audio | ordered | 22 |").contains("| +75.0 ["), "{table}");
+    let verdicts = row("| pag-nav - no-audio, verdicts sent to both | ordered | 22 |");
+    assert!(verdicts.contains("| +0.0 [+0.0, +0.0], p = 1.0000 |"), "{verdicts}");
+}
+
+#[test]
+fn page_without_ablations_has_no_empty_sections() {
+    let lines: Vec<_> =
+        row_of("random", |_| 0).into_iter().map(|line| moved(line, "quick", "none")).collect();
+    let report = page(&lines);
+    assert!(report.page.contains("small houses") && !report.page.contains("Question 2"), "{}", report.page);
+    assert_eq!(report.episodes.lines().count(), 1 + 2 * EPISODES as usize);
+    assert!(of_lines(&[]).is_none());
+}
