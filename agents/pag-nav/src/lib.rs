@@ -6,6 +6,8 @@
 //! | formula of the paper | function or type |
 //! |---|---|
 //! | Psi_t = P(o_t, G), s_vis | `Recognition::see` and `Recognition::fit` of `avln_kit`: by default probability of the category, colour, size and shape words; for goal images, similarity of embeddings and views |
+//! | z_i = phi(q_i) | `Query::new` of `avln_kit` for words, the embedding of the central object for images |
+//! | Psi_aud | `avln_kit::hearing::Ear::hear` and `bearings_rad` |
 //! | M_t = U(M_{t-1}, Psi_t, p_t, S_t) | `PagNav::perceive` in `agent.rs`; `StoreyMemory` is M_t of one storey |
 //! | R_t, Psi_room, r(x) | `avln_kit::map::RoomMemory`: `see` adds the room cue of a frame, `around` returns r(x) |
 //! | O_t, O_t(g) | `avln_kit::map::ObjectMemory::recognise`; `PagNav::select` filters by `associate` |
@@ -24,11 +26,13 @@
 //! | S_t | `mission::MissionState` |
 //!
 //! Where the paper leaves a choice:
-//! - A sound does not identify its goal: A_bear receives all sounds for the active goal, and older ones weigh less, since sources
+//! - A sound does not identify its goal: A_bear receives each sound for all open goals, and older ones weigh less, since sources
 //!   alternate. s_aud uses the direction from the place of hearing, for the current sound the agent, to the frontier. Two ears do not
 //!   separate front from back: the better of both directions counts.
 //! - The active goal of an unordered mission is the open goal with the best S_ground, otherwise the first open one.
 //! - The frontier stays the target for `keep_steps`. Ties are decided by the shorter way. When everything is explored, the map restarts.
+//! - Frontiers behind unknown cells count only if no others are reachable. The gate also demands a free line of sight on the map. A frame
+//!   that should show the candidate from near but does not lowers its s_vis.
 //! - Without a verdict, a goal counts as completed after its Submit. A wrong verdict refutes the object.
 //! - With one open goal, or without a remaining Submit, the verified claim is a Stop: an N-th Submit is never sent. Without a
 //!   verified candidate the episode ends at the step limit.
@@ -36,7 +40,7 @@
 //! [`Preset::PagNavPlus`] adds the extensions in [`Switches`]. In both presets, every Submit and Stop follows a verification in the
 //! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only
 //! an open gate creates a `Warrant`. Patience and hurry lower the number of looks, never the floor. Sound never completes a goal by
-//! itself, and no candidate needs sound.
+//! itself, and no candidate needs sound: with `silence_outcomes`, a candidate without its sound comes after all others.
 //!
 //! The files in `presets/` document all [`Weights`]. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the value
 //! of perfect hearing, for privileged variants only. The agent is *learnt perception*: its network was trained on training houses.
