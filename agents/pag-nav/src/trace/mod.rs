@@ -10,6 +10,8 @@ use avln_client::{Action, Mission, Observation};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Steps between map lines.
 const MAP_STEPS: u32 = 25;
@@ -176,8 +178,11 @@ impl Recorder {
 
 /// Creates the folder if necessary, and creates and deletes a file in it.
 fn check_writable(folder: &Path) -> io::Result<()> {
+    // A name of its own: agents of parallel episodes check the same folder.
+    static CHECKS: AtomicU32 = AtomicU32::new(0);
     fs::create_dir_all(folder)?;
-    let file = folder.join(".writable");
+    let check = CHECKS.fetch_add(1, Ordering::Relaxed);
+    let file = folder.join(format!(".writable-{}-{check}", process::id()));
     File::create(&file)?;
     fs::remove_file(file)
 }

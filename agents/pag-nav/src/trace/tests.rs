@@ -258,6 +258,18 @@ fn full_disks_end_only_the_trace() {
 }
 
 #[test]
+fn parallel_recorders_share_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("traces");
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| (0..200).for_each(|_| drop(Recorder::new(&place).unwrap())));
+        }
+    });
+    assert_eq!(std::fs::read_dir(&place).unwrap().count(), 0);
+}
+
+#[test]
 fn unwritable_folders_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
