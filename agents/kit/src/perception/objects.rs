@@ -87,7 +87,7 @@ impl DetectedObject {
         FloorPoint::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
     }
 
-    /// Returns the point of the object to face from `place`: the nearest one of the box, or its centre from within or beside the box.
+    /// Returns the point of the object to face from `place`: the nearest one of the box, or its centre from within 0.3 m of the box.
     pub fn facing(&self, place: FloorPoint) -> FloorPoint {
         const BESIDE_M: f32 = 0.3;
         let nearest = self.nearest(place);
