@@ -41,6 +41,12 @@ impl From<Point2<f32>> for FloorPoint {
     }
 }
 
+/// Returns the largest integer up to `value`: inline, because `f32::floor` is a library call without SSE 4.1.
+pub(crate) fn floor(value: f32) -> i32 {
+    let whole = value as i32;
+    whole.saturating_sub(i32::from(whole as f32 > value))
+}
+
 /// A pose on the floor plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pose2d {

@@ -2,7 +2,6 @@
 
 use crate::geometry::FloorPoint;
 use crate::map::occupancy::{CELL_M, Cell, Occupancy};
-use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Cells between search nodes.
@@ -81,15 +80,40 @@ impl Nodes {
     }
 }
 
+/// A queue of cells by estimated cost, cheapest first.
+pub(crate) struct OpenCells(BinaryHeap<u64>);
+
+impl OpenCells {
+    /// Creates a queue with a single cell.
+    pub(crate) fn new(cost_m: f32, cell: Cell) -> Self {
+        let mut queue = Self(BinaryHeap::new());
+        queue.push(cost_m, cell);
+        queue
+    }
+
+    /// Adds a cell; ignores negative indices, which are outside the map.
+    pub(crate) fn push(&mut self, cost_m: f32, cell: Cell) {
+        let (Ok(column), Ok(row)) = (u16::try_from(cell.column), u16::try_from(cell.row)) else { return };
+        // A single number compares faster than a tuple; column and row fix the order of equal costs.
+        let cheapness = u64::from(!millimetres(cost_m));
+        self.0.push(cheapness << 32 | u64::from(column) << 16 | u64::from(row));
+    }
+
+    pub(crate) fn pop(&mut self) -> Option<Cell> {
+        let key = self.0.pop()?;
+        Some(Cell { column: i32::from((key >> 16) as u16), row: i32::from(key as u16) })
+    }
+}
+
 /// Finds the cheapest path to within `reach_m` metres around `goal`, or to the nearest reachable cell.
 pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f32) -> Path {
     let start = Cell::at(from);
     let mut nodes = Nodes::new();
     // Cost 0 marks unvisited nodes, so the start needs a positive cost.
     nodes.improve(start, f32::MIN_POSITIVE, 0);
-    let mut open = BinaryHeap::from([(Reverse(millimetres(from.distance_m(goal))), start)]);
+    let mut open = OpenCells::new(from.distance_m(goal), start);
     let mut nearest = (from.distance_m(goal), start);
-    while let Some((_, cell)) = open.pop() {
+    while let Some(cell) = open.pop() {
         let Some(cost_m) = nodes.close(cell) else { continue };
         let left_m = cell.center().distance_m(goal);
         if left_m < nearest.0 {
@@ -104,7 +128,7 @@ pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f
             // The straight-line distance never overestimates: open floor costs 1 per metre.
             let total_m = cost_m + step_m;
             if nodes.improve(next, total_m, side) {
-                open.push((Reverse(millimetres(total_m + next.center().distance_m(goal))), next));
+                open.push(total_m + next.center().distance_m(goal), next);
             }
         }
     }
@@ -128,6 +152,10 @@ pub(crate) fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPo
     Some(length_m * (factor + BUMP * f32::from(map.bumps(next))))
 }
 
+pub(crate) fn millimetres(metres: f32) -> u32 {
+    (metres * 1000.0) as u32
+}
+
 fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: FloorPoint) -> Path {
     let mut places = Vec::new();
     let mut cell = end;
@@ -138,10 +166,6 @@ fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: FloorPoin
     places.push(from);
     places.reverse();
     Path { places, left_m, cost_m: nodes.cost_m(end) }
-}
-
-pub(crate) fn millimetres(metres: f32) -> u32 {
-    (metres * 1000.0) as u32
 }
 
 impl Path {

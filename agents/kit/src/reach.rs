@@ -2,9 +2,7 @@
 
 use crate::geometry::FloorPoint;
 use crate::map::occupancy::{Cell, Occupancy};
-use crate::path::{Nodes, SIDES, STRIDE, millimetres, step_cost_m};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use crate::path::{Nodes, OpenCells, SIDES, STRIDE, step_cost_m};
 
 /// Costs of the cheapest paths from one place to all reachable cells: one search instead of a path per destination.
 pub struct ReachField {
@@ -17,8 +15,8 @@ impl ReachField {
         let start = Cell::at(from);
         let mut nodes = Nodes::new();
         nodes.improve(start, f32::MIN_POSITIVE, 0);
-        let mut open = BinaryHeap::from([(Reverse(0), start)]);
-        while let Some((_, cell)) = open.pop() {
+        let mut open = OpenCells::new(0.0, start);
+        while let Some(cell) = open.pop() {
             let Some(cost_m) = nodes.close(cell) else { continue };
             if cost_m > most_m {
                 break;
@@ -31,7 +29,7 @@ impl ReachField {
                 let Some(step_m) = step_cost_m(map, cell, next, from) else { continue };
                 let total_m = cost_m + step_m;
                 if nodes.improve(next, total_m, side) {
-                    open.push((Reverse(millimetres(total_m)), next));
+                    open.push(total_m, next);
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! Occupancy map: free, blocked and unknown cells from depth images and collisions.
 
-use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
+use crate::geometry::{FloorPoint, PinholeCamera, Pose2d, floor};
 use avln_client::DepthImage;
 
 /// Cell side, metres.
@@ -39,7 +39,7 @@ impl Cell {
 
     /// Returns a point's cell.
     pub fn at(place: FloorPoint) -> Self {
-        let index = |coordinate: f32| (coordinate / CELL_M).floor() as i32 + SIDE / 2;
+        let index = |coordinate: f32| floor(coordinate / CELL_M) + SIDE / 2;
         Self { column: index(place.x), row: index(place.z) }
     }
 
@@ -63,6 +63,7 @@ pub struct Occupancy {
     bumps: Vec<u8>,
     /// Surfaces at ear level.
     walls: Vec<bool>,
+    has_walls: bool,
     /// Corners around all seen surfaces.
     seen: [FloorPoint; 2],
     /// Obstacle count within [`HARD_M`] and within [`SOFT_M`].
@@ -77,6 +78,7 @@ impl Default for Occupancy {
             evidence: vec![0; Cell::COUNT],
             bumps: vec![0; Cell::COUNT],
             walls: vec![false; Cell::COUNT],
+            has_walls: false,
             seen: [FloorPoint::default(); 2],
             hard: vec![0; Cell::COUNT],
             soft: vec![0; Cell::COUNT],
@@ -137,6 +139,7 @@ impl Occupancy {
         for cell in [Cell::at(place), Cell::at(behind)] {
             cell.index().into_iter().for_each(|index| self.walls[index] = true);
         }
+        self.has_walls = true;
     }
 
     /// Extends the seen area to a rectangle given by two corners.
@@ -248,6 +251,10 @@ impl Occupancy {
     pub fn has_clear_line(&self, from: FloorPoint, to: FloorPoint) -> bool {
         const SAMPLE_M: f32 = 0.09;
         const TAIL_M: f32 = 0.25;
+        // The map of a blind agent has no walls. Cells outside count as walls.
+        if !self.has_walls && Cell::at(from).index().is_some() && Cell::at(to).index().is_some() {
+            return true;
+        }
         let length_m = from.distance_m(to);
         let steps = ((length_m - TAIL_M) / SAMPLE_M).max(0.0) as i32;
         (1..=steps).all(|step| !self.is_wall(Cell::at(from.toward(to, step as f32 * SAMPLE_M / length_m))))
@@ -331,6 +338,7 @@ mod tests {
                     cell.index().into_iter().for_each(|index| self.walls[index] = amount > 0);
                 }
             }
+            self.has_walls |= amount > 0;
         }
     }
 

@@ -1,6 +1,6 @@
 //! Sound paths from possible sources to the listener, through the known map.
 
-use crate::geometry::FloorPoint;
+use crate::geometry::{FloorPoint, floor};
 use crate::map::occupancy::{Cell, Occupancy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -130,9 +130,9 @@ pub(crate) fn center(index: usize) -> FloorPoint {
 }
 
 fn index(place: FloorPoint) -> Option<usize> {
-    let cell = |coordinate: f32| (coordinate / STEP_M + 0.5 * SIDE as f32).floor();
+    let cell = |coordinate: f32| floor(coordinate / STEP_M + 0.5 * SIDE as f32);
     let (column, row) = (cell(place.x), cell(place.z));
-    let inside = 0.0..SIDE as f32;
+    let inside = 0..SIDE as i32;
     (inside.contains(&column) && inside.contains(&row)).then(|| row as usize * SIDE + column as usize)
 }
 
