@@ -36,6 +36,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),
     ("docs", &[]),
+    ("training", &["dataset", "episode", "geom", "houses", "referee", "truth", "world"]),
+    ("native", &["episode", "referee", "training", "world"]),
     (
         "arena",
         &[
@@ -130,10 +132,11 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
     ("interchange", &["houses"]),
+    ("training", &["scoring"]),
     // Agents of the simulation, which send arbitrary frames.
     ("arena", &["proto"]),
-    // Agents of the soak, which resume the run of a killed process.
-    ("tests", &["proto"]),
+    // Agents of the soak, which resume the run of a killed process; the Python module, built for its tests.
+    ("tests", &["proto", "native"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

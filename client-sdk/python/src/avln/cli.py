@@ -74,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "check before a run that it will succeed: token, clock, versions, quota, speed, and practice episodes"
     _add_doctor(add("doctor", about, _doctor))
     _add_quickstart(add("quickstart", "write an agent of 20 lines and play a run with it", _quickstart))
+    _add_bench(add("bench", "measure the speed of training environments in this process", _bench))
     return program
 
 
@@ -101,6 +102,32 @@ def _add_quickstart(to: argparse.ArgumentParser) -> None:
     add_run(to, method="quickstart")
     add_camera(to, size=128)
     to.add_argument("--out", type=Path, default=Path("agent.py"), help="file for the agent [agent.py]")
+
+
+def _add_bench(to: argparse.ArgumentParser) -> None:
+    to.add_argument("--num-envs", type=int, default=8, help="environments [8]")
+    to.add_argument("--threads", type=int, help="worker threads [one per processor]")
+    to.add_argument("--size", type=int, default=128, help="image side, pixels [128]")
+    to.add_argument("--senses", default="rgbd,audio", help="any of rgb, depth, rgbd and audio [rgbd,audio]")
+    to.add_argument("--seconds", type=float, default=20.0, help="time without preparation [20]")
+    to.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _bench(options: argparse.Namespace) -> int:
+    try:
+        from avln.sim.bench import measure  # noqa: PLC0415
+
+        senses = options.senses.replace("rgbd", "rgb,depth").split(",")
+        speed = measure(options.num_envs, options.threads, options.size, senses, options.seconds)
+    except (ModuleNotFoundError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    if options.json:
+        print(json.dumps(speed))
+    else:
+        print(f"{speed['steps_per_s']:.0f} steps/s, {1e3 * speed['cpu_s_per_step']:.3f} ms of processor time per step")
+        print(f"{speed['rss_mib']:.0f} MiB resident")
+    return 0
 
 
 def _whoami(options: argparse.Namespace) -> int:

@@ -9,7 +9,9 @@ use avln_episode::{
     Rules, Sensors, SensorsError, StopClaims, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use avln_world::{Bank, Head, Motion, Point3, Rng, SceneAssets, Senses, StartError, World, WorldOptions};
+use avln_world::{
+    Bank, Head, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World, WorldOptions,
+};
 use std::sync::Arc;
 
 /// Error at the start or during an episode.
@@ -186,6 +188,31 @@ impl Referee {
     /// Returns per goal whether it is still open. Hidden from agents.
     pub fn is_open(&self) -> Vec<bool> {
         self.goals.iter().map(|&state| state == GoalState::Open).collect()
+    }
+
+    /// Returns the facts about all steps so far. Hidden from agents.
+    pub fn facts(&self) -> &[StepFacts] {
+        &self.steps
+    }
+
+    /// Returns the walking distance from the body to a goal's success region, metres; `None` if unreachable. Hidden from agents.
+    pub fn walk_m(&self, goal: usize) -> Option<f64> {
+        self.success.walk_m(&self.world, goal)
+    }
+
+    /// Returns the walking distance from a point to a goal's success region, metres. Hidden from agents.
+    pub fn walk_from_m(&self, point: &NavPoint, goal: usize) -> Option<f64> {
+        self.success.walk_from_m(self.world.assets(), point, goal)
+    }
+
+    /// Returns the corners of the shortest way from the body to a goal's success region, world frame. Hidden from agents.
+    pub fn walk(&self, goal: usize) -> Option<Vec<Point3<f32>>> {
+        self.success.walk(&self.world, goal)
+    }
+
+    /// Returns true if the body is in a goal's success region. Hidden from agents.
+    pub fn is_in_region(&self, goal: usize) -> bool {
+        self.distance_within(goal).is_some()
     }
 
     /// Returns the world with the body. Hidden from agents.

@@ -3,8 +3,8 @@
 use avln_episode::{self as episode, Action, DistanceRule, Rules, Sensors, SilenceRule, SoundingRule};
 use avln_truth::Target;
 use avln_world::{
-    Camera, CameraView, DepthNoise, DistanceField, Head, InstanceId, Motion, NavPoint, Noise, RgbNoise, Rng,
-    SceneAssets, World, WorldOptions,
+    Camera, CameraView, DepthNoise, DistanceField, Head, InstanceId, Motion, NavPoint, Noise, Point3,
+    RgbNoise, Rng, SceneAssets, World, WorldOptions,
 };
 
 /// Picture side for the pixel test in the authors' rule.
@@ -92,7 +92,17 @@ impl SuccessTest {
 
     /// Returns the walking distance from the body to the goal's success region, metres.
     pub(crate) fn walk_m(&self, world: &World, goal: usize) -> Option<f64> {
-        self.to_region[goal].distance_m(&world.assets().navmesh, &world.standing())
+        self.walk_from_m(world.assets(), &world.standing(), goal)
+    }
+
+    /// Returns the walking distance from a point to the goal's success region, metres.
+    pub(crate) fn walk_from_m(&self, assets: &SceneAssets, point: &NavPoint, goal: usize) -> Option<f64> {
+        self.to_region.get(goal)?.distance_m(&assets.navmesh, point)
+    }
+
+    /// Returns the corners of the shortest way from the body to the goal's success region.
+    pub(crate) fn walk(&self, world: &World, goal: usize) -> Option<Vec<Point3<f32>>> {
+        self.to_region.get(goal)?.path(&world.assets().navmesh, &world.standing())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Wide vector instructions and memory-mapped files: all `unsafe` code of the workspace.
+//! Wide vector instructions and memory-mapped files: all `unsafe` code of servers and agents.
 //!
 //! The `README.md` of this crate contains the soundness arguments.
 //!

@@ -17,6 +17,17 @@ from avln.gym.vector import LHAVLNVectorEnv
 ENV_ID = "avln/LHAVLN-v1"
 """Registered environment name."""
 
+TRAINING_ENV_ID = "avln/LHAVLNTrain-v1"
+"""Registered name of the training environments, `avln.sim`."""
+
+if TRAINING_ENV_ID not in gymnasium.registry:
+    gymnasium.register(
+        TRAINING_ENV_ID,
+        entry_point="avln.sim.env:Env",
+        vector_entry_point="avln.sim.vector:VectorEnv",
+        disable_env_checker=True,
+    )
+
 if ENV_ID not in gymnasium.registry:
     gymnasium.register(
         ENV_ID,
@@ -29,6 +40,7 @@ __all__ = [
     "ENV_ID",
     "GOAL_TEXT_BYTES",
     "MAX_GOALS",
+    "TRAINING_ENV_ID",
     "LHAVLNEnv",
     "LHAVLNVectorEnv",
     "ObservationSpace",

@@ -1,0 +1,183 @@
+//! The class `NativeVector`.
+
+use crate::options::VectorOptions;
+use crate::rows::{Buffer, NumpyRow};
+use avln_training::{EnvState, EpisodeSource, Finished, TrainingError, VectorEnv};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Pause between checks for Ctrl-C.
+const SIGNALS: Duration = Duration::from_millis(50);
+
+/// Name, type, shape, and whether the array is privileged information.
+type ArrayEntry = (String, &'static str, Vec<usize>, bool);
+
+/// Environment, row, reward, terminated, truncated, and an error message.
+type StepResult = (usize, usize, f64, bool, bool, Option<String>);
+
+/// Environments on worker threads, with observations in NumPy arrays.
+#[pyclass(frozen)]
+pub(crate) struct NativeVector {
+    vector: Mutex<Option<VectorEnv<NumpyRow>>>,
+    buffers: Mutex<Vec<Arc<Buffer>>>,
+    /// Results that an interrupted `recv` has left.
+    received: Mutex<Vec<StepResult>>,
+    process: u32,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn value_error(error: TrainingError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+#[pymethods]
+impl NativeVector {
+    /// Starts the threads; `options` is JSON.
+    #[new]
+    fn new(py: Python<'_>, options: &str) -> PyResult<Self> {
+        let options = VectorOptions::from_json(options)?;
+        let (source, env, audio) = (options.source()?, options.env()?, options.audio()?);
+        let (count, threads) = (options.num_envs, options.threads);
+        let vector = py.detach(|| VectorEnv::new(count, threads, EpisodeSource::open(&source)?, env, audio));
+        Ok(Self {
+            vector: Mutex::new(Some(vector.map_err(value_error)?)),
+            buffers: Mutex::default(),
+            received: Mutex::default(),
+            process: std::process::id(),
+        })
+    }
+
+    /// Returns name, type, shape and privilege of all arrays.
+    fn layout(&self) -> PyResult<Vec<ArrayEntry>> {
+        self.with(|vector| {
+            let entry = |spec: &avln_training::ArraySpec| {
+                let kind = match spec.kind {
+                    avln_training::ArrayKind::U8 => "uint8",
+                    avln_training::ArrayKind::I32 => "int32",
+                    avln_training::ArrayKind::I64 => "int64",
+                    avln_training::ArrayKind::F32 => "float32",
+                };
+                (spec.name.to_owned(), kind, spec.shape.clone(), spec.is_info)
+            };
+            Ok(vector.layout().arrays().iter().map(entry).collect())
+        })
+    }
+
+    /// Registers arrays with a row per environment, in the layout's order; returns the buffer's number.
+    fn add_buffer(
+        &self,
+        arrays: Vec<Bound<'_, PyAny>>,
+        finals: Vec<Bound<'_, PyAny>>,
+        rows: usize,
+    ) -> PyResult<usize> {
+        let specs = self.with(|vector| Ok(vector.layout().arrays().to_vec()))?;
+        let mut buffers = lock(&self.buffers);
+        buffers.push(Buffer::new(&specs, &arrays, &finals, rows)?);
+        Ok(buffers.len() - 1)
+    }
+
+    /// Starts a step of each environment, written to the given rows.
+    fn send_steps(
+        &self,
+        envs: Vec<usize>,
+        actions: Vec<i64>,
+        buffer: usize,
+        rows: Vec<usize>,
+    ) -> PyResult<()> {
+        for ((env, action), row) in envs.into_iter().zip(actions).zip(rows) {
+            let row = self.row(buffer, row)?;
+            // Negative numbers become large ones, which are no actions either.
+            let action = u32::try_from(action).unwrap_or(u32::MAX);
+            self.with(|vector| vector.send_step(env, action, row).map_err(value_error))?;
+        }
+        Ok(())
+    }
+
+    /// Starts the next episode of each environment.
+    fn send_resets(&self, envs: Vec<usize>, buffer: usize, rows: Vec<usize>) -> PyResult<()> {
+        for (env, row) in envs.into_iter().zip(rows) {
+            let row = self.row(buffer, row)?;
+            self.with(|vector| vector.send_reset(env, row).map_err(value_error))?;
+        }
+        Ok(())
+    }
+
+    /// Starts the restoration of a state from `state`.
+    fn send_restore(&self, env: usize, state: &[u8], buffer: usize, row: usize) -> PyResult<()> {
+        let state: EnvState = serde_json::from_slice(state)
+            .map_err(|error| PyValueError::new_err(format!("cannot restore the state: {error}")))?;
+        let row = self.row(buffer, row)?;
+        self.with(|vector| vector.send_restore(env, state, row).map_err(value_error))
+    }
+
+    /// Waits for `count` results. After Ctrl-C the results remain for the next call.
+    fn recv(&self, py: Python<'_>, count: usize) -> PyResult<Vec<StepResult>> {
+        loop {
+            let mut received = lock(&self.received);
+            if received.len() >= count {
+                return Ok(received.drain(..count).collect());
+            }
+            drop(received);
+            let next = py.detach(|| self.with(|vector| vector.recv(SIGNALS).map_err(value_error)))?;
+            lock(&self.received).extend(next.map(result));
+            py.check_signals()?;
+        }
+    }
+
+    /// Returns the exact state of an environment.
+    fn state(&self, env: usize) -> PyResult<Vec<u8>> {
+        let state = self.with(|vector| vector.state(env).map_err(value_error))?;
+        serde_json::to_vec(&state).map_err(|error| PyRuntimeError::new_err(error.to_string()))
+    }
+
+    /// Ends all threads after their present step; further calls fail.
+    fn close(&self, py: Python<'_>) {
+        let vector = lock(&self.vector).take();
+        py.detach(|| self.end(vector));
+    }
+}
+
+impl NativeVector {
+    fn with<T>(&self, call: impl FnOnce(&VectorEnv<NumpyRow>) -> PyResult<T>) -> PyResult<T> {
+        if std::process::id() != self.process {
+            let message = "the environments belong to the parent process; create them after the fork";
+            return Err(PyRuntimeError::new_err(message));
+        }
+        let vector = lock(&self.vector);
+        call(vector.as_ref().ok_or_else(|| PyRuntimeError::new_err("the environments are closed"))?)
+    }
+
+    fn row(&self, buffer: usize, row: usize) -> PyResult<NumpyRow> {
+        let buffer = lock(&self.buffers).get(buffer).cloned();
+        buffer.ok_or_else(|| PyValueError::new_err("no such buffer"))?.take(row)
+    }
+
+    fn end(&self, vector: Option<VectorEnv<NumpyRow>>) {
+        if std::process::id() == self.process {
+            drop(vector);
+        } else {
+            // A forked child has no worker threads to wait for.
+            std::mem::forget(vector);
+        }
+    }
+}
+
+impl Drop for NativeVector {
+    fn drop(&mut self) {
+        let vector = lock(&self.vector).take();
+        self.end(vector);
+    }
+}
+
+fn result(finished: Finished<NumpyRow>) -> StepResult {
+    let (env, row) = (finished.env, finished.row.row);
+    match finished.flags {
+        Ok(flags) => (env, row, flags.reward, flags.terminated, flags.truncated, None),
+        Err(error) => (env, row, 0.0, false, false, Some(error.to_string())),
+    }
+}

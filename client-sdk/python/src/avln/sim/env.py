@@ -1,0 +1,112 @@
+"""A single training environment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Callable
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from avln.sim.vector import VectorEnv
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from avln.sim.options import Folder, Scan
+
+Reward = Callable[[dict[str, Any], int, dict[str, Any]], float]
+"""Reward function: observation and info after the step, and the action."""
+
+
+class Env(gymnasium.Env[dict[str, Any], Any]):
+    """A training environment; the arguments are those of `VectorEnv`.
+
+    `terminated` means that the task ended the episode (Stop, or an extra Submit under `ends_episode`), `truncated` the
+    step limit.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012, as its base has it
+
+    def __init__(
+        self,
+        source: str | Folder | Scan = "paper",
+        *,
+        reward: str | Reward = "progress",
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Creates the environment.
+
+        Args:
+            source: as for `VectorEnv`.
+            reward: `progress`, `sparse` or `none`, or a function.
+            render_mode: `rgb_array`, or None.
+            options: other arguments of `VectorEnv`.
+
+        Raises:
+            ValueError: if an option is out of range, or the source is not for training.
+        """
+        self._reward = None if isinstance(reward, str) else reward
+        rule = reward if isinstance(reward, str) else "none"
+        fixed = {"scenes": 1, "threads": 1, "autoreset_mode": AutoresetMode.DISABLED}
+        self._vector = VectorEnv(1, source, reward=rule, **{**fixed, **options})
+        self._seen: dict[str, Any] = {}
+        self.render_mode = render_mode
+        self.observation_space = self._vector.single_observation_space
+        self.action_space = self._vector.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Starts the next episode; with a seed, the first episode of another sequence.
+
+        Raises:
+            SimError: if a scene cannot be prepared.
+            ValueError: if options are given.
+        """
+        super().reset(seed=seed)
+        observations, infos = self._vector.reset(seed=seed, options=options)
+        self._seen = _first(observations)
+        return self._seen, _first(infos)
+
+    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Performs an action.
+
+        Raises:
+            SimError: if the action is invalid, or the episode has ended.
+        """
+        observations, rewards, terminated, truncated, infos = self._vector.step([int(action)])
+        self._seen, info = _first(observations), _first(infos)
+        reward = float(rewards[0]) if self._reward is None else float(self._reward(self._seen, int(action), info))
+        return self._seen, reward, bool(terminated[0]), bool(truncated[0]), info
+
+    def state(self) -> bytes:
+        """Returns the exact state: the episode with all actions.
+
+        Raises:
+            ValueError: before the first reset.
+        """
+        return self._vector.state(0)
+
+    def restore(self, state: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Restores a state by repeating its actions; returns its observation and info.
+
+        Raises:
+            SimError: if the state belongs to other episodes.
+        """
+        self._seen, info = self._vector.restore(0, state)
+        return self._seen, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Returns the agent's view, u8 [height, width, 3]; None without a colour image or render mode."""
+        return self._seen.get("rgb") if self.render_mode else None
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._vector.close()
+
+
+def _first(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Returns copies of the first rows, which later steps do not change."""
+    return {name: np.array(array[0]) if array.ndim > 1 else array[0] for name, array in arrays.items()}

@@ -1,0 +1,330 @@
+"""Many environments on worker threads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Callable
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from avln.action import Action
+from avln.sim.options import SENSES, Folder, Scan, SimError, native, to_json
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+Arrays = dict[str, "NDArray[Any]"]
+VectorReward = Callable[[Arrays, "NDArray[np.int64]", dict[str, Any]], "ArrayLike"]
+"""Reward function: observations and infos after the step, and the actions; returns a number per environment."""
+
+_FARTHEST_M = 10_000.0
+_LOUDEST = 1e6
+_BUFFERS = 2
+
+
+class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
+    """Training environments that run on worker threads.
+
+    Observations have the keys of `avln.gym.ObservationSpace`, with a leading axis for the environments. The arrays are
+    allocated once and written in place by the threads, alternately in two buffers: an observation stays valid until the
+    second step after it. With `batch_size`, `recv` copies the rows of the finished environments.
+
+    The episodes depend only on `seed` and the source. Equal actions give equal bits for any number of threads.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012, as its base has it
+
+    def __init__(  # noqa: PLR0913, flat arguments suit gymnasium.make
+        self,
+        num_envs: int = 8,
+        source: str | Folder | Scan = "paper",
+        *,
+        seed: int = 0,
+        threads: int | None = None,
+        batch_size: int | None = None,
+        size: int | tuple[int, int] = 128,
+        senses: Sequence[str] = SENSES,
+        order: str | None = None,
+        goals: tuple[int, int] = (2, 4),
+        distance_m: tuple[float, float] = (3.0, 1000.0),
+        rooms: tuple[int, int] | None = None,
+        storeys: tuple[int, int] | None = None,
+        scenes: int = 8,
+        episodes_per_scene: int = 64,
+        rules: str = "lh-avln-v1",
+        max_steps: int | None = None,
+        goal_side: int = 64,
+        goal_cues: bool = True,
+        reward: str | VectorReward = "progress",
+        privileged: bool = False,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        """Starts the threads.
+
+        Args:
+            num_envs: environments.
+            source: name of a recipe, whose training houses are drawn without end; a `Folder`; or a `Scan`.
+            seed: seed of all draws, until `reset` gives another.
+            threads: worker threads; by default one per processor.
+            batch_size: environments per `recv`; all by default.
+            size: image side, or width and height, pixels, 64 to 1024.
+            senses: any of `rgb`, `depth` and `audio`.
+            order: `ordered` or `unordered`; drawn per episode by default.
+            goals: fewest and most goals, 1 to 4.
+            distance_m: smallest and largest walking distance from the start to each target, metres.
+            rooms: fewest and most rooms per house of a recipe, 1 to 64; by default those of the recipe.
+            storeys: fewest and most storeys per house of a recipe, 1 to 4; by default those of the recipe.
+            scenes: scenes in use at the same time; environments with equal index modulo this number share one.
+            episodes_per_scene: episodes of an environment before its next scene.
+            rules: rule set.
+            max_steps: step limit; that of the rules by default.
+            goal_side: side of goal images, pixels.
+            goal_cues: True to add `goal_text` and `goal_image`.
+            reward: `progress`, `sparse` or `none` (docs/training.md), or a function.
+            privileged: True to add training information to the infos (docs/training.md).
+            autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
+
+        Raises:
+            ValueError: if an option is out of range, or the source is not for training.
+        """
+        self._reward = None if isinstance(reward, str) else reward
+        self._options: dict[str, Any] = {
+            "source": source,
+            "num_envs": num_envs,
+            "threads": threads,
+            "size": size,
+            "senses": senses,
+            "order": order,
+            "goals": goals,
+            "distance_m": distance_m,
+            "rooms": rooms,
+            "storeys": storeys,
+            "scenes": scenes,
+            "episodes_per_scene": episodes_per_scene,
+            "rules": rules,
+            "max_steps": max_steps,
+            "goal_side": goal_side,
+            "goal_cues": goal_cues,
+            "reward": reward if isinstance(reward, str) else "none",
+            "privileged": privileged,
+            "autoreset_mode": autoreset_mode,
+        }
+        self.num_envs = num_envs
+        self.metadata = {**self.metadata, "autoreset_mode": autoreset_mode}
+        self._begin(seed)
+        self.batch_size = num_envs if batch_size is None else batch_size
+        if not 1 <= self.batch_size <= num_envs:
+            self._native.close()
+            raise ValueError(f"`batch_size` is {batch_size}; 1 to {num_envs} are possible")
+        self._make_spaces(max_steps or 1000)
+
+    def _begin(self, seed: int) -> None:
+        """Starts the native environments and their buffers."""
+        self._native = native().NativeVector(to_json(seed=seed, **self._options))
+        self._layout = self._native.layout()
+        has_finals = self.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+        self._buffers = [self._arrays() for _ in range(_BUFFERS)]
+        self._finals = [self._arrays() if has_finals else {} for _ in range(_BUFFERS)]
+        for arrays, finals in zip(self._buffers, self._finals):
+            self._native.add_buffer(list(arrays.values()), list(finals.values()), self.num_envs)
+        self._observed = [name for name, *_, is_info in self._layout if not is_info]
+        self._turn = np.zeros(self.num_envs, np.int64)
+        self._actions = np.zeros(self.num_envs, np.int64)
+        self._running = 0
+
+    def _arrays(self) -> Arrays:
+        return {name: np.zeros((self.num_envs, *shape), kind) for name, kind, shape, _ in self._layout}
+
+    def _make_spaces(self, max_steps: int) -> None:
+        known = {
+            name: _space(name, kind, shape, max_steps) for name, kind, shape, is_info in self._layout if not is_info
+        }
+        self.single_observation_space = spaces.Dict(known)
+        self.single_action_space = spaces.Discrete(len(Action))
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Arrays, dict[str, Any]]:
+        """Starts the next episode of all environments; with a seed, the first episode of another sequence.
+
+        Options can contain Gymnasium's `reset_mask`, to reset some environments only.
+
+        Raises:
+            SimError: if a scene cannot be prepared.
+            ValueError: if the seed is a list, or an option is unknown.
+        """
+        mask = dict(options or {}).pop("reset_mask", None)
+        if set(options or {}) - {"reset_mask"}:
+            raise ValueError(f"reset the environments: unsupported options {sorted(options or {})}")
+        if isinstance(seed, list):
+            raise ValueError("a list of seeds is not supported; one seed determines all environments")
+        self._drain()
+        if seed is not None:
+            self._native.close()
+            self._begin(seed)
+        envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
+        self._turn[:] = (self._turn + 1) % _BUFFERS
+        turn = int(self._turn[0])
+        self._native.send_resets(envs.tolist(), turn, envs.tolist())
+        if len(envs) < self.num_envs:
+            self._keep(turn, np.setdiff1d(np.arange(self.num_envs), envs))
+        self._raise_errors(self._native.recv(len(envs)))
+        return self._observations(turn), self._infos(turn)
+
+    def _keep(self, turn: int, envs: NDArray[np.int64]) -> None:
+        """Copies the rows of environments that take no part in a reset."""
+        before = self._buffers[(turn - 1) % _BUFFERS]
+        for name, array in self._buffers[turn].items():
+            array[envs] = before[name][envs]
+
+    def step(self, actions: ArrayLike) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Performs an action in each environment.
+
+        Raises:
+            SimError: if an action is invalid, or an environment has no episode; all others have made their step.
+        """
+        self.step_async(actions)
+        return self.step_wait()
+
+    def step_async(self, actions: ArrayLike) -> None:
+        """Starts a step of all environments.
+
+        Raises:
+            SimError: if a step is running.
+        """
+        if self._running:
+            raise SimError("a step is running; call step_wait or recv first")
+        self._actions = np.asarray(actions, np.int64)
+        if self._actions.shape != (self.num_envs,):
+            raise ValueError(f"`actions` has shape {self._actions.shape}; use ({self.num_envs},)")
+        self.send(self._actions, np.arange(self.num_envs))
+
+    def step_wait(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Waits for the step of all environments; returns as `step`."""
+        results = self._native.recv(self.num_envs)
+        self._running -= self.num_envs
+        turn = int(self._turn[0])
+        rewards, terminated, truncated = self._flags(results)
+        infos = self._infos(turn)
+        self._add_finals(infos, turn, terminated | truncated)
+        self._raise_errors(results)
+        observations = self._observations(turn)
+        if self._reward is not None:
+            rewards[:] = self._reward(observations, self._actions, infos)
+        return observations, rewards, terminated, truncated, infos
+
+    def send(self, actions: ArrayLike, env_ids: ArrayLike) -> None:
+        """Starts a step of some environments, as in EnvPool."""
+        envs = np.asarray(env_ids, np.int64)
+        self._turn[envs] = (self._turn[envs] + 1) % _BUFFERS
+        chosen = np.asarray(actions, np.int64)
+        for turn in range(_BUFFERS):
+            here = self._turn[envs] == turn
+            rows = envs[here].tolist()
+            self._native.send_steps(rows, chosen[here].tolist(), turn, rows)
+        self._running += len(envs)
+
+    def recv(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Waits for `batch_size` environments, in the order of completion; their indices are `infos["env_id"]`.
+
+        Raises:
+            SimError: if fewer steps are running, or one has failed.
+        """
+        if self._running < self.batch_size:
+            raise SimError(f"{self._running} steps are running, fewer than the batch size {self.batch_size}")
+        results = self._native.recv(self.batch_size)
+        self._running -= self.batch_size
+        self._raise_errors(results)
+        envs = np.array([result[0] for result in results])
+        rows = {
+            name: np.stack([self._buffers[self._turn[env]][name][env] for env in envs]) for name, *_ in self._layout
+        }
+        flags = [np.array([result[index] for result in results]) for index in (2, 3, 4)]
+        infos: dict[str, Any] = {name: rows.pop(name) for name, _, _, is_info in self._layout if is_info}
+        return rows, flags[0], flags[1], flags[2], {**infos, "env_id": envs}
+
+    def state(self, env_id: int) -> bytes:
+        """Returns the exact state of an environment between steps: the episode with all actions.
+
+        Raises:
+            ValueError: if it has no episode.
+        """
+        return bytes(self._native.state(env_id))
+
+    def restore(self, env_id: int, state: bytes) -> tuple[Arrays, dict[str, Any]]:
+        """Restores a state in an environment by repeating its actions; returns its observation and info.
+
+        Raises:
+            SimError: if the state belongs to other episodes.
+        """
+        turn = int(self._turn[env_id])
+        self._native.send_restore(env_id, state, turn, env_id)
+        self._raise_errors(self._native.recv(1))
+        row = {name: array[env_id].copy() for name, array in self._buffers[turn].items()}
+        return {name: row[name] for name in self._observed}, {
+            name: row[name] for name, *_, is_info in self._layout if is_info
+        }
+
+    def close_extras(self, **_: Any) -> None:
+        """Ends the threads."""
+        self._native.close()
+
+    def _drain(self) -> None:
+        if self._running:
+            self._native.recv(self._running)
+            self._running = 0
+
+    def _observations(self, turn: int) -> Arrays:
+        return {name: self._buffers[turn][name] for name in self._observed}
+
+    def _infos(self, turn: int) -> dict[str, Any]:
+        return {name: self._buffers[turn][name] for name, *_, is_info in self._layout if is_info}
+
+    def _flags(self, results: list[Any]) -> list[NDArray[Any]]:
+        flags: list[NDArray[Any]] = [np.zeros(self.num_envs, kind) for kind in (np.float64, np.bool_, np.bool_)]
+        for env, _, *values, _ in results:
+            for array, value in zip(flags, values):
+                array[env] = value
+        return flags
+
+    def _add_finals(self, infos: dict[str, Any], turn: int, is_over: NDArray[Any]) -> None:
+        finals = self._finals[turn]
+        if not finals or not is_over.any():
+            return
+        observations, details = (np.full(self.num_envs, None, object) for _ in range(2))
+        for env in np.flatnonzero(is_over):
+            observations[env] = {name: finals[name][env].copy() for name in self._observed}
+            details[env] = {name: finals[name][env].copy() for name, *_, is_info in self._layout if is_info}
+        infos.update(final_obs=observations, _final_obs=is_over.copy(), final_info=details, _final_info=is_over.copy())
+
+    @staticmethod
+    def _raise_errors(results: list[Any]) -> None:
+        messages = [message for *_, message in results if message]
+        if messages:
+            raise SimError("; ".join(sorted(set(messages))))
+
+
+def _space(name: str, kind: str, shape: list[int], max_steps: int) -> spaces.Space[Any]:
+    dtype = np.dtype(kind).type
+    if name == "feedback":
+        return spaces.Discrete(4)
+    if name == "order":
+        return spaces.Discrete(2)
+    if name == "goal_modality":
+        return spaces.MultiDiscrete([4] * shape[0])
+    if name == "pose":
+        farthest = np.array([_FARTHEST_M] * 3 + [np.pi + 1e-3], np.float32)
+        return spaces.Box(-farthest, farthest, dtype=np.float32)
+    lowest, highest = {
+        "depth": (0.0, _FARTHEST_M),
+        "audio": (-_LOUDEST, _LOUDEST),
+        "remaining": (0, max(max_steps, 4)),
+    }.get(name, (0, 255))
+    return spaces.Box(lowest, highest, tuple(shape), dtype)

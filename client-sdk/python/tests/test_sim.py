@@ -1,0 +1,282 @@
+"""Tests of training environments in process."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="pip install gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.vector import AutoresetMode  # noqa: E402
+
+import avln.sim  # noqa: E402
+from avln.cli import main  # noqa: E402
+
+SMALL: dict[str, Any] = {
+    "rooms": (3, 4),
+    "storeys": (1, 1),
+    "goals": (1, 2),
+    "distance_m": (1.0, 100.0),
+    "size": 64,
+    "goal_side": 16,
+    "scenes": 1,
+}
+STOP = int(avln.Action.STOP)
+
+
+@pytest.fixture(autouse=True)
+def _native() -> None:
+    try:
+        avln.sim.options.native()
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))
+
+
+def vector(num_envs: int = 3, **options: Any) -> avln.sim.VectorEnv:
+    return avln.sim.VectorEnv(num_envs, **{**SMALL, "threads": 2, **options})
+
+
+def copied(arrays: dict[str, Any]) -> dict[str, Any]:
+    return {name: np.copy(array) for name, array in arrays.items()}
+
+
+def assert_equal(one: dict[str, Any], other: dict[str, Any]) -> None:
+    assert one.keys() == other.keys()
+    for name, array in one.items():
+        assert np.array_equal(array, other[name]), name
+
+
+def test_gymnasium_checker_accepts_the_environment() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("avln/LHAVLNTrain-v1", disable_env_checker=True, render_mode="rgb_array", **SMALL)
+        check_env(env.unwrapped, skip_render_check=True)
+    env.reset(seed=1)
+    assert env.render().shape == (64, 64, 3)
+    env.close()
+
+
+def test_registered_vector_has_all_environments() -> None:
+    envs = gymnasium.make_vec("avln/LHAVLNTrain-v1", num_envs=2, **SMALL)
+    observations, _ = envs.reset(seed=3)
+    assert observations["rgb"].shape == (2, 64, 64, 3)
+    assert envs.observation_space.contains(observations)
+    envs.close()
+
+
+def test_threads_do_not_change_bits() -> None:
+    played = []
+    for threads in (1, 3):
+        envs = vector(threads=threads, privileged=True)
+        observations, infos = envs.reset(seed=5)
+        for actions in ([0, 1, 2], [0, 0, 3], [STOP, 0, 0], [0, 0, 0]):
+            observations, rewards, terminated, truncated, infos = envs.step(actions)
+        played.append({**copied(observations), **copied(infos), "r": rewards, "te": terminated, "tr": truncated})
+        envs.close()
+    assert_equal(*played)
+
+
+def test_seeds_determine_the_episodes() -> None:
+    envs = vector()
+    first = copied(envs.reset(seed=1)[0])
+    other = copied(envs.reset(seed=2)[0])
+    assert_equal(first, envs.reset(seed=1)[0])
+    assert any(not np.array_equal(first[name], other[name]) for name in first)
+    envs.close()
+
+
+def test_teacher_completes_a_mission() -> None:
+    env = avln.sim.Env(privileged=True, senses=("depth",), **SMALL)
+    _, info = env.reset(seed=4)
+    rewards, terminated, truncated = 0.0, False, False
+    while not (terminated or truncated):
+        _, reward, terminated, truncated, info = env.step(info["expert"])
+        rewards += reward
+    assert terminated
+    assert info["success"] == 1.0
+    assert info["spl"] > 0.7
+    assert rewards > 15.0
+    with pytest.raises(avln.sim.SimError, match="the episode ended"):
+        env.step(0)
+    env.close()
+
+
+def test_same_step_returns_the_final_observation() -> None:
+    envs = vector(autoreset_mode=AutoresetMode.SAME_STEP, privileged=True)
+    envs.reset(seed=1)
+    observations, _, terminated, _, infos = envs.step([0, STOP, 0])
+    assert terminated.tolist() == [False, True, False]
+    assert infos["_final_obs"].tolist() == [False, True, False]
+    assert infos["final_obs"][1]["remaining"][0] == 999
+    assert observations["remaining"][:, 0].tolist() == [999, 1000, 999]
+    assert infos["final_info"][1]["success"] == 0.0
+    envs.close()
+
+
+def test_next_step_resets_in_the_following_step() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    observations, _, terminated, _, _ = envs.step([STOP, 0, 0])
+    assert terminated.tolist() == [True, False, False]
+    observations, rewards, terminated, _, _ = envs.step([0, 0, 0])
+    assert observations["remaining"][:, 0].tolist() == [1000, 998, 998]
+    assert (rewards[0], terminated[0]) == (0.0, False)
+    envs.close()
+
+
+def test_observations_stay_valid_for_one_more_step() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    before = envs.step([0, 0, 0])[0]
+    kept = copied(before)
+    envs.step([1, 1, 1])
+    assert_equal(before, kept)
+    envs.close()
+
+
+def test_batches_follow_the_order_of_completion() -> None:
+    envs = vector(4, batch_size=2)
+    envs.reset(seed=1)
+    envs.send([0, 1, 2, 0], [0, 1, 2, 3])
+    seen: list[int] = []
+    for _ in range(2):
+        observations, rewards, *_, infos = envs.recv()
+        assert observations["pose"].shape == (2, 4)
+        assert rewards.shape == (2,)
+        seen.extend(infos["env_id"].tolist())
+    assert sorted(seen) == [0, 1, 2, 3]
+    with pytest.raises(avln.sim.SimError, match="0 steps are running"):
+        envs.recv()
+    envs.close()
+
+
+def test_states_are_restored_exactly() -> None:
+    envs = vector(2, privileged=True)
+    envs.reset(seed=6)
+    for actions in ([0, 1], [0, 0], [2, 0]):
+        envs.step(actions)
+    state = envs.state(0)
+    first = [copied(part) for part in envs.step([0, 0])[::4]]
+    envs.restore(0, state)
+    again = [copied(part) for part in envs.step([0, 0])[::4]]
+    for one, other in zip(first, again):
+        assert_equal({name: part[0] for name, part in one.items()}, {name: part[0] for name, part in other.items()})
+    with pytest.raises(ValueError, match="cannot restore the state"):
+        envs.restore(0, b"{}")
+    envs.close()
+
+
+def test_an_invalid_action_affects_no_other_environment() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    with pytest.raises(avln.sim.SimError, match="environment 1: action 9 does not exist"):
+        envs.step([0, 9, 0])
+    observations, *_ = envs.step([0, 0, 0])
+    assert observations["remaining"][:, 0].tolist() == [998, 999, 998]
+    with pytest.raises(ValueError, match="shape"):
+        envs.step([0, 0])
+    envs.close()
+
+
+def test_rewards_can_be_functions() -> None:
+    def by_depth(observations: dict[str, Any], actions: Any, _infos: dict[str, Any]) -> Any:
+        if actions[0] == 1:
+            raise ZeroDivisionError
+        return observations["depth"].mean(axis=(1, 2))
+
+    envs = vector(reward=by_depth)
+    envs.reset(seed=1)
+    observations, rewards, *_ = envs.step([0, 0, 0])
+    assert np.allclose(rewards, observations["depth"].mean(axis=(1, 2)))
+    with pytest.raises(ZeroDivisionError):
+        envs.step([1, 0, 0])
+    assert envs.step([0, 0, 0])[0]["remaining"][0, 0] == 997
+    envs.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"source": "papers"}, "use one of: paper, mini"),
+        ({"source": "mini"}, "needs houses of the pool 'train'"),
+        ({"source": avln.sim.Folder("/nowhere")}, "cannot read /nowhere/dataset.json"),
+        ({"size": 8}, "8 x 8 pixels is outside the limits"),
+        ({"num_envs": 0}, "`num_envs` is 0"),
+        ({"goals": (0, 9)}, "`goals` is"),
+        ({"senses": ("smell",)}, "`senses` has"),
+        ({"reward": "fame"}, "use one of: progress, sparse, none"),
+        ({"rules": "chess"}, "chess"),
+        ({"order": "sideways"}, "use ordered or unordered"),
+        ({"batch_size": 9}, "`batch_size` is 9"),
+    ],
+)
+def test_invalid_options_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        avln.sim.VectorEnv(**{**SMALL, "num_envs": 1, **options})
+
+
+def test_scenes_are_read_at_the_first_reset() -> None:
+    env = avln.sim.Env(avln.sim.Scan("/nowhere.glb"), **SMALL)
+    with pytest.raises(avln.sim.SimError, match=r"/nowhere\.glb"):
+        env.reset()
+    env.close()
+
+
+def test_closed_environments_refuse_calls() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    envs.step_async([0, 0, 0])
+    envs.close()
+    envs.close()
+    with pytest.raises(RuntimeError, match="the environments are closed"):
+        envs.step_wait()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
+def test_forked_children_are_told_to_start_anew() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        child = os.fork()
+    if child == 0:
+        try:
+            envs.step([0, 0, 0])
+        except RuntimeError as error:
+            os._exit(0 if "after the fork" in str(error) else 2)
+        os._exit(1)
+    deadline = time.monotonic() + 60.0
+    while (status := os.waitpid(child, os.WNOHANG)) == (0, 0) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert os.waitstatus_to_exitcode(status[1]) == 0
+    envs.step([0, 0, 0])
+    envs.close()
+
+
+def test_bench_prints_speed_and_memory(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "--num-envs", "1", "--threads", "1", "--size", "64", "--senses", "depth", "--seconds", "0.1"]
+    assert main([*arguments, "--json"]) == 0
+    speed = json.loads(capsys.readouterr().out)
+    assert set(speed) == {"steps_per_s", "cpu_s_per_step", "rss_mib"}
+    assert all(value > 0 for value in speed.values())
+    assert main(["bench", "--senses", "smell"]) == 1
+    assert "`senses` has ['smell']" in capsys.readouterr().err
+
+
+def test_dropped_environments_end_their_threads() -> None:
+    envs = vector()
+    envs.reset(seed=1)
+    envs.step_async([0, 0, 0])
+    before = len(os.listdir("/proc/self/task")) if os.path.isdir("/proc/self/task") else 0
+    del envs
+    if before:
+        assert len(os.listdir("/proc/self/task")) == before - 2

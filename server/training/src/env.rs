@@ -1,0 +1,247 @@
+//! An environment: episodes of a source, one after another.
+
+use crate::layout::{Layout, MissionArrays, Row};
+use crate::privileged::{self, Guide};
+use crate::reward::RewardFacts;
+use crate::{AutoReset, EnvOptions, EpisodeSource, TrainingEpisode, TrainingError};
+use avln_episode::{Action, EndReason, Observation};
+use avln_referee::{Audio, Referee};
+use avln_truth::{EpisodeTruth, Record};
+use avln_world::Point3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A Gymnasium step without the observation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepFlags {
+    /// Reward.
+    pub reward: f64,
+    /// True if the task ended the episode.
+    pub terminated: bool,
+    /// True at the step limit.
+    pub truncated: bool,
+}
+
+impl StepFlags {
+    /// Returns true after the last step.
+    pub fn is_over(&self) -> bool {
+        self.terminated || self.truncated
+    }
+}
+
+/// An exact state: the episode with all actions. Restoring repeats them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EnvState {
+    env: u64,
+    episode: u64,
+    /// Actions with the state hashes after them.
+    taken: Vec<(Action, u64)>,
+    /// Next goal of the teachers, which depends on the way.
+    routed: Option<usize>,
+}
+
+/// An environment. The episode sequence depends only on the source and the environment's number.
+pub struct Env {
+    number: u64,
+    next_episode: u64,
+    shared: Arc<Shared>,
+    running: Option<Running>,
+}
+
+/// Parts shared by all environments of a vector.
+pub(crate) struct Shared {
+    pub(crate) source: EpisodeSource,
+    pub(crate) options: EnvOptions,
+    pub(crate) layout: Layout,
+    pub(crate) audio: Audio,
+}
+
+struct Running {
+    episode: u64,
+    referee: Referee,
+    truth: EpisodeTruth,
+    guide: Guide,
+    mission: MissionArrays,
+    path_m: f64,
+    /// Keeps the scene loaded.
+    _scene: TrainingEpisode,
+}
+
+impl Shared {
+    /// Checks the options.
+    pub(crate) fn new(
+        source: EpisodeSource,
+        options: EnvOptions,
+        audio: Audio,
+    ) -> Result<Arc<Self>, TrainingError> {
+        options.check()?;
+        let layout = Layout::new(&options);
+        Ok(Arc::new(Self { source, options, layout, audio }))
+    }
+}
+
+impl Env {
+    /// Creates environment `number` with its own source.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(
+        number: u64,
+        source: EpisodeSource,
+        options: EnvOptions,
+        audio: Audio,
+    ) -> Result<Self, TrainingError> {
+        Ok(Self::with(number, Shared::new(source, options, audio)?))
+    }
+
+    pub(crate) fn with(number: u64, shared: Arc<Shared>) -> Self {
+        Self { number, next_episode: 0, shared, running: None }
+    }
+
+    /// Returns the arrays of a row.
+    pub fn layout(&self) -> &Layout {
+        &self.shared.layout
+    }
+
+    pub(crate) fn autoreset(&self) -> AutoReset {
+        self.shared.options.autoreset
+    }
+
+    /// Returns the ground truth of the running episode.
+    pub fn truth(&self) -> Option<&EpisodeTruth> {
+        self.running.as_ref().map(|running| &running.truth)
+    }
+
+    /// Starts the next episode and writes the first observation.
+    ///
+    /// # Errors
+    /// If a scene cannot be prepared, or the row does not fit the layout.
+    pub fn reset(&mut self, row: &mut Row) -> Result<(), TrainingError> {
+        row.check(&self.shared.layout)?;
+        self.running = None;
+        let running = Running::start(&self.shared, self.number, self.next_episode)?;
+        self.next_episode += 1;
+        let running = self.running.insert(running);
+        let first = running.referee.start();
+        running.put(row, &self.shared, &first);
+        Ok(())
+    }
+
+    /// Performs an action and writes the observation.
+    ///
+    /// # Errors
+    /// If the number is no action, there is no running episode, or the row does not fit the layout.
+    pub fn step(&mut self, action: u32, row: &mut Row) -> Result<StepFlags, TrainingError> {
+        row.check(&self.shared.layout)?;
+        let env = self.number as usize;
+        let action = Action::try_from(action).map_err(|source| TrainingError::Action { env, source })?;
+        let running = self.running.as_mut().ok_or(TrainingError::NotReset(env))?;
+        let (before, routed) = (running.open_goals(), running.guide.routed());
+        let from_m = routed.and_then(|goal| running.referee.walk_m(goal));
+        let outcome = running.referee.step(action)?;
+        running.add_step_to_path();
+        let to_m = routed.and_then(|goal| running.referee.walk_m(goal));
+        running.guide.route(&running.referee, running.truth.order);
+        let open = running.open_goals();
+        let is_same = running.guide.routed() == routed;
+        let facts = RewardFacts {
+            progress_m: from_m.zip(to_m).filter(|_| is_same).map_or(0.0, |(from_m, to_m)| from_m - to_m),
+            is_submit: action == Action::Submit,
+            is_stop: action == Action::Stop,
+            found: before - open,
+            is_complete: open == 0,
+        };
+        running.put(row, &self.shared, &outcome.observation);
+        let truncated = outcome.end == Some(EndReason::StepLimit);
+        Ok(StepFlags {
+            reward: facts.reward(self.shared.options.reward),
+            terminated: outcome.end.is_some() && !truncated,
+            truncated,
+        })
+    }
+
+    /// Returns the exact state.
+    ///
+    /// # Errors
+    /// If there is no running episode.
+    pub fn state(&self) -> Result<EnvState, TrainingError> {
+        let running = self.running.as_ref().ok_or(TrainingError::NotReset(self.number as usize))?;
+        let taken = running.referee.facts().iter().map(|step| (step.action, step.state_hash)).collect();
+        Ok(EnvState { env: self.number, episode: running.episode, taken, routed: running.guide.routed() })
+    }
+
+    /// Restores a state of this or another environment with the same source, and writes its observation.
+    ///
+    /// # Errors
+    /// If the state belongs to other episodes, or the row does not fit the layout.
+    pub fn restore(&mut self, state: &EnvState, row: &mut Row) -> Result<(), TrainingError> {
+        row.check(&self.shared.layout)?;
+        let mut running = Running::start(&self.shared, state.env, state.episode)?;
+        let first = running.referee.start();
+        let outcome = running.referee.replay(&state.taken);
+        let outcome = outcome.map_err(|error| TrainingError::State(error.to_string()))?;
+        let seen = outcome.map_or(first, |outcome| outcome.observation);
+        running.path_m = running.walked_m();
+        running.guide.set_routed(state.routed);
+        running.put(row, &self.shared, &seen);
+        self.next_episode = state.episode + 1;
+        self.running = Some(running);
+        Ok(())
+    }
+
+    /// Ends the episode and returns its facts for scoring; `None` without an episode.
+    pub fn take_record(&mut self) -> Option<(EpisodeTruth, Record)> {
+        self.running.take().map(|running| running.referee.into_record())
+    }
+}
+
+impl Running {
+    fn start(shared: &Shared, env: u64, number: u64) -> Result<Self, TrainingError> {
+        let options = &shared.options;
+        let scene = shared.source.episode(env, number, &options.rules)?;
+        let (assets, mission, truth) =
+            (Arc::clone(&scene.assets), scene.mission.clone(), scene.truth.clone());
+        let referee = Referee::new(
+            assets,
+            mission,
+            truth.clone(),
+            options.rules.clone(),
+            options.sensors.clone(),
+            &shared.audio,
+        )?;
+        let guide = Guide::new(&referee, &truth);
+        let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
+        Ok(Self { episode: number, referee, truth, guide, mission, path_m: 0.0, _scene: scene })
+    }
+
+    fn add_step_to_path(&mut self) {
+        let steps = self.referee.facts();
+        let before =
+            steps.len().checked_sub(2).map_or(self.truth.start.position, |last| steps[last].pose.position);
+        if let Some(step) = steps.last() {
+            self.path_m += distance_m(&before, &step.pose.position);
+        }
+    }
+
+    fn walked_m(&self) -> f64 {
+        let places = self.referee.facts().iter().map(|step| step.pose.position);
+        let from = std::iter::once(self.truth.start.position).chain(places.clone());
+        from.zip(places).map(|(from, to)| distance_m(&from, &to)).sum()
+    }
+
+    fn open_goals(&self) -> u32 {
+        self.referee.is_open().iter().filter(|open| **open).count() as u32
+    }
+
+    fn put(&self, row: &mut Row, shared: &Shared, seen: &Observation) {
+        row.put_mission(&shared.layout, &self.mission);
+        row.put_observation(&shared.layout, seen);
+        if shared.options.privileged {
+            privileged::put(row, &shared.layout, &self.referee, &self.guide, &self.truth, self.path_m);
+        }
+    }
+}
+
+fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
+    (b.cast::<f64>() - a.cast::<f64>()).norm()
+}

@@ -1,0 +1,53 @@
+//! Errors of training episodes.
+
+use avln_dataset::DatasetError;
+use avln_referee::RefereeError;
+use std::path::PathBuf;
+
+/// Error in options, a source, or a step.
+#[expect(missing_docs, reason = "the messages explain the fields")]
+#[derive(Debug, thiserror::Error)]
+pub enum TrainingError {
+    /// Unknown recipe.
+    #[error("recipe '{name}' does not exist; use one of: {known}")]
+    UnknownRecipe { name: String, known: String },
+    /// Houses outside the training pool.
+    #[error("{source_name} has houses of the pool '{pool}'; training needs houses of the pool 'train'")]
+    Pool { source_name: String, pool: String },
+    /// Sealed split.
+    #[error("split {} is sealed; training needs an open split", .0.display())]
+    Sealed(PathBuf),
+    /// Unreadable file.
+    #[error("cannot read {}: {source}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    /// Missing split in a data set.
+    #[error("data set {} has no split '{split}'; it has: {known}", path.display())]
+    UnknownSplit { path: PathBuf, split: String, known: String },
+    /// No mission within the curriculum.
+    #[error("scene {scene} has no mission within the curriculum ({curriculum}); widen its limits")]
+    NoMission { scene: String, curriculum: String },
+    /// Option outside its limits.
+    #[error("`{option}` is {value}; {limits}")]
+    Option { option: &'static str, value: String, limits: String },
+    /// Invalid scene or data set.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Invalid episode or action.
+    #[error(transparent)]
+    Referee(#[from] RefereeError),
+    /// Invalid action number.
+    #[error("environment {env}: {source}")]
+    Action { env: usize, source: avln_episode::UnknownAction },
+    /// Step before the first reset.
+    #[error("environment {0} has no episode; call reset first")]
+    NotReset(usize),
+    /// State of another environment or program.
+    #[error("cannot restore the state: {0}")]
+    State(String),
+    /// Closed environment.
+    #[error("the environments are closed")]
+    Closed,
+    /// A failure that other environments share.
+    #[error("{0}")]
+    Shared(String),
+}

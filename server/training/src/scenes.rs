@@ -1,0 +1,276 @@
+//! Scenes by number: houses of a recipe, a split in a folder, or one scan.
+
+use crate::{Curriculum, TrainingError};
+use avln_dataset::{
+    DatasetError, EpisodeSpec, Job, Manifest, MissionOptions, Recipe, SceneChoice, SceneLine, SceneSource,
+    SceneSpec, SplitLine, SurveyOptions, ThresholdsOnly,
+    format::{File, read_manifest, read_scene, read_scenes},
+    sample_missions, survey_with,
+};
+use avln_episode::Rules;
+use avln_houses::Pool;
+use avln_world::{Body, Cache, Cached, SceneAssets};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A scene with its missions.
+pub(crate) struct PreparedScene {
+    pub(crate) assets: Arc<SceneAssets>,
+    pub(crate) episodes: Vec<EpisodeSpec>,
+}
+
+/// Numbered scenes. Equal numbers give equal scenes.
+pub(crate) trait Scenes: Send + Sync {
+    /// Returns the scene count; `None` for an endless list.
+    fn count(&self) -> Option<u64>;
+
+    /// Builds or reads a scene.
+    fn scene(&self, number: u64) -> Result<PreparedScene, TrainingError>;
+}
+
+/// Missions drawn per house.
+const MISSIONS_PER_HOUSE: usize = 48;
+
+/// Houses of a recipe's training split, without end.
+pub(crate) struct RecipeHouses {
+    recipe: Recipe,
+    split: usize,
+    curriculum: Curriculum,
+    cache: Option<Arc<dyn Cache>>,
+}
+
+impl RecipeHouses {
+    /// Split name in recipes.
+    const SPLIT: &str = "train";
+
+    /// Finds the recipe `name` and checks the pool.
+    pub(crate) fn new(
+        name: &str,
+        seed: u64,
+        curriculum: Curriculum,
+        cache: Option<Arc<dyn Cache>>,
+    ) -> Result<Self, TrainingError> {
+        let known = || Recipe::EMBEDDED.map(|(name, _)| name).join(", ");
+        let text = Recipe::EMBEDDED.iter().find(|(known, _)| *known == name);
+        let (_, text) =
+            text.ok_or_else(|| TrainingError::UnknownRecipe { name: name.to_owned(), known: known() })?;
+        // A verifier would take most of the time of a start.
+        let mut recipe = Recipe { seed: Some(seed), verifier: None, ..Recipe::from_json(text)? };
+        let split = recipe.splits.iter().position(|split| split.name == Self::SPLIT).ok_or_else(|| {
+            let pool = "validation".to_owned();
+            TrainingError::Pool { source_name: format!("recipe '{name}'"), pool }
+        })?;
+        if let SceneChoice::Houses { pool, rooms, storeys, .. } = &mut recipe.splits[split].scenes {
+            if pool != Pool::Train.name() {
+                let source_name = format!("recipe '{name}'");
+                return Err(TrainingError::Pool { source_name, pool: pool.clone() });
+            }
+            *rooms = curriculum.rooms.unwrap_or(*rooms);
+            *storeys = curriculum.storeys.unwrap_or(*storeys);
+        }
+        recipe.check()?;
+        Ok(Self { recipe, split, curriculum, cache })
+    }
+
+    /// Returns the options for missions within the curriculum. The default curriculum keeps the recipe's lengths.
+    fn missions(&self, seed: u64) -> MissionOptions {
+        let rules = self.recipe.mission_rules(&self.recipe.splits[self.split]);
+        let options = rules.options(MISSIONS_PER_HOUSE, seed);
+        if self.curriculum == Curriculum::default() { options } else { narrowed(options, &self.curriculum) }
+    }
+
+    fn drawn(&self, job: Job, attempt: u32) -> Result<PreparedScene, TrainingError> {
+        let rules = self.recipe.rules()?;
+        let (spec, assets) =
+            opened(&self.recipe.scene_name(job), self.recipe.house(job, attempt)?, &rules, &self.cache)?;
+        let options = self.missions(job.scene as u64);
+        furnished(&spec, assets, &rules, &self.recipe.survey, &options, &self.curriculum)
+    }
+}
+
+impl Scenes for RecipeHouses {
+    fn count(&self) -> Option<u64> {
+        None
+    }
+
+    fn scene(&self, number: u64) -> Result<PreparedScene, TrainingError> {
+        let job = Job { split: self.split, scene: number as usize };
+        // As in data sets: a house without suitable missions is drawn again.
+        (1..Recipe::HOUSE_DRAWS)
+            .fold(self.drawn(job, 0), |last, attempt| last.or_else(|_| self.drawn(job, attempt)))
+    }
+}
+
+/// One scan by path.
+pub(crate) struct Scan {
+    path: PathBuf,
+    seed: u64,
+    curriculum: Curriculum,
+    cache: Option<Arc<dyn Cache>>,
+}
+
+impl Scan {
+    pub(crate) fn new(path: &Path, seed: u64, curriculum: Curriculum, cache: Option<Arc<dyn Cache>>) -> Self {
+        Self { path: path.to_owned(), seed, curriculum, cache }
+    }
+}
+
+impl Scenes for Scan {
+    fn count(&self) -> Option<u64> {
+        Some(1)
+    }
+
+    fn scene(&self, _number: u64) -> Result<PreparedScene, TrainingError> {
+        let rules = Rules::paper();
+        let name = self.path.file_stem().map_or_else(|| "scan".into(), |stem| stem.to_string_lossy());
+        let source = SceneSource::File { path: self.path.clone() };
+        let (spec, assets) = opened(&name, source, &rules, &self.cache)?;
+        let options = narrowed(MissionOptions::new(MISSIONS_PER_HOUSE, self.seed), &self.curriculum);
+        furnished(&spec, assets, &rules, &SurveyOptions::default(), &options, &self.curriculum)
+    }
+}
+
+/// A split of a data set in a folder.
+pub(crate) struct FolderSplit {
+    root: PathBuf,
+    split: String,
+    rules: Rules,
+    scenes: Vec<SceneLine>,
+    curriculum: Curriculum,
+    cache: Option<Arc<dyn Cache>>,
+}
+
+impl FolderSplit {
+    /// Opens a split. `is_training` confirms the purpose of scenes from files; houses record their pool.
+    pub(crate) fn open(
+        root: &Path,
+        split: &str,
+        is_training: bool,
+        curriculum: Curriculum,
+        cache: Option<Arc<dyn Cache>>,
+    ) -> Result<Self, TrainingError> {
+        let manifest = manifest(root)?;
+        let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
+            let known = manifest.splits.iter().map(|line| line.name.as_str()).collect::<Vec<_>>().join(", ");
+            TrainingError::UnknownSplit { path: root.to_owned(), split: split.to_owned(), known }
+        })?;
+        let scenes = scene_lines(root, line)?;
+        scenes.iter().try_for_each(|scene| check_pool(split, scene, is_training))?;
+        let rules = Rules::named(&manifest.rules)
+            .map_err(|error| TrainingError::Dataset(DatasetError::Recipe(error.to_string())))?;
+        let root = root.to_owned();
+        Ok(Self { root, split: split.to_owned(), rules, scenes, curriculum, cache })
+    }
+
+    fn file(&self, kind: &str, scene: &str) -> PathBuf {
+        self.root.join(&self.split).join(kind).join(format!("{scene}.jsonl"))
+    }
+}
+
+impl Scenes for FolderSplit {
+    fn count(&self) -> Option<u64> {
+        Some(self.scenes.len() as u64)
+    }
+
+    fn scene(&self, number: u64) -> Result<PreparedScene, TrainingError> {
+        let line = &self.scenes[number as usize];
+        let paths = ["missions", "sealed"].map(|kind| self.file(kind, &line.name));
+        let [missions, sealed] = [read(&paths[0])?, read(&paths[1])?];
+        let names = paths.map(|path| path.display().to_string());
+        let missions = File { name: &names[0], bytes: &missions };
+        let sealed = File { name: &names[1], bytes: &sealed };
+        let episodes = read_scene(line, missions, sealed).map_err(DatasetError::from)?;
+        let assets = line.spec().open_with(&self.rules, self.cache.as_ref())?;
+        prepared(&line.name, assets, episodes, &self.curriculum)
+    }
+}
+
+fn manifest(root: &Path) -> Result<Manifest, TrainingError> {
+    let path = root.join("dataset.json");
+    let (name, bytes) = (path.display().to_string(), read(&path)?);
+    Ok(read_manifest(File { name: &name, bytes: &bytes }).map_err(DatasetError::from)?)
+}
+
+fn scene_lines(root: &Path, split: &SplitLine) -> Result<Vec<SceneLine>, TrainingError> {
+    let path = root.join(&split.name).join("scenes.jsonl");
+    let (name, bytes) = (path.display().to_string(), read(&path)?);
+    // Open files are JSON lines; sealed ones start with a magic number.
+    if !bytes.starts_with(b"{") {
+        return Err(TrainingError::Sealed(root.join(&split.name)));
+    }
+    Ok(read_scenes(File { name: &name, bytes: &bytes }, &split.digest).map_err(DatasetError::from)?)
+}
+
+fn check_pool(split: &str, scene: &SceneLine, is_training: bool) -> Result<(), TrainingError> {
+    let pool = match &scene.source {
+        SceneSource::Procedural { pool: Pool::Train, .. } => return Ok(()),
+        SceneSource::Procedural { pool, .. } => pool.name(),
+        SceneSource::File { .. } if is_training => return Ok(()),
+        SceneSource::File { .. } => "unknown: confirm the purpose of scene files with training=True",
+    };
+    Err(TrainingError::Pool { source_name: format!("split '{split}'"), pool: pool.to_owned() })
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, TrainingError> {
+    fs::read(path).map_err(|source| TrainingError::Read { path: path.to_owned(), source })
+}
+
+/// Builds or reads a scene and prepares it for the rules.
+fn opened(
+    name: &str,
+    source: SceneSource,
+    rules: &Rules,
+    cache: &Option<Arc<dyn Cache>>,
+) -> Result<(SceneSpec, SceneAssets), TrainingError> {
+    let (spec, scene) = SceneSpec::new(name, source)?;
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    let cached = cache.as_ref().map(|cache| Cached { cache: Arc::clone(cache), name: spec.digest.clone() });
+    let assets = SceneAssets::prepare_cached(scene, &body, cached)
+        .map_err(|source| DatasetError::Prepare { scene: name.to_owned(), source })?;
+    Ok((spec, assets))
+}
+
+/// Surveys a scene and draws missions.
+fn furnished(
+    spec: &SceneSpec,
+    assets: SceneAssets,
+    rules: &Rules,
+    survey: &SurveyOptions,
+    missions: &MissionOptions,
+    curriculum: &Curriculum,
+) -> Result<PreparedScene, TrainingError> {
+    let survey = survey_with(&assets, rules, survey, &ThresholdsOnly, &missions.distractors)?;
+    let episodes = sample_missions(&assets, &survey.instances, rules, missions);
+    prepared(&spec.name, assets, episodes, curriculum)
+}
+
+/// Keeps the missions within the curriculum.
+fn prepared(
+    scene: &str,
+    assets: SceneAssets,
+    mut episodes: Vec<EpisodeSpec>,
+    curriculum: &Curriculum,
+) -> Result<PreparedScene, TrainingError> {
+    let [fewest, most] = curriculum.goals;
+    let [nearest_m, farthest_m] = curriculum.distance_m;
+    episodes.retain(|episode| {
+        let mut distances_m = episode.goals.iter().map(|goal| goal.target.start_distance_m);
+        (fewest..=most).contains(&episode.goals.len())
+            && distances_m.all(|distance_m| (nearest_m..=farthest_m).contains(&distance_m))
+    });
+    if episodes.is_empty() {
+        let curriculum = format!("{fewest} to {most} goals, {nearest_m} to {farthest_m} m from the start");
+        return Err(TrainingError::NoMission { scene: scene.to_owned(), curriculum });
+    }
+    Ok(PreparedScene { assets: Arc::new(assets), episodes })
+}
+
+fn narrowed(options: MissionOptions, curriculum: &Curriculum) -> MissionOptions {
+    MissionOptions {
+        goals: curriculum.goals[0]..=curriculum.goals[1],
+        min_start_m: curriculum.distance_m[0],
+        steps: None,
+        ..options
+    }
+}

@@ -1,0 +1,165 @@
+//! Sources of training episodes.
+
+use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
+use crate::{Curriculum, Goals, TrainingError};
+use avln_dataset::EpisodeSpec;
+use avln_episode::{Mission, Order, Rules};
+use avln_truth::EpisodeTruth;
+use avln_world::{Cache, Rng, SceneAssets};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+
+/// Origin of training scenes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SourceChoice {
+    /// Houses of a recipe's training split, drawn without end.
+    Recipe(String),
+    /// A split of a data set from `avln data dataset build`.
+    Folder {
+        /// Folder with `dataset.json`.
+        path: PathBuf,
+        /// Split name.
+        split: String,
+        /// True to confirm that scenes from files are for training.
+        is_training: bool,
+    },
+    /// A scan: any supported scene file.
+    Scan(PathBuf),
+}
+
+/// Settings of a source.
+#[derive(Clone)]
+pub struct SourceOptions {
+    /// Scenes.
+    pub choice: SourceChoice,
+    /// Seed for all draws.
+    pub seed: u64,
+    /// Goal order.
+    pub goals: Goals,
+    /// Limits for missions.
+    pub curriculum: Curriculum,
+    /// Scenes in use at the same time; environments with equal numbers modulo this count share one.
+    pub scenes: usize,
+    /// Episodes of an environment before its next scene.
+    pub episodes_per_scene: u64,
+    /// Cache for expensive preparations.
+    pub cache: Option<Arc<dyn Cache>>,
+}
+
+impl SourceOptions {
+    /// Returns options for `choice` with 8 scenes in use, 64 episodes per scene and both orders.
+    pub fn new(choice: SourceChoice, seed: u64) -> Self {
+        Self {
+            choice,
+            seed,
+            goals: Goals::Drawn,
+            curriculum: Curriculum::default(),
+            scenes: 8,
+            episodes_per_scene: 64,
+            cache: None,
+        }
+    }
+}
+
+/// An episode with its building.
+#[derive(Clone)]
+pub struct TrainingEpisode {
+    /// Building.
+    pub assets: Arc<SceneAssets>,
+    /// Mission for the agent.
+    pub mission: Mission,
+    /// Ground truth.
+    pub truth: EpisodeTruth,
+    /// Keeps the scene loaded.
+    _scene: Arc<LoadedScene>,
+}
+
+/// A scene, prepared by its first user while others wait. Errors are shared as text.
+#[derive(Default)]
+struct LoadedScene(OnceLock<Result<PreparedScene, String>>);
+
+/// A source of training episodes. The episode is a function of the seed, the environment and its episode number.
+pub struct EpisodeSource {
+    scenes: Box<dyn Scenes>,
+    seed: u64,
+    goals: Goals,
+    in_use: u64,
+    episodes_per_scene: u64,
+    /// Unused scenes are dropped by their last user.
+    loaded: Mutex<BTreeMap<u64, Weak<LoadedScene>>>,
+}
+
+impl EpisodeSource {
+    /// Opens a source.
+    ///
+    /// # Errors
+    /// If the recipe is unknown, a pool is not for training, a split is sealed, a file cannot be read, or an option is out of
+    /// range.
+    pub fn open(options: &SourceOptions) -> Result<Self, TrainingError> {
+        let SourceOptions { seed, curriculum, cache, .. } = options.clone();
+        curriculum.check()?;
+        crate::options::within("scenes", options.scenes as u32, 1, 4096)?;
+        let scenes: Box<dyn Scenes> = match &options.choice {
+            SourceChoice::Recipe(name) => Box::new(RecipeHouses::new(name, seed, curriculum, cache)?),
+            SourceChoice::Folder { path, split, is_training } => {
+                Box::new(FolderSplit::open(path, split, *is_training, curriculum, cache)?)
+            }
+            SourceChoice::Scan(path) => Box::new(Scan::new(path, seed, curriculum, cache)),
+        };
+        let in_use = scenes.count().unwrap_or(u64::MAX).min(options.scenes as u64).max(1);
+        Ok(Self {
+            scenes,
+            seed,
+            goals: options.goals,
+            in_use,
+            episodes_per_scene: options.episodes_per_scene.max(1),
+            loaded: Mutex::default(),
+        })
+    }
+
+    /// Returns episode `number` of environment `env`; prepares its scene if no other environment uses it.
+    ///
+    /// # Errors
+    /// If the scene cannot be prepared, or has no mission within the curriculum.
+    pub fn episode(&self, env: u64, number: u64, rules: &Rules) -> Result<TrainingEpisode, TrainingError> {
+        let loaded = self.loaded(self.scene_number(env, number));
+        let scene = loaded.0.get_or_init(|| {
+            self.scenes.scene(self.scene_number(env, number)).map_err(|error| error.to_string())
+        });
+        let PreparedScene { assets, episodes } = match scene {
+            Ok(scene) => scene,
+            Err(message) => return Err(TrainingError::Shared(message.clone())),
+        };
+        let mut rng = Rng::new(self.seed).fork(&format!("environment {env} episode {number}"));
+        let spec: &EpisodeSpec = &episodes[rng.below(episodes.len())];
+        let order = match self.goals {
+            Goals::Fixed(order) => order,
+            Goals::Drawn if rng.chance(0.5) => Order::Ordered,
+            Goals::Drawn => Order::Unordered,
+        };
+        Ok(TrainingEpisode {
+            assets: Arc::clone(assets),
+            mission: spec.mission(assets, rules, order),
+            truth: spec.truth(order),
+            _scene: Arc::clone(&loaded),
+        })
+    }
+
+    /// Returns the scene of an environment's episode: neighbours share scenes, and each moves on after a fixed number.
+    fn scene_number(&self, env: u64, number: u64) -> u64 {
+        let column = env % self.in_use + self.in_use * (number / self.episodes_per_scene);
+        self.scenes.count().map_or(column, |count| column % count)
+    }
+
+    fn loaded(&self, number: u64) -> Arc<LoadedScene> {
+        let mut loaded = self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(scene) = loaded.get(&number).and_then(Weak::upgrade) {
+            return scene;
+        }
+        loaded.retain(|_, scene| scene.strong_count() > 0);
+        let scene = Arc::new(LoadedScene::default());
+        loaded.insert(number, Arc::downgrade(&scene));
+        scene
+    }
+}

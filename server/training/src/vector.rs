@@ -1,0 +1,222 @@
+//! Many environments on worker threads.
+
+use crate::env::Shared;
+use crate::{AutoReset, Env, EnvOptions, EnvState, EpisodeSource, Layout, Row, StepFlags, TrainingError};
+use avln_referee::Audio;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Memory for one environment's next observation, filled on a worker thread.
+pub trait RowSource: Send + 'static {
+    /// Returns the arrays.
+    fn row(&mut self) -> Row<'_>;
+
+    /// Copies the arrays to the memory for final observations, under [`AutoReset::SameStep`].
+    fn keep_final(&mut self);
+}
+
+/// A finished task of an environment.
+#[derive(Debug)]
+pub struct Finished<R> {
+    /// Environment index.
+    pub env: usize,
+    /// Its memory.
+    pub row: R,
+    /// Flags of the step; zeros for a reset.
+    pub flags: Result<StepFlags, TrainingError>,
+}
+
+enum Task {
+    Reset,
+    Step(u32),
+    Restore(Arc<EnvState>),
+}
+
+struct Work<R> {
+    env: usize,
+    task: Task,
+    row: R,
+}
+
+/// An environment in the vector.
+struct Member {
+    env: Env,
+    /// True after an episode's end under [`AutoReset::NextStep`].
+    needs_reset: bool,
+}
+
+/// Environments that run on a fixed number of threads. Results are equal for any number of threads.
+pub struct VectorEnv<R> {
+    members: Arc<Vec<Mutex<Member>>>,
+    shared: Arc<Shared>,
+    work: Option<Sender<Work<R>>>,
+    finished: Receiver<Finished<R>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl<R: RowSource> VectorEnv<R> {
+    /// Starts `threads` threads for `count` environments.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(
+        count: usize,
+        threads: usize,
+        source: EpisodeSource,
+        options: EnvOptions,
+        audio: Audio,
+    ) -> Result<Self, TrainingError> {
+        crate::options::within("num_envs", count as u32, 1, 4096)?;
+        crate::options::within("threads", threads as u32, 1, 1024)?;
+        let shared = Shared::new(source, options, audio)?;
+        let member = |number| {
+            let env = Env::with(number, Arc::clone(&shared));
+            Mutex::new(Member { env, needs_reset: false })
+        };
+        let members: Arc<Vec<_>> = Arc::new((0..count as u64).map(member).collect());
+        let (work, tasks) = channel();
+        let (results, finished) = channel();
+        let tasks = Arc::new(Mutex::new(tasks));
+        let worker = |_| {
+            let (members, tasks, results) = (Arc::clone(&members), Arc::clone(&tasks), results.clone());
+            std::thread::spawn(move || run(&members, &tasks, &results))
+        };
+        let threads = (0..threads).map(worker).collect();
+        Ok(Self { members, shared, work: Some(work), finished, threads })
+    }
+
+    /// Returns the arrays of a row.
+    pub fn layout(&self) -> &Layout {
+        &self.shared.layout
+    }
+
+    /// Returns the options.
+    pub fn options(&self) -> &EnvOptions {
+        &self.shared.options
+    }
+
+    /// Starts the next episode of an environment.
+    ///
+    /// # Errors
+    /// If the environments are closed.
+    pub fn send_reset(&self, env: usize, row: R) -> Result<(), TrainingError> {
+        self.send(env, Task::Reset, row)
+    }
+
+    /// Starts a step.
+    ///
+    /// # Errors
+    /// If the environments are closed.
+    pub fn send_step(&self, env: usize, action: u32, row: R) -> Result<(), TrainingError> {
+        self.send(env, Task::Step(action), row)
+    }
+
+    /// Starts the restoration of a state.
+    ///
+    /// # Errors
+    /// If the environments are closed.
+    pub fn send_restore(&self, env: usize, state: EnvState, row: R) -> Result<(), TrainingError> {
+        self.send(env, Task::Restore(Arc::new(state)), row)
+    }
+
+    fn send(&self, env: usize, task: Task, row: R) -> Result<(), TrainingError> {
+        let work = self.work.as_ref().ok_or(TrainingError::Closed)?;
+        work.send(Work { env, task, row }).map_err(|_| TrainingError::Closed)
+    }
+
+    /// Waits for a finished task, in the order of completion; `None` after `timeout`.
+    ///
+    /// # Errors
+    /// If the environments are closed.
+    pub fn recv(&self, timeout: Duration) -> Result<Option<Finished<R>>, TrainingError> {
+        match self.finished.recv_timeout(timeout) {
+            Ok(finished) => Ok(Some(finished)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => Err(TrainingError::Closed),
+        }
+    }
+
+    /// Returns the exact state of an environment without a running task.
+    ///
+    /// # Errors
+    /// If it has no episode.
+    pub fn state(&self, env: usize) -> Result<EnvState, TrainingError> {
+        self.members[env].lock().unwrap_or_else(PoisonError::into_inner).env.state()
+    }
+
+    /// Ends all threads after their present step.
+    pub fn close(&mut self) {
+        self.work = None;
+        for thread in self.threads.drain(..) {
+            // A worker catches panics, so this cannot fail.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl<R> Drop for VectorEnv<R> {
+    fn drop(&mut self) {
+        self.work = None;
+        self.threads.drain(..).for_each(|thread| {
+            let _ = thread.join();
+        });
+    }
+}
+
+/// Performs tasks until the vector is closed.
+fn run<R: RowSource>(
+    members: &[Mutex<Member>],
+    tasks: &Mutex<Receiver<Work<R>>>,
+    results: &Sender<Finished<R>>,
+) {
+    loop {
+        let next = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok(Work { env, task, mut row }) = next else { return };
+        let mut member = members[env].lock().unwrap_or_else(PoisonError::into_inner);
+        // A panic in one environment must not stop the others.
+        let flags = catch_unwind(AssertUnwindSafe(|| member.perform(&task, &mut row)));
+        let flags = flags.unwrap_or_else(|_| {
+            Err(TrainingError::Shared(format!("environment {env} failed; the message is on standard error")))
+        });
+        if results.send(Finished { env, row, flags }).is_err() {
+            return;
+        }
+    }
+}
+
+impl Member {
+    fn perform(&mut self, task: &Task, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+        match task {
+            Task::Reset => self.reset(row),
+            Task::Restore(state) => {
+                self.needs_reset = false;
+                self.env.restore(state, &mut row.row()).map(|()| StepFlags::default())
+            }
+            Task::Step(_) if self.needs_reset => self.reset(row),
+            Task::Step(action) => self.step(*action, row),
+        }
+    }
+
+    fn reset(&mut self, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+        self.needs_reset = false;
+        self.env.reset(&mut row.row()).map(|()| StepFlags::default())
+    }
+
+    fn step(&mut self, action: u32, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+        let flags = self.env.step(action, &mut row.row())?;
+        if flags.is_over() {
+            match self.env.autoreset() {
+                AutoReset::Disabled => {}
+                AutoReset::NextStep => self.needs_reset = true,
+                AutoReset::SameStep => {
+                    row.keep_final();
+                    self.env.reset(&mut row.row())?;
+                }
+            }
+        }
+        Ok(flags)
+    }
+}

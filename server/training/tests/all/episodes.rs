@@ -1,0 +1,110 @@
+//! Episodes, teachers, states and threads.
+
+use crate::memory::{OwnRow, audio, env, follow_teacher, small_houses, small_options};
+use avln_episode::Rules;
+use avln_scoring::score;
+use avln_training::{AutoReset, EnvOptions, EpisodeSource, TrainingError, VectorEnv};
+use std::time::Duration;
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+#[test]
+fn teacher_completes_missions_on_shortest_paths() {
+    let mut env = env(0);
+    let layout = env.layout().clone();
+    let mut row = OwnRow::new(&layout);
+    let (mut complete, mut spl) = (0, 0.0);
+    const EPISODES: usize = 24;
+    for _ in 0..EPISODES {
+        env.reset(&mut row_of(&mut row)).expect("an episode");
+        let (flags, rewards) = follow_teacher(&mut env, &mut row);
+        let told = row.floats(&layout, "spl")[0];
+        let (truth, record) = env.take_record().expect("an episode");
+        let metrics = score(&truth, &record, &Rules::paper());
+        assert!((metrics.spl - f64::from(told)).abs() < 1e-5, "{told} {metrics:?}");
+        assert_eq!(flags.terminated, metrics.sr == 1.0, "{metrics:?}");
+        assert!(metrics.sr < 1.0 || rewards > 15.0, "{rewards}");
+        complete += usize::from(metrics.sr == 1.0);
+        spl += metrics.spl;
+    }
+    assert!(complete >= EPISODES - 1, "{complete} of {EPISODES}");
+    assert!(spl >= 0.85 * complete as f64, "{spl} for {complete}");
+}
+
+fn row_of(row: &mut OwnRow) -> avln_training::Row<'_> {
+    use avln_training::RowSource;
+    row.row()
+}
+
+#[test]
+fn restored_states_continue_with_equal_bits() {
+    let (mut env, mut other) = (env(0), env(3));
+    let layout = env.layout().clone();
+    let (mut row, mut copy) = (OwnRow::new(&layout), OwnRow::new(&layout));
+    env.reset(&mut row_of(&mut row)).expect("an episode");
+    for action in [0, 0, 1, 0, 2, 3, 0] {
+        env.step(action, &mut row_of(&mut row)).expect("a step");
+    }
+    let state = env.state().expect("an episode");
+    other.restore(&state, &mut row_of(&mut copy)).expect("the same source");
+    assert_eq!(row, copy);
+    for action in [0, 1, 1, 0, 0, 3] {
+        let flags = env.step(action, &mut row_of(&mut row)).expect("a step");
+        let again = other.step(action, &mut row_of(&mut copy)).expect("a step");
+        assert_eq!((flags, &row), (again, &copy));
+    }
+}
+
+#[test]
+fn invalid_steps_are_refused() {
+    let mut env = env(0);
+    let mut row = OwnRow::new(&env.layout().clone());
+    assert!(matches!(env.step(0, &mut row_of(&mut row)), Err(TrainingError::NotReset(0))));
+    env.reset(&mut row_of(&mut row)).expect("an episode");
+    let error = env.step(5, &mut row_of(&mut row)).expect_err("no such action").to_string();
+    assert!(error.contains("environment 0") && error.contains("action 5"), "{error}");
+    env.step(4, &mut row_of(&mut row)).expect("the environment still works");
+    let error = env.step(0, &mut row_of(&mut row)).expect_err("the episode is over").to_string();
+    assert!(error.contains("ended after 1 steps"), "{error}");
+}
+
+/// Rows and flags of all environments after a few steps.
+fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnRow, String)> {
+    const COUNT: usize = 3;
+    let options = EnvOptions { autoreset, ..small_options() };
+    let source = EpisodeSource::open(&small_houses(2)).expect("a source");
+    let vector: VectorEnv<OwnRow> =
+        VectorEnv::new(COUNT, threads, source, options, audio()).expect("environments");
+    let mut rows: Vec<Option<OwnRow>> = (0..COUNT).map(|_| Some(OwnRow::new(vector.layout()))).collect();
+    let mut flags = vec![String::new(); COUNT];
+    let wait = |rows: &mut Vec<Option<OwnRow>>, flags: &mut Vec<String>| {
+        for _ in 0..COUNT {
+            let finished = vector.recv(PATIENCE).expect("open").expect("in time");
+            flags[finished.env] += &format!("{:?}", finished.flags.expect("a step"));
+            rows[finished.env] = Some(finished.row);
+        }
+    };
+    for (env, row) in rows.iter_mut().enumerate() {
+        vector.send_reset(env, row.take().expect("a row")).expect("open");
+    }
+    wait(&mut rows, &mut flags);
+    // Environment 1 ends its episode in the third step.
+    for actions in [[0, 0, 0], [1, 2, 0], [0, 4, 3], [0, 1, 1], [2, 0, 0]] {
+        for (env, row) in rows.iter_mut().enumerate() {
+            vector.send_step(env, actions[env], row.take().expect("a row")).expect("open");
+        }
+        wait(&mut rows, &mut flags);
+    }
+    rows.into_iter().map(|row| row.expect("a row")).zip(flags).collect()
+}
+
+#[test]
+fn threads_do_not_change_bits() {
+    for autoreset in [AutoReset::NextStep, AutoReset::SameStep] {
+        let single = played(1, autoreset);
+        assert_eq!(single, played(4, autoreset));
+        assert_eq!(single[1].0.finals.is_some(), autoreset == AutoReset::SameStep);
+        assert!(single[0].0.finals.is_none());
+        assert!(single[1].1.contains("terminated: true"));
+    }
+}

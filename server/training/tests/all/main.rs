@@ -1,0 +1,5 @@
+//! Training environments on small houses.
+
+mod episodes;
+mod memory;
+mod sources;

@@ -1,0 +1,97 @@
+//! Accepted and refused sources.
+
+use crate::memory::small_houses;
+use avln_dataset::Recipe;
+use avln_episode::{Order, Rules};
+use avln_training::{Curriculum, EpisodeSource, Goals, SourceChoice, SourceOptions};
+use std::fs;
+use std::path::Path;
+
+fn error(options: &SourceOptions) -> String {
+    EpisodeSource::open(options).err().expect("refused").to_string()
+}
+
+#[test]
+fn only_training_recipes_are_accepted() {
+    let recipe = |name: &str| SourceOptions::new(SourceChoice::Recipe(name.to_owned()), 0);
+    assert!(error(&recipe("papers")).contains("use one of: paper, mini"));
+    assert!(error(&recipe("mini")).contains("needs houses of the pool 'train'"));
+    assert!(EpisodeSource::open(&recipe("paper")).is_ok());
+}
+
+/// Writes a data set with one scene of a pool, without missions.
+fn dataset(folder: &Path, pool: &str, list: &[u8]) {
+    let recipe = Recipe::from_json(Recipe::EMBEDDED[1].1).expect("a recipe");
+    let source = format!(
+        r#"{{"name":"a","source":{{"procedural":{{"seed":1,"rooms":{{"start":2,"end":2}},"storeys":{{"start":1,"end":1}},"pool":"{pool}"}}}},"digest":"","missions":0,"public":"","sealed":""}}"#
+    );
+    let list = if list.is_empty() { source.as_bytes() } else { list };
+    let split = avln_dataset::SplitLine {
+        name: "own".to_owned(),
+        scenes: 1,
+        missions: 0,
+        digest: avln_dataset::format::digest_of(list),
+    };
+    let manifest = avln_dataset::Manifest {
+        format: avln_dataset::Manifest::FORMAT.to_owned(),
+        version: avln_dataset::format::DATASET_VERSION,
+        name: "own".to_owned(),
+        rules: recipe.rules,
+        recipe: None,
+        seed: None,
+        splits: vec![split],
+    };
+    fs::create_dir_all(folder.join("own")).expect("a folder");
+    fs::write(folder.join("own/scenes.jsonl"), list).expect("a file");
+    let json = avln_dataset::format::manifest_bytes(&manifest).expect("a manifest");
+    fs::write(folder.join("dataset.json"), json).expect("a file");
+}
+
+#[test]
+fn evaluation_pools_and_sealed_splits_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let choice = |split: &str| SourceChoice::Folder {
+        path: folder.path().to_owned(),
+        split: split.to_owned(),
+        is_training: true,
+    };
+    let own = SourceOptions::new(choice("own"), 0);
+    assert!(error(&own).starts_with("cannot read "));
+    for pool in ["validation", "test"] {
+        dataset(folder.path(), pool, b"");
+        assert!(error(&own).contains(&format!("houses of the pool '{pool}'")), "{}", error(&own));
+    }
+    dataset(folder.path(), "train", b"");
+    assert!(EpisodeSource::open(&own).is_ok());
+    assert!(error(&SourceOptions::new(choice("val"), 0)).contains("it has: own"));
+    dataset(folder.path(), "train", b"avln sealed");
+    assert!(error(&own).contains("is sealed"), "{}", error(&own));
+}
+
+#[test]
+fn limits_of_the_curriculum_are_checked() {
+    let with = |curriculum| SourceOptions { curriculum, ..small_houses(0) };
+    let goals = Curriculum { goals: [0, 2], ..Curriculum::default() };
+    assert!(error(&with(goals)).contains("`goals` is [0, 2]"));
+    let distance = Curriculum { distance_m: [5.0, 5.0], ..Curriculum::default() };
+    assert!(error(&with(distance)).contains("`distance_m` is [5, 5]"));
+    let rooms = Curriculum { rooms: Some([0, 3]), ..Curriculum::default() };
+    assert!(error(&with(rooms)).contains("rooms"));
+    let nowhere = Curriculum { distance_m: [900.0, 999.0], ..small_houses(0).curriculum };
+    let source = EpisodeSource::open(&with(nowhere)).expect("a source");
+    let error = source.episode(0, 0, &Rules::paper()).err().expect("no mission").to_string();
+    assert!(error.contains("900 to 999 m from the start"), "{error}");
+}
+
+#[test]
+fn seed_and_numbers_determine_the_episode() {
+    let episode = |seed: u64, env: u64, number: u64| {
+        let options = SourceOptions { goals: Goals::Fixed(Order::Ordered), ..small_houses(seed) };
+        let source = EpisodeSource::open(&options).expect("a source");
+        source.episode(env, number, &Rules::paper()).expect("an episode").truth
+    };
+    assert_eq!(episode(1, 0, 0), episode(1, 0, 0));
+    assert_ne!(episode(1, 0, 0), episode(2, 0, 0));
+    let numbers: Vec<_> = (0..4).map(|number| episode(1, 0, number).episode).collect();
+    assert!(numbers.iter().any(|other| *other != numbers[0]), "{numbers:?}");
+}
