@@ -22,10 +22,7 @@ import avln.sim  # noqa: E402
 from avln.cli import main  # noqa: E402
 
 SMALL: dict[str, Any] = {
-    "rooms": (3, 4),
-    "storeys": (1, 1),
-    "goals": (1, 2),
-    "distance_m": (1.0, 100.0),
+    "curriculum": avln.sim.Curriculum(goals=(1, 2), distance_m=(1.0, 100.0), rooms=(3, 4), storeys=(1, 1)),
     "size": 64,
     "goal_side": 16,
     "scenes": 1,
@@ -211,11 +208,11 @@ def test_rewards_can_be_functions() -> None:
         ({"source": avln.sim.Folder("/nowhere")}, "cannot read /nowhere/dataset.json"),
         ({"size": 8}, "8 x 8 pixels is outside the limits"),
         ({"num_envs": 0}, "`num_envs` is 0"),
-        ({"goals": (0, 9)}, "`goals` is"),
+        ({"curriculum": avln.sim.Curriculum(goals=(0, 9))}, "`goals` is"),
         ({"senses": ("smell",)}, "`senses` has"),
         ({"reward": "fame"}, "use one of: progress, sparse, none"),
         ({"rules": "chess"}, "chess"),
-        ({"order": "sideways"}, "use ordered or unordered"),
+        ({"curriculum": avln.sim.Curriculum(order="sideways")}, "use ordered or unordered"),
         ({"batch_size": 9}, "`batch_size` is 9"),
     ],
 )

@@ -37,12 +37,16 @@ pub struct Walker {
     last: Action,
     /// Actions that free a stuck body, in reverse order.
     way_out: Vec<Action>,
+    /// Last place where the body was stuck, and how often in a row.
+    stuck: (FloorPoint, usize),
 }
 
 impl Walker {
     /// Creates a walker at a start pose.
     pub fn new(start: FloorPoint, start_heading_rad: f32) -> Self {
-        Self { start, start_heading_rad, before: [f32::MAX; 2], last: Action::TurnLeft, way_out: vec![] }
+        let nowhere = [f32::MAX; 2];
+        let (last, stuck) = (Action::TurnLeft, (nowhere, 0));
+        Self { start, start_heading_rad, before: nowhere, last, way_out: vec![], stuck }
     }
 
     /// Converts an observed pose to a world position and heading.
@@ -53,7 +57,7 @@ impl Walker {
         (place, self.start_heading_rad + pose.heading_rad())
     }
 
-    /// Returns the next action on a path. A stuck body turns once and walks on.
+    /// Returns the next action on a path. A stuck body turns and walks on.
     pub fn step(&mut self, pose: &Pose, path: &[FloorPoint]) -> Action {
         let (place, heading_rad) = self.locate(pose);
         let ahead = path.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
@@ -63,12 +67,25 @@ impl Walker {
         let toward = if turn_rad > 0.0 { Action::TurnLeft } else { Action::TurnRight };
         // Sliding along a wall moves the body a little: less than 2 cm means stuck.
         if self.last == Action::MoveForward && distance_m(self.before, place) < 0.02 {
-            self.way_out = vec![Action::MoveForward, toward];
+            self.way_out = self.way_out_of(place, toward);
         }
         let aligned = turn_rad.abs() <= HALF_TURN_RAD + 1e-3;
         let action = self.way_out.pop().unwrap_or(if aligned { Action::MoveForward } else { toward });
         (self.before, self.last) = (place, action);
         action
+    }
+}
+
+impl Walker {
+    /// Returns the actions that free a body stuck at `place`, in reverse order: one turn, and one more each time that it is stuck
+    /// there again, until it has looked all around.
+    fn way_out_of(&mut self, place: FloorPoint, toward: Action) -> Vec<Action> {
+        const SAME_M: f32 = 0.5;
+        const MOST_TURNS: usize = 11;
+        let is_same = distance_m(self.stuck.0, place) < SAME_M;
+        self.stuck = (place, if is_same { self.stuck.1 % MOST_TURNS + 1 } else { 1 });
+        let turns = std::iter::repeat_n(toward, self.stuck.1);
+        std::iter::once(Action::MoveForward).chain(turns).collect()
     }
 }
 

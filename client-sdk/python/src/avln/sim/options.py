@@ -7,7 +7,7 @@ import importlib.util
 import json
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -44,6 +44,24 @@ class Scan:
     """The file or folder."""
 
 
+@dataclass(frozen=True)
+class Curriculum:
+    """Limits for missions and houses; the defaults are those of the benchmark."""
+
+    goals: tuple[int, int] = (2, 4)
+    """Fewest and most goals, 1 to 4."""
+    distance_m: tuple[float, float] = (3.0, 1000.0)
+    """Smallest and largest walking distance from the start to each target, metres."""
+    order: str | None = None
+    """`ordered` or `unordered`; drawn per episode by default."""
+    max_steps: int | None = None
+    """Step limit; that of the rules by default."""
+    rooms: tuple[int, int] | None = None
+    """Fewest and most rooms per house of a recipe, 1 to 64; those of the recipe by default."""
+    storeys: tuple[int, int] | None = None
+    """Fewest and most storeys per house of a recipe, 1 to 4; those of the recipe by default."""
+
+
 def native() -> Any:
     """Returns the native module; `AVLN_NATIVE` can name a file of a local build.
 
@@ -74,9 +92,7 @@ def to_json(
     seed: int,
     size: int | tuple[int, int],
     senses: Sequence[str],
-    order: str | None,
-    goals: tuple[int, int],
-    distance_m: tuple[float, float],
+    curriculum: Curriculum,
     autoreset_mode: AutoresetMode,
     **rest: Any,
 ) -> str:
@@ -94,9 +110,7 @@ def to_json(
         "threads": threads or os.cpu_count() or 1,
         "source": _source(source),
         "seed": seed,
-        "order": order,
-        "goals": list(goals),
-        "distance_m": list(distance_m),
+        **asdict(curriculum),
         "width": width,
         "height": height,
         "hfov_rad": 0.5 * math.pi,

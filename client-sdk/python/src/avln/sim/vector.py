@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from avln.action import Action
-from avln.sim.options import SENSES, Folder, Scan, SimError, native, to_json
+from avln.sim.options import SENSES, Curriculum, Folder, Scan, SimError, native, to_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,8 @@ Arrays = dict[str, "NDArray[Any]"]
 VectorReward = Callable[[Arrays, "NDArray[np.int64]", dict[str, Any]], "ArrayLike"]
 """Reward function: observations and infos after the step, and the actions; returns a number per environment."""
 
+PAPER = Curriculum()
+"""The missions of the benchmark."""
 _FARTHEST_M = 10_000.0
 _LOUDEST = 1e6
 _BUFFERS = 2
@@ -49,15 +51,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         batch_size: int | None = None,
         size: int | tuple[int, int] = 128,
         senses: Sequence[str] = SENSES,
-        order: str | None = None,
-        goals: tuple[int, int] = (2, 4),
-        distance_m: tuple[float, float] = (3.0, 1000.0),
-        rooms: tuple[int, int] | None = None,
-        storeys: tuple[int, int] | None = None,
+        curriculum: Curriculum = PAPER,
         scenes: int = 8,
         episodes_per_scene: int = 64,
         rules: str = "lh-avln-v1",
-        max_steps: int | None = None,
         goal_side: int = 64,
         goal_cues: bool = True,
         reward: str | VectorReward = "progress",
@@ -74,15 +71,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             batch_size: environments per `recv`; all by default.
             size: image side, or width and height, pixels, 64 to 1024.
             senses: any of `rgb`, `depth` and `audio`.
-            order: `ordered` or `unordered`; drawn per episode by default.
-            goals: fewest and most goals, 1 to 4.
-            distance_m: smallest and largest walking distance from the start to each target, metres.
-            rooms: fewest and most rooms per house of a recipe, 1 to 64; by default those of the recipe.
-            storeys: fewest and most storeys per house of a recipe, 1 to 4; by default those of the recipe.
+            curriculum: limits for missions and houses; by default those of the benchmark.
             scenes: scenes in use at the same time; environments with equal index modulo this number share one.
             episodes_per_scene: episodes of an environment before its next scene.
             rules: rule set.
-            max_steps: step limit; that of the rules by default.
             goal_side: side of goal images, pixels.
             goal_cues: True to add `goal_text` and `goal_image`.
             reward: `progress`, `sparse` or `none` (docs/training.md), or a function.
@@ -99,15 +91,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "threads": threads,
             "size": size,
             "senses": senses,
-            "order": order,
-            "goals": goals,
-            "distance_m": distance_m,
-            "rooms": rooms,
-            "storeys": storeys,
+            "curriculum": curriculum,
             "scenes": scenes,
             "episodes_per_scene": episodes_per_scene,
             "rules": rules,
-            "max_steps": max_steps,
             "goal_side": goal_side,
             "goal_cues": goal_cues,
             "reward": reward if isinstance(reward, str) else "none",
@@ -121,7 +108,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if not 1 <= self.batch_size <= num_envs:
             self._native.close()
             raise ValueError(f"`batch_size` is {batch_size}; 1 to {num_envs} are possible")
-        self._make_spaces(max_steps or 1000)
+        self._make_spaces(curriculum.max_steps or 1000)
 
     def _begin(self, seed: int) -> None:
         """Starts the native environments and their buffers."""
