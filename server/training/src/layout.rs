@@ -50,11 +50,11 @@ impl ArraySpec {
 ///
 /// | key | type and shape | content |
 /// | --- | --- | --- |
-/// | `distance_m` | f32 [4] | walking distance to each success region, metres; -1: unreachable, or no such goal |
-/// | `bearing_rad` | f32 [4] | direction of the shortest way, radians from straight ahead, left positive; 0 without a way |
-/// | `target_position` | f32 [4, 3] | target centre, metres, in the frame of `pose` |
-/// | `is_open` | u8 [4] | 1: not found yet |
-/// | `is_in_region` | u8 [4] | 1: a claim here matches the target |
+/// | `distance_m` | `f32 [4]` | walking distance to each success region, metres; -1: unreachable, or no such goal |
+/// | `bearing_rad` | `f32 [4]` | direction of the shortest way, radians from straight ahead, left positive; 0 without a way |
+/// | `target_position` | `f32 [4, 3]` | target centre, metres, in the frame of `pose` |
+/// | `is_open` | `u8 [4]` | 1: not found yet |
+/// | `is_in_region` | `u8 [4]` | 1: a claim here matches the target |
 /// | `sounding` | i64 | sounding source: a goal, or the goal count plus a distractor's index; -1: silence |
 /// | `routed` | i64 | goal of the teachers and of the reward `progress`; -1: none |
 /// | `expert` | i64 | action of the teacher `path` |
