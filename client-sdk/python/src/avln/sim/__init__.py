@@ -10,7 +10,7 @@ houses of the training pool, and accept no validation or test pool and no sealed
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
 
-The module belongs to the package `avln`; the package `avln-client` contains only the client of evaluation servers.
+The environment variable `AVLN_NATIVE` contains the path of the native module (docs/training.md).
 """
 
 try:

@@ -80,7 +80,9 @@ def native() -> Any:
     try:
         return importlib.import_module("avln.sim._native")
     except ModuleNotFoundError as error:
-        message = "avln.sim needs the package avln; avln-client contains only the client: pip install avln"
+        message = (
+            "avln.sim needs its native module: cargo build --release -p avln-native, and AVLN_NATIVE with its path"
+        )
         raise ModuleNotFoundError(message, name=error.name) from None
 
 
