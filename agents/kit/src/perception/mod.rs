@@ -2,6 +2,7 @@
 
 pub(crate) mod category;
 pub(crate) mod cue;
+mod denoise;
 pub(crate) mod objects;
 
 pub use category::likeness as category_likeness;
@@ -13,6 +14,7 @@ use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, Ta
 use avln_perception::{
     CameraModel, Depth, Perception as _, Picture, Segment, Segmentation, VisionNetwork, WeightsError, lift,
 };
+use denoise::denoised;
 use objects::cosine;
 use std::sync::Arc;
 
@@ -254,6 +256,7 @@ impl Recognition for NetworkRecognition {
 
     fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
+        let image = &*denoised(image, depth);
         self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
