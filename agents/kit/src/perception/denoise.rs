@@ -28,7 +28,7 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
             pixels.extend(mean.map(|level| unclipped[usize::from(level)]));
         }
     }
-    Cow::Owned(RgbImage { pixels: pixels.into(), ..image.clone() })
+    Cow::Owned(RgbImage { pixels, ..image.clone() })
 }
 
 /// Estimates the standard deviation of the noise in the green channel, grey levels (Immerkær 1996).
@@ -103,7 +103,7 @@ mod tests {
         let level = |index: usize| if index % SIDE < SIDE / 2 { 60.0 } else { 180.0 };
         let pixels: Vec<u8> =
             (0..3 * SIDE * SIDE).map(|byte| (level(byte / 3) + noise()).clamp(0.0, 255.0) as u8).collect();
-        RgbImage { width: SIDE as u32, height: SIDE as u32, pixels: pixels.into() }
+        RgbImage { width: SIDE as u32, height: SIDE as u32, pixels }
     }
 
     #[test]
