@@ -156,6 +156,22 @@ def test_batches_follow_the_order_of_completion() -> None:
     envs.close()
 
 
+def test_steps_and_resets_follow_partial_batches() -> None:
+    envs = vector(2, batch_size=1)
+    envs.reset(seed=1)
+    envs.send([0], [1])
+    envs.recv()
+    observations, *_ = envs.step([0, 0])
+    assert observations["remaining"][:, 0].tolist() == [999, 998]
+    envs.send([0], [0])
+    envs.recv()
+    observations, _ = envs.reset(options={"reset_mask": np.array([False, True])})
+    assert observations["remaining"][:, 0].tolist() == [998, 1000]
+    observations, *_ = envs.step([0, 0])
+    assert observations["remaining"][:, 0].tolist() == [997, 999]
+    envs.close()
+
+
 def test_states_are_restored_exactly() -> None:
     envs = vector(2, privileged=True)
     envs.reset(seed=6)

@@ -52,7 +52,7 @@ impl ArraySpec {
 /// | --- | --- | --- |
 /// | `distance_m` | `f32 [4]` | walking distance to each success region, metres; -1: unreachable, or no such goal |
 /// | `bearing_rad` | `f32 [4]` | direction of the shortest way, radians from straight ahead, left positive; 0 without a way |
-/// | `target_position` | `f32 [4, 3]` | target centre, metres, in the frame of `pose` |
+/// | `target_position` | `f32 [4, 3]` | target centre, metres, relative to the start pose |
 /// | `is_open` | `u8 [4]` | 1: not found yet |
 /// | `is_in_region` | `u8 [4]` | 1: a claim here matches the target |
 /// | `sounding` | i64 | sounding source: a goal, or the goal count plus a distractor's index; -1: silence |

@@ -18,10 +18,10 @@ fn teacher_completes_missions_on_shortest_paths() {
     for _ in 0..EPISODES {
         env.reset(&mut row_of(&mut row)).expect("an episode");
         let (flags, rewards) = follow_teacher(&mut env, &mut row);
-        let told = row.floats(&layout, "spl")[0];
+        let spl_so_far = row.floats(&layout, "spl")[0];
         let (truth, record) = env.take_record().expect("an episode");
         let metrics = score(&truth, &record, &Rules::paper());
-        assert!((metrics.spl - f64::from(told)).abs() < 1e-5, "{told} {metrics:?}");
+        assert!((metrics.spl - f64::from(spl_so_far)).abs() < 1e-5, "{spl_so_far} {metrics:?}");
         assert_eq!(flags.terminated, metrics.sr == 1.0, "{metrics:?}");
         assert!(metrics.sr < 1.0 || rewards > 15.0, "{rewards}");
         complete += usize::from(metrics.sr == 1.0);

@@ -157,19 +157,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             self._native.close()
             self._begin(seed)
         envs = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
-        self._turn[:] = (self._turn + 1) % _BUFFERS
-        turn = int(self._turn[0])
+        before = self._turn.copy()
+        turn = int((before[0] + 1) % _BUFFERS)
+        self._turn[:] = turn
         self._native.send_resets(envs.tolist(), turn, envs.tolist())
-        if len(envs) < self.num_envs:
-            self._keep(turn, np.setdiff1d(np.arange(self.num_envs), envs))
+        self._keep(turn, before, np.setdiff1d(np.arange(self.num_envs), envs))
         self._raise_errors(self._native.recv(len(envs)))
         return self._observations(turn), self._infos(turn)
 
-    def _keep(self, turn: int, envs: NDArray[np.int64]) -> None:
+    def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
         """Copies the rows of environments that take no part in a reset."""
-        before = self._buffers[(turn - 1) % _BUFFERS]
-        for name, array in self._buffers[turn].items():
-            array[envs] = before[name][envs]
+        for env in envs[before[envs] != turn]:
+            for name, array in self._buffers[turn].items():
+                array[env] = self._buffers[before[env]][name][env]
 
     def step(self, actions: ArrayLike) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Performs an action in each environment.
@@ -191,6 +191,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._actions = np.asarray(actions, np.int64)
         if self._actions.shape != (self.num_envs,):
             raise ValueError(f"`actions` has shape {self._actions.shape}; use ({self.num_envs},)")
+        # After partial calls of `send`, environments can differ in their buffer; a step needs all in one.
+        self._turn[:] = self._turn[0]
         self.send(self._actions, np.arange(self.num_envs))
 
     def step_wait(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
