@@ -50,8 +50,8 @@ pub struct FirstWave {
 }
 
 pub(crate) struct Heard {
-    arrivals: Vec<Arrival>,
-    echo: Vec<Slice>,
+    pub(crate) arrivals: Vec<Arrival>,
+    pub(crate) echo: Vec<Slice>,
 }
 
 struct SourceData {
@@ -209,6 +209,10 @@ impl Source {
             add_tail(&mut response, listener, &heard.echo, first.length_m, settings);
         }
         response
+    }
+
+    pub(crate) fn head(&self) -> &Head {
+        &self.head
     }
 
     fn settings(&self) -> Settings {
