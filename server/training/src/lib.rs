@@ -15,6 +15,7 @@ mod lidar;
 mod map;
 mod options;
 mod privileged;
+mod results;
 mod reward;
 mod scenes;
 mod senses;

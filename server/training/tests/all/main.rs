@@ -2,4 +2,5 @@
 
 mod episodes;
 mod memory;
+mod senses;
 mod sources;
