@@ -37,19 +37,18 @@ impl ClipLevels {
         if self.length == 0 {
             return Bands::default();
         }
-        let (from, whole) = (self.energy_before(start), self.energy_before(self.length));
-        let end = start % self.length + count;
-        let to = self.energy_before(end);
-        let turns = (end / self.length) as f64;
+        let start = start % self.length;
+        let end = start + count;
+        let (from, to) = (self.energy_before(start), self.energy_before(end % self.length));
+        let (turns, whole) = ((end / self.length) as f64, self.before[self.before.len() - 1]);
         std::array::from_fn(|band| ((to[band] + turns * whole[band] - from[band]) / count as f64) as f32)
     }
 
-    /// Band energy from the clip's start to a sample, linear within a hop.
+    /// Band energy from the clip's start to a sample in it, linear within a hop.
     fn energy_before(&self, sample: usize) -> [f64; LEVEL_BANDS] {
-        let place = if sample == self.length { sample } else { sample % self.length };
-        let hop = (place / HOP).min(self.before.len() - 2);
+        let hop = sample / HOP;
         let width = (self.length - hop * HOP).min(HOP);
-        let share = (place - hop * HOP) as f64 / width as f64;
+        let share = (sample - hop * HOP) as f64 / width as f64;
         let [low, high] = [&self.before[hop], &self.before[hop + 1]];
         std::array::from_fn(|band| low[band] + (high[band] - low[band]) * share)
     }
