@@ -189,10 +189,10 @@ impl SceneAssets {
 
     /// Computes or loads a source's acoustics (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
-        self.source(position);
+        self.source(position).prepare();
     }
 
-    /// Returns the shared sound source.
+    /// Returns the shared sound source, computed on first use.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
@@ -313,7 +313,7 @@ mod tests {
         });
         let seen = assets.resident_bytes();
         assert_eq!(seen, before - textures + assets.renderer.model().byte_count());
-        assets.source(&eye);
+        assets.prepare_sound(&eye);
         assert!(assets.resident_bytes() > seen);
     }
 

@@ -191,6 +191,13 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
+    /// Computes or loads the paths of all sound sources, which otherwise happens when a source starts to play.
+    pub fn prepare_sound(&self) {
+        if let Some(ears) = &self.ears {
+            ears.prepare();
+        }
+    }
+
     fn look(&self, view: CameraView) -> CameraImage {
         let CameraView { width, height, hfov_rad } = view;
         let world_from_camera = self.pose().rotation();
