@@ -3,6 +3,7 @@
 use crate::layout::{Layout, MissionArrays, Row};
 use crate::privileged::{self, Guide};
 use crate::reward::RewardFacts;
+use crate::senses::{ClipCache, Sensing};
 use crate::{AutoReset, EnvOptions, EpisodeSource, TrainingEpisode, TrainingError};
 use avln_episode::{Action, EndReason, Observation};
 use avln_referee::{Audio, Referee};
@@ -54,6 +55,7 @@ pub(crate) struct Shared {
     pub(crate) options: EnvOptions,
     pub(crate) layout: Layout,
     pub(crate) audio: Audio,
+    pub(crate) clips: ClipCache,
 }
 
 struct Running {
@@ -62,6 +64,7 @@ struct Running {
     truth: EpisodeTruth,
     guide: Guide,
     mission: MissionArrays,
+    sensing: Sensing,
     path_m: f64,
     /// Keeps the scene loaded.
     _scene: TrainingEpisode,
@@ -76,7 +79,7 @@ impl Shared {
     ) -> Result<Arc<Self>, TrainingError> {
         options.check()?;
         let layout = Layout::new(&options);
-        Ok(Arc::new(Self { source, options, layout, audio }))
+        Ok(Arc::new(Self { source, options, layout, audio, clips: ClipCache::default() }))
     }
 }
 
@@ -123,6 +126,7 @@ impl Env {
         self.next_episode += 1;
         let running = self.running.insert(running);
         let first = running.referee.start();
+        running.sense();
         running.put(row, &self.shared, &first);
         Ok(())
     }
@@ -139,6 +143,7 @@ impl Env {
         let (before, routed) = (running.open_goals(), running.guide.routed());
         let from_m = routed.and_then(|goal| running.referee.walk_m(goal));
         let outcome = running.referee.step(action)?;
+        running.sense();
         running.add_step_to_path();
         let to_m = routed.and_then(|goal| running.referee.walk_m(goal));
         running.guide.route(&running.referee, running.truth.order);
@@ -178,9 +183,11 @@ impl Env {
         row.check(&self.shared.layout)?;
         let mut running = Running::start(&self.shared, state.env, state.episode)?;
         let first = running.referee.start();
+        running.sense();
         let outcome = running.referee.replay(&state.taken);
         let outcome = outcome.map_err(|error| TrainingError::State(error.to_string()))?;
         let seen = outcome.map_or(first, |outcome| outcome.observation);
+        running.sense_replayed();
         running.path_m = running.walked_m();
         running.guide.set_routed(state.routed);
         running.put(row, &self.shared, &seen);
@@ -211,7 +218,20 @@ impl Running {
         )?;
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
-        Ok(Self { episode: number, referee, truth, guide, mission, path_m: 0.0, _scene: scene })
+        let sensing = Sensing::new(shared, &referee, &truth)?;
+        Ok(Self { episode: number, referee, truth, guide, mission, sensing, path_m: 0.0, _scene: scene })
+    }
+
+    /// Updates the cheap senses after the start or a step.
+    fn sense(&mut self) {
+        self.sensing.sense(self.referee.world().pose(), self.referee.sounding());
+    }
+
+    /// Updates the cheap senses after a replay: map and sound depend on all steps.
+    fn sense_replayed(&mut self) {
+        for step in self.referee.facts() {
+            self.sensing.sense(step.pose, step.sounding.map(usize::from));
+        }
     }
 
     fn add_step_to_path(&mut self) {
@@ -236,6 +256,7 @@ impl Running {
     fn put(&self, row: &mut Row, shared: &Shared, seen: &Observation) {
         row.put_mission(&shared.layout, &self.mission);
         row.put_observation(&shared.layout, seen);
+        self.sensing.put(row, &shared.layout);
         if shared.options.privileged {
             privileged::put(row, &shared.layout, &self.referee, &self.guide, &self.truth, self.path_m);
         }

@@ -1,5 +1,7 @@
 //! Arrays of an observation and of its training information.
 
+#[expect(unused_imports, reason = "documentation")]
+use crate::CheapSenses;
 use crate::{EnvOptions, TrainingError};
 use avln_episode::{Feedback, GoalCue, Mission, Observation, Order, RgbImage};
 
@@ -46,7 +48,7 @@ impl ArraySpec {
     }
 }
 
-/// The arrays of one environment, in order. The observation has the keys of `avln.gym`; privileged information follows:
+/// The arrays of one environment, in order. The observation has the keys of `avln.gym` and the [`CheapSenses`]; privileged information follows:
 ///
 /// | key | type and shape | content |
 /// | --- | --- | --- |
@@ -83,6 +85,7 @@ impl Layout {
         layout.add(true, "goal_modality", ArrayKind::I64, &[MAX_GOALS]);
         layout.add(cues, "goal_text", ArrayKind::U8, &[MAX_GOALS, GOAL_TEXT_BYTES]);
         layout.add(cues, "goal_image", ArrayKind::U8, &[MAX_GOALS, side, side, 3]);
+        options.cheap.arrays().for_each(|(name, kind, shape)| layout.add(true, name, kind, &shape));
         if options.privileged {
             layout.add_privileged();
         }

@@ -7,13 +7,17 @@
 //! This crate never accepts validation or test pools or sealed splits, and it is never linked by servers or clients of an
 //! evaluation: it shows ground truth to the learner.
 
+mod ears;
 mod env;
 mod error;
 mod layout;
+mod lidar;
+mod map;
 mod options;
 mod privileged;
 mod reward;
 mod scenes;
+mod senses;
 mod source;
 mod teacher;
 mod vector;
@@ -22,6 +26,7 @@ pub use env::{Env, EnvState, StepFlags};
 pub use error::TrainingError;
 pub use layout::{ArrayKind, ArraySpec, Layout, Row, RowArray};
 pub use options::{AutoReset, Curriculum, EnvOptions, Goals, RewardRule};
+pub use senses::CheapSenses;
 pub use source::{EpisodeSource, SourceChoice, SourceOptions, TrainingEpisode};
 pub use teacher::Teacher;
 pub use vector::{Finished, RowSource, VectorEnv};

@@ -1,6 +1,6 @@
 //! Options of training environments.
 
-use crate::TrainingError;
+use crate::{CheapSenses, TrainingError};
 use avln_episode::{Order, Rules, Sensors};
 
 /// Settings of all environments in a vector.
@@ -10,6 +10,8 @@ pub struct EnvOptions {
     pub rules: Rules,
     /// Sensors of the benchmark. With `audio`, every step simulates the sound.
     pub sensors: Sensors,
+    /// Senses without images and waveforms.
+    pub cheap: CheapSenses,
     /// Side of goal images in the observation, pixels.
     pub goal_side: u32,
     /// True to add the goal texts and images to the observation.
@@ -28,6 +30,7 @@ impl EnvOptions {
         Self {
             rules: Rules::paper(),
             sensors: Sensors::all(side, side),
+            cheap: CheapSenses::default(),
             goal_side: 64,
             goal_cues: true,
             reward: RewardRule::Progress,
@@ -39,6 +42,7 @@ impl EnvOptions {
     pub(crate) fn check(&self) -> Result<(), TrainingError> {
         within("max_steps", self.rules.max_steps, 1, 100_000)?;
         within("goal_side", self.goal_side, 8, 512)?;
+        self.cheap.check(self)?;
         self.sensors.validate().map_err(avln_referee::RefereeError::from)?;
         Ok(())
     }

@@ -2,7 +2,9 @@
 
 use avln_episode::{Order, Rules, Sensors};
 use avln_referee::{Audio, made_bank};
-use avln_training::{AutoReset, Curriculum, EnvOptions, Goals, RewardRule, SourceChoice, SourceOptions};
+use avln_training::{
+    AutoReset, CheapSenses, Curriculum, EnvOptions, Goals, RewardRule, SourceChoice, SourceOptions,
+};
 use avln_world::{Bank, ClipPool};
 use pyo3::PyResult;
 use pyo3::exceptions::PyValueError;
@@ -32,6 +34,9 @@ pub(crate) struct VectorOptions {
     rgb: bool,
     depth: bool,
     audio: bool,
+    lidar: bool,
+    ears: bool,
+    map: bool,
     goal_side: u32,
     goal_cues: bool,
     reward: String,
@@ -88,6 +93,7 @@ impl VectorOptions {
                 hfov_rad: self.hfov_rad,
                 ..sensors
             },
+            cheap: CheapSenses { lidar: self.lidar, ears: self.ears, map: self.map },
             goal_side: self.goal_side,
             goal_cues: self.goal_cues,
             reward: named("reward", &self.reward, &REWARDS)?,

@@ -68,6 +68,11 @@ impl NativeVector {
         })
     }
 
+    /// Returns the name of the observation's definition.
+    fn observation_digest(&self) -> PyResult<String> {
+        self.with(|vector| Ok(vector.layout().digest(vector.options())))
+    }
+
     /// Registers arrays with a row per environment, in the layout's order; returns the buffer's number.
     fn add_buffer(
         &self,

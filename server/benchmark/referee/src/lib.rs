@@ -11,4 +11,4 @@ mod sounds;
 
 pub use avln_world::{Bank, Head};
 pub use referee::{Audio, Referee, RefereeError, StepOutcome};
-pub use sounds::{episode_sources, made_bank, source_positions};
+pub use sounds::{TooFewClips, episode_sounds, episode_sources, made_bank, source_positions};

@@ -38,6 +38,20 @@ pub fn episode_sources(rules: &Rules, truth: &EpisodeTruth) -> Vec<Point3<f32>> 
     source_positions(rules, &truth.targets).into_iter().chain(distractors).collect()
 }
 
+/// Returns the sounds of an episode as its referee plays them: targets, then the distractors of the rules.
+///
+/// # Errors
+/// If the bank has too few clips.
+pub fn episode_sounds(
+    rules: &Rules,
+    truth: &EpisodeTruth,
+    bank: &Bank,
+) -> Result<Vec<SoundSource>, TooFewClips> {
+    let mut sounds = sources(rules, truth, bank, &mut Rng::new(truth.seed).fork("clips"))?;
+    sounds.truncate(rules.sounding_sources(truth.targets.len()));
+    Ok(sounds)
+}
+
 /// Returns a sound per source, all with the same clip offset.
 pub(crate) fn sources(
     rules: &Rules,

@@ -8,10 +8,11 @@ mod sphere;
 pub use measured::MeasuredHead;
 pub use sofa::HeadError;
 
-use crate::late::diffuse::HeardField;
+use crate::bands::BANDS;
+use crate::late::diffuse::{HeardField, band_energies};
 use avln_geom::Vector3;
 use filter::{EarResponse, FAR_M};
-use sphere::{ear_axes, ear_response};
+use sphere::{ear_axes, ear_energy, ear_response, onset_delay_s};
 use std::sync::{Arc, OnceLock};
 
 /// A head model.
@@ -52,5 +53,32 @@ impl Head {
             Self::Omni => [EarResponse::free_field(), EarResponse::free_field()],
             Self::Measured(measured) => measured.ears(direction, heading_rad),
         }
+    }
+
+    /// Returns the energy of [`Head::ears`] by band, relative to the free field.
+    pub(crate) fn energies(
+        &self,
+        direction: &Vector3<f32>,
+        heading_rad: f32,
+        range_m: f32,
+    ) -> [[f32; BANDS]; 2] {
+        match self {
+            Self::Sphere => ear_axes(heading_rad).map(|axis| ear_energy(axis.dot(direction), range_m)),
+            Self::Omni => [[1.0; BANDS]; 2],
+            Self::Measured(measured) => {
+                measured.ears(direction, heading_rad).map(|ear| band_energies(&ear.filter))
+            }
+        }
+    }
+
+    /// Returns the interaural delay of a wave, seconds; positive if the left ear leads.
+    pub(crate) fn lead_s(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> f64 {
+        let [left, right] = match self {
+            Self::Sphere => ear_axes(heading_rad)
+                .map(|axis| onset_delay_s(f64::from(axis.dot(direction)), f64::from(range_m))),
+            Self::Omni => [0.0; 2],
+            Self::Measured(measured) => measured.ears(direction, heading_rad).map(|ear| ear.delay_s),
+        };
+        right - left
     }
 }

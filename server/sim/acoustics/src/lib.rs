@@ -19,6 +19,7 @@ mod images;
 mod impulse;
 mod late;
 mod measure;
+mod meter;
 mod planes;
 mod source;
 mod surfaces;
@@ -32,6 +33,7 @@ pub use ears::{Ears, Emitter};
 pub use head::{Head, HeadError, MeasuredHead};
 pub use impulse::{ImpulseResponse, Listener};
 pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
+pub use meter::{ClipLevels, FirstSound, HeardLevels, LEVEL_BANDS, LevelMeter};
 pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 

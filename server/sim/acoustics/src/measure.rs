@@ -1,6 +1,6 @@
 //! Room acoustic measures from impulse responses (ISO 3382-1).
 
-mod octave;
+pub(crate) mod octave;
 
 use crate::impulse::ImpulseResponse;
 use crate::surfaces::{SURFACE_BANDS, Surfaces};

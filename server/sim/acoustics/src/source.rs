@@ -56,8 +56,8 @@ pub struct FirstWave {
 }
 
 pub(crate) struct Heard {
-    arrivals: Vec<Arrival>,
-    echo: Vec<Slice>,
+    pub(crate) arrivals: Vec<Arrival>,
+    pub(crate) echo: Vec<Slice>,
 }
 
 struct SourceData {
@@ -195,6 +195,10 @@ impl Source {
             add_tail(&mut response, listener, &heard.echo, first.length_m, settings);
         }
         response
+    }
+
+    pub(crate) fn head(&self) -> &Head {
+        &self.head
     }
 
     fn settings(&self) -> Settings {

@@ -1,6 +1,9 @@
 //! A building's immutable data: scene, navigation mesh, render model, acoustics.
 
-use avln_acoustics::{Acoustics, BuildingCache, Settings, SoundCache, Source};
+use crate::world::SoundSource;
+use avln_acoustics::{
+    Acoustics, BuildingCache, ClipLevels, Emitter, Head, LevelMeter, Settings, SoundCache, Source,
+};
 use avln_geom::{Point3, QueryMesh, RayMesh, Rng, Vector3, angle};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, CameraImage, ModelCache, ModelCacheEntry, Renderer};
@@ -192,8 +195,24 @@ impl SceneAssets {
         self.source(position).prepare();
     }
 
+    /// Returns a meter for the levels of sound sources, each with the levels of its clip.
+    pub fn level_meter(
+        &self,
+        sources: Vec<(SoundSource, Arc<ClipLevels>)>,
+        head: &Head,
+        samples_per_step: usize,
+    ) -> LevelMeter {
+        let emitter = |(source, levels)| (self.emitter(source, head), levels);
+        LevelMeter::new(sources.into_iter().map(emitter).collect(), samples_per_step)
+    }
+
+    pub(crate) fn emitter(&self, source: SoundSource, head: &Head) -> Emitter {
+        let SoundSource { position, clip, offset_samples } = source;
+        Emitter { source: self.source(&position).with_head(head), clip, offset_samples }
+    }
+
     /// Returns the shared sound source, computed on first use.
-    pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
+    fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let cached = self.cached.clone();

@@ -12,7 +12,10 @@ pub mod stats;
 mod world;
 
 pub use assets::{Cache, Cached, PrepareError, SceneAssets, Struck};
-pub use avln_acoustics::{Bank, Clip, ClipPool, Head, SoundCache};
+pub use avln_acoustics::{
+    Bank, Clip, ClipLevels, ClipPool, FirstSound, Head, HeardLevels, LEVEL_BANDS, LevelMeter, Listener,
+    SoundCache,
+};
 pub use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
 pub use avln_render::{Camera, CameraImage, DepthNoise, Model, ModelCache, ModelCacheEntry, Noise, RgbNoise};

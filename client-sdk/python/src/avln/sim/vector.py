@@ -26,6 +26,7 @@ PAPER = Curriculum()
 """The missions of the benchmark."""
 _FARTHEST_M = 10_000.0
 _LOUDEST = 1e6
+_MOST_DB = 300.0
 _BUFFERS = 2
 
 
@@ -70,7 +71,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             threads: worker threads; by default one per processor.
             batch_size: environments per `recv`; all by default.
             size: image side, or width and height, pixels, 64 to 1024.
-            senses: any of `rgb`, `depth` and `audio`.
+            senses: any of `rgb`, `depth` and `audio`, and for training only `lidar`, `ears` and `map`
+                (docs/training.md).
             curriculum: limits for missions and houses; by default those of the benchmark.
             scenes: scenes in use at the same time; environments with equal index modulo this number share one.
             episodes_per_scene: episodes of an environment before its next scene.
@@ -261,6 +263,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             name: row[name] for name, *_, is_info in self._layout if is_info
         }
 
+    @property
+    def observation_digest(self) -> str:
+        """Name of the observation's exact definition, 16 hexadecimal digits: record it with a trained model."""
+        return str(self._native.observation_digest())
+
     def close_extras(self, **_: Any) -> None:
         """Ends the threads."""
         self._native.close()
@@ -314,6 +321,9 @@ def _space(name: str, kind: str, shape: list[int], max_steps: int) -> spaces.Spa
     lowest, highest = {
         "depth": (0.0, _FARTHEST_M),
         "audio": (-_LOUDEST, _LOUDEST),
+        "lidar": (0.0, _FARTHEST_M),
+        "ears": (-_MOST_DB, _MOST_DB),
+        "map": (0, 2),
         "remaining": (0, max(max_steps, 4)),
     }.get(name, (0, 255))
     return spaces.Box(lowest, highest, tuple(shape), dtype)

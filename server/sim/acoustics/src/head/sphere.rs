@@ -5,6 +5,8 @@
 
 use super::filter::{DESIGN_BIN_HZ, DESIGN_POINTS, EarResponse, HEAD_TAPS, HeadFilter, design_from};
 use crate::SPEED_OF_SOUND_M_S;
+use crate::bands::BANDS;
+use crate::late::diffuse::band_energies;
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
@@ -28,29 +30,45 @@ pub(crate) fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
     [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
-/// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
-pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
-    /// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
+/// `INVERSE_RANGES × ANGLES`, row by row, aligned on the wave front.
+fn filters() -> &'static [HeadFilter] {
     static FILTERS: OnceLock<Vec<HeadFilter>> = OnceLock::new();
     let design = |inverse: &f32| design_range(1.0 / f64::from(*inverse));
-    let filters = FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect());
-    let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+    FILTERS.get_or_init(|| INVERSE_RANGES.iter().flat_map(design).collect())
+}
+
+/// Returns the four table entries around an incidence and range, with weights that add up to 1.
+fn corners(cos_incidence: f32, range_m: f32) -> [(usize, f32); 4] {
     let (row, row_weight) = range_position(range_m);
-    let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
+    let degrees = libm::acosf(cos_incidence.clamp(-1.0, 1.0)).to_degrees().clamp(0.0, 180.0);
     let column = (degrees as usize).min(ANGLES - 2);
     let column_weight = degrees - column as f32;
-    let corners = [
-        (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
-        (row, column + 1, (1.0 - row_weight) * column_weight),
-        (row + 1, column, row_weight * (1.0 - column_weight)),
-        (row + 1, column + 1, row_weight * column_weight),
-    ];
+    let first = row * ANGLES + column;
+    [
+        (first, (1.0 - row_weight) * (1.0 - column_weight)),
+        (first + 1, (1.0 - row_weight) * column_weight),
+        (first + ANGLES, row_weight * (1.0 - column_weight)),
+        (first + ANGLES + 1, row_weight * column_weight),
+    ]
+}
+
+/// Response to a source at `range_m` (at least 0.1) by the cosine to the ear axis, re the head centre.
+pub(crate) fn ear_response(cos_incidence: f32, range_m: f32) -> EarResponse {
+    let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+    let filters = filters();
     let mut filter = [0.0; HEAD_TAPS];
-    for (row, column, weight) in corners {
-        let known = &filters[row * ANGLES + column];
-        filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
+    for (place, weight) in corners(cos_incidence, range_m) {
+        filter.iter_mut().zip(&filters[place]).for_each(|(sum, tap)| *sum += weight * tap);
     }
     EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
+}
+
+/// Energy of [`ear_response`] by band, relative to the free field.
+pub(crate) fn ear_energy(cos_incidence: f32, range_m: f32) -> [f32; BANDS] {
+    static ENERGIES: OnceLock<Vec<[f32; BANDS]>> = OnceLock::new();
+    let energies = ENERGIES.get_or_init(|| filters().iter().map(band_energies).collect());
+    let corners = corners(cos_incidence, range_m);
+    std::array::from_fn(|band| corners.iter().map(|(place, weight)| weight * energies[*place][band]).sum())
 }
 
 /// The table row on the near side, and the next row's weight.

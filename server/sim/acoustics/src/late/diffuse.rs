@@ -3,7 +3,7 @@
 use super::noise::{DiffuseResponse, Noise};
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
-use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS};
+use crate::head::filter::{EarResponse, HEAD_LEAD, HEAD_TAPS, HeadFilter};
 use crate::transform::unit_phasor;
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
@@ -33,16 +33,21 @@ impl HeardField {
         let mut energy = [0.0; BANDS];
         for index in 0..DIRECTIONS {
             for ear in ears(&angle::spread_direction(index, DIRECTIONS)) {
-                let heard = band_energies(&ear);
+                let heard = band_energies(&ear.filter);
                 energy.iter_mut().zip(heard).for_each(|(sum, heard)| *sum += 0.5 * heard / DIRECTIONS as f32);
             }
         }
         Self { noise, energy }
     }
 
+    /// Energy at an ear relative to the free field, by band.
+    pub(crate) fn energy(&self) -> &[f32; BANDS] {
+        &self.energy
+    }
+
     /// Energy by band, relative to diffuse sound.
     pub(super) fn tilt(&self, response: &EarResponse) -> [f32; BANDS] {
-        let heard = band_energies(response);
+        let heard = band_energies(&response.filter);
         std::array::from_fn(
             |band| if self.energy[band] > 0.0 { heard[band] / self.energy[band] } else { 1.0 },
         )
@@ -52,12 +57,13 @@ impl HeardField {
 /// Probe frequencies per band, octaves from the centre.
 const PROBES_OCTAVES: [f64; 3] = [-0.33, 0.0, 0.33];
 
-fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
+/// Energy of a head filter by band, relative to a unit pulse.
+pub(crate) fn band_energies(filter: &HeadFilter) -> [f32; BANDS] {
     static WAVES: OnceLock<Vec<[[f32; 2]; HEAD_TAPS]>> = OnceLock::new();
     let waves = WAVES.get_or_init(probe_waves);
     let energy = |wave: &[[f32; 2]; HEAD_TAPS]| {
         let (mut re, mut im) = (0.0, 0.0);
-        for (tap, [cos, sin]) in ear.filter.iter().zip(wave) {
+        for (tap, [cos, sin]) in filter.iter().zip(wave) {
             re += tap * cos;
             im += tap * sin;
         }

@@ -45,7 +45,7 @@ pub(crate) struct Slice {
 }
 
 impl Slice {
-    pub(super) fn total(&self) -> f32 {
+    pub(crate) fn total(&self) -> f32 {
         self.energy.iter().sum()
     }
 }
@@ -140,7 +140,7 @@ struct SlicePosition {
     share: f32,
 }
 
-pub(super) fn middle_s(slice: usize) -> f32 {
+pub(crate) fn middle_s(slice: usize) -> f32 {
     0.5 * (start_s(slice) + start_s(slice + 1))
 }
 

@@ -14,10 +14,10 @@ use avln_geom::Vector3;
 const SILENT: f32 = 1e-7;
 
 /// Slices with directional rendering, the first 80 ms. Later directions only change the level difference.
-const DIRECTED: usize = 16;
+pub(crate) const DIRECTED: usize = 16;
 
 /// Later slices with a common direction.
-const GROUP: usize = 16;
+pub(crate) const GROUP: usize = 16;
 
 /// Smallest energy share for a slice with a direction.
 const MIN_SHARE: f32 = 1e-3;
@@ -60,7 +60,7 @@ pub(crate) fn add_tail(
 }
 
 /// Directional share in a slice, 0 to 1.
-fn directed_share(flow: &Vector3<f32>) -> f32 {
+pub(crate) fn directed_share(flow: &Vector3<f32>) -> f32 {
     // Sound with a smooth asymmetry (`1 + 3 f cos`) has a flow of `f`; only a larger flow needs a direction.
     const BROAD: f32 = 0.22;
     ((flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)

@@ -13,7 +13,7 @@ pub(super) fn bandwidth_hz(band: usize) -> f64 {
 }
 
 /// Power transmission of a third-order band pass (Butterworth 1930, IEC 61260-1): half at the octave edges.
-pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
+pub(crate) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let center_hz = f64::from(BAND_HZ[band]);
     if frequency_hz <= 0.0 {
         return 0.0;
@@ -34,13 +34,13 @@ pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     sine * sine
 }
 
-pub(super) struct Octaves {
+pub(crate) struct Octaves {
     spectrum: Vec<Complex64>,
     samples: usize,
 }
 
 impl Octaves {
-    pub(super) fn new(signal: &[f32]) -> Self {
+    pub(crate) fn new(signal: &[f32]) -> Self {
         let length = (signal.len() + SILENCE).next_power_of_two();
         let forward = RealFftPlanner::<f64>::new().plan_fft_forward(length);
         let mut padded = forward.make_input_vec();
@@ -57,7 +57,7 @@ impl Octaves {
     }
 
     /// Squared signal, filtered with the power transmission `share` (by frequency in hertz).
-    pub(super) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
+    pub(crate) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
         let length = 2 * (self.spectrum.len() - 1);
         let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(length);
         let bin_hz = self.bin_hz();

@@ -1,0 +1,131 @@
+//! The sense `map`: the explored part of the storey around the agent.
+
+use crate::lidar::Lidar;
+use avln_world::{Pose, SceneAssets};
+
+/// Cells per side of the crop.
+pub(crate) const SIDE: usize = 32;
+/// Cell side, metres.
+pub(crate) const CELL_M: f32 = 0.25;
+/// Floor within this height of a storey belongs to it, metres.
+const STOREY_M: f32 = 1.5;
+/// Depth at which a ray enters a surface, metres.
+const INSIDE_M: f32 = 0.05;
+
+const WALKABLE: u8 = 1;
+const SEEN: u8 = 2;
+
+/// Cell values by flags: unknown, unknown, occupied, free.
+const VALUES: [u8; 4] = [0, 0, 2, 1];
+
+/// Walkable points of a scene on a lattice with [`CELL_M`].
+pub(crate) struct Floor {
+    /// Lattice index of the first cell in x and z.
+    first: [i32; 2],
+    /// Cells in x and z.
+    size: [usize; 2],
+    /// Cell and height in metres.
+    points: Vec<(usize, f32)>,
+}
+
+impl Floor {
+    pub(crate) fn new(assets: &SceneAssets) -> Self {
+        let Some(bounds) = assets.scene.bounds() else {
+            return Self { first: [0; 2], size: [0; 2], points: Vec::new() };
+        };
+        let index = |metres: f32| (metres / CELL_M).round() as i32;
+        let first = [index(bounds.min.x), index(bounds.min.z)];
+        let size = [index(bounds.max.x) - first[0] + 1, index(bounds.max.z) - first[1] + 1];
+        let mut floor = Self { first, size: size.map(|cells| cells.max(0) as usize), points: Vec::new() };
+        for point in assets.navmesh.grid(&bounds, CELL_M) {
+            let place = point.position();
+            if let Some(cell) = floor.cell(place.x, place.z) {
+                floor.points.push((cell, place.y));
+            }
+        }
+        floor
+    }
+
+    /// Returns the cell at x and z, metres; `None` outside the building.
+    fn cell(&self, x_m: f32, z_m: f32) -> Option<usize> {
+        let column = (x_m * (1.0 / CELL_M)).round() as i32 - self.first[0];
+        let row = (z_m * (1.0 / CELL_M)).round() as i32 - self.first[1];
+        let is_inside = (0..self.size[0] as i32).contains(&column) && (0..self.size[1] as i32).contains(&row);
+        is_inside.then_some(row as usize * self.size[0] + column as usize)
+    }
+}
+
+/// Explored cells of all visited storeys.
+pub(crate) struct ExploredMap {
+    floor: Floor,
+    storeys: Vec<Storey>,
+    current: usize,
+}
+
+struct Storey {
+    height_m: f32,
+    /// Flags by cell.
+    cells: Vec<u8>,
+}
+
+impl ExploredMap {
+    pub(crate) fn new(floor: Floor) -> Self {
+        Self { floor, storeys: Vec::new(), current: 0 }
+    }
+
+    /// Adds the cells that the rays from a pose cross or end in.
+    pub(crate) fn add(&mut self, lidar: &Lidar, pose: &Pose) {
+        self.current = self.storey_at(pose.position.y);
+        let Self { floor, storeys, current } = self;
+        let cells = &mut storeys[*current].cells;
+        let mut see = |x_m: f32, z_m: f32| {
+            if let Some(cell) = floor.cell(x_m, z_m) {
+                cells[cell] |= SEEN;
+            }
+        };
+        let (x_m, z_m) = (pose.position.x, pose.position.z);
+        for (direction, free_m, is_hit) in lidar.rays() {
+            let samples = (free_m * (2.0 / CELL_M)) as usize;
+            for sample in 0..=samples {
+                let along_m = sample as f32 * (0.5 * CELL_M);
+                see(x_m + along_m * direction.x, z_m + along_m * direction.z);
+            }
+            if is_hit {
+                let along_m = free_m + INSIDE_M;
+                see(x_m + along_m * direction.x, z_m + along_m * direction.z);
+            }
+        }
+    }
+
+    /// Returns the storey for a body at this height, new if none is near.
+    fn storey_at(&mut self, height_m: f32) -> usize {
+        let near = |storey: &Storey| (storey.height_m - height_m).abs() <= STOREY_M;
+        if let Some(known) = self.storeys.iter().position(near) {
+            return known;
+        }
+        let mut cells = vec![0; self.floor.size.iter().product()];
+        for (cell, point_m) in &self.floor.points {
+            if (point_m - height_m).abs() <= STOREY_M {
+                cells[*cell] = WALKABLE;
+            }
+        }
+        self.storeys.push(Storey { height_m, cells });
+        self.storeys.len() - 1
+    }
+
+    /// Writes the cells around a pose, straight ahead up: 0 unknown, 1 free, 2 occupied.
+    pub(crate) fn crop(&self, pose: &Pose, to: &mut [u8]) {
+        let Some(storey) = self.storeys.get(self.current) else { return to.fill(0) };
+        let (ahead, right) = (pose.forward(), pose.right());
+        let middle = 0.5 * (SIDE - 1) as f32;
+        for (row, cells) in to.chunks_exact_mut(SIDE).enumerate() {
+            let ahead_m = CELL_M * (middle - row as f32);
+            let (x_m, z_m) = (pose.position.x + ahead_m * ahead.x, pose.position.z + ahead_m * ahead.z);
+            for (column, value) in cells.iter_mut().enumerate() {
+                let right_m = CELL_M * (column as f32 - middle);
+                let cell = self.floor.cell(x_m + right_m * right.x, z_m + right_m * right.z);
+                *value = cell.map_or(0, |cell| VALUES[usize::from(storey.cells[cell])]);
+            }
+        }
+    }
+}
