@@ -47,14 +47,15 @@ impl Settings {
     }
 }
 
+#[derive(Clone)]
 pub(crate) struct Building {
-    pub(crate) air: Air,
-    pub(crate) planes: Planes,
-    pub(crate) surfaces: Surfaces,
+    pub(crate) air: Arc<Air>,
+    pub(crate) planes: Arc<Planes>,
+    pub(crate) surfaces: Arc<Surfaces>,
     pub(crate) settings: Settings,
     /// Per triangle: unit normal; 0 for degenerate triangles.
-    pub(crate) normals: Vec<Vector3<f32>>,
-    pub(crate) cells: Cells,
+    pub(crate) normals: Arc<[Vector3<f32>]>,
+    pub(crate) cells: Arc<Cells>,
 }
 
 impl Building {
@@ -66,13 +67,27 @@ impl Building {
             (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
         };
         let normals = (0..scene.mesh.triangles.len()).map(normal).collect();
-        Self { air, planes: Planes::new(scene), surfaces, settings, normals, cells }
+        Self {
+            air: Arc::new(air),
+            planes: Arc::new(Planes::new(scene)),
+            surfaces: Arc::new(surfaces),
+            settings,
+            normals,
+            cells: Arc::new(cells),
+        }
+    }
+
+    /// Returns the same building with settings for levels.
+    pub(crate) fn for_levels(&self) -> Self {
+        let head = self.settings.head.clone();
+        let settings = Settings { response_s: 0.5, ray_count: 2048, reflection_order: 0, head };
+        Self { settings, cells: Arc::new(self.cells.larger(&self.air)), ..self.clone() }
     }
 
     pub(crate) fn byte_count(&self) -> usize {
         self.air.byte_count()
             + self.planes.byte_count()
             + self.cells.byte_count()
-            + size_of_val(self.normals.as_slice())
+            + size_of_val(&*self.normals)
     }
 }

@@ -80,6 +80,14 @@ impl Acoustics {
         Self { building: Arc::new(building), sources: Mutex::default(), cache: None }
     }
 
+    /// Returns the same building for a [`LevelMeter`](crate::LevelMeter). Its sources have shorter responses, larger cells and no
+    /// discrete reflections, so that fewer rays are sufficient.
+    #[must_use]
+    pub fn for_levels(&self) -> Self {
+        let building = Arc::new(self.building.for_levels());
+        Self { building, sources: Mutex::default(), cache: self.cache.clone() }
+    }
+
     /// Sets the persistent cache for sources.
     #[must_use]
     pub fn with_cache(self, cache: Option<BuildingCache>) -> Self {
@@ -88,8 +96,13 @@ impl Acoustics {
 
     /// Bytes in the building and all cached sources.
     pub fn resident_bytes(&self) -> usize {
+        self.building.byte_count() + self.sources_bytes()
+    }
+
+    /// Bytes in all cached sources.
+    pub fn sources_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        self.building.byte_count() + sources.iter().map(|(_, slot)| slot.byte_count()).sum::<usize>()
+        sources.iter().map(|(_, slot)| slot.byte_count()).sum()
     }
 
     /// Returns the source at `position`, world frame, metres. Inside closed furniture, the source plays from the adjacent air.

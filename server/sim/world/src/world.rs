@@ -1,7 +1,7 @@
 //! The world of an episode: a body in a building, its motion and senses.
 
 use crate::assets::SceneAssets;
-use avln_acoustics::{Clip, Ears, Head, Listener};
+use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
 use avln_render::{Camera, CameraImage, Noise};
@@ -236,6 +236,10 @@ impl World {
 }
 
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
-    let emitter = |source| assets.emitter(source, &options.head);
+    let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
+        source: assets.source(&position).with_head(&options.head),
+        clip,
+        offset_samples,
+    };
     Ears::new(sources.into_iter().map(emitter).collect(), options.samples_per_step)
 }

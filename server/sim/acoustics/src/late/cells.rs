@@ -36,7 +36,7 @@ impl Cells {
     /// Divides the air into cells. Energy for responses with `response_s` seconds then fits [`MAX_BYTES`].
     pub(crate) fn new(air: &Air, response_s: f32) -> Self {
         let most = MAX_BYTES / (slices::count(response_s).max(1) * CHANNELS * size_of::<u16>());
-        let whole: Vec<bool> = (0..air.grid.len()).map(|voxel| is_whole(air, voxel)).collect();
+        let whole = whole_voxels(air);
         let mut edge = BLOCK;
         loop {
             let cells = Self::with_blocks(air, &whole, [edge, 2 * edge, edge]);
@@ -45,6 +45,11 @@ impl Cells {
             }
             edge += 1;
         }
+    }
+
+    /// Divides the air into cells with eight times the volume.
+    pub(crate) fn larger(&self, air: &Air) -> Self {
+        Self::with_blocks(air, &whole_voxels(air), self.block.map(|voxels| 2 * voxels))
     }
 
     fn with_blocks(air: &Air, whole: &[bool], block: [usize; 3]) -> Self {
@@ -194,6 +199,10 @@ impl Cells {
         }
         None
     }
+}
+
+fn whole_voxels(air: &Air) -> Vec<bool> {
+    (0..air.grid.len()).map(|voxel| is_whole(air, voxel)).collect()
 }
 
 /// Returns true if no surface cuts the axes of a room voxel.

@@ -22,13 +22,12 @@ impl ClipLevels {
         let length = clip.samples.len();
         let octaves = Octaves::new(&clip.samples);
         let mut before = vec![[0.0; LEVEL_BANDS]; length.div_ceil(HOP) + 1];
-        for band in 0..LEVEL_BANDS {
-            let squared = octaves.squared(|frequency_hz| power_share(band, frequency_hz));
-            let mut sum = 0.0;
-            for (hop, samples) in squared.chunks(HOP).enumerate() {
-                sum += samples.iter().sum::<f64>();
-                before[hop + 1][band] = sum;
-            }
+        let squared: [_; LEVEL_BANDS] =
+            std::array::from_fn(|band| octaves.squared(|frequency_hz| power_share(band, frequency_hz)));
+        for hop in 0..before.len() - 1 {
+            let samples = hop * HOP..((hop + 1) * HOP).min(length);
+            let energy = |band: usize| squared[band][samples.clone()].iter().sum::<f64>();
+            before[hop + 1] = std::array::from_fn(|band| before[hop][band] + energy(band));
         }
         Self { before, length }
     }
