@@ -10,7 +10,8 @@ houses of the training pool, and accept no validation or test pool and no sealed
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
 
-The environment variable `AVLN_NATIVE` contains the path of the native module (docs/training.md).
+The wheel for Linux contains the native module; the environment variable `AVLN_NATIVE` can name another one
+(docs/training.md).
 """
 
 try:

@@ -83,7 +83,8 @@ def native() -> Any:
         return importlib.import_module("avln.sim._native")
     except ModuleNotFoundError as error:
         message = (
-            "avln.sim needs its native module: cargo build --release -p avln-native, and AVLN_NATIVE with its path"
+            "avln.sim needs its native module: install the wheel for Linux, or "
+            "cargo build --release -p avln-native and set AVLN_NATIVE to its path"
         )
         raise ModuleNotFoundError(message, name=error.name) from None
 
