@@ -9,19 +9,25 @@
 
 mod env;
 mod error;
+mod explorer;
+mod floor_grid;
 mod layout;
 mod options;
+mod overview;
 mod privileged;
 mod reward;
 mod scenes;
 mod source;
 mod teacher;
+mod top_down;
 mod vector;
 
 pub use env::{Env, EnvState, StepFlags};
 pub use error::TrainingError;
 pub use layout::{ArrayKind, ArraySpec, Layout, Row, RowArray};
 pub use options::{AutoReset, Curriculum, EnvOptions, Goals, RewardRule};
+pub use overview::{Overview, TargetMark};
+pub use reward::ProgressReward;
 pub use source::{EpisodeSource, SourceChoice, SourceOptions, TrainingEpisode};
 pub use teacher::Teacher;
 pub use vector::{Finished, RowSource, VectorEnv};

@@ -2,7 +2,10 @@
 
 use avln_episode::{Order, Rules, Sensors};
 use avln_referee::{Audio, made_bank};
-use avln_training::{AutoReset, Curriculum, EnvOptions, Goals, RewardRule, SourceChoice, SourceOptions};
+use avln_training::{
+    AutoReset, Curriculum, EnvOptions, Goals, ProgressReward, RewardRule, SourceChoice, SourceOptions,
+    Teacher,
+};
 use avln_world::{Bank, ClipPool};
 use pyo3::PyResult;
 use pyo3::exceptions::PyValueError;
@@ -34,8 +37,12 @@ pub(crate) struct VectorOptions {
     audio: bool,
     goal_side: u32,
     goal_cues: bool,
-    reward: String,
+    reward: RewardJson,
     privileged: bool,
+    teacher: String,
+    ids: bool,
+    top_down: bool,
+    extra_submits: u32,
     autoreset: String,
 }
 
@@ -45,6 +52,25 @@ enum SourceJson {
     Recipe(String),
     Folder { path: PathBuf, split: String, training: bool },
     Scan(PathBuf),
+}
+
+/// A rule's name, or coefficients of `progress`.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum RewardJson {
+    Name(String),
+    Progress { slack: f64, per_m: f64, submit: f64, stop: f64, found: f64, complete: f64 },
+}
+
+impl RewardJson {
+    fn rule(&self) -> PyResult<RewardRule> {
+        match *self {
+            Self::Name(ref name) => named("reward", name, &REWARDS),
+            Self::Progress { slack, per_m, submit, stop, found, complete } => {
+                Ok(RewardRule::Progress(ProgressReward { slack, per_m, submit, stop, found, complete }))
+            }
+        }
+    }
 }
 
 fn invalid(message: impl ToString) -> pyo3::PyErr {
@@ -90,8 +116,12 @@ impl VectorOptions {
             },
             goal_side: self.goal_side,
             goal_cues: self.goal_cues,
-            reward: named("reward", &self.reward, &REWARDS)?,
+            reward: self.reward.rule()?,
             privileged: self.privileged,
+            teacher: named("teacher", &self.teacher, &TEACHERS)?,
+            ids: self.ids,
+            top_down: self.top_down,
+            extra_submits: self.extra_submits,
             autoreset: named("autoreset_mode", &self.autoreset, &AUTORESETS)?,
         })
     }
@@ -109,8 +139,12 @@ impl VectorOptions {
     }
 }
 
-const REWARDS: [(&str, RewardRule); 3] =
-    [("progress", RewardRule::Progress), ("sparse", RewardRule::Sparse), ("none", RewardRule::None)];
+const REWARDS: [(&str, RewardRule); 3] = [
+    ("progress", RewardRule::Progress(ProgressReward::AUTHORS)),
+    ("sparse", RewardRule::Sparse),
+    ("none", RewardRule::None),
+];
+const TEACHERS: [(&str, Teacher); 2] = [("path", Teacher::Path), ("explore", Teacher::Explore)];
 const AUTORESETS: [(&str, AutoReset); 3] =
     [("NextStep", AutoReset::NextStep), ("SameStep", AutoReset::SameStep), ("Disabled", AutoReset::Disabled)];
 
