@@ -10,22 +10,28 @@
 mod ears;
 mod env;
 mod error;
+mod explorer;
+mod floor_grid;
 mod layout;
 mod lidar;
 mod map;
 mod options;
+mod overview;
 mod privileged;
 mod reward;
 mod scenes;
 mod senses;
 mod source;
 mod teacher;
+mod top_down;
 mod vector;
 
 pub use env::{Env, EnvState, StepFlags};
 pub use error::TrainingError;
 pub use layout::{ArrayKind, ArraySpec, Layout, Row, RowArray};
 pub use options::{AutoReset, Curriculum, EnvOptions, Goals, RewardRule};
+pub use overview::{Overview, TargetMark};
+pub use reward::ProgressReward;
 pub use senses::CheapSenses;
 pub use source::{EpisodeSource, SourceChoice, SourceOptions, TrainingEpisode};
 pub use teacher::Teacher;

@@ -55,6 +55,8 @@ pub struct Referee {
     schedule: Schedule,
     goals: Vec<GoalState>,
     submits_used: u32,
+    /// Submits beyond the rules, for training.
+    extra_submits: u32,
     first: Option<Observation>,
     /// Sounding source: targets, then distractors.
     sounding: Option<usize>,
@@ -137,6 +139,7 @@ impl Referee {
             goals: vec![GoalState::Open; goals],
             in_region_at_start: Vec::new(),
             submits_used: 0,
+            extra_submits: 0,
             first: None,
             sounding: None,
             steps: Vec::new(),
@@ -152,6 +155,12 @@ impl Referee {
         };
         referee.in_region_at_start = (0..goals).map(|goal| referee.distance_within(goal).is_some()).collect();
         Ok(referee)
+    }
+
+    /// Adds Submits to those of the rules. For training only: scores of such episodes are not comparable.
+    #[must_use]
+    pub fn with_extra_submits(self, extra_submits: u32) -> Self {
+        Self { extra_submits, ..self }
     }
 
     /// Returns the mission.
@@ -213,6 +222,15 @@ impl Referee {
     /// Returns true if the body is in a goal's success region. Hidden from agents.
     pub fn is_in_region(&self, goal: usize) -> bool {
         self.distance_within(goal).is_some()
+    }
+
+    /// Returns the goal that a Submit or Stop would complete now. Hidden from agents.
+    pub fn completes(&self, action: Action) -> Option<usize> {
+        match action {
+            Action::Submit if self.is_ignored() => None,
+            Action::Submit | Action::Stop => self.matching_goal(action),
+            _ => None,
+        }
     }
 
     /// Returns the world with the body. Hidden from agents.
@@ -418,7 +436,7 @@ impl Referee {
     }
 
     fn submit_limit(&self) -> u32 {
-        self.goals.len() as u32 - 1
+        self.goals.len() as u32 - 1 + self.extra_submits
     }
 
     fn distance_within(&self, goal: usize) -> Option<f64> {

@@ -198,13 +198,17 @@ impl World {
         }
     }
 
-    fn look(&self, view: CameraView) -> CameraImage {
+    /// Returns the body's camera with a view.
+    pub fn camera(&self, view: CameraView) -> Camera {
         let CameraView { width, height, hfov_rad } = view;
         let world_from_camera = self.pose().rotation();
         let depth_max_m = self.options.depth_max_m;
-        let camera = Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m };
-        let mut image = self.assets.render(&camera);
-        self.options.noise.apply(&mut image, self.steps, depth_max_m);
+        Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m }
+    }
+
+    fn look(&self, view: CameraView) -> CameraImage {
+        let mut image = self.assets.render(&self.camera(view));
+        self.options.noise.apply(&mut image, self.steps, self.options.depth_max_m);
         image
     }
 

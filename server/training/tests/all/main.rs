@@ -1,5 +1,7 @@
 //! Training environments on small houses.
 
 mod episodes;
+mod maps;
 mod memory;
 mod sources;
+mod teachers;

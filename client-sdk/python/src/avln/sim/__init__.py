@@ -20,7 +20,8 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("avln.sim needs gymnasium; pip install gymnasium", name=error.name) from None
 
 from avln.sim.env import Env
-from avln.sim.options import Curriculum, Folder, Scan, SimError
+from avln.sim.options import Curriculum, Folder, Progress, Scan, SimError
+from avln.sim.recording import record
 from avln.sim.vector import VectorEnv
 
-__all__ = ["Curriculum", "Env", "Folder", "Scan", "SimError", "VectorEnv"]
+__all__ = ["Curriculum", "Env", "Folder", "Progress", "Scan", "SimError", "VectorEnv", "record"]
