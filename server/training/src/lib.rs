@@ -18,6 +18,7 @@ mod map;
 mod options;
 mod overview;
 mod privileged;
+mod results;
 mod reward;
 mod scenes;
 mod senses;

@@ -48,10 +48,12 @@ impl Floor {
 
     /// Returns the cell at x and z, metres; `None` outside the building.
     fn cell(&self, x_m: f32, z_m: f32) -> Option<usize> {
-        let column = (x_m * (1.0 / CELL_M)).round() as i32 - self.first[0];
-        let row = (z_m * (1.0 / CELL_M)).round() as i32 - self.first[1];
-        let is_inside = (0..self.size[0] as i32).contains(&column) && (0..self.size[1] as i32).contains(&row);
-        is_inside.then_some(row as usize * self.size[0] + column as usize)
+        // Cells are around the lattice points.
+        let column = x_m * (1.0 / CELL_M) - (self.first[0] as f32 - 0.5);
+        let row = z_m * (1.0 / CELL_M) - (self.first[1] as f32 - 0.5);
+        let is_inside =
+            column >= 0.0 && row >= 0.0 && (column as usize) < self.size[0] && (row as usize) < self.size[1];
+        is_inside.then(|| row as usize * self.size[0] + column as usize)
     }
 }
 

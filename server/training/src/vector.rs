@@ -1,12 +1,13 @@
 //! Many environments on worker threads.
 
 use crate::env::Shared;
+use crate::results::Results;
 use crate::{
     AutoReset, Env, EnvOptions, EnvState, EpisodeSource, Layout, Overview, Row, StepFlags, TrainingError,
 };
 use avln_referee::Audio;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -55,7 +56,7 @@ pub struct VectorEnv<R> {
     members: Arc<Vec<Mutex<Member>>>,
     shared: Arc<Shared>,
     work: Option<Sender<Work<R>>>,
-    finished: Receiver<Finished<R>>,
+    results: Arc<Results<R>>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -80,14 +81,13 @@ impl<R: RowSource> VectorEnv<R> {
         };
         let members: Arc<Vec<_>> = Arc::new((0..count as u64).map(member).collect());
         let (work, tasks) = channel();
-        let (results, finished) = channel();
-        let tasks = Arc::new(Mutex::new(tasks));
+        let (tasks, results) = (Arc::new(Mutex::new(tasks)), Arc::new(Results::default()));
         let worker = |_| {
-            let (members, tasks, results) = (Arc::clone(&members), Arc::clone(&tasks), results.clone());
+            let (members, tasks, results) = (Arc::clone(&members), Arc::clone(&tasks), Arc::clone(&results));
             std::thread::spawn(move || run(&members, &tasks, &results))
         };
         let threads = (0..threads).map(worker).collect();
-        Ok(Self { members, shared, work: Some(work), finished, threads })
+        Ok(Self { members, shared, work: Some(work), results, threads })
     }
 
     /// Returns the arrays of a row.
@@ -134,11 +134,18 @@ impl<R: RowSource> VectorEnv<R> {
     /// # Errors
     /// If the environments are closed.
     pub fn recv(&self, timeout: Duration) -> Result<Option<Finished<R>>, TrainingError> {
-        match self.finished.recv_timeout(timeout) {
-            Ok(finished) => Ok(Some(finished)),
-            Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(RecvTimeoutError::Disconnected) => Err(TrainingError::Closed),
+        self.recv_many(1, timeout).map(|mut finished| finished.pop())
+    }
+
+    /// Waits for `count` finished tasks, in the order of completion; fewer after `timeout`.
+    ///
+    /// # Errors
+    /// If the environments are closed.
+    pub fn recv_many(&self, count: usize, timeout: Duration) -> Result<Vec<Finished<R>>, TrainingError> {
+        if self.work.is_none() {
+            return Err(TrainingError::Closed);
         }
+        Ok(self.results.take(count, timeout))
     }
 
     /// Returns the exact state of an environment without a running task.
@@ -177,11 +184,7 @@ impl<R> Drop for VectorEnv<R> {
 }
 
 /// Performs tasks until the vector is closed.
-fn run<R: RowSource>(
-    members: &[Mutex<Member>],
-    tasks: &Mutex<Receiver<Work<R>>>,
-    results: &Sender<Finished<R>>,
-) {
+fn run<R: RowSource>(members: &[Mutex<Member>], tasks: &Mutex<Receiver<Work<R>>>, results: &Results<R>) {
     loop {
         let next = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
         let Ok(Work { env, task, mut row }) = next else { return };
@@ -191,9 +194,7 @@ fn run<R: RowSource>(
         let flags = flags.unwrap_or_else(|_| {
             Err(TrainingError::Shared(format!("environment {env} failed; the message is on standard error")))
         });
-        if results.send(Finished { env, row, flags }).is_err() {
-            return;
-        }
+        results.push(Finished { env, row, flags });
     }
 }
 

@@ -131,9 +131,11 @@ impl NativeVector {
             if received.len() >= count {
                 return Ok(received.drain(..count).collect());
             }
+            let missing = count - received.len();
             drop(received);
-            let next = py.detach(|| self.with(|vector| vector.recv(SIGNALS).map_err(value_error)))?;
-            lock(&self.received).extend(next.map(result));
+            let recv = || self.with(|vector| vector.recv_many(missing, SIGNALS).map_err(value_error));
+            let next = py.detach(recv)?;
+            lock(&self.received).extend(next.into_iter().map(result));
             py.check_signals()?;
         }
     }

@@ -97,11 +97,12 @@ impl GeodesicField {
     pub(crate) fn second_path(&self, air: &Air, first: &[Point3<f32>]) -> Option<AirPath> {
         const MAX_TRIED: usize = 32;
         const MAX_TIGHTENED: usize = 3;
-        let mut bends: Vec<_> = self.other_bends(first).collect();
-        bends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // Only the first few are tried, so a heap is faster than a sorted list. Positive floats sort like their bits.
+        let by_length = |(length_m, bend): (f32, u32)| Reverse((length_m.to_bits(), bend));
+        let mut bends: BinaryHeap<_> = self.other_bends(first).map(by_length).collect();
         let mut tried: Vec<u32> = Vec::new();
         let mut tightened = 0;
-        for (_, bend) in bends {
+        while let Some(Reverse((_, bend))) = bends.pop() {
             let known = tried.iter().any(|other| self.are_in_line(bend, *other));
             if known || !self.chain(bend).all(|point| horizontal_m(point, &first[1]) > APART_M) {
                 continue;

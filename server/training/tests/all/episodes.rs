@@ -3,7 +3,7 @@
 use crate::memory::{OwnRow, audio, env, follow_teacher, small_houses, small_options};
 use avln_episode::Rules;
 use avln_scoring::score;
-use avln_training::{AutoReset, EnvOptions, EpisodeSource, TrainingError, VectorEnv};
+use avln_training::{AutoReset, CheapSenses, EnvOptions, EpisodeSource, TrainingError, VectorEnv};
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -71,7 +71,8 @@ fn invalid_steps_are_refused() {
 /// Rows and flags of all environments after a few steps.
 fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnRow, String)> {
     const COUNT: usize = 3;
-    let options = EnvOptions { autoreset, ..small_options() };
+    let cheap = CheapSenses { lidar: true, ears: true, map: true };
+    let options = EnvOptions { autoreset, cheap, ..small_options() };
     let source = EpisodeSource::open(&small_houses(2)).expect("a source");
     let vector: VectorEnv<OwnRow> =
         VectorEnv::new(COUNT, threads, source, options, audio()).expect("environments");

@@ -3,5 +3,6 @@
 mod episodes;
 mod maps;
 mod memory;
+mod senses;
 mod sources;
 mod teachers;

@@ -309,9 +309,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _flags(self, results: list[Any]) -> list[NDArray[Any]]:
         flags: list[NDArray[Any]] = [np.zeros(self.num_envs, kind) for kind in (np.float64, np.bool_, np.bool_)]
-        for env, _, *values, _ in results:
-            for array, value in zip(flags, values):
-                array[env] = value
+        envs, _, *columns, _ = zip(*results)
+        for array, values in zip(flags, columns):
+            array[list(envs)] = values
         return flags
 
     def _add_finals(self, infos: dict[str, Any], turn: int, is_over: NDArray[Any]) -> None:

@@ -3,7 +3,8 @@
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::BAND_HZ;
 use crate::surfaces::SURFACE_BANDS;
-use realfft::{RealFftPlanner, num_complex::Complex64};
+use realfft::{ComplexToReal, RealFftPlanner, num_complex::Complex64};
+use std::sync::{Arc, OnceLock};
 
 /// Padding, samples: longer than the filter response.
 const SILENCE: usize = 4096;
@@ -37,6 +38,8 @@ pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
 pub(crate) struct Octaves {
     spectrum: Vec<Complex64>,
     samples: usize,
+    /// Planned on first use, which takes longer than a transform.
+    inverse: OnceLock<Arc<dyn ComplexToReal<f64>>>,
 }
 
 impl Octaves {
@@ -49,7 +52,7 @@ impl Octaves {
         // The lengths match the plan, so no call fails.
         let done = forward.process(&mut padded, &mut spectrum);
         debug_assert!(done.is_ok());
-        Self { spectrum, samples: signal.len() }
+        Self { spectrum, samples: signal.len(), inverse: OnceLock::new() }
     }
 
     fn bin_hz(&self) -> f64 {
@@ -59,7 +62,8 @@ impl Octaves {
     /// Squared signal, filtered with the power transmission `share` (by frequency in hertz).
     pub(crate) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
         let length = 2 * (self.spectrum.len() - 1);
-        let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(length);
+        let plan = || RealFftPlanner::<f64>::new().plan_fft_inverse(length);
+        let inverse = self.inverse.get_or_init(plan);
         let bin_hz = self.bin_hz();
         let gain = |bin: usize| share(bin as f64 * bin_hz).sqrt() / length as f64;
         let mut spectrum: Vec<_> =

@@ -5,6 +5,7 @@ mod common;
 mod ears;
 mod head;
 mod localisation;
+mod meter;
 mod reverberation;
 mod rooms;
 mod sofa;
