@@ -245,7 +245,8 @@ impl Running {
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
         let sensing = Sensing::new(shared, &referee, &truth)?;
-        let frame = MapFrame { origin: truth.start, cell_m: MAP_CELL_M, side: MAP_SIDE };
+        let frame =
+            MapFrame { origin: truth.start, cell_m: MAP_CELL_M, side: MAP_SIDE, has_solid_walls: true };
         let maps = options.top_down.then(|| StoreyMaps::new(&scene.assets, frame));
         let is_exploring = options.privileged && options.teacher == Teacher::Explore;
         let explorer = is_exploring.then(|| {

@@ -13,8 +13,12 @@ use std::sync::Arc;
 
 /// Range within which floor and targets are seen, metres: that of the explorer of HM3D-OVON.
 const RANGE_M: f64 = 3.5;
-/// Range within which the floor is seen in all directions, metres.
+/// Range within which the floor is seen in all directions, metres; also the neighbours of its places, around corners.
 const FEET_M: f64 = 0.3;
+/// Steps per metre, and further steps, after which a place counts as seen: the body does not reach it.
+const PATIENCE: (f64, f64) = (12.0, 24.0);
+/// Fewest connected unseen places worth a visit: 1 square metre.
+const LEAST_UNSEEN: usize = 16;
 /// Largest snap distance from the body to the mesh, metres.
 const SNAP_M: f32 = 0.3;
 
@@ -34,6 +38,8 @@ pub(crate) struct Explorer {
     reach: Vec<(u32, f64)>,
     /// Unseen place, the nearest one when it was chosen; `None` if all is seen.
     next: Option<u32>,
+    /// Steps until `next` counts as seen.
+    patience: u32,
 }
 
 /// A place at the border of the search, by distance; equal distances by number.
@@ -66,7 +72,18 @@ impl Explorer {
         let (seen, seen_targets) = (vec![false; grid.places.len()], vec![false; goals]);
         let (half_hfov_rad, camera_height_m) = (0.5 * hfov_rad, rules.camera_height_m);
         let (stood, reach, next) = (None, Vec::new(), None);
-        Self { assets, grid, half_hfov_rad, camera_height_m, seen, seen_targets, stood, reach, next }
+        Self {
+            assets,
+            grid,
+            half_hfov_rad,
+            camera_height_m,
+            seen,
+            seen_targets,
+            stood,
+            reach,
+            next,
+            patience: 0,
+        }
     }
 
     /// Returns true if a goal's target was in view and in range.
@@ -91,11 +108,27 @@ impl Explorer {
             let is_ahead = || self.is_ahead(pose, &self.grid.places[place as usize].position());
             self.seen[place as usize] |= distance_m < FEET_M || distance_m < RANGE_M && is_ahead();
         }
+        let under = self.reach.iter().filter(|(_, distance_m)| *distance_m < FEET_M);
+        for (next, _) in under.flat_map(|&(place, _)| self.grid.neighbours(place)) {
+            self.seen[next as usize] = true;
+        }
         for (goal, target) in targets.iter().enumerate() {
             self.seen_targets[goal] = self.seen_targets[goal] || self.sees(pose, target);
         }
+        self.choose();
+    }
+
+    /// Chooses another place, if the present one is seen or not reached in time.
+    fn choose(&mut self) {
+        self.patience = self.patience.saturating_sub(1);
+        if let Some(place) = self.next.filter(|_| self.patience == 0) {
+            self.seen[place as usize] = true;
+        }
         if self.next.is_none_or(|place| self.seen[place as usize]) {
-            self.next = self.nearest_unseen();
+            let nearest = self.nearest_unseen();
+            self.next = nearest.map(|(_, place)| place);
+            let (steps_per_m, further) = PATIENCE;
+            self.patience = nearest.map_or(0, |(way_m, _)| (further + steps_per_m * way_m) as u32);
         }
     }
 
@@ -112,8 +145,8 @@ impl Explorer {
         bearing_rad(pose, point).abs() <= self.half_hfov_rad
     }
 
-    /// Returns the nearest unseen place on ways over seen ones (Dijkstra 1959).
-    fn nearest_unseen(&self) -> Option<u32> {
+    /// Returns the nearest unseen place on ways over seen ones, with its distance in metres (Dijkstra 1959).
+    fn nearest_unseen(&mut self) -> Option<(f64, u32)> {
         let mut ways_m = vec![f64::INFINITY; self.seen.len()];
         let mut border = BinaryHeap::new();
         for &(place, distance_m) in self.reach.iter().filter(|(_, distance_m)| *distance_m < RANGE_M) {
@@ -125,7 +158,11 @@ impl Explorer {
                 continue;
             }
             if !self.seen[place as usize] {
-                return Some(place);
+                let around = self.unseen_around(place);
+                if around.len() >= LEAST_UNSEEN {
+                    return Some((way_m, place));
+                }
+                around.iter().for_each(|&place| self.seen[place as usize] = true);
             }
             for (next, step_m) in self.grid.neighbours(place) {
                 if way_m + step_m < ways_m[next as usize] {
@@ -135,5 +172,20 @@ impl Explorer {
             }
         }
         None
+    }
+
+    /// Returns the unseen places connected with one of them, at most about [`LEAST_UNSEEN`].
+    fn unseen_around(&self, place: u32) -> Vec<u32> {
+        let mut found = vec![place];
+        let mut next = 0;
+        while next < found.len() && found.len() < LEAST_UNSEEN {
+            for (neighbour, _) in self.grid.neighbours(found[next]) {
+                if !self.seen[neighbour as usize] && !found.contains(&neighbour) {
+                    found.push(neighbour);
+                }
+            }
+            next += 1;
+        }
+        found
     }
 }

@@ -50,7 +50,12 @@ pub struct TargetMark {
 
 /// Returns the frame of the map: the scene's axes around the start.
 pub(crate) fn frame(truth: &EpisodeTruth) -> MapFrame {
-    MapFrame { origin: Pose::new(truth.start.position, 0.0), cell_m: CELL_M, side: SIDE }
+    MapFrame {
+        origin: Pose::new(truth.start.position, 0.0),
+        cell_m: CELL_M,
+        side: SIDE,
+        has_solid_walls: false,
+    }
 }
 
 impl Overview {

@@ -100,7 +100,9 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
         return self._seen, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns the agent's view next to a map with path, sound and targets, u8 [512, 1024, 3]; None without a render mode.
+        """Returns the agent's view next to a map with path, sound and targets, u8 [512, 1024, 3].
+
+        None without a render mode.
 
         Raises:
             ValueError: before the first reset.

@@ -161,7 +161,10 @@ def to_json(
 
 def _reward(reward: object) -> str | dict[str, float]:
     if isinstance(reward, Progress):
-        return asdict(reward)
+        coefficients = asdict(reward)
+        if not all(map(math.isfinite, coefficients.values())):
+            raise ValueError(f"`reward` is {reward}; use finite coefficients")
+        return coefficients
     return reward if isinstance(reward, str) else "none"
 
 

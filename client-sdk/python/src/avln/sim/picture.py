@@ -85,7 +85,10 @@ def _agent(plan: NDArray[Any], place: tuple[float, float], side: int, heading_ra
     ahead = np.array([-np.sin(heading_rad), -np.cos(heading_rad)])
     across = np.array([-ahead[1], ahead[0]])
     for size, colour in ((0.036 * side, WHITE), (0.028 * side, AGENT)):
-        corners = [np.array(place) + size * part for part in (ahead, across * 0.75 - ahead, -across * 0.75 - ahead)]
+        corners = [
+            np.array(place) + size * part
+            for part in (1.2 * ahead, 0.8 * across - 0.6 * ahead, -0.8 * across - 0.6 * ahead)
+        ]
         window, x, y = _window(plan, place, 1.5 * size)
         cover = np.ones_like(x)
         for one, other in zip(corners, corners[1:] + corners[:1]):
