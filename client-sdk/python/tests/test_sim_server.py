@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from server import Server
 
 gymnasium = pytest.importorskip("gymnasium", reason="pip install gymnasium")
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from conftest import Furnished
+    from server import Server
 
 SIDE, GOAL_SIDE, PHASE = 64, 32, "training"
 RECIPE = {

@@ -64,10 +64,9 @@ def train(seed: int, minutes: float, out: str, settings: Settings | None = None,
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     envs = ReachSound(settings.num_envs, TRAIN_SEED + seed, **options)
-    size = envs.single_observation_space.shape[0]
-    network = Network(size, envs.single_action_space.n)
+    network = Network(envs.features, envs.actions)
     optimiser = torch.optim.Adam(network.parameters(), lr=settings.rate)
-    memory = Memory(settings.memory, size)
+    memory = Memory(settings.memory, envs.features)
     successes: deque[bool] = deque(maxlen=500)
     seen, infos = envs.reset()
     began, round_number = time.monotonic(), 0
@@ -81,10 +80,10 @@ def train(seed: int, minutes: float, out: str, settings: Settings | None = None,
             seen, _, terminated, truncated, infos = envs.step(actions)
             successes.extend(infos["is_success"][terminated | truncated].tolist())
         for _ in range(settings.batches):
-            features, actions = memory.draw(settings.batch_size)
-            loss = cross_entropy(network(features)[0].logits, actions)
+            features, right = memory.draw(settings.batch_size)
+            loss = cross_entropy(network(features)[0].logits, right)
             optimiser.zero_grad()
-            loss.backward()
+            torch.autograd.backward(loss)
             optimiser.step()
         round_number += 1
         success = float(np.mean(successes)) if successes else 0.0

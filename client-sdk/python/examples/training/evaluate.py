@@ -1,6 +1,6 @@
 """Evaluation of a trained network in houses without training episodes.
 
-    python examples/training/evaluate.py ppo.pt --episodes 200
+python examples/training/evaluate.py ppo.pt --episodes 200
 """
 
 from __future__ import annotations

@@ -36,7 +36,8 @@ class Network(nn.Module):
     @torch.no_grad()
     def act(self, features: NDArray[np.float32]) -> NDArray[np.int64]:
         """Returns the most probable action per row: a drawn Stop would sooner or later end every episode."""
-        return self(torch.from_numpy(features))[0].logits.argmax(-1).numpy()
+        actions: NDArray[np.int64] = self(torch.from_numpy(features))[0].logits.argmax(-1).numpy()
+        return actions
 
     def save(self, path: str | Path) -> None:
         """Writes size and weights."""

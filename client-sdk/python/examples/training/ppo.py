@@ -82,10 +82,9 @@ class Trainer:
         torch.manual_seed(seed)
         self.settings = settings
         self.envs = ReachSound(settings.num_envs, TRAIN_SEED + seed, **options)
-        features = self.envs.single_observation_space.shape[0]
-        self.network = Network(features, self.envs.single_action_space.n)
+        self.network = Network(self.envs.features, self.envs.actions)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.rate, eps=1e-5)
-        self.rollout = Rollout.empty(settings.steps, settings.num_envs, features)
+        self.rollout = Rollout.empty(settings.steps, settings.num_envs, self.envs.features)
         self.seen = torch.from_numpy(self.envs.reset()[0])
         self.successes: deque[bool] = deque(maxlen=500)
 
@@ -104,7 +103,8 @@ class Trainer:
                 rollout.rewards[step] = torch.from_numpy(rewards) * self.settings.reward_scale
                 rollout.ends[step] = torch.from_numpy(ends)
                 self.seen = torch.from_numpy(seen)
-            return self.network(self.seen)[1]
+            value: torch.Tensor = self.network(self.seen)[1]
+            return value
 
     def learn(self, last_value: torch.Tensor) -> None:
         """Updates the network with the rollout."""

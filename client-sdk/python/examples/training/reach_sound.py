@@ -59,12 +59,12 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
         )
         self.num_envs = num_envs
         self.metadata, self.render_mode = self.envs.metadata, None
-        rays = self.envs.single_observation_space["lidar"].shape[0]
+        rays = len(self.envs.single_observation_space.sample()["lidar"])
         self._lidar = np.zeros((num_envs, rays), np.float32)
         self._heard = np.zeros((num_envs, HEARD_STEPS, len(EARS_SCALE) + len(ACTIONS) + 1), np.float32)
         self._places = np.zeros((num_envs, 3), np.float32)
-        count = rays + self._heard[0].size
-        self.single_observation_space = spaces.Box(-np.inf, np.inf, (count,), np.float32)
+        self.features, self.actions = rays + self._heard[0].size, len(ACTIONS)
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (self.features,), np.float32)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
@@ -91,7 +91,8 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def expert(self, infos: dict[str, Any]) -> NDArray[np.int64]:
         """Returns the teacher's actions, as indices in `ACTIONS`."""
-        return np.searchsorted(ACTIONS, infos["expert"])
+        actions: NDArray[np.int64] = np.searchsorted(ACTIONS, infos["expert"])
+        return actions
 
     def close_extras(self, **options: Any) -> None:
         """Ends the threads."""
@@ -100,7 +101,7 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _sense(self, observations: dict[str, Any], actions: NDArray[np.int64]) -> None:
         """Adds a step; action -1 is the start of an episode."""
         lidar, places = observations["lidar"], observations["pose"][:, :3]
-        self._lidar = np.where(lidar > 0.0, np.minimum(lidar, LIDAR_M), LIDAR_M) / LIDAR_M
+        self._lidar[:] = np.where(lidar > 0.0, np.minimum(lidar, LIDAR_M), LIDAR_M) / LIDAR_M
         walked = np.linalg.norm(places - self._places, axis=1) / STEP_M
         self._places = places.copy()
         done = np.eye(len(ACTIONS) + 1, dtype=np.float32)[actions][:, :-1]

@@ -1,21 +1,18 @@
 """PPO of Stable-Baselines3 on the task of reach_sound.py.
 
-    python examples/training/sb3.py --steps 2000000 --out sb3.zip
+python examples/training/sb3.py --steps 2000000 --out sb3.zip
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from reach_sound import TRAIN_SEED, ReachSound
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class Sb3Envs(VecEnv):
@@ -59,7 +56,7 @@ class Sb3Envs(VecEnv):
         """Calls nothing: environments have no methods of their own."""
         raise NotImplementedError(method_name)
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> Sequence[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Returns False for every environment."""
         return [False] * len(list(self._get_indices(indices)))
 

@@ -1,6 +1,6 @@
 """PPO of TorchRL on the task of reach_sound.py.
 
-    python examples/training/torchrl_ppo.py --steps 2000000 --out torchrl.pt
+python examples/training/torchrl_ppo.py --steps 2000000 --out torchrl.pt
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class TorchRlEnvs(EnvBase):
 
     def __init__(self, envs: ReachSound) -> None:
         """Wraps environments."""
-        count, features = envs.num_envs, envs.single_observation_space.shape[0]
+        count = envs.num_envs
         super().__init__(batch_size=torch.Size([count]))
         self.envs = envs
         self.seen = torch.from_numpy(envs.reset()[0])
-        self.observation_spec = Composite(features=Unbounded((count, features)), shape=(count,))
-        self.action_spec = Discrete(int(envs.single_action_space.n), shape=(count,))
+        self.observation_spec = Composite(features=Unbounded((count, envs.features)), shape=(count,))
+        self.action_spec = Discrete(envs.actions, shape=(count,))
         self.reward_spec = Unbounded((count, 1))
 
     def _reset(self, _tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
@@ -71,7 +71,7 @@ def train(seed: int, steps: int, out: str, num_envs: int = 128, **options: Any) 
     """Trains for some steps and writes the network to `out`; options are those of `ReachSound`."""
     torch.manual_seed(seed)
     reach = ReachSound(num_envs, TRAIN_SEED + seed, **options)
-    network = Network(reach.single_observation_space.shape[0], int(reach.single_action_space.n))
+    network = Network(reach.features, reach.actions)
     actor, critic = modules(network)
     loss = ClipPPOLoss(actor, critic, entropy_coeff=0.01, critic_coeff=0.5, normalize_advantage=True)
     advantages = GAE(gamma=0.99, lmbda=0.95, value_network=critic)

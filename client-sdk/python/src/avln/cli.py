@@ -108,7 +108,9 @@ def _add_bench(to: argparse.ArgumentParser) -> None:
     to.add_argument("--num-envs", type=int, default=8, help="environments [8]")
     to.add_argument("--threads", type=int, help="worker threads [one per processor]")
     to.add_argument("--size", type=int, default=128, help="image side, pixels [128]")
-    to.add_argument("--senses", default="rgbd,audio", help="any of rgb, depth, rgbd, audio, lidar, ears, map [rgbd,audio]")
+    to.add_argument(
+        "--senses", default="rgbd,audio", help="any of rgb, depth, rgbd, audio, lidar, ears, map [rgbd,audio]"
+    )
     to.add_argument("--seconds", type=float, default=20.0, help="time without preparation [20]")
     to.add_argument("--json", action="store_true", help="print JSON")
 
