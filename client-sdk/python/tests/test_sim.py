@@ -32,6 +32,7 @@ SMALL: dict[str, Any] = {
     "scenes": 1,
 }
 STOP = int(avln.Action.STOP)
+CHEAP = ("lidar", "ears", "map")
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +78,7 @@ def test_registered_vector_has_all_environments() -> None:
 def test_threads_do_not_change_bits() -> None:
     played = []
     for threads in (1, 3):
-        envs = vector(threads=threads, privileged=True)
+        envs = vector(threads=threads, privileged=True, senses=("rgb", "depth", "audio", *CHEAP))
         observations, infos = envs.reset(seed=5)
         for actions in ([0, 1, 2], [0, 0, 3], [STOP, 0, 0], [0, 0, 0]):
             observations, rewards, terminated, truncated, infos = envs.step(actions)
@@ -177,7 +178,7 @@ def test_steps_and_resets_follow_partial_batches() -> None:
 
 
 def test_states_are_restored_exactly() -> None:
-    envs = vector(2, privileged=True)
+    envs = vector(2, privileged=True, senses=("depth", "audio", *CHEAP))
     envs.reset(seed=6)
     for actions in ([0, 1], [0, 0], [2, 0]):
         envs.step(actions)
@@ -189,6 +190,24 @@ def test_states_are_restored_exactly() -> None:
         assert_equal({name: part[0] for name, part in one.items()}, {name: part[0] for name, part in other.items()})
     with pytest.raises(ValueError, match="cannot restore the state"):
         envs.restore(0, b"{}")
+    envs.close()
+
+
+def test_cheap_senses_have_documented_shapes() -> None:
+    envs = vector(2, senses=CHEAP)
+    observations, _ = envs.reset(seed=1)
+    assert envs.observation_space.contains(observations)
+    assert {"rgb", "depth", "audio"}.isdisjoint(observations)
+    shapes = {name: (observations[name].shape, observations[name].dtype.name) for name in CHEAP}
+    assert shapes == {
+        "lidar": ((2, 72), "float32"),
+        "ears": ((2, 15), "float32"),
+        "map": ((2, 32, 32), "uint8"),
+    }
+    assert re.fullmatch("[0-9a-f]{16}", envs.observation_digest)
+    with_depth = vector(2, senses=("depth", *CHEAP))
+    assert with_depth.observation_digest != envs.observation_digest
+    with_depth.close()
     envs.close()
 
 
@@ -388,11 +407,12 @@ def test_forked_children_are_told_to_start_anew() -> None:
 
 
 def test_bench_prints_speed_and_memory(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["bench", "--num-envs", "1", "--threads", "1", "--size", "64", "--senses", "depth", "--seconds", "0.1"]
-    assert main([*arguments, "--json"]) == 0
-    speed = json.loads(capsys.readouterr().out)
-    assert set(speed) == {"steps_per_s", "cpu_s_per_step", "rss_mib"}
-    assert all(value > 0 for value in speed.values())
+    arguments = ["bench", "--num-envs", "1", "--threads", "1", "--size", "64", "--seconds", "0.1", "--json"]
+    for senses in ("depth", "rgbd,ears", "lidar,ears,map"):
+        assert main([*arguments, "--senses", senses]) == 0
+        speed = json.loads(capsys.readouterr().out)
+        assert set(speed) == {"steps_per_s", "cpu_s_per_step", "rss_mib"}
+        assert all(value > 0 for value in speed.values())
     assert main(["bench", "--senses", "smell"]) == 1
     assert "`senses` has ['smell']" in capsys.readouterr().err
 
