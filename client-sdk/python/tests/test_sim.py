@@ -295,6 +295,7 @@ def test_films_are_recorded_as_gif(tmp_path: Path) -> None:
         assert (path.name, film.size, film.n_frames) == ("film.gif", (1024, 512), 6)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no shell scripts")
 def test_films_are_recorded_as_mp4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A script in place of ffmpeg stores the bytes of the frames."""
     tool = tmp_path / "ffmpeg"
