@@ -241,7 +241,8 @@ impl Running {
             options.sensors.clone(),
             &shared.audio,
         )?
-        .with_extra_submits(options.extra_submits);
+        .with_added_submits(options.added_submits);
+        let referee = if options.ids { referee.with_instances() } else { referee };
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
         let sensing = Sensing::new(shared, &referee, &truth)?;

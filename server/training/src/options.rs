@@ -22,12 +22,12 @@ pub struct EnvOptions {
     pub privileged: bool,
     /// Teacher.
     pub teacher: Teacher,
-    /// True to add images with instance and category numbers, which cost a second rendering.
+    /// True to add images with instance and category numbers. Without colour and depth, they cost a rendering.
     pub ids: bool,
     /// True to add a map of the storey.
     pub top_down: bool,
     /// Submits beyond those of the rules, 0 to 100.
-    pub extra_submits: u32,
+    pub added_submits: u32,
     /// Action after an episode's end.
     pub autoreset: AutoReset,
 }
@@ -46,7 +46,7 @@ impl EnvOptions {
             teacher: Teacher::Path,
             ids: false,
             top_down: false,
-            extra_submits: 0,
+            added_submits: 0,
             autoreset: AutoReset::NextStep,
         }
     }
@@ -55,7 +55,7 @@ impl EnvOptions {
         within("max_steps", self.rules.max_steps, 1, 100_000)?;
         within("goal_side", self.goal_side, 8, 512)?;
         self.cheap.check(self)?;
-        within("extra_submits", self.extra_submits, 0, 100)?;
+        within("added_submits", self.added_submits, 0, 100)?;
         if let RewardRule::Progress(weights) = self.reward {
             weights.check()?;
         }

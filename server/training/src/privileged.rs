@@ -116,7 +116,8 @@ pub(crate) fn put_ids(row: &mut Row, layout: &Layout, referee: &Referee, truth: 
     let world = referee.world();
     let Sensors { width, height, hfov_rad, .. } = *referee.sensors();
     let camera = world.camera(CameraView { width, height, hfov_rad });
-    let instances = world.assets().render(&camera).instances;
+    let kept = referee.instances().filter(|kept| !kept.is_empty());
+    let instances = kept.map_or_else(|| world.assets().render(&camera).instances, <[InstanceId]>::to_vec);
     let mut targets = [0; MAX_GOALS];
     targets.iter_mut().zip(&truth.targets).for_each(|(to, target)| *to = target.instance as i32);
     copy(row.shorts(layout, "target_instance"), Some(&targets));

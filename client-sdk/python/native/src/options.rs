@@ -45,7 +45,7 @@ pub(crate) struct VectorOptions {
     teacher: String,
     ids: bool,
     top_down: bool,
-    extra_submits: u32,
+    added_submits: u32,
     autoreset: String,
 }
 
@@ -125,7 +125,7 @@ impl VectorOptions {
             teacher: named("teacher", &self.teacher, &TEACHERS)?,
             ids: self.ids,
             top_down: self.top_down,
-            extra_submits: self.extra_submits,
+            added_submits: self.added_submits,
             autoreset: named("autoreset_mode", &self.autoreset, &AUTORESETS)?,
         })
     }

@@ -10,7 +10,8 @@ use avln_episode::{
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Bank, Head, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World, WorldOptions,
+    Bank, Head, InstanceId, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World,
+    WorldOptions,
 };
 use std::sync::Arc;
 
@@ -56,7 +57,9 @@ pub struct Referee {
     goals: Vec<GoalState>,
     submits_used: u32,
     /// Submits beyond the rules, for training.
-    extra_submits: u32,
+    added_submits: u32,
+    /// Instances in the last image; `None` unless requested.
+    instances: Option<Vec<InstanceId>>,
     first: Option<Observation>,
     /// Sounding source: targets, then distractors.
     sounding: Option<usize>,
@@ -139,7 +142,8 @@ impl Referee {
             goals: vec![GoalState::Open; goals],
             in_region_at_start: Vec::new(),
             submits_used: 0,
-            extra_submits: 0,
+            added_submits: 0,
+            instances: None,
             first: None,
             sounding: None,
             steps: Vec::new(),
@@ -159,8 +163,20 @@ impl Referee {
 
     /// Adds Submits to those of the rules. For training only: scores of such episodes are not comparable.
     #[must_use]
-    pub fn with_extra_submits(self, extra_submits: u32) -> Self {
-        Self { extra_submits, ..self }
+    pub fn with_added_submits(self, added_submits: u32) -> Self {
+        Self { added_submits, ..self }
+    }
+
+    /// Keeps the instances in images, for training.
+    #[must_use]
+    pub fn with_instances(self) -> Self {
+        Self { instances: Some(Vec::new()), ..self }
+    }
+
+    /// Returns the instances in the last image, row-major; `None` without [`Self::with_instances`], empty without an image.
+    /// Hidden from agents.
+    pub fn instances(&self) -> Option<&[InstanceId]> {
+        self.instances.as_deref()
     }
 
     /// Returns the mission.
@@ -264,7 +280,7 @@ impl Referee {
             return first.clone();
         }
         self.sounding = self.schedule.next(&self.found(), false);
-        let senses = self.world.sense(self.sounding);
+        let senses = self.sense();
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
         first
@@ -276,8 +292,16 @@ impl Referee {
     /// If the episode has ended.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
         let feedback = self.act(action)?;
-        let senses = self.world.sense(self.sounding);
+        let senses = self.sense();
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
+    }
+
+    fn sense(&mut self) -> Senses {
+        let mut senses = self.world.sense(self.sounding);
+        if let (Some(kept), Some(frame)) = (&mut self.instances, &mut senses.frame) {
+            *kept = std::mem::take(&mut frame.instances);
+        }
+        senses
     }
 
     /// Repeats an interrupted episode's actions with recorded state hashes, and returns the outcome of the last action. Only its
@@ -436,7 +460,7 @@ impl Referee {
     }
 
     fn submit_limit(&self) -> u32 {
-        self.goals.len() as u32 - 1 + self.extra_submits
+        self.goals.len() as u32 - 1 + self.added_submits
     }
 
     fn distance_within(&self, goal: usize) -> Option<f64> {

@@ -37,6 +37,23 @@ fn ids_show_targets_in_sight() {
 }
 
 #[test]
+fn ids_are_equal_without_other_images() {
+    let rows = [true, false].map(|has_images| {
+        let mut options = EnvOptions { ids: true, ..small_options() };
+        (options.sensors.rgb, options.sensors.depth) = (has_images, false);
+        let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+        let mut env = Env::new(0, source, options, audio()).expect("an environment");
+        let layout = env.layout().clone();
+        let mut row = OwnRow::new(&layout);
+        env.reset(&mut row.row()).expect("an episode");
+        env.step(1, &mut row.row()).expect("a step");
+        (row.shorts(&layout, "instance"), row.bytes(&layout, "semantic"))
+    });
+    assert_eq!(rows[0], rows[1]);
+    assert!(rows[0].0.iter().any(|instance| *instance > 0));
+}
+
+#[test]
 fn maps_show_walked_places_as_walkable() {
     let mut env = env();
     let layout = env.layout().clone();

@@ -93,8 +93,8 @@ fn right_claims_complete_goals() {
 }
 
 #[test]
-fn extra_submits_are_observed_and_judged() {
-    let mut env = env_with(Order::Ordered, EnvOptions { extra_submits: 2, ..exploring() });
+fn added_submits_are_observed_and_judged() {
+    let mut env = env_with(Order::Ordered, EnvOptions { added_submits: 2, ..exploring() });
     let layout = env.layout().clone();
     let mut row = OwnRow::new(&layout);
     env.reset(&mut row.row()).expect("an episode");
@@ -103,8 +103,8 @@ fn extra_submits_are_observed_and_judged() {
     env.step(3, &mut row.row()).expect("a Submit");
     assert_eq!(row.shorts(&layout, "remaining")[1], goals);
     let source = EpisodeSource::open(&small_houses(1)).expect("a source");
-    let error = Env::new(0, source, EnvOptions { extra_submits: 101, ..small_options() }, audio()).err();
-    assert!(error.expect("refused").to_string().contains("`extra_submits` is 101; 0 to 100 are possible"));
+    let error = Env::new(0, source, EnvOptions { added_submits: 101, ..small_options() }, audio()).err();
+    assert!(error.expect("refused").to_string().contains("`added_submits` is 101; 0 to 100 are possible"));
 }
 
 #[test]

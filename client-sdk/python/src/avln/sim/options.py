@@ -64,7 +64,7 @@ class Curriculum:
     """Fewest and most rooms per house of a recipe, 1 to 64; those of the recipe by default."""
     storeys: tuple[int, int] | None = None
     """Fewest and most storeys per house of a recipe, 1 to 4; those of the recipe by default."""
-    extra_submits: int = 0
+    added_submits: int = 0
     """Submits beyond those of the rules, which are one fewer than goals; 0 to 100."""
 
 

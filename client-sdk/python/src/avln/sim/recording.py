@@ -82,7 +82,7 @@ def _pillow() -> Any:
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[Any]], fps: float, images: Any) -> None:
-    first, *rest = (images.fromarray(frame).quantize(128) for frame in frames)
+    first, *rest = (images.fromarray(frame).quantize(256) for frame in frames)
     first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
 
 

@@ -122,7 +122,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if not 1 <= self.batch_size <= num_envs:
             self._native.close()
             raise ValueError(f"`batch_size` is {batch_size}; 1 to {num_envs} are possible")
-        self._make_spaces(max(curriculum.max_steps or 1000, 4 + curriculum.extra_submits))
+        self._make_spaces(max(curriculum.max_steps or 1000, 4 + curriculum.added_submits))
 
     def _begin(self, seed: int) -> None:
         """Starts the native environments and their buffers."""
