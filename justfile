@@ -61,7 +61,7 @@ simulate steps="1000000":
 fuzz seconds="164" *targets:
     fuzz/run.sh {{seconds}} {{targets}}
 
-# Build the release archive in dist/: static program, man pages, completions, licences
+# Build the release in dist/: archive of the static program, Python wheels and source archive
 dist *target:
     packaging/dist.sh {{target}}
 

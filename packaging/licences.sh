@@ -5,9 +5,9 @@ set -eu
 target=${1:?the target}
 sources=${CARGO_HOME:-$HOME/.cargo}/registry/src
 
-echo "The program avln is made of the crates below, of Rust's standard library (MIT OR Apache-2.0) and, where it is static, of musl (MIT)."
-cargo tree --locked --package avln-cli --edges normal --target "$target" --prefix none --no-dedupe --format '{p}|{l}' \
-    | grep --invert-match '(/' | sort --unique | while IFS='|' read -r package licence; do
+echo "The program avln and the Python module avln.sim._native are made of the crates below, of Rust's standard library (MIT OR Apache-2.0) and, where it is static, of musl (MIT)."
+cargo tree --locked --package avln-cli --package avln-native --edges normal --target "$target" --prefix none --no-dedupe --format '{p}|{l}' \
+    | grep --invert-match -e '(/' -e '^$' | sort --unique | while IFS='|' read -r package licence; do
     crate=${package%% *}
     version=${package#* v}
     version=${version%% *}

@@ -3,6 +3,7 @@
 use crate::skipped::skipped;
 use std::{
     env,
+    path::PathBuf,
     process::{Command, Stdio},
 };
 
@@ -25,9 +26,16 @@ pub fn command(what: &str, modules: &[&str], remedy: &str) -> Option<Command> {
     Some(command)
 }
 
-/// Runs a command; panics with the output if it fails.
-pub fn succeeds(what: &str, mut command: Command) {
-    let output = command.output().expect("Python starts");
-    let text = String::from_utf8_lossy(&output.stdout);
+/// Runs a command and returns its standard output; panics with all output if it fails.
+pub fn succeeds(what: &str, mut command: Command) -> String {
+    let output = command.output().expect("the command starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{what}: {text}\n{}", String::from_utf8_lossy(&output.stderr));
+    text
+}
+
+/// The module `avln.sim._native`, which Cargo builds next to the test program.
+pub fn native_module() -> PathBuf {
+    let folder = env::current_exe().expect("a path").parent().expect("a folder").to_owned();
+    folder.join(format!("{}_native{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX))
 }

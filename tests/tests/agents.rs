@@ -109,13 +109,6 @@ mod rust_client {
 /// The Python package: tests against this program, types and style.
 mod python_client {
     use avln_tests::{python, repository::root};
-    use std::{env, path::PathBuf};
-
-    /// Returns the module `avln.sim._native`, which Cargo builds next to this program.
-    fn native_module() -> PathBuf {
-        let folder = env::current_exe().expect("a path").parent().expect("a folder").to_owned();
-        folder.join(format!("{}_native{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX))
-    }
 
     /// Runs a Python module in the package folder if the modules `needed` are installed.
     fn run(module: &str, arguments: &[&str], needed: &[&str]) {
@@ -126,7 +119,7 @@ mod python_client {
         };
         command.args(["-m", module]).args(arguments).current_dir(root().join("client-sdk/python"));
         command.env("AVLN_BIN", env!("CARGO_BIN_EXE_avln_under_test"));
-        command.env("AVLN_NATIVE", native_module());
+        command.env("AVLN_NATIVE", python::native_module());
         for name in ["AVLN_SERVER", "AVLN_TOKEN", "AVLN_CA", "AVLN_DATA"] {
             command.env_remove(name);
         }

@@ -28,3 +28,4 @@ mod sharing;
 mod storage;
 mod tidy;
 mod tls;
+mod wheel;

@@ -99,7 +99,7 @@ pub(crate) enum OrderChoice {
 
 #[derive(Clone, Debug, Args)]
 pub(crate) struct BaselinesMergeArgs {
-    /// Suite folders, or files with the format of results.jsonl
+    /// Suite folders, results.jsonl files of such folders, or results.csv of a report
     #[arg(required = true, value_name = "FOLDER")]
     sources: Vec<PathBuf>,
     /// Suite folder of the joint results

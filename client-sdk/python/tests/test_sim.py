@@ -8,7 +8,8 @@ import re
 import sys
 import time
 import warnings
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 
 import avln.sim  # noqa: E402
 from avln.cli import main  # noqa: E402
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SMALL: dict[str, Any] = {
     "curriculum": avln.sim.Curriculum(goals=(1, 2), distance_m=(1.0, 100.0), rooms=(3, 4), storeys=(1, 1)),
@@ -59,7 +63,7 @@ def test_gymnasium_checker_accepts_the_environment() -> None:
         env = gymnasium.make("avln/LHAVLNTrain-v1", disable_env_checker=True, render_mode="rgb_array", **SMALL)
         check_env(env.unwrapped, skip_render_check=True)
     env.reset(seed=1)
-    assert env.render().shape == (64, 64, 3)
+    assert env.render().shape == (512, 1024, 3)
     env.close()
 
 
@@ -235,6 +239,111 @@ def test_rewards_can_be_functions() -> None:
     envs.close()
 
 
+def test_explorer_completes_a_mission() -> None:
+    env = avln.sim.Env(privileged=True, teacher="explore", senses=(), **SMALL)
+    _, info = env.reset(seed=4)
+    terminated, truncated = False, False
+    while not (terminated or truncated):
+        assert bool(info["expert_submit"]) or info["expert"] < avln.Action.SUBMIT
+        _, _, terminated, truncated, info = env.step(info["expert"])
+    assert terminated
+    assert info["success"] == 1.0
+    env.close()
+
+
+def test_coefficients_weigh_the_reward() -> None:
+    envs = vector(1, reward=avln.sim.Progress(slack=0.5, per_m=0.0, stop=3.0))
+    envs.reset(seed=1)
+    assert envs.step([0])[1].tolist() == [0.5]
+    assert envs.step([STOP])[1].tolist() == [3.5]
+    envs.close()
+
+
+def test_added_submits_extend_the_budget() -> None:
+    curriculum = replace(SMALL["curriculum"], added_submits=7, max_steps=3)
+    envs = vector(1, curriculum=curriculum, privileged=True)
+    observations, infos = envs.reset(seed=1)
+    submits = int(infos["is_open"].sum()) - 1 + 7
+    assert observations["remaining"].tolist() == [[3, submits]]
+    assert envs.observation_space.contains(observations)
+    assert envs.step([int(avln.Action.SUBMIT)])[0]["remaining"].tolist() == [[2, submits - 1]]
+    envs.close()
+
+
+def test_privileged_groups_have_their_arrays() -> None:
+    envs = vector(1, privileged=("ids", "top_down"))
+    _, infos = envs.reset(seed=1)
+    shapes = {name: (array.shape[1:], array.dtype.name) for name, array in infos.items()}
+    assert shapes == {
+        "instance": ((64, 64), "int32"),
+        "semantic": ((64, 64), "uint8"),
+        "target_instance": ((4,), "int32"),
+        "top_down": ((512, 512), "uint8"),
+    }
+    assert infos["semantic"].max() <= 40
+    assert infos["top_down"][0, 256, 256] == 1
+    envs.close()
+
+
+def test_vectors_render_a_picture_per_environment() -> None:
+    envs = vector(2, render_mode="rgb_array", senses=("audio",))
+    envs.reset(seed=1)
+    before = envs.render()
+    assert before is not None
+    envs.step([1, 1])
+    pictures = envs.render()
+    assert pictures is not None
+    assert [(picture.shape, picture.dtype.name) for picture in pictures] == [((512, 1024, 3), "uint8")] * 2
+    assert not np.array_equal(pictures[0], before[0])
+    assert len(np.unique(pictures[0][:, 512:].reshape(-1, 3), axis=0)) > 5
+    envs.close()
+    envs = vector(1)
+    assert envs.render() is None
+    envs.close()
+
+
+def turn(_observation: dict[str, Any], _info: dict[str, Any]) -> int:
+    return 1
+
+
+def test_films_are_recorded_as_gif(tmp_path: Path) -> None:
+    images = pytest.importorskip("PIL.Image", reason="pip install pillow")
+    curriculum = replace(SMALL["curriculum"], max_steps=2)
+    path = avln.sim.record(tmp_path / "film.gif", {**SMALL, "curriculum": curriculum}, turn, episodes=2)
+    with images.open(path) as film:
+        assert (path.name, film.size, film.n_frames) == ("film.gif", (1024, 512), 6)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no shell scripts")
+def test_films_are_recorded_as_mp4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script in place of ffmpeg stores the bytes of the frames."""
+    tool = tmp_path / "ffmpeg"
+    tool.write_text(
+        '#!/bin/sh\nfor last; do :; done\ncase "$last" in *bad*) echo "no space" >&2; exit 1;; esac\ncat > "$last"\n'
+    )
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    curriculum = replace(SMALL["curriculum"], max_steps=1)
+    env = avln.sim.Env(render_mode="rgb_array", **{**SMALL, "curriculum": curriculum})
+    path = avln.sim.record(tmp_path / "film.mp4", env, turn)
+    assert path.stat().st_size == 2 * 512 * 1024 * 3
+    with pytest.raises(avln.sim.SimError, match="no space"):
+        avln.sim.record(tmp_path / "bad.mp4", env, turn)
+    env.close()
+    env = avln.sim.Env(**SMALL)
+    with pytest.raises(ValueError, match="rgb_array"):
+        avln.sim.record(tmp_path / "film.mp4", env, turn)
+    env.close()
+
+
+def test_films_need_a_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    monkeypatch.setitem(sys.modules, "PIL.Image", None)
+    with pytest.raises(ModuleNotFoundError, match="pip install pillow"):
+        avln.sim.record(tmp_path / "film.mp4", SMALL, turn)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -249,6 +358,10 @@ def test_rewards_can_be_functions() -> None:
         ({"rules": "chess"}, "chess"),
         ({"curriculum": avln.sim.Curriculum(order="sideways")}, "use ordered or unordered"),
         ({"batch_size": 9}, "`batch_size` is 9"),
+        ({"privileged": ("maps",)}, "`privileged` has ['maps']; use targets, ids, top_down"),
+        ({"teacher": "oracle"}, "use one of: path, explore"),
+        ({"reward": avln.sim.Progress(found=float("inf"))}, "finite"),
+        ({"curriculum": avln.sim.Curriculum(added_submits=101)}, "`added_submits` is 101; 0 to 100"),
     ],
 )
 def test_invalid_options_are_named(options: dict[str, Any], message: str) -> None:

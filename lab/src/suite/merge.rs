@@ -1,8 +1,10 @@
 //! Joining the results of several machines.
 
 use super::host::{lock, results_path};
-use super::results::{Results, read};
+use super::results::{ResultLine, Results, read};
+use super::table::from_csv;
 use avln_arena::{Failure, FailureKind};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Counts of merged results.
@@ -26,10 +28,11 @@ pub fn merge(folder: &Path, sources: &[PathBuf]) -> Result<MergeTally, Failure> 
         let file = if source.is_dir() { results_path(source) } else { source.clone() };
         if !file.is_file() {
             let message = format!("there are no results in {}", source.display());
-            return Err(Failure::new(FailureKind::Data, message)
-                .hinted("name a folder of avln lab baselines run, or its results.jsonl"));
+            return Err(Failure::new(FailureKind::Data, message).hinted(
+                "name a folder of avln lab baselines run, its results.jsonl, or the results.csv of a report",
+            ));
         }
-        for line in read(&file)?.into_values() {
+        for line in lines(&file)? {
             match results.get(&line.key) {
                 None => {
                     results.add(line)?;
@@ -44,6 +47,15 @@ pub fn merge(folder: &Path, sources: &[PathBuf]) -> Result<MergeTally, Failure> 
     Ok(tally)
 }
 
+/// Reads a results file, or the CSV table of a report.
+fn lines(file: &Path) -> Result<Vec<ResultLine>, Failure> {
+    if file.extension().is_none_or(|extension| extension != "csv") {
+        return Ok(read(file)?.into_values().collect());
+    }
+    let text = fs::read_to_string(file).map_err(|error| Failure::file("read", file, error))?;
+    from_csv(file, &text)
+}
+
 fn conflict(file: &Path, agent: &str, episode: &str) -> Failure {
     let message = format!("{}: another result of {agent} in episode {episode} is known", file.display());
     Failure::new(FailureKind::Data, message)
@@ -54,8 +66,8 @@ fn conflict(file: &Path, agent: &str, episode: &str) -> Failure {
 mod tests {
     use super::*;
     use crate::suite::samples::line;
+    use crate::suite::table::to_csv;
     use avln_episode::Order;
-    use std::fs;
 
     /// Writes results into a new suite folder.
     fn folder(root: &Path, name: &str, episodes: &[(u32, u32)]) -> PathBuf {
@@ -76,6 +88,17 @@ mod tests {
         let tally = merge(&root.path().join("all"), &[a, b.join("results.jsonl")]).expect("merged");
         assert_eq!(tally, MergeTally { added: 3, known: 1 });
         assert_eq!(read(&results_path(&root.path().join("all"))).expect("results").len(), 3);
+    }
+
+    #[test]
+    fn published_tables_continue_a_suite() {
+        let root = tempfile::tempdir().expect("a folder");
+        let table = root.path().join("results.csv");
+        let published = [line("random", Order::Ordered, 0, 1), line("random", Order::Ordered, 2, 2)];
+        fs::write(&table, to_csv(&published.iter().collect::<Vec<_>>())).expect("a table");
+        let suite = folder(root.path(), "a", &[(0, 1)]);
+        assert_eq!(merge(&suite, &[table]).expect("merged"), MergeTally { added: 1, known: 1 });
+        assert_eq!(read(&results_path(&suite)).expect("results")[&published[1].key], published[1]);
     }
 
     #[test]

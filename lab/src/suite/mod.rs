@@ -14,6 +14,7 @@ mod report;
 mod results;
 #[cfg(test)]
 mod samples;
+mod table;
 mod track;
 mod variant;
 

@@ -1,10 +1,13 @@
 //! An environment: episodes of a source, one after another.
 
-use crate::layout::{Layout, MissionArrays, Row};
+use crate::explorer::Explorer;
+use crate::layout::{Layout, MAP_CELL_M, MAP_SIDE, MissionArrays, Row, copy};
+use crate::overview::{self, Overview};
 use crate::privileged::{self, Guide};
 use crate::reward::RewardFacts;
 use crate::senses::{ClipCache, Sensing};
-use crate::{AutoReset, EnvOptions, EpisodeSource, RewardRule, TrainingEpisode, TrainingError};
+use crate::top_down::{MapFrame, StoreyMaps};
+use crate::{AutoReset, EnvOptions, EpisodeSource, RewardRule, Teacher, TrainingEpisode, TrainingError};
 use avln_episode::{Action, EndReason, Observation};
 use avln_referee::{Audio, Referee};
 use avln_truth::{EpisodeTruth, Record};
@@ -66,6 +69,11 @@ struct Running {
     mission: MissionArrays,
     sensing: Sensing,
     path_m: f64,
+    explorer: Option<Explorer>,
+    /// Maps for the row, around the start pose.
+    maps: Option<StoreyMaps>,
+    /// Maps for pictures, along the scene's axes.
+    picture_maps: Option<StoreyMaps>,
     /// Keeps the scene loaded.
     _scene: TrainingEpisode,
 }
@@ -147,6 +155,7 @@ impl Env {
         let outcome = running.referee.step(action)?;
         running.sense();
         running.add_step_to_path();
+        running.look();
         let to_m = goal.and_then(|goal| running.referee.walk_m(goal));
         running.guide.route(&running.referee, running.truth.order);
         let open = running.open_goals();
@@ -191,11 +200,25 @@ impl Env {
         let seen = outcome.map_or(first, |outcome| outcome.observation);
         running.sense_replayed();
         running.path_m = running.walked_m();
+        running.look_back();
         running.guide.set_routed(state.routed);
         running.put(row, &self.shared, &seen);
         self.next_episode = state.episode + 1;
         self.running = Some(running);
         Ok(())
+    }
+
+    /// Returns the parts of a picture with a view of `side × side` pixels.
+    ///
+    /// # Errors
+    /// If there is no running episode, or the side is out of range.
+    pub fn overview(&mut self, side: u32) -> Result<Overview, TrainingError> {
+        crate::options::within("side", side, 16, 2048)?;
+        let running = self.running.as_mut().ok_or(TrainingError::NotReset(self.number as usize))?;
+        let Running { referee, truth, picture_maps, .. } = running;
+        let maps = picture_maps
+            .get_or_insert_with(|| StoreyMaps::new(referee.world().assets(), overview::frame(truth)));
+        Ok(Overview::new(referee, truth, maps, side))
     }
 
     /// Ends the episode and returns its facts for scoring; `None` without an episode.
@@ -217,11 +240,36 @@ impl Running {
             options.rules.clone(),
             options.sensors.clone(),
             &shared.audio,
-        )?;
+        )?
+        .with_added_submits(options.added_submits);
+        let referee = if options.ids { referee.with_instances() } else { referee };
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
         let sensing = Sensing::new(shared, &referee, &truth)?;
-        Ok(Self { episode: number, referee, truth, guide, mission, sensing, path_m: 0.0, _scene: scene })
+        let frame =
+            MapFrame { origin: truth.start, cell_m: MAP_CELL_M, side: MAP_SIDE, has_solid_walls: true };
+        let maps = options.top_down.then(|| StoreyMaps::new(&scene.assets, frame));
+        let is_exploring = options.privileged && options.teacher == Teacher::Explore;
+        let explorer = is_exploring.then(|| {
+            let (assets, hfov_rad) = (Arc::clone(&scene.assets), options.sensors.hfov_rad);
+            Explorer::new(assets, scene.floor(), truth.targets.len(), &options.rules, hfov_rad)
+        });
+        let (path_m, picture_maps, _scene) = (0.0, None, scene);
+        let mut running = Self {
+            episode: number,
+            referee,
+            truth,
+            guide,
+            mission,
+            sensing,
+            path_m,
+            explorer,
+            maps,
+            picture_maps,
+            _scene,
+        };
+        running.look();
+        Ok(running)
     }
 
     /// Updates the cheap senses after the start or a step.
@@ -233,6 +281,20 @@ impl Running {
     fn sense_replayed(&mut self) {
         for step in self.referee.facts() {
             self.sensing.sense(step.pose, step.sounding.map(usize::from));
+        }
+    }
+
+    /// Adds the present view to the explorer.
+    fn look(&mut self) {
+        if let Some(explorer) = &mut self.explorer {
+            explorer.look(&self.referee.world().pose(), &self.truth.targets);
+        }
+    }
+
+    /// Adds the views after all steps to a new explorer.
+    fn look_back(&mut self) {
+        if let Some(explorer) = &mut self.explorer {
+            self.referee.facts().iter().for_each(|step| explorer.look(&step.pose, &self.truth.targets));
         }
     }
 
@@ -255,12 +317,21 @@ impl Running {
         self.referee.is_open().iter().filter(|open| **open).count() as u32
     }
 
-    fn put(&self, row: &mut Row, shared: &Shared, seen: &Observation) {
-        row.put_mission(&shared.layout, &self.mission);
-        row.put_observation(&shared.layout, seen);
-        self.sensing.put(row, &shared.layout);
-        if shared.options.privileged {
-            privileged::put(row, &shared.layout, &self.referee, &self.guide, &self.truth, self.path_m);
+    fn put(&mut self, row: &mut Row, shared: &Shared, seen: &Observation) {
+        let (layout, options) = (&shared.layout, &shared.options);
+        row.put_mission(layout, &self.mission);
+        row.put_observation(layout, seen);
+        self.sensing.put(row, layout);
+        let Self { referee, guide, truth, .. } = self;
+        if options.privileged {
+            privileged::put(row, layout, referee, guide, truth, self.path_m, self.explorer.as_ref());
+        }
+        if options.ids {
+            privileged::put_ids(row, layout, referee, truth);
+        }
+        if let Some(maps) = &mut self.maps {
+            let storey = maps.storey(referee.world().pose().position.y);
+            copy(row.bytes(layout, "top_down"), Some(maps.map(referee.world().assets(), storey)));
         }
     }
 }

@@ -7,6 +7,10 @@ use avln_episode::{Feedback, GoalCue, Mission, Observation, Order, RgbImage};
 
 /// Most goals per mission; missing goals are zeros.
 pub(crate) const MAX_GOALS: usize = 4;
+/// Cells per side of the map `top_down`.
+pub(crate) const MAP_SIDE: usize = 512;
+/// Cell side of this map, metres.
+pub(crate) const MAP_CELL_M: f32 = 0.1;
 /// UTF-8 bytes per goal text, truncated or padded with zeros.
 const GOAL_TEXT_BYTES: usize = 256;
 
@@ -59,9 +63,14 @@ impl ArraySpec {
 /// | `is_in_region` | `u8 [4]` | 1: a claim here matches the target |
 /// | `sounding` | i64 | sounding source: a goal, or the goal count plus a distractor's index; -1: silence |
 /// | `routed` | i64 | goal of the teachers and of the reward `progress`; -1: none |
-/// | `expert` | i64 | action of the teacher `path` |
+/// | `expert` | i64 | action of the teacher |
+/// | `expert_submit` | u8 | 1: a claim here is right; Stop for the last open goal, otherwise Submit |
 /// | `success` | f32 | 1: all goals are found |
 /// | `spl` | f32 | SPL, if the episode ended now |
+/// | `instance` | `i32 [height, width]` | instance number per pixel of the view; 0: none |
+/// | `semantic` | `u8 [height, width]` | category per pixel: its number in mpcat40, 1 to 40; 0: another category, or none |
+/// | `target_instance` | `i32 [4]` | instance number of each target; 0: no such goal |
+/// | `top_down` | `u8 [512, 512]` | storey of the agent in cells of 0.1 m around the start: 0 unknown, 1 walkable, 2 obstacle |
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     arrays: Vec<ArraySpec>,
@@ -89,6 +98,10 @@ impl Layout {
         if options.privileged {
             layout.add_privileged();
         }
+        layout.add_info(options.ids, "instance", ArrayKind::I32, &[height, width]);
+        layout.add_info(options.ids, "semantic", ArrayKind::U8, &[height, width]);
+        layout.add_info(options.ids, "target_instance", ArrayKind::I32, &[MAX_GOALS]);
+        layout.add_info(options.top_down, "top_down", ArrayKind::U8, &[MAP_SIDE; 2]);
         layout
     }
 
@@ -100,7 +113,7 @@ impl Layout {
 
     fn add_privileged(&mut self) {
         let (float, integer) = (ArrayKind::F32, ArrayKind::I64);
-        let arrays: [(&str, ArrayKind, &[usize]); 10] = [
+        let arrays: [(&'static str, ArrayKind, &[usize]); 11] = [
             ("distance_m", float, &[MAX_GOALS]),
             ("bearing_rad", float, &[MAX_GOALS]),
             ("target_position", float, &[MAX_GOALS, 3]),
@@ -109,16 +122,19 @@ impl Layout {
             ("sounding", integer, &[]),
             ("routed", integer, &[]),
             ("expert", integer, &[]),
+            ("expert_submit", ArrayKind::U8, &[]),
             ("success", float, &[]),
             ("spl", float, &[]),
         ];
-        let spec = |(name, kind, shape): (_, _, &[usize])| ArraySpec {
-            name,
-            kind,
-            shape: shape.to_vec(),
-            is_info: true,
-        };
-        self.arrays.extend(arrays.map(spec));
+        for (name, kind, shape) in arrays {
+            self.add_info(true, name, kind, shape);
+        }
+    }
+
+    fn add_info(&mut self, is_wanted: bool, name: &'static str, kind: ArrayKind, shape: &[usize]) {
+        if is_wanted {
+            self.arrays.push(ArraySpec { name, kind, shape: shape.to_vec(), is_info: true });
+        }
     }
 
     fn index(&self, name: &str) -> Option<usize> {
@@ -186,7 +202,7 @@ impl Row<'_> {
         }
     }
 
-    fn shorts(&mut self, layout: &Layout, name: &str) -> Option<&mut [i32]> {
+    pub(crate) fn shorts(&mut self, layout: &Layout, name: &str) -> Option<&mut [i32]> {
         match &mut self.arrays[layout.index(name)?] {
             RowArray::I32(values) => Some(values),
             _ => None,

@@ -1,6 +1,6 @@
 //! Options of training environments.
 
-use crate::{CheapSenses, TrainingError};
+use crate::{CheapSenses, ProgressReward, Teacher, TrainingError};
 use avln_episode::{Order, Rules, Sensors};
 
 /// Settings of all environments in a vector.
@@ -18,8 +18,16 @@ pub struct EnvOptions {
     pub goal_cues: bool,
     /// Reward.
     pub reward: RewardRule,
-    /// True to add the arrays of [`Privileged`](crate::Layout) information.
+    /// True to add privileged information about targets and the teacher to the row, as in [`Layout`](crate::Layout).
     pub privileged: bool,
+    /// Teacher.
+    pub teacher: Teacher,
+    /// True to add images with instance and category numbers. Without colour and depth, they cost a rendering.
+    pub ids: bool,
+    /// True to add a map of the storey.
+    pub top_down: bool,
+    /// Submits beyond those of the rules, 0 to 100.
+    pub added_submits: u32,
     /// Action after an episode's end.
     pub autoreset: AutoReset,
 }
@@ -33,8 +41,12 @@ impl EnvOptions {
             cheap: CheapSenses::default(),
             goal_side: 64,
             goal_cues: true,
-            reward: RewardRule::Progress,
+            reward: RewardRule::Progress(ProgressReward::AUTHORS),
             privileged: false,
+            teacher: Teacher::Path,
+            ids: false,
+            top_down: false,
+            added_submits: 0,
             autoreset: AutoReset::NextStep,
         }
     }
@@ -43,16 +55,20 @@ impl EnvOptions {
         within("max_steps", self.rules.max_steps, 1, 100_000)?;
         within("goal_side", self.goal_side, 8, 512)?;
         self.cheap.check(self)?;
+        within("added_submits", self.added_submits, 0, 100)?;
+        if let RewardRule::Progress(weights) = self.reward {
+            weights.check()?;
+        }
         self.sensors.validate().map_err(avln_referee::RefereeError::from)?;
         Ok(())
     }
 }
 
 /// Reward of a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardRule {
-    /// Geodesic progress towards the routed goal, right and wrong claims, and slack; see [`crate::RewardRule::COEFFICIENTS`].
-    Progress,
+    /// Geodesic progress towards the routed goal, right and wrong claims, and slack.
+    Progress(ProgressReward),
     /// 1 for a found goal, otherwise 0.
     Sparse,
     /// Always 0, for rewards computed by the caller.

@@ -1,11 +1,12 @@
 //! Privileged information: facts about the targets for losses, teachers and rewards.
 
+use crate::explorer::Explorer;
 use crate::layout::{Layout, MAX_GOALS, Row, copy};
-use crate::teacher::{Teacher, way_bearing_rad};
-use avln_episode::Order;
+use crate::teacher::{expert, right_claim, way_bearing_rad};
+use avln_episode::{Order, Sensors};
 use avln_referee::Referee;
 use avln_truth::EpisodeTruth;
-use avln_world::Pose;
+use avln_world::{CameraView, InstanceId, Pose, mpcat40_number};
 
 /// Largest snap distance from a stored point to the mesh, metres.
 const SNAP_M: f32 = 0.5;
@@ -75,6 +76,7 @@ pub(crate) fn put(
     guide: &Guide,
     truth: &EpisodeTruth,
     path_m: f64,
+    explorer: Option<&Explorer>,
 ) {
     let goals = truth.targets.len().min(MAX_GOALS);
     let pose = referee.world().pose();
@@ -100,10 +102,37 @@ pub(crate) fn put(
     let number = |index: Option<usize>| index.map_or(-1, |index| index as i64);
     copy(row.integers(layout, "sounding"), Some(&[number(referee.sounding())]));
     copy(row.integers(layout, "routed"), Some(&[number(guide.routed())]));
-    let expert = Teacher::Path.action(referee, guide, truth);
+    let expert = expert(referee, guide, truth, explorer);
     copy(row.integers(layout, "expert"), Some(&[i64::from(expert.index())]));
+    copy(row.bytes(layout, "expert_submit"), Some(&[u8::from(right_claim(referee).is_some())]));
     let success = if is_open.iter().any(|open| *open) { 0.0 } else { 1.0 };
     let share = truth.reference_m / truth.reference_m.max(path_m).max(1e-9);
     copy(row.floats(layout, "success"), Some(&[success]));
     copy(row.floats(layout, "spl"), Some(&[success * share as f32]));
+}
+
+/// Writes the images with instance and category numbers.
+pub(crate) fn put_ids(row: &mut Row, layout: &Layout, referee: &Referee, truth: &EpisodeTruth) {
+    let world = referee.world();
+    let Sensors { width, height, hfov_rad, .. } = *referee.sensors();
+    let camera = world.camera(CameraView { width, height, hfov_rad });
+    let kept = referee.instances().filter(|kept| !kept.is_empty());
+    let instances = kept.map_or_else(|| world.assets().render(&camera).instances, <[InstanceId]>::to_vec);
+    let mut targets = [0; MAX_GOALS];
+    targets.iter_mut().zip(&truth.targets).for_each(|(to, target)| *to = target.instance as i32);
+    copy(row.shorts(layout, "target_instance"), Some(&targets));
+    // Neighbouring pixels mostly show the same instance.
+    let mut last = (InstanceId::NONE, 0);
+    if let Some(semantic) = row.bytes(layout, "semantic") {
+        for (to, &instance) in semantic.iter_mut().zip(&instances) {
+            if instance != last.0 {
+                let category = world.assets().scene.object(instance).map(|object| object.category.as_str());
+                last = (instance, category.and_then(mpcat40_number).unwrap_or(0));
+            }
+            *to = last.1;
+        }
+    }
+    if let Some(numbers) = row.shorts(layout, "instance") {
+        numbers.iter_mut().zip(&instances).for_each(|(to, instance)| *to = instance.0 as i32);
+    }
 }

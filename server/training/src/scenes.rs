@@ -1,5 +1,6 @@
 //! Scenes by number: houses of a recipe, a split in a folder, or one scan.
 
+use crate::floor_grid::FloorGrid;
 use crate::{Curriculum, TrainingError};
 use avln_dataset::{
     DatasetError, EpisodeSpec, Job, Manifest, MissionOptions, Recipe, SceneChoice, SceneLine, SceneSource,
@@ -12,12 +13,14 @@ use avln_houses::Pool;
 use avln_world::{Body, Cache, Cached, SceneAssets};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A scene with its missions.
 pub(crate) struct PreparedScene {
     pub(crate) assets: Arc<SceneAssets>,
     pub(crate) episodes: Vec<EpisodeSpec>,
+    /// Made on first use.
+    pub(crate) floor: OnceLock<Arc<FloorGrid>>,
 }
 
 /// Numbered scenes. Equal numbers give equal scenes.
@@ -263,7 +266,7 @@ fn prepared(
         let curriculum = format!("{fewest} to {most} goals, {nearest_m} to {farthest_m} m from the start");
         return Err(TrainingError::NoMission { scene: scene.to_owned(), curriculum });
     }
-    Ok(PreparedScene { assets: Arc::new(assets), episodes })
+    Ok(PreparedScene { assets: Arc::new(assets), episodes, floor: OnceLock::new() })
 }
 
 fn narrowed(options: MissionOptions, curriculum: &Curriculum) -> MissionOptions {

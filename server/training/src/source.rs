@@ -1,5 +1,6 @@
 //! Sources of training episodes.
 
+use crate::floor_grid::FloorGrid;
 use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
 use crate::{Curriculum, Goals, TrainingError};
 use avln_dataset::EpisodeSpec;
@@ -72,7 +73,19 @@ pub struct TrainingEpisode {
     /// Ground truth.
     pub truth: EpisodeTruth,
     /// Keeps the scene loaded.
-    _scene: Arc<LoadedScene>,
+    scene: Arc<LoadedScene>,
+}
+
+impl TrainingEpisode {
+    /// Returns the grid of the scene's floor, shared by its episodes.
+    pub(crate) fn floor(&self) -> Arc<FloorGrid> {
+        let assets = &self.assets;
+        let grid = || Arc::new(FloorGrid::new(&assets.scene, &assets.navmesh));
+        match self.scene.0.get() {
+            Some(Ok(scene)) => Arc::clone(scene.floor.get_or_init(grid)),
+            _ => grid(),
+        }
+    }
 }
 
 /// A scene, prepared by its first user while others wait. Errors are shared as text.
@@ -127,7 +140,7 @@ impl EpisodeSource {
         let scene = loaded.0.get_or_init(|| {
             self.scenes.scene(self.scene_number(env, number)).map_err(|error| error.to_string())
         });
-        let PreparedScene { assets, episodes } = match scene {
+        let PreparedScene { assets, episodes, .. } = match scene {
             Ok(scene) => scene,
             Err(message) => return Err(TrainingError::Shared(message.clone())),
         };
@@ -142,7 +155,7 @@ impl EpisodeSource {
             assets: Arc::clone(assets),
             mission: spec.mission(assets, rules, order),
             truth: spec.truth(order),
-            _scene: Arc::clone(&loaded),
+            scene: Arc::clone(&loaded),
         })
     }
 

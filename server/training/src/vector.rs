@@ -2,7 +2,9 @@
 
 use crate::env::Shared;
 use crate::results::Results;
-use crate::{AutoReset, Env, EnvOptions, EnvState, EpisodeSource, Layout, Row, StepFlags, TrainingError};
+use crate::{
+    AutoReset, Env, EnvOptions, EnvState, EpisodeSource, Layout, Overview, Row, StepFlags, TrainingError,
+};
 use avln_referee::Audio;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -152,6 +154,14 @@ impl<R: RowSource> VectorEnv<R> {
     /// If it has no episode.
     pub fn state(&self, env: usize) -> Result<EnvState, TrainingError> {
         self.members[env].lock().unwrap_or_else(PoisonError::into_inner).env.state()
+    }
+
+    /// Returns the parts of a picture of an environment without a running task.
+    ///
+    /// # Errors
+    /// If it has no episode, or the side is out of range.
+    pub fn overview(&self, env: usize, side: u32) -> Result<Overview, TrainingError> {
+        self.members[env].lock().unwrap_or_else(PoisonError::into_inner).env.overview(side)
     }
 
     /// Ends all threads after their present step.

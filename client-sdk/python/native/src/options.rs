@@ -3,7 +3,8 @@
 use avln_episode::{Order, Rules, Sensors};
 use avln_referee::{Audio, made_bank};
 use avln_training::{
-    AutoReset, CheapSenses, Curriculum, EnvOptions, Goals, RewardRule, SourceChoice, SourceOptions,
+    AutoReset, CheapSenses, Curriculum, EnvOptions, Goals, ProgressReward, RewardRule, SourceChoice,
+    SourceOptions, Teacher,
 };
 use avln_world::{Bank, ClipPool};
 use pyo3::PyResult;
@@ -39,8 +40,12 @@ pub(crate) struct VectorOptions {
     map: bool,
     goal_side: u32,
     goal_cues: bool,
-    reward: String,
+    reward: RewardJson,
     privileged: bool,
+    teacher: String,
+    ids: bool,
+    top_down: bool,
+    added_submits: u32,
     autoreset: String,
 }
 
@@ -50,6 +55,25 @@ enum SourceJson {
     Recipe(String),
     Folder { path: PathBuf, split: String, training: bool },
     Scan(PathBuf),
+}
+
+/// A rule's name, or coefficients of `progress`.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum RewardJson {
+    Name(String),
+    Progress { slack: f64, per_m: f64, submit: f64, stop: f64, found: f64, complete: f64 },
+}
+
+impl RewardJson {
+    fn rule(&self) -> PyResult<RewardRule> {
+        match *self {
+            Self::Name(ref name) => named("reward", name, &REWARDS),
+            Self::Progress { slack, per_m, submit, stop, found, complete } => {
+                Ok(RewardRule::Progress(ProgressReward { slack, per_m, submit, stop, found, complete }))
+            }
+        }
+    }
 }
 
 fn invalid(message: impl ToString) -> pyo3::PyErr {
@@ -96,8 +120,12 @@ impl VectorOptions {
             cheap: CheapSenses { lidar: self.lidar, ears: self.ears, map: self.map },
             goal_side: self.goal_side,
             goal_cues: self.goal_cues,
-            reward: named("reward", &self.reward, &REWARDS)?,
+            reward: self.reward.rule()?,
             privileged: self.privileged,
+            teacher: named("teacher", &self.teacher, &TEACHERS)?,
+            ids: self.ids,
+            top_down: self.top_down,
+            added_submits: self.added_submits,
             autoreset: named("autoreset_mode", &self.autoreset, &AUTORESETS)?,
         })
     }
@@ -115,8 +143,12 @@ impl VectorOptions {
     }
 }
 
-const REWARDS: [(&str, RewardRule); 3] =
-    [("progress", RewardRule::Progress), ("sparse", RewardRule::Sparse), ("none", RewardRule::None)];
+const REWARDS: [(&str, RewardRule); 3] = [
+    ("progress", RewardRule::Progress(ProgressReward::AUTHORS)),
+    ("sparse", RewardRule::Sparse),
+    ("none", RewardRule::None),
+];
+const TEACHERS: [(&str, Teacher); 2] = [("path", Teacher::Path), ("explore", Teacher::Explore)];
 const AUTORESETS: [(&str, AutoReset); 3] =
     [("NextStep", AutoReset::NextStep), ("SameStep", AutoReset::SameStep), ("Disabled", AutoReset::Disabled)];
 

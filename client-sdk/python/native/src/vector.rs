@@ -5,6 +5,7 @@ use crate::rows::{Buffer, NumpyRow};
 use avln_training::{EnvState, EpisodeSource, Finished, TrainingError, VectorEnv};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -16,6 +17,9 @@ type ArrayEntry = (String, &'static str, Vec<usize>, bool);
 
 /// Environment, row, reward, terminated, truncated, and an error message.
 type StepResult = (usize, usize, f64, bool, bool, Option<String>);
+
+/// View, map, and places as JSON.
+type OverviewParts<'py> = (Bound<'py, PyBytes>, Bound<'py, PyBytes>, String);
 
 /// Environments on worker threads, with observations in NumPy arrays.
 #[pyclass(frozen)]
@@ -140,6 +144,14 @@ impl NativeVector {
     fn state(&self, env: usize) -> PyResult<Vec<u8>> {
         let state = self.with(|vector| vector.state(env).map_err(value_error))?;
         serde_json::to_vec(&state).map_err(|error| PyRuntimeError::new_err(error.to_string()))
+    }
+
+    /// Returns the parts of a picture: view, map, and places as JSON.
+    fn overview<'py>(&self, py: Python<'py>, env: usize, side: u32) -> PyResult<OverviewParts<'py>> {
+        let overview = py.detach(|| self.with(|vector| vector.overview(env, side).map_err(value_error)))?;
+        let json =
+            serde_json::to_string(&overview).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+        Ok((PyBytes::new(py, &overview.view), PyBytes::new(py, &overview.map), json))
     }
 
     /// Ends all threads after their present step; further calls fail.

@@ -3,7 +3,6 @@
 mod chart;
 mod contrast;
 mod difficulty;
-mod episodes;
 mod factors;
 mod hard;
 mod head;
@@ -12,7 +11,7 @@ mod selection;
 mod sound;
 mod statistics;
 
-use super::{AgentVariant, Cause, ResultLine, host::results_path, results};
+use super::{AgentVariant, Cause, ResultLine, host::results_path, results, table};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
@@ -74,7 +73,7 @@ fn of_lines(lines: &[&ResultLine]) -> Option<SuiteReport> {
         charts.extend(own);
     }
     parts.extend([page.ablations(), page.shares(), page.failures(), paper::paper_section()]);
-    Some(SuiteReport { page: parts.join("\n"), episodes: episodes::table(lines), charts })
+    Some(SuiteReport { page: parts.join("\n"), episodes: table::to_csv(lines), charts })
 }
 
 struct ReportPage<'a> {

@@ -209,7 +209,7 @@ impl<'a> Sampler<'a> {
         Self { assets, rules, options, atlas, pool, missing_steps: 0.0 }
     }
 
-    /// Draws a mission; `None` without matching targets or with a single modality.
+    /// Draws a mission; `None` without matching targets, or if several goals have a single modality.
     fn mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
         let goals = &self.options.goals;
         let count = goals.start() + rng.below(goals.end() - goals.start() + 1);
@@ -368,15 +368,15 @@ impl CandidatePool<'_> {
         None
     }
 
-    /// Assigns modalities: at least two, rarely used ones first.
+    /// Assigns modalities: at least two to several goals, rarely used ones first.
     fn modalities(&self, chosen: &[usize], rng: &mut Rng) -> Option<Vec<Modality>> {
         let totals =
             self.asked.iter().fold([0_u32; 3], |sum, asked| std::array::from_fn(|m| sum[m] + asked[m]));
         let least = totals.iter().copied().min().unwrap_or(0);
         let mut best: Option<(f64, Vec<Modality>)> = None;
         for choice in choices(chosen.iter().map(|&index| available(self.instances[index])).collect()) {
-            // The paper requires at least two modalities per mission.
-            if choice.iter().all(|modality| *modality == choice[0]) {
+            // The paper requires at least two modalities per mission, which has several goals.
+            if choice.len() > 1 && choice.iter().all(|modality| *modality == choice[0]) {
                 continue;
             }
             let weight = |(&index, &modality): (&usize, &Modality)| {

@@ -10,7 +10,8 @@ use avln_episode::{
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Bank, Head, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World, WorldOptions,
+    Bank, Head, InstanceId, Motion, NavPoint, Point3, Rng, SceneAssets, Senses, StartError, World,
+    WorldOptions,
 };
 use std::sync::Arc;
 
@@ -55,6 +56,10 @@ pub struct Referee {
     schedule: Schedule,
     goals: Vec<GoalState>,
     submits_used: u32,
+    /// Submits beyond the rules, for training.
+    added_submits: u32,
+    /// Instances in the last image; `None` unless requested.
+    instances: Option<Vec<InstanceId>>,
     first: Option<Observation>,
     /// Sounding source: targets, then distractors.
     sounding: Option<usize>,
@@ -137,6 +142,8 @@ impl Referee {
             goals: vec![GoalState::Open; goals],
             in_region_at_start: Vec::new(),
             submits_used: 0,
+            added_submits: 0,
+            instances: None,
             first: None,
             sounding: None,
             steps: Vec::new(),
@@ -152,6 +159,24 @@ impl Referee {
         };
         referee.in_region_at_start = (0..goals).map(|goal| referee.distance_within(goal).is_some()).collect();
         Ok(referee)
+    }
+
+    /// Adds Submits to those of the rules. For training only: scores of such episodes are not comparable.
+    #[must_use]
+    pub fn with_added_submits(self, added_submits: u32) -> Self {
+        Self { added_submits, ..self }
+    }
+
+    /// Keeps the instances in images, for training.
+    #[must_use]
+    pub fn with_instances(self) -> Self {
+        Self { instances: Some(Vec::new()), ..self }
+    }
+
+    /// Returns the instances in the last image, row-major; `None` without [`Self::with_instances`], empty without an image.
+    /// Hidden from agents.
+    pub fn instances(&self) -> Option<&[InstanceId]> {
+        self.instances.as_deref()
     }
 
     /// Returns the mission.
@@ -215,6 +240,15 @@ impl Referee {
         self.distance_within(goal).is_some()
     }
 
+    /// Returns the goal that a Submit or Stop would complete now. Hidden from agents.
+    pub fn completes(&self, action: Action) -> Option<usize> {
+        match action {
+            Action::Submit if self.is_ignored() => None,
+            Action::Submit | Action::Stop => self.matching_goal(action),
+            _ => None,
+        }
+    }
+
     /// Returns the world with the body. Hidden from agents.
     pub fn world(&self) -> &World {
         &self.world
@@ -246,7 +280,7 @@ impl Referee {
             return first.clone();
         }
         self.sounding = self.schedule.next(&self.found(), false);
-        let senses = self.world.sense(self.sounding);
+        let senses = self.sense();
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
         first
@@ -258,8 +292,16 @@ impl Referee {
     /// If the episode has ended.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
         let feedback = self.act(action)?;
-        let senses = self.world.sense(self.sounding);
+        let senses = self.sense();
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
+    }
+
+    fn sense(&mut self) -> Senses {
+        let mut senses = self.world.sense(self.sounding);
+        if let (Some(kept), Some(frame)) = (&mut self.instances, &mut senses.frame) {
+            *kept = std::mem::take(&mut frame.instances);
+        }
+        senses
     }
 
     /// Repeats an interrupted episode's actions with recorded state hashes, and returns the outcome of the last action. Only its
@@ -418,7 +460,7 @@ impl Referee {
     }
 
     fn submit_limit(&self) -> u32 {
-        self.goals.len() as u32 - 1
+        self.goals.len() as u32 - 1 + self.added_submits
     }
 
     fn distance_within(&self, goal: usize) -> Option<f64> {

@@ -40,6 +40,11 @@ pub fn mpcat40(raw_name: &str) -> Option<&'static str> {
     (0..words.len()).find_map(|first| listed(&words[first..].join(" ")))
 }
 
+/// Returns a category's number in mpcat40, 1 (`wall`) to 40; `None` for other categories.
+pub fn mpcat40_number(category: &str) -> Option<u8> {
+    (1..).zip(SYNONYMS).find(|(_, (name, _))| *name == category).map(|(number, _)| number)
+}
+
 /// Returns the everyday noun if it is more specific than the mpcat40 category: `armchair` for `black armchair`, of the category
 /// `chair`. `None` if the category is as specific, or unknown.
 pub fn noun(raw_name: &str) -> Option<&'static str> {
@@ -193,6 +198,9 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), count);
         assert!(!is_target("wall"));
+        assert_eq!(mpcat40_number("wall"), Some(1));
+        assert_eq!(mpcat40_number("clothes"), Some(38));
+        assert_eq!(mpcat40_number("couch"), None);
     }
 
     #[test]

@@ -17,7 +17,9 @@ pub use avln_acoustics::{
     SoundCache,
 };
 pub use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
-pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
+pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint, Places};
 pub use avln_render::{Camera, CameraImage, DepthNoise, Model, ModelCache, ModelCacheEntry, Noise, RgbNoise};
-pub use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene};
+pub use avln_scene::{
+    Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene, categories::mpcat40_number,
+};
 pub use world::{CameraView, Motion, Moved, Senses, SoundSource, StartError, World, WorldOptions};

@@ -191,13 +191,24 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
-    fn look(&self, view: CameraView) -> CameraImage {
+    /// Computes or loads the paths of all sound sources, which otherwise happens when a source starts to play.
+    pub fn prepare_sound(&self) {
+        if let Some(ears) = &self.ears {
+            ears.prepare();
+        }
+    }
+
+    /// Returns the body's camera with a view.
+    pub fn camera(&self, view: CameraView) -> Camera {
         let CameraView { width, height, hfov_rad } = view;
         let world_from_camera = self.pose().rotation();
         let depth_max_m = self.options.depth_max_m;
-        let camera = Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m };
-        let mut image = self.assets.render(&camera);
-        self.options.noise.apply(&mut image, self.steps, depth_max_m);
+        Camera { eye: self.eye(), world_from_camera, width, height, hfov_rad, depth_max_m }
+    }
+
+    fn look(&self, view: CameraView) -> CameraImage {
+        let mut image = self.assets.render(&self.camera(view));
+        self.options.noise.apply(&mut image, self.steps, self.options.depth_max_m);
         image
     }
 

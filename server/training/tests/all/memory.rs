@@ -52,6 +52,15 @@ impl OwnRow {
         }
     }
 
+    /// Returns the 32-bit integers of an entry.
+    pub(crate) fn shorts(&self, layout: &Layout, name: &str) -> Vec<i32> {
+        let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");
+        match &self.values[index] {
+            Values::I32(values) => values.clone(),
+            other => panic!("{name} is {other:?}"),
+        }
+    }
+
     /// Returns the floats of an entry.
     pub(crate) fn floats(&self, layout: &Layout, name: &str) -> Vec<f32> {
         let index = layout.arrays().iter().position(|spec| spec.name == name).expect("an entry");

@@ -95,3 +95,15 @@ fn seed_and_numbers_determine_the_episode() {
     let numbers: Vec<_> = (0..4).map(|number| episode(1, 0, number).episode).collect();
     assert!(numbers.iter().any(|other| *other != numbers[0]), "{numbers:?}");
 }
+
+#[test]
+fn missions_with_single_goals_exist() {
+    let small = small_houses(1);
+    let curriculum = Curriculum { goals: [1, 1], ..small.curriculum.clone() };
+    let source = EpisodeSource::open(&SourceOptions { curriculum, ..small }).expect("a source");
+    let rules = Rules::paper();
+    for number in 0..4 {
+        let episode = source.episode(0, number, &rules).expect("an episode");
+        assert_eq!((episode.mission.goals.len(), episode.truth.targets.len()), (1, 1));
+    }
+}

@@ -10,7 +10,8 @@ houses of the training pool, and accept no validation or test pool and no sealed
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
 
-The environment variable `AVLN_NATIVE` contains the path of the native module (docs/training.md).
+The wheel for Linux contains the native module; the environment variable `AVLN_NATIVE` can name another one
+(docs/training.md).
 """
 
 try:
@@ -19,7 +20,8 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("avln.sim needs gymnasium; pip install gymnasium", name=error.name) from None
 
 from avln.sim.env import Env
-from avln.sim.options import Curriculum, Folder, Scan, SimError
+from avln.sim.options import Curriculum, Folder, Progress, Scan, SimError
+from avln.sim.recording import record
 from avln.sim.vector import VectorEnv
 
-__all__ = ["Curriculum", "Env", "Folder", "Scan", "SimError", "VectorEnv"]
+__all__ = ["Curriculum", "Env", "Folder", "Progress", "Scan", "SimError", "VectorEnv", "record"]

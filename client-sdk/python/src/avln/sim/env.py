@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from avln.sim.options import Progress
 from avln.sim.vector import VectorEnv
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
         self,
         source: str | Folder | Scan = "paper",
         *,
-        reward: str | Reward = "progress",
+        reward: str | Progress | Reward = "progress",
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -40,15 +41,15 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
 
         Args:
             source: as for `VectorEnv`.
-            reward: `progress`, `sparse` or `none`, or a function.
+            reward: `progress`, `sparse` or `none`, coefficients of `progress`, or a function.
             render_mode: `rgb_array`, or None.
             options: other arguments of `VectorEnv`.
 
         Raises:
             ValueError: if an option is out of range, or the source is not for training.
         """
-        self._reward = None if isinstance(reward, str) else reward
-        rule = reward if isinstance(reward, str) else "none"
+        self._reward = None if isinstance(reward, (str, Progress)) else reward
+        rule = reward if isinstance(reward, (str, Progress)) else "none"
         fixed = {"scenes": 1, "threads": 1, "autoreset_mode": AutoresetMode.DISABLED}
         self._vector = VectorEnv(1, source, reward=rule, **{**fixed, **options})
         self._seen: dict[str, Any] = {}
@@ -99,8 +100,14 @@ class Env(gymnasium.Env[dict[str, Any], Any]):
         return self._seen, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns the agent's view, u8 [height, width, 3]; None without a colour image or render mode."""
-        return self._seen.get("rgb") if self.render_mode else None
+        """Returns the agent's view next to a map with path, sound and targets, u8 [512, 1024, 3].
+
+        None without a render mode.
+
+        Raises:
+            ValueError: before the first reset.
+        """
+        return self._vector.picture(0) if self.render_mode else None
 
     def close(self) -> None:
         """Ends the thread."""

@@ -20,6 +20,8 @@ SENSES = ("rgb", "depth", "audio")
 """Senses of the benchmark."""
 CHEAP_SENSES = ("lidar", "ears", "map")
 """Senses for training only (docs/training.md)."""
+PRIVILEGED = ("targets", "ids", "top_down")
+"""Groups of privileged information."""
 
 
 class SimError(RuntimeError):
@@ -62,6 +64,26 @@ class Curriculum:
     """Fewest and most rooms per house of a recipe, 1 to 64; those of the recipe by default."""
     storeys: tuple[int, int] | None = None
     """Fewest and most storeys per house of a recipe, 1 to 4; those of the recipe by default."""
+    added_submits: int = 0
+    """Submits beyond those of the rules, which are one fewer than goals; 0 to 100."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Coefficients of the reward `progress`; the defaults are those of the released code of the paper's authors."""
+
+    slack: float = -0.01
+    """Every step."""
+    per_m: float = 1.0
+    """Per metre of progress on the shortest way to the routed goal."""
+    submit: float = -2.0
+    """Submit, right or wrong."""
+    stop: float = -5.0
+    """Stop."""
+    found: float = 10.0
+    """Goal found by a Submit or Stop."""
+    complete: float = 20.0
+    """Stop after which all goals are found."""
 
 
 def native() -> Any:
@@ -83,7 +105,8 @@ def native() -> Any:
         return importlib.import_module("avln.sim._native")
     except ModuleNotFoundError as error:
         message = (
-            "avln.sim needs its native module: cargo build --release -p avln-native, and AVLN_NATIVE with its path"
+            "avln.sim needs its native module: install the wheel for Linux, or "
+            "cargo build --release -p avln-native and set AVLN_NATIVE to its path"
         )
         raise ModuleNotFoundError(message, name=error.name) from None
 
@@ -97,18 +120,24 @@ def to_json(
     size: int | tuple[int, int],
     senses: Sequence[str],
     curriculum: Curriculum,
+    reward: object,
+    privileged: bool | Sequence[str],
     autoreset_mode: AutoresetMode,
     **rest: Any,
 ) -> str:
     """Returns the options of the native module.
 
     Raises:
-        ValueError: if a sense is unknown.
+        ValueError: if a sense or a group of privileged information is unknown.
     """
     known = SENSES + CHEAP_SENSES
     unknown = [sense for sense in senses if sense not in known]
     if unknown:
         raise ValueError(f"`senses` has {unknown}; use {', '.join(known)}")
+    groups = (PRIVILEGED[:1] if privileged else ()) if isinstance(privileged, bool) else privileged
+    unknown = [group for group in groups if group not in PRIVILEGED]
+    if unknown:
+        raise ValueError(f"`privileged` has {unknown}; use {', '.join(PRIVILEGED)}")
     width, height = (size, size) if isinstance(size, int) else size
     options = {
         "num_envs": num_envs,
@@ -119,11 +148,24 @@ def to_json(
         "width": width,
         "height": height,
         "hfov_rad": 0.5 * math.pi,
+        "reward": _reward(reward),
+        "privileged": "targets" in groups,
+        "ids": "ids" in groups,
+        "top_down": "top_down" in groups,
         "autoreset": autoreset_mode.value,
         **{sense: sense in senses for sense in known},
         **rest,
     }
     return json.dumps(options)
+
+
+def _reward(reward: object) -> str | dict[str, float]:
+    if isinstance(reward, Progress):
+        coefficients = asdict(reward)
+        if not all(map(math.isfinite, coefficients.values())):
+            raise ValueError(f"`reward` is {reward}; use finite coefficients")
+        return coefficients
+    return reward if isinstance(reward, str) else "none"
 
 
 def _source(source: str | Folder | Scan) -> dict[str, Any]:

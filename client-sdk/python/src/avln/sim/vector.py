@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from avln.action import Action
-from avln.sim.options import SENSES, Curriculum, Folder, Scan, SimError, native, to_json
+from avln.sim.options import SENSES, Curriculum, Folder, Progress, Scan, SimError, native, to_json
+from avln.sim.picture import HEIGHT_PX, draw
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +41,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     The episodes depend only on `seed` and the source. Equal actions give equal bits for any number of threads.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012, as its base has it
+    metadata = {  # noqa: RUF012, as its base has it
+        "render_modes": ["rgb_array"],
+        "render_fps": 4,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(  # noqa: PLR0913, flat arguments suit gymnasium.make
         self,
@@ -58,9 +63,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         rules: str = "lh-avln-v1",
         goal_side: int = 64,
         goal_cues: bool = True,
-        reward: str | VectorReward = "progress",
-        privileged: bool = False,
+        reward: str | Progress | VectorReward = "progress",
+        privileged: bool | Sequence[str] = False,
+        teacher: str = "path",
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
     ) -> None:
         """Starts the threads.
 
@@ -79,14 +86,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             rules: rule set.
             goal_side: side of goal images, pixels.
             goal_cues: True to add `goal_text` and `goal_image`.
-            reward: `progress`, `sparse` or `none` (docs/training.md), or a function.
-            privileged: True to add training information to the infos (docs/training.md).
+            reward: `progress`, `sparse` or `none` (docs/training.md), coefficients of `progress`, or a function.
+            privileged: training information in the infos (docs/training.md): any of `targets`, `ids` and `top_down`;
+                True for `targets`.
+            teacher: author of `expert` in `targets`: `path` or `explore`.
             autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
+            render_mode: `rgb_array`, or None.
 
         Raises:
             ValueError: if an option is out of range, or the source is not for training.
         """
-        self._reward = None if isinstance(reward, str) else reward
+        self._reward = None if isinstance(reward, (str, Progress)) else reward
         self._options: dict[str, Any] = {
             "source": source,
             "num_envs": num_envs,
@@ -99,18 +109,20 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "rules": rules,
             "goal_side": goal_side,
             "goal_cues": goal_cues,
-            "reward": reward if isinstance(reward, str) else "none",
+            "reward": reward,
             "privileged": privileged,
+            "teacher": teacher,
             "autoreset_mode": autoreset_mode,
         }
         self.num_envs = num_envs
+        self.render_mode = render_mode
         self.metadata = {**self.metadata, "autoreset_mode": autoreset_mode}
         self._begin(seed)
         self.batch_size = num_envs if batch_size is None else batch_size
         if not 1 <= self.batch_size <= num_envs:
             self._native.close()
             raise ValueError(f"`batch_size` is {batch_size}; 1 to {num_envs} are possible")
-        self._make_spaces(curriculum.max_steps or 1000)
+        self._make_spaces(max(curriculum.max_steps or 1000, 4 + curriculum.added_submits))
 
     def _begin(self, seed: int) -> None:
         """Starts the native environments and their buffers."""
@@ -268,6 +280,18 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """Name of the observation's exact definition, 16 hexadecimal digits: record it with a trained model."""
         return str(self._native.observation_digest())
 
+    def picture(self, env_id: int) -> NDArray[np.uint8]:
+        """Returns the agent's view next to a map, u8 [512, 1024, 3] (docs/training.md).
+
+        Raises:
+            ValueError: if the environment has no episode.
+        """
+        return draw(*self._native.overview(env_id, HEIGHT_PX))
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Returns a picture per environment as `picture` does; None without a render mode."""
+        return tuple(self.picture(env) for env in range(self.num_envs)) if self.render_mode else None
+
     def close_extras(self, **_: Any) -> None:
         """Ends the threads."""
         self._native.close()
@@ -324,6 +348,6 @@ def _space(name: str, kind: str, shape: list[int], max_steps: int) -> spaces.Spa
         "lidar": (0.0, _FARTHEST_M),
         "ears": (-_MOST_DB, _MOST_DB),
         "map": (0, 2),
-        "remaining": (0, max(max_steps, 4)),
+        "remaining": (0, max_steps),
     }.get(name, (0, 255))
     return spaces.Box(lowest, highest, tuple(shape), dtype)

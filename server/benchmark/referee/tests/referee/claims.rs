@@ -25,6 +25,17 @@ fn extra_submit_only_uses_a_step() {
 }
 
 #[test]
+fn added_submits_extend_the_budget() {
+    let mut referee = episode(Order::Unordered, Rules::paper(), blind()).with_added_submits(2);
+    assert_eq!((referee.remaining_submits(), referee.completes(Submit)), (4, None));
+    assert_eq!(go(&mut referee, &[(Submit, 3)]).observation.remaining_submits, 1);
+    go(&mut referee, &AHEAD);
+    assert_eq!((referee.completes(Submit), referee.completes(MoveForward)), (Some(0), None));
+    assert_eq!(go(&mut referee, &[(Submit, 1)]).observation.remaining_submits, 0);
+    assert_eq!((referee.is_open(), referee.completes(Submit)), (vec![false, true, true], None));
+}
+
+#[test]
 fn extra_submit_ends_and_completes_under_its_rule() {
     let rules = Rules { extra_submit: ExtraSubmit::EndsEpisode, ..Rules::paper() };
     let mut referee = episode(Order::Unordered, rules, blind());
