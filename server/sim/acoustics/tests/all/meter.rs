@@ -79,7 +79,10 @@ fn sound_rings_out_to_silence() {
     let sounds = [None, Some(0), Some(0), None, None, None, None, Some(1)];
     let heard: Vec<HeardLevels> = sounds.iter().map(|sounding| meter.hear(&pose, *sounding)).collect();
     let level = |step: usize| heard[step].power.as_flattened().iter().sum::<f32>();
-    assert!(level(2) > level(1) && level(3) > 0.0 && level(3) < 0.1 * level(2));
+    let levels = [1, 2, 3, 4].map(level);
+    // The tail of a hard room has about a third of the energy in the first silent step.
+    assert!(levels[1] > levels[0] && levels[2] < 0.5 * levels[1], "{levels:?}");
+    assert!(levels[3] > 0.0 && levels[3] < 0.5 * levels[2], "{levels:?}");
     assert!(heard[2].first.is_some() && heard[3].first.is_none());
     for step in [0, 6, 7] {
         assert_eq!(heard[step], HeardLevels::default(), "step {step}");
