@@ -18,8 +18,8 @@ const PACKAGES: &str =
 /// Twenty steps of the teacher with the module of the wheel; prints the module's path and the steps.
 const TRAINING: &str = "
 import avln.sim
-small = avln.sim.Curriculum(goals=(1, 1), rooms=(3, 4), storeys=(1, 1))
-envs = avln.sim.VectorEnv(2, threads=2, scenes=1, size=32, curriculum=small, privileged=True)
+small = avln.sim.Curriculum(goals=(1, 2), distance_m=(1.0, 100.0), rooms=(3, 4), storeys=(1, 1))
+envs = avln.sim.VectorEnv(2, threads=2, scenes=1, size=64, curriculum=small, privileged=True)
 observations, infos = envs.reset(seed=1)
 for _ in range(20):
     observations, rewards, terminated, truncated, infos = envs.step(infos['expert'])
