@@ -129,8 +129,10 @@ impl Env {
     /// If a scene cannot be prepared, or the row does not fit the layout.
     pub fn reset(&mut self, row: &mut Row) -> Result<(), TrainingError> {
         row.check(&self.shared.layout)?;
-        self.running = None;
+        // The old episode keeps its scene loaded, which the next one mostly shares.
+        let old = self.running.take();
         let running = Running::start(&self.shared, self.number, self.next_episode)?;
+        drop(old);
         self.next_episode += 1;
         let running = self.running.insert(running);
         let first = running.referee.start();

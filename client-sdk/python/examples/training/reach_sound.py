@@ -29,6 +29,8 @@ ACTIONS = np.array([avln.Action.MOVE_FORWARD, avln.Action.TURN_LEFT, avln.Action
 HEARD_STEPS = 8
 """Steps whose sound is in the features."""
 MAX_STEPS = 300
+EPISODES_PER_SCENE = 200
+"""Episodes of an environment in a house: the preparation of a house takes as long as thousands of steps."""
 TRAIN_SEED, TEST_SEED = 1, 1_000_000
 """Seeds of houses for training and evaluation; houses of different seeds differ."""
 LIDAR_M = 5.0
@@ -55,6 +57,7 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
             goal_cues=False,
             autoreset_mode=AutoresetMode.SAME_STEP,
             privileged=True,
+            episodes_per_scene=EPISODES_PER_SCENE,
             **{"curriculum": avln.sim.Curriculum(goals=(1, 1), max_steps=MAX_STEPS), **options},
         )
         self.num_envs = num_envs
