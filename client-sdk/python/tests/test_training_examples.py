@@ -10,8 +10,10 @@ import pytest
 pytest.importorskip("gymnasium", reason="pip install gymnasium")
 pytest.importorskip("torch", reason="pip install torch")
 
+import curve
 import dagger
 import ppo
+from curve import ROW_STEPS, Curve
 from network import Network
 from reach_sound import ACTIONS, EARS_SCALE, ReachSound, evaluate
 
@@ -69,7 +71,7 @@ def test_ppo_changes_the_network_and_writes_it(tmp_path: Path) -> None:
     stored = Network.load(tmp_path / "ppo.pt")
     features = np.zeros((3, network.size["features"]), np.float32)
     assert stored.act(features).shape == (3,)
-    assert (tmp_path / "ppo.pt.csv").read_text().startswith("steps,minutes,success\n64,")
+    assert (tmp_path / "ppo.pt.csv").read_text().startswith("steps,minutes,success\n")
     assert 0.0 <= evaluate(stored.act, episodes=2, num_envs=2, **EASY) <= 1.0
 
 
@@ -83,7 +85,7 @@ def test_stable_baselines3_trains(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3", reason="pip install stable-baselines3")
     import sb3  # noqa: PLC0415, needs an extra
 
-    sb3.train(1, 256, num_envs=4, **EASY).save(tmp_path / "sb3.zip")
+    sb3.train(1, 256, str(tmp_path / "sb3.csv"), num_envs=4, **EASY).save(tmp_path / "sb3.zip")
     assert (tmp_path / "sb3.zip").is_file()
 
 
@@ -95,3 +97,14 @@ def test_torchrl_trains(tmp_path: Path) -> None:
 
     torchrl_ppo.train(1, 256, str(tmp_path / "torchrl.pt"), num_envs=4, **EASY)
     assert Network.load(tmp_path / "torchrl.pt").size["actions"] == len(ACTIONS)
+
+
+def test_curves_are_drawn(tmp_path: Path) -> None:
+    rows = Curve(tmp_path / "ppo.pt.csv")
+    rows.add(ROW_STEPS - 1, [True, False])
+    rows.add(1, [True, True])
+    assert len(curve.read(tmp_path / "ppo.pt.csv")) == 1
+    curve.main([str(tmp_path / "ppo.pt.csv"), "--out", str(tmp_path / "curves.svg")])
+    text = (tmp_path / "curves.svg").read_text()
+    assert text.count("<polyline") == 1
+    assert ">ppo</text>" in text

@@ -15,7 +15,7 @@ class PlatformWheel(BuildHookInterface[Any]):
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Adds `package` to the modules and `scripts` to the programs, sets the tag `AVLN_WHEEL_TAG`, and requires Gymnasium."""
+        """Adds modules and programs, sets the tag `AVLN_WHEEL_TAG`, and requires Gymnasium."""
         files = os.environ.get("AVLN_WHEEL_FILES")
         if files is None or version != "standard":
             return

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,15 +58,14 @@ class Memory:
 
 
 def train(seed: int, minutes: float, out: str, settings: Settings | None = None, **options: Any) -> Network:
-    """Trains for some minutes and writes the network to `out`; options are those of `ReachSound`."""
+    """Trains for some minutes; writes the network to `out`, and the learning curve to `out`.csv."""
     settings = settings or Settings()
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    envs = ReachSound(settings.num_envs, TRAIN_SEED + seed, **options)
+    envs = ReachSound(settings.num_envs, TRAIN_SEED + seed, f"{out}.csv", **options)
     network = Network(envs.features, envs.actions)
     optimiser = torch.optim.Adam(network.parameters(), lr=settings.rate)
     memory = Memory(settings.memory, envs.features)
-    successes: deque[bool] = deque(maxlen=500)
     seen, infos = envs.reset()
     began, round_number = time.monotonic(), 0
     while time.monotonic() - began < 60.0 * minutes:
@@ -77,8 +75,7 @@ def train(seed: int, minutes: float, out: str, settings: Settings | None = None,
             memory.add(torch.from_numpy(seen), torch.from_numpy(expert))
             is_taught = rng.random(settings.num_envs) < teacher_share
             actions = np.where(is_taught, expert, network.act(seen))
-            seen, _, terminated, truncated, infos = envs.step(actions)
-            successes.extend(infos["is_success"][terminated | truncated].tolist())
+            seen, _, _, _, infos = envs.step(actions)
         for _ in range(settings.batches):
             features, right = memory.draw(settings.batch_size)
             loss = cross_entropy(network(features)[0].logits, right)
@@ -86,8 +83,6 @@ def train(seed: int, minutes: float, out: str, settings: Settings | None = None,
             torch.autograd.backward(loss)
             optimiser.step()
         round_number += 1
-        success = float(np.mean(successes)) if successes else 0.0
-        print(f"{memory.count} steps, {100 * success:.1f} % success, loss {loss.item():.3f}", flush=True)
     network.save(out)
     envs.close()
     return network

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Callable
 
 import gymnasium
 import numpy as np
+from curve import Curve
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
@@ -22,6 +23,8 @@ import avln
 import avln.sim
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 ACTIONS = np.array([avln.Action.MOVE_FORWARD, avln.Action.TURN_LEFT, avln.Action.TURN_RIGHT, avln.Action.STOP])
@@ -32,7 +35,7 @@ MAX_STEPS = 300
 EPISODES_PER_SCENE = 200
 """Episodes of an environment in a house: the preparation of a house takes as long as thousands of steps."""
 TRAIN_SEED, TEST_SEED = 1, 1_000_000
-"""Seeds of houses for training and evaluation; houses of different seeds differ."""
+"""Seeds of houses for training (plus the seed of the run) and evaluation; houses of different seeds differ."""
 LIDAR_M = 5.0
 """Larger distances look equal, metres."""
 EARS_SCALE = np.array([50.0] * 12 + [0.5, 30.0, 1.0], np.float32)
@@ -48,8 +51,16 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
     walked distance.
     """
 
-    def __init__(self, num_envs: int, seed: int, **options: Any) -> None:
-        """Starts the environments; options are other arguments of `avln.sim.VectorEnv`."""
+    def __init__(self, num_envs: int, seed: int, curve: str | Path | None = None, **options: Any) -> None:
+        """Starts the environments.
+
+        Args:
+            num_envs: environments.
+            seed: seed of the houses.
+            curve: file for the learning curve.
+            options: other arguments of `avln.sim.VectorEnv`.
+        """
+        self._curve = None if curve is None else Curve(curve)
         self.envs = avln.sim.VectorEnv(
             num_envs,
             seed=seed,
@@ -88,6 +99,8 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
         infos["is_success"] = np.zeros(self.num_envs, np.bool_)
         for env in np.flatnonzero(is_over):
             infos["is_success"][env] = infos["final_info"][env]["success"] > 0
+        if self._curve is not None:
+            self._curve.add(self.num_envs, infos["is_success"][is_over].tolist())
         self._heard[is_over] = 0.0
         self._sense(observations, np.where(is_over, -1, actions))
         return self._features(), rewards.astype(np.float32), terminated, truncated, infos

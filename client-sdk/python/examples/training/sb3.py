@@ -61,11 +61,11 @@ class Sb3Envs(VecEnv):
         return [False] * len(list(self._get_indices(indices)))
 
 
-def train(seed: int, steps: int, num_envs: int = 64, **options: Any) -> PPO:
-    """Trains for some steps; options are those of `ReachSound`."""
+def train(seed: int, steps: int, curve: str, num_envs: int = 128, **options: Any) -> PPO:
+    """Trains for some steps; curve and options are those of `ReachSound`."""
     torch.set_num_threads(2)
-    envs = VecMonitor(Sb3Envs(ReachSound(num_envs, TRAIN_SEED + seed, **options)))
-    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=16 * num_envs, n_epochs=3, seed=seed, device="cpu", verbose=1)
+    envs = VecMonitor(Sb3Envs(ReachSound(num_envs, TRAIN_SEED + seed, curve, **options)))
+    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=16 * num_envs, n_epochs=3, seed=seed, device="cpu", verbose=0)
     model.learn(steps)
     envs.close()
     return model
@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
     program.add_argument("--seed", type=int, default=1, help="seed of houses and weights [1]")
     program.add_argument("--out", default="sb3.zip", help="file for the policy [sb3.zip]")
     options = program.parse_args(arguments)
-    train(options.seed, options.steps).save(options.out)
+    train(options.seed, options.steps, f"{options.out}.csv").save(options.out)
 
 
 if __name__ == "__main__":

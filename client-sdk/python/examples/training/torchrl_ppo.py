@@ -68,9 +68,9 @@ def modules(network: Network) -> tuple[ProbabilisticTensorDictSequential, Tensor
 
 
 def train(seed: int, steps: int, out: str, num_envs: int = 128, **options: Any) -> Network:
-    """Trains for some steps and writes the network to `out`; options are those of `ReachSound`."""
+    """Trains for some steps; writes the network to `out`, and the learning curve to `out`.csv."""
     torch.manual_seed(seed)
-    reach = ReachSound(num_envs, TRAIN_SEED + seed, **options)
+    reach = ReachSound(num_envs, TRAIN_SEED + seed, f"{out}.csv", **options)
     network = Network(reach.features, reach.actions)
     actor, critic = modules(network)
     loss = ClipPPOLoss(actor, critic, entropy_coeff=0.01, critic_coeff=0.5, normalize_advantage=True)
@@ -96,7 +96,6 @@ def train(seed: int, steps: int, out: str, num_envs: int = 128, **options: Any) 
                 (losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]).backward()
                 nn.utils.clip_grad_norm_(network.parameters(), 0.5)
                 optimiser.step()
-        print(f"mean reward {10 * rollout['next', 'reward'].mean().item():.3f}", flush=True)
     collector.shutdown()
     network.save(out)
     return network
