@@ -200,7 +200,9 @@ fn without_straight_corners(corners: &[[f32; 2]]) -> Vec<[f32; 2]> {
     while index < kept.len() && kept.len() > 3 {
         let (before, after) = ((index + kept.len() - 1) % kept.len(), (index + 1) % kept.len());
         let (a, b, c) = (kept[before], kept[index], kept[after]);
-        let base_m = f64::from(c[0] - a[0]).hypot(f64::from(c[1] - a[1]));
+        let base = [0, 1].map(|axis| f64::from(c[axis] - a[axis]));
+        // Not hypot: its bits depend on the platform.
+        let base_m = (base[0] * base[0] + base[1] * base[1]).sqrt();
         if turn(a, b, c).abs() <= STRAIGHT_M * base_m {
             kept.remove(index);
         } else {
