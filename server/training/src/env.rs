@@ -247,7 +247,7 @@ impl Running {
         let referee = if options.ids { referee.with_instances() } else { referee };
         let guide = Guide::new(&referee, &truth);
         let mission = MissionArrays::new(referee.mission(), options.goal_side as usize);
-        let sensing = Sensing::new(shared, &referee, &truth)?;
+        let sensing = Sensing::new(shared, &scene, &referee)?;
         let frame =
             MapFrame { origin: truth.start, cell_m: MAP_CELL_M, side: MAP_SIDE, has_solid_walls: true };
         let maps = options.top_down.then(|| StoreyMaps::new(&scene.assets, frame));

@@ -2,6 +2,7 @@
 
 use crate::lidar::Lidar;
 use avln_world::{Pose, SceneAssets};
+use std::sync::Arc;
 
 /// Cells per side of the crop.
 pub(crate) const SIDE: usize = 32;
@@ -59,7 +60,7 @@ impl Floor {
 
 /// Explored cells of all visited storeys.
 pub(crate) struct ExploredMap {
-    floor: Floor,
+    floor: Arc<Floor>,
     storeys: Vec<Storey>,
     current: usize,
 }
@@ -71,7 +72,7 @@ struct Storey {
 }
 
 impl ExploredMap {
-    pub(crate) fn new(floor: Floor) -> Self {
+    pub(crate) fn new(floor: Arc<Floor>) -> Self {
         Self { floor, storeys: Vec::new(), current: 0 }
     }
 

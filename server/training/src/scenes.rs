@@ -1,6 +1,7 @@
 //! Scenes by number: houses of a recipe, a split in a folder, or one scan.
 
 use crate::floor_grid::FloorGrid;
+use crate::map::Floor;
 use crate::{Curriculum, TrainingError};
 use avln_dataset::{
     DatasetError, EpisodeSpec, Job, Manifest, MissionOptions, Recipe, SceneChoice, SceneLine, SceneSource,
@@ -19,8 +20,10 @@ use std::sync::{Arc, OnceLock};
 pub(crate) struct PreparedScene {
     pub(crate) assets: Arc<SceneAssets>,
     pub(crate) episodes: Vec<EpisodeSpec>,
-    /// Made on first use.
+    /// Places for the explorer, made on first use.
     pub(crate) floor: OnceLock<Arc<FloorGrid>>,
+    /// Cells of the sense `map`, made on first use.
+    pub(crate) cells: OnceLock<Arc<Floor>>,
 }
 
 /// Numbered scenes. Equal numbers give equal scenes.
@@ -266,7 +269,7 @@ fn prepared(
         let curriculum = format!("{fewest} to {most} goals, {nearest_m} to {farthest_m} m from the start");
         return Err(TrainingError::NoMission { scene: scene.to_owned(), curriculum });
     }
-    Ok(PreparedScene { assets: Arc::new(assets), episodes, floor: OnceLock::new() })
+    Ok(PreparedScene { assets: Arc::new(assets), episodes, floor: OnceLock::new(), cells: OnceLock::new() })
 }
 
 fn narrowed(options: MissionOptions, curriculum: &Curriculum) -> MissionOptions {

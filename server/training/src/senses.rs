@@ -4,9 +4,9 @@ use crate::ears::{self, EarLevels};
 use crate::env::Shared;
 use crate::layout::{ArrayKind, Layout, Row, copy};
 use crate::lidar::{self, Lidar};
-use crate::map::{self, ExploredMap, Floor};
+use crate::map::{self, ExploredMap};
 use crate::options::outside;
-use crate::{EnvOptions, TrainingError};
+use crate::{EnvOptions, TrainingEpisode, TrainingError};
 use avln_referee::{Referee, RefereeError, episode_sounds};
 use avln_truth::EpisodeTruth;
 use avln_world::{ClipLevels, Pose, SceneAssets, SoundSource};
@@ -116,17 +116,17 @@ impl Sensing {
     /// Prepares the senses in the options.
     pub(crate) fn new(
         shared: &Shared,
+        scene: &TrainingEpisode,
         referee: &Referee,
-        truth: &EpisodeTruth,
     ) -> Result<Self, TrainingError> {
         let (wanted, rules) = (shared.options.cheap, &shared.options.rules);
         let assets = Arc::clone(referee.world().assets());
         let pose = referee.world().pose();
         let lidar = || Lidar::new(pose.heading_rad, rules.camera_height_m, rules.depth_max_m);
-        let ears = if wanted.ears { Some(ears_of(shared, &assets, truth)?) } else { None };
+        let ears = if wanted.ears { Some(ears_of(shared, &assets, &scene.truth)?) } else { None };
         Ok(Self {
             lidar: wanted.has_rays().then(lidar),
-            map: wanted.map.then(|| ExploredMap::new(Floor::new(&assets))),
+            map: wanted.map.then(|| ExploredMap::new(scene.cells())),
             ears,
             wanted,
             pose,

@@ -1,6 +1,7 @@
 //! Sources of training episodes.
 
 use crate::floor_grid::FloorGrid;
+use crate::map::Floor;
 use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
 use crate::{Curriculum, Goals, TrainingError};
 use avln_dataset::EpisodeSpec;
@@ -79,11 +80,24 @@ pub struct TrainingEpisode {
 impl TrainingEpisode {
     /// Returns the grid of the scene's floor, shared by its episodes.
     pub(crate) fn floor(&self) -> Arc<FloorGrid> {
-        let assets = &self.assets;
-        let grid = || Arc::new(FloorGrid::new(&assets.scene, &assets.navmesh));
+        let grid = || Arc::new(FloorGrid::new(&self.assets.scene, &self.assets.navmesh));
+        self.shared(|scene| &scene.floor, grid)
+    }
+
+    /// Returns the cells of the sense `map`, shared by the scene's episodes.
+    pub(crate) fn cells(&self) -> Arc<Floor> {
+        self.shared(|scene| &scene.cells, || Arc::new(Floor::new(&self.assets)))
+    }
+
+    /// Returns a part of the scene, made by its first user.
+    fn shared<T>(
+        &self,
+        part: impl Fn(&PreparedScene) -> &OnceLock<Arc<T>>,
+        make: impl FnOnce() -> Arc<T>,
+    ) -> Arc<T> {
         match self.scene.0.get() {
-            Some(Ok(scene)) => Arc::clone(scene.floor.get_or_init(grid)),
-            _ => grid(),
+            Some(Ok(scene)) => Arc::clone(part(scene).get_or_init(make)),
+            _ => make(),
         }
     }
 }
