@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HIDDEN = 256
+TEMPERATURE = 0.5
+"""Below 1, the network plays probable actions more often than in training."""
 
 
 class Network(nn.Module):
@@ -35,8 +37,12 @@ class Network(nn.Module):
 
     @torch.no_grad()
     def act(self, features: NDArray[np.float32]) -> NDArray[np.int64]:
-        """Returns the most probable action per row: a drawn Stop would sooner or later end every episode."""
-        actions: NDArray[np.int64] = self(torch.from_numpy(features))[0].logits.argmax(-1).numpy()
+        """Draws an action per row, the probable ones more often than in training.
+
+        The most probable action alone can turn to and fro for ever; an improbable Stop would end many episodes.
+        """
+        logits = self(torch.from_numpy(features))[0].logits
+        actions: NDArray[np.int64] = Categorical(logits=logits / TEMPERATURE).sample().numpy()
         return actions
 
     def save(self, path: str | Path) -> None:

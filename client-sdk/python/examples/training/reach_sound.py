@@ -31,7 +31,8 @@ ACTIONS = np.array([avln.Action.MOVE_FORWARD, avln.Action.TURN_LEFT, avln.Action
 """Actions of the task; without further goals, Submit has no effect."""
 HEARD_STEPS = 8
 """Steps whose sound is in the features."""
-MAX_STEPS = 300
+TRAIN_STEPS, TEST_STEPS = 300, 1000
+"""Step limits: short episodes give more starts in training; the evaluation has the limit of the benchmark."""
 EPISODES_PER_SCENE = 200
 """Episodes of an environment in a house: the preparation of a house takes as long as thousands of steps."""
 TRAIN_SEED, TEST_SEED = 1, 1_000_000
@@ -69,7 +70,7 @@ class ReachSound(gymnasium.vector.VectorEnv[Any, Any, Any]):
             autoreset_mode=AutoresetMode.SAME_STEP,
             privileged=True,
             episodes_per_scene=EPISODES_PER_SCENE,
-            **{"curriculum": avln.sim.Curriculum(goals=(1, 1), max_steps=MAX_STEPS), **options},
+            **{"curriculum": avln.sim.Curriculum(goals=(1, 1), max_steps=TRAIN_STEPS), **options},
         )
         self.num_envs = num_envs
         self.metadata, self.render_mode = self.envs.metadata, None
@@ -135,7 +136,8 @@ Policy = Callable[["NDArray[np.float32]"], "NDArray[np.int64]"]
 
 def evaluate(policy: Policy, episodes: int = 200, num_envs: int = 32, seed: int = TEST_SEED, **options: Any) -> float:
     """Returns the share of missions that a policy completes, in houses without training episodes."""
-    envs = ReachSound(num_envs, seed, **{"scenes": 16, **options})
+    mission = avln.sim.Curriculum(goals=(1, 1), max_steps=TEST_STEPS)
+    envs = ReachSound(num_envs, seed, **{"scenes": 16, "curriculum": mission, **options})
     features, _ = envs.reset()
     # Equal numbers of episodes from each environment: short episodes would otherwise be more frequent.
     wanted = -(-episodes // num_envs)

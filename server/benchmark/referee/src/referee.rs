@@ -15,6 +15,8 @@ use avln_world::{
 };
 use std::sync::Arc;
 
+mod training;
+
 /// Error at the start or during an episode.
 #[expect(missing_docs, reason = "the messages explain the fields")]
 #[derive(Debug, thiserror::Error)]
@@ -161,24 +163,6 @@ impl Referee {
         Ok(referee)
     }
 
-    /// Adds Submits to those of the rules. For training only: scores of such episodes are not comparable.
-    #[must_use]
-    pub fn with_added_submits(self, added_submits: u32) -> Self {
-        Self { added_submits, ..self }
-    }
-
-    /// Keeps the instances in images, for training.
-    #[must_use]
-    pub fn with_instances(self) -> Self {
-        Self { instances: Some(Vec::new()), ..self }
-    }
-
-    /// Returns the instances in the last image, row-major; `None` without [`Self::with_instances`], empty without an image.
-    /// Hidden from agents.
-    pub fn instances(&self) -> Option<&[InstanceId]> {
-        self.instances.as_deref()
-    }
-
     /// Returns the mission.
     pub fn mission(&self) -> &Mission {
         &self.mission
@@ -238,15 +222,6 @@ impl Referee {
     /// Returns true if the body is in a goal's success region. Hidden from agents.
     pub fn is_in_region(&self, goal: usize) -> bool {
         self.distance_within(goal).is_some()
-    }
-
-    /// Returns the goal that a Submit or Stop would complete now. Hidden from agents.
-    pub fn completes(&self, action: Action) -> Option<usize> {
-        match action {
-            Action::Submit if self.is_ignored() => None,
-            Action::Submit | Action::Stop => self.matching_goal(action),
-            _ => None,
-        }
     }
 
     /// Returns the world with the body. Hidden from agents.
