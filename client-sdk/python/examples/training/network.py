@@ -42,7 +42,7 @@ class Network(nn.Module):
         The most probable action alone can turn to and fro for ever; an improbable Stop would end many episodes.
         """
         logits = self(torch.from_numpy(features))[0].logits
-        actions: NDArray[np.int64] = Categorical(logits=logits / TEMPERATURE).sample().numpy()
+        actions: NDArray[np.int64] = torch.multinomial((logits / TEMPERATURE).softmax(-1), 1).squeeze(-1).numpy()
         return actions
 
     def save(self, path: str | Path) -> None:

@@ -42,13 +42,13 @@ pub struct FirstSound {
 /// The power of a step is the sum over all sources and the steps before, within a response length: the clip's power in that step
 /// times the response's energy at this delay. Phases and the fades of the first milliseconds are neglected.
 pub struct LevelMeter {
-    channels: Vec<Channel>,
+    channels: Vec<MeteredEmitter>,
     samples_per_step: usize,
     steps: usize,
 }
 
 /// An emitter with its recent sound.
-struct Channel {
+struct MeteredEmitter {
     emitter: Emitter,
     levels: Arc<ClipLevels>,
     /// Emitted power by step, newest first.
@@ -60,7 +60,7 @@ struct Channel {
 impl LevelMeter {
     /// Creates a meter at time 0. `levels` has an entry per emitter; `samples_per_step` is at least 1.
     pub fn new(emitters: Vec<(Emitter, Arc<ClipLevels>)>, samples_per_step: usize) -> Self {
-        let channel = |(emitter, levels)| Channel {
+        let channel = |(emitter, levels)| MeteredEmitter {
             emitter,
             levels,
             emitted: VecDeque::new(),
@@ -91,7 +91,7 @@ impl LevelMeter {
     }
 }
 
-impl Channel {
+impl MeteredEmitter {
     /// Appends a step; returns false in silence.
     fn feed(&mut self, start: usize, count: usize, sounds: bool) -> bool {
         let place = self.emitter.offset_samples.wrapping_add(start);

@@ -78,8 +78,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             threads: worker threads; by default one per processor.
             batch_size: environments per `recv`; all by default.
             size: image side, or width and height, pixels, 64 to 1024.
-            senses: any of `rgb`, `depth` and `audio`, and for training only `lidar`, `ears` and `map`
-                (docs/training.md).
+            senses: any of `rgb`, `depth` and `audio`, and for training only `lidar`, `ears` and `map`.
             curriculum: limits for missions and houses; by default those of the benchmark.
             scenes: scenes in use at the same time; environments with equal index modulo this number share one.
             episodes_per_scene: episodes of an environment before its next scene.
@@ -87,8 +86,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             goal_side: side of goal images, pixels.
             goal_cues: True to add `goal_text` and `goal_image`.
             reward: `progress`, `sparse` or `none` (docs/training.md), coefficients of `progress`, or a function.
-            privileged: training information in the infos (docs/training.md): any of `targets`, `ids` and `top_down`;
-                True for `targets`.
+            privileged: training information in the infos: any of `targets`, `ids`, `top_down`; True for `targets`.
             teacher: author of `expert` in `targets`: `path` or `explore`.
             autoreset_mode: behaviour at the end of an episode, as in Gymnasium.
             render_mode: `rgb_array`, or None.
@@ -114,14 +112,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "teacher": teacher,
             "autoreset_mode": autoreset_mode,
         }
-        self.num_envs = num_envs
-        self.render_mode = render_mode
+        self.num_envs, self.render_mode = num_envs, render_mode
         self.metadata = {**self.metadata, "autoreset_mode": autoreset_mode}
         self._begin(seed)
-        self.batch_size = num_envs if batch_size is None else batch_size
-        if not 1 <= self.batch_size <= num_envs:
-            self._native.close()
-            raise ValueError(f"`batch_size` is {batch_size}; 1 to {num_envs} are possible")
+        self._set_batch_size(num_envs if batch_size is None else batch_size)
         self._make_spaces(max(curriculum.max_steps or 1000, 4 + curriculum.added_submits))
 
     def _begin(self, seed: int) -> None:
@@ -137,6 +131,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._turn = np.zeros(self.num_envs, np.int64)
         self._actions = np.zeros(self.num_envs, np.int64)
         self._running = 0
+
+    def _set_batch_size(self, batch_size: int) -> None:
+        self.batch_size = batch_size
+        if not 1 <= batch_size <= self.num_envs:
+            self._native.close()
+            raise ValueError(f"`batch_size` is {batch_size}; 1 to {self.num_envs} are possible")
 
     def _arrays(self) -> Arrays:
         return {name: np.zeros((self.num_envs, *shape), kind) for name, kind, shape, _ in self._layout}
