@@ -87,6 +87,30 @@ def test_threads_do_not_change_bits() -> None:
     assert_equal(*played)
 
 
+def test_number_of_environments_does_not_change_bits() -> None:
+    seen = []
+    for num_envs, threads in ((1, 1), (7, 16), (64, 3)):
+        envs = vector(num_envs, threads=threads, senses=("depth", "lidar", "ears"), goal_cues=False, privileged=True)
+        envs.reset(seed=5)
+        steps = [envs.step([action] * num_envs) for action in (0, 1, 0, 0)]
+        first = [copied({name: array[0] for name, array in {**step[0], **step[4]}.items()}) for step in steps[-2:]]
+        seen.append((first, [step[1][0] for step in steps]))
+        envs.close()
+    for other, rewards in seen[1:]:
+        assert rewards == seen[0][1]
+        for step, same in zip(seen[0][0], other):
+            assert_equal(step, same)
+
+
+def test_arrays_are_shared_with_torch() -> None:
+    torch = pytest.importorskip("torch", reason="pip install torch")
+    envs = vector(1, senses=("depth",))
+    observations, _ = envs.reset(seed=1)
+    tensor = torch.from_dlpack(observations["depth"])
+    assert tensor.data_ptr() == observations["depth"].__array_interface__["data"][0]
+    envs.close()
+
+
 def test_seeds_determine_the_episodes() -> None:
     envs = vector()
     first = copied(envs.reset(seed=1)[0])
