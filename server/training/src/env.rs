@@ -129,7 +129,7 @@ impl Env {
     /// If a scene cannot be prepared, or the row does not fit the layout.
     pub fn reset(&mut self, row: &mut Row) -> Result<(), TrainingError> {
         row.check(&self.shared.layout)?;
-        // The old episode keeps its scene loaded, which the next one mostly shares.
+        // Until the next episode has begun, the old one holds their scene in memory.
         let old = self.running.take();
         let running = Running::start(&self.shared, self.number, self.next_episode)?;
         drop(old);

@@ -11,7 +11,7 @@ impl Referee {
         Self { added_submits, ..self }
     }
 
-    /// Keeps the instances in images, for training.
+    /// Stores the instances in images, for training.
     #[must_use]
     pub fn with_instances(self) -> Self {
         Self { instances: Some(Vec::new()), ..self }
