@@ -66,3 +66,15 @@ def endpoint(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> 
 def client(endpoint: Endpoint) -> Iterator[avln.Client]:
     with endpoint.connect() as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def native_module() -> None:
+    """Skips a test without the native module of `avln.sim`."""
+    pytest.importorskip("gymnasium", reason="pip install gymnasium")
+    import avln.sim.options  # noqa: PLC0415, needs Gymnasium
+
+    try:
+        avln.sim.options.native()
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))

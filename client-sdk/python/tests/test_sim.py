@@ -35,12 +35,7 @@ STOP = int(avln.Action.STOP)
 CHEAP = ("lidar", "ears", "map")
 
 
-@pytest.fixture(autouse=True)
-def _native() -> None:
-    try:
-        avln.sim.options.native()
-    except ModuleNotFoundError as error:
-        pytest.skip(str(error))
+pytestmark = pytest.mark.usefixtures("native_module")
 
 
 def vector(num_envs: int = 3, **options: Any) -> avln.sim.VectorEnv:

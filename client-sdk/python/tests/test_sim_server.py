@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from conftest import Furnished
     from server import Server
 
+pytestmark = pytest.mark.usefixtures("native_module")
+
 SIDE, GOAL_SIDE, PHASE = 64, 32, "training"
 RECIPE = {
     "name": "training",
@@ -40,10 +42,6 @@ RECIPE = {
 @pytest.fixture(scope="module")
 def hosted(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, str, Path]]:
     """A server with a phase on a training split; its token, and the folder of the data set."""
-    try:
-        avln.sim.options.native()
-    except ModuleNotFoundError as error:
-        pytest.skip(str(error))
     folder = tmp_path_factory.mktemp("training")
     (folder / "recipe.json").write_text(json.dumps(RECIPE))
     server, data_set = furnished.copy(folder / "data"), folder / "dataset"

@@ -30,12 +30,7 @@ EASY: dict[str, Any] = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _native() -> None:
-    try:
-        avln.sim.options.native()
-    except ModuleNotFoundError as error:
-        pytest.skip(str(error))
+pytestmark = pytest.mark.usefixtures("native_module")
 
 
 def test_features_contain_sound_and_motion() -> None:

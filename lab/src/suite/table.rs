@@ -163,7 +163,11 @@ impl Row<'_> {
     fn text(&self, column: &str) -> Result<&str, Failure> {
         let index = self.header.iter().position(|name| name == column);
         let cell = index.and_then(|index| self.record.get(index));
-        cell.ok_or_else(|| self.failure(column, "the column is missing"))
+        cell.ok_or_else(|| {
+            let Self { path, number, .. } = self;
+            let message = format!("{}, line {number}: the column {column} is missing", path.display());
+            Failure::new(FailureKind::Data, message).hinted("merge a table that this version has written")
+        })
     }
 
     fn failure(&self, column: &str, error: impl Display) -> Failure {
@@ -202,6 +206,6 @@ mod tests {
         assert!(refused.contains("results.csv, line 2, column end"), "{refused}");
         let text = to_csv(&[&sample()]).replace("think_ms", "thinking");
         let refused = from_csv(Path::new("results.csv"), &text).expect_err("a missing column").to_string();
-        assert!(refused.contains("column think_ms: the column is missing"), "{refused}");
+        assert!(refused.contains("results.csv, line 2: the column think_ms is missing"), "{refused}");
     }
 }

@@ -402,8 +402,6 @@ pub(crate) fn prepare_referee(
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),
     })?;
-    // Before the first step: the time of a step must not depend on the sources heard so far.
-    referee.world().prepare_sound();
     Ok(PreparedReferee { referee, scene, map })
 }
 

@@ -6,7 +6,7 @@
 
 use avln_acoustics::{
     Acoustics, Bank, BuildingCache, Clip, Ears, Emitter, Head, Listener, SURFACE_BANDS, Settings, SoundCache,
-    Source, Surface, Surfaces,
+    Surface, Surfaces,
 };
 use avln_geom::{Point3, RayMesh, Rng};
 use avln_houses::{HouseOptions, house};
@@ -40,7 +40,7 @@ fn main() {
     let mut emitters = Vec::new();
     for (place, clip) in places.iter().zip(bank) {
         let before = acoustics.resident_bytes();
-        let (_, source) = prepared(&acoustics, place);
+        let (_, source) = timed("source", || acoustics.source(place));
         println!(
             "  {:.1} MB, {:.2} % of its energy leaves the building",
             (acoustics.resident_bytes() - before) as f64 / 1e6,
@@ -63,15 +63,6 @@ fn main() {
     hard();
 }
 
-/// Returns a source with its paths, timed.
-fn prepared(acoustics: &Acoustics, place: &Point3<f32>) -> (Duration, Source) {
-    timed("source", || {
-        let source = acoustics.source(place);
-        source.prepare();
-        source
-    })
-}
-
 /// Loads four cached sources, as the first episode in a prepared building does. Excludes the disk.
 fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
     let place = BuildingCache { cache: Arc::new(Memory::default()), name: "bench".to_owned() };
@@ -80,7 +71,7 @@ fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
         Acoustics::new(scene, Arc::clone(rays), surfaces, Settings::default()).with_cache(Some(place.clone()))
     };
     let sources = |acoustics: &Acoustics| {
-        places.iter().take(4).for_each(|place| black_box(acoustics.source(place)).prepare());
+        places.iter().take(4).for_each(|place| drop(black_box(acoustics.source(place))));
     };
     sources(&open());
     for _ in 0..3 {
@@ -104,7 +95,7 @@ fn hard() {
     let acoustics = Acoustics::new(&scene, rays, surfaces, Settings::default());
     println!("hard and closed: {} triangles, {} rooms", scene.mesh.triangles.len(), scene.regions.len());
     for object in scene.objects.iter().step_by(scene.objects.len().div_ceil(4)) {
-        let (_, source) = prepared(&acoustics, &object.bounds.center());
+        let (_, source) = timed("source", || acoustics.source(&object.bounds.center()));
         println!("  {:.2} % of its energy leaves the building", 100.0 * source.lost_share());
     }
 }

@@ -64,11 +64,6 @@ impl Ears {
         Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
-    /// Computes or loads the paths of all sources, which otherwise happens when a source starts to play.
-    pub fn prepare(&self) {
-        self.channels.iter().for_each(|channel| channel.emitter.source.prepare());
-    }
-
     /// Bytes in ringing sound and filters, without sources and clips.
     pub fn resident_bytes(&self) -> usize {
         let channel = |channel: &Channel| {

@@ -42,7 +42,7 @@ pub struct FirstSound {
 /// The power of a step is the sum over all sources and the steps before, within a response length: the clip's power in that step
 /// times the response's energy at this delay. Phases and the fades of the first milliseconds are neglected.
 pub struct LevelMeter {
-    channels: Vec<MeteredEmitter>,
+    emitters: Vec<MeteredEmitter>,
     samples_per_step: usize,
     steps: usize,
 }
@@ -60,31 +60,31 @@ struct MeteredEmitter {
 impl LevelMeter {
     /// Creates a meter at time 0. `levels` has an entry per emitter; `samples_per_step` is at least 1.
     pub fn new(emitters: Vec<(Emitter, Arc<ClipLevels>)>, samples_per_step: usize) -> Self {
-        let channel = |(emitter, levels)| MeteredEmitter {
+        let metered = |(emitter, levels)| MeteredEmitter {
             emitter,
             levels,
             emitted: VecDeque::new(),
             waves: None,
             response: None,
         };
-        let channels = emitters.into_iter().map(channel).collect();
-        Self { channels, samples_per_step: samples_per_step.max(1), steps: 0 }
+        let emitters = emitters.into_iter().map(metered).collect();
+        Self { emitters, samples_per_step: samples_per_step.max(1), steps: 0 }
     }
 
     /// Returns the levels of the next step. `listener` is the pose during the whole step; only emitter `sounding` plays.
     pub fn hear(&mut self, listener: &Listener, sounding: Option<usize>) -> HeardLevels {
         let mut heard = HeardLevels::default();
         let start = self.steps * self.samples_per_step;
-        for (index, channel) in self.channels.iter_mut().enumerate() {
+        for (index, emitter) in self.emitters.iter_mut().enumerate() {
             let sounds = sounding == Some(index);
-            if !channel.feed(start, self.samples_per_step, sounds) {
+            if !emitter.feed(start, self.samples_per_step, sounds) {
                 continue;
             }
-            let response = channel.response_at(listener, self.samples_per_step);
+            let response = emitter.response_at(listener, self.samples_per_step);
             if sounds {
                 heard.first = response.first;
             }
-            channel.add_power(&mut heard.power);
+            emitter.add_power(&mut heard.power);
         }
         self.steps += 1;
         heard

@@ -21,27 +21,21 @@ const SOURCES_BYTES: usize = 64 << 20;
 pub struct Acoustics {
     building: Arc<Building>,
     /// Most recently used first.
-    sources: Mutex<VecDeque<(Key, Arc<Slot>)>>,
+    sources: Mutex<VecDeque<(Key, Slot)>>,
     cache: Option<BuildingCache>,
 }
 
 /// Position bits.
 type Key = [u32; 3];
 
-/// A sound source, whose paths through the building are computed on first use. Cheap to clone.
+// The first user computes the source while others wait.
+type Slot = Arc<OnceLock<Source>>;
+
+/// A sound source with precomputed paths through the building. Cheap to clone.
 #[derive(Clone)]
 pub struct Source {
-    slot: Arc<Slot>,
+    data: Arc<SourceData>,
     head: Head,
-}
-
-/// A position in a building with paths, once they are computed.
-struct Slot {
-    building: Arc<Building>,
-    cache: Option<BuildingCache>,
-    position: Point3<f32>,
-    // The first user computes the paths while others wait.
-    data: OnceLock<SourceData>,
 }
 
 /// The first arriving wave.
@@ -62,7 +56,8 @@ pub(crate) struct Heard {
 
 struct SourceData {
     building: Arc<Building>,
-    /// Entry point into room air: the position, unless enclosed by furniture.
+    position: Point3<f32>,
+    /// Entry point into room air: `position`, unless enclosed by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
     images: Images,
@@ -102,25 +97,25 @@ impl Acoustics {
     /// Bytes in all cached sources.
     pub fn sources_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        sources.iter().map(|(_, slot)| slot.byte_count()).sum()
+        sources.iter().map(|(_, slot)| bytes_of(slot)).sum()
     }
 
-    /// Returns the source at `position`, world frame, metres. Inside closed furniture, the source plays from the adjacent air.
+    /// Returns the source at `position`, world frame, metres; computed on first use. Inside closed furniture,
+    /// the source plays from the adjacent air.
     pub fn source(&self, position: &Point3<f32>) -> Source {
-        Source { slot: self.slot(position), head: self.building.settings.head.clone() }
+        let key = [0, 1, 2].map(|axis| position[axis].to_bits());
+        self.slot(key).get_or_init(|| self.load_or_compute(position, key)).clone()
     }
 
     /// Returns a source's slot, moved to the front; the oldest slots are dropped above the memory limit.
-    fn slot(&self, position: &Point3<f32>) -> Arc<Slot> {
-        let key = bits(position);
+    fn slot(&self, key: Key) -> Slot {
         let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let found = sources.iter().position(|(known, _)| *known == key);
-        let known = found.and_then(|index| sources.remove(index)).map(|(_, slot)| slot);
-        let slot = known.unwrap_or_else(|| Arc::new(self.empty_slot(position)));
+        let slot = found.and_then(|index| sources.remove(index)).map_or_else(Slot::default, |(_, slot)| slot);
         sources.push_front((key, Arc::clone(&slot)));
         let mut sum = 0;
         let kept = sources.iter().take_while(|(_, slot)| {
-            sum += slot.byte_count();
+            sum += bytes_of(slot);
             sum <= SOURCES_BYTES
         });
         let kept = kept.count().max(1);
@@ -128,60 +123,80 @@ impl Acoustics {
         slot
     }
 
-    fn empty_slot(&self, position: &Point3<f32>) -> Slot {
-        let (building, cache) = (Arc::clone(&self.building), self.cache.clone());
-        Slot { building, cache, position: *position, data: OnceLock::new() }
-    }
-}
-
-impl Slot {
-    /// Returns the paths.
-    fn data(&self) -> &SourceData {
-        self.data.get_or_init(|| self.load_or_compute())
-    }
-
-    /// Bytes in the paths; 0 until they are computed.
-    fn byte_count(&self) -> usize {
-        self.data.get().map_or(0, SourceData::byte_count)
-    }
-
-    /// Reads the paths from the cache, or computes and stores them.
+    /// Reads the source from the cache, or computes and stores it.
     // The span has no field: positions of sources are hidden facts.
     #[tracing::instrument(level = "debug", name = "sound_source", skip_all)]
-    fn load_or_compute(&self) -> SourceData {
-        let (building, position) = (&self.building, &self.position);
+    fn load_or_compute(&self, position: &Point3<f32>, key: Key) -> Source {
         let Some(BuildingCache { cache, name }) = &self.cache else {
-            return SourceData::new(building, position);
+            return Source::new(Arc::clone(&self.building), position);
         };
-        let name = building.settings.source_name(name, bits(position));
+        let name = self.building.settings.source_name(name, key);
         let found = cache.load_sound(&name);
-        found.and_then(|bytes| SourceData::read(&bytes, building)).unwrap_or_else(|| {
-            let data = SourceData::new(building, position);
-            cache.store_sound(&name, &data.to_bytes());
-            data
+        let found = found.and_then(|bytes| Source::read(&bytes, Arc::clone(&self.building), position));
+        found.unwrap_or_else(|| {
+            let source = Source::new(Arc::clone(&self.building), position);
+            cache.store_sound(&name, &source.to_bytes());
+            source
         })
     }
 }
 
-fn bits(position: &Point3<f32>) -> Key {
-    [0, 1, 2].map(|axis| position[axis].to_bits())
+/// Bytes in a source; 0 until it is computed.
+fn bytes_of(slot: &Slot) -> usize {
+    slot.get().map_or(0, |source| source.data.byte_count())
 }
 
 impl Source {
+    fn new(building: Arc<Building>, position: &Point3<f32>) -> Self {
+        let air = &building.air;
+        let mut outlet = *position;
+        let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
+        if seeds.is_empty() && finite(position) {
+            seeds.extend(air.nearest_cell(position));
+            outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
+        }
+        let field = GeodesicField::new(air, &outlet, &seeds);
+        let images = Images::new(&building, &outlet);
+        let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
+        Self::of(SourceData { building, position: *position, outlet, field, images, late })
+    }
+
+    fn of(data: SourceData) -> Self {
+        let head = data.building.settings.head.clone();
+        Self { data: Arc::new(data), head }
+    }
+
     /// Returns the source with a different head model.
     #[must_use]
     pub fn with_head(&self, head: &Head) -> Self {
-        Self { slot: Arc::clone(&self.slot), head: head.clone() }
+        Self { data: Arc::clone(&self.data), head: head.clone() }
     }
 
-    /// Computes or loads the paths, if that has not happened yet.
-    pub fn prepare(&self) {
-        self.slot.data();
+    fn to_bytes(&self) -> Vec<u8> {
+        let SourceData { outlet, field, images, late, .. } = &*self.data;
+        let mut writer = Writer::default();
+        writer.words(&[outlet.x, outlet.y, outlet.z].map(f32::to_bits));
+        field.write(&mut writer);
+        images.write(&mut writer);
+        if let Some(late) = late {
+            late.write(&mut writer);
+        }
+        writer.bytes
+    }
+
+    /// Reads the output of [`Source::to_bytes`]; `None` if it does not fit the building.
+    fn read(bytes: &[u8], building: Arc<Building>, position: &Point3<f32>) -> Option<Self> {
+        let mut reader = Reader::new(bytes);
+        let outlet = Point3::from(*reader.words()?.first_chunk::<3>()?).map(f32::from_bits);
+        let field = GeodesicField::read(&mut reader, &building.air)?;
+        let images = Images::read(&mut reader, &building, &outlet)?;
+        let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, &building)?) };
+        Some(Self::of(SourceData { building, position: *position, outlet, field, images, late }))
     }
 
     /// Position, world frame, metres.
     pub fn position(&self) -> Point3<f32> {
-        self.slot.position
+        self.data.position
     }
 
     /// Returns the response at both ears. Empty for non-finite positions.
@@ -191,10 +206,9 @@ impl Source {
 
     /// Returns all arrivals at a position, independent of the heading.
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
-        let data = self.slot.data();
-        let arrivals = data.arrivals(place);
-        let late = data.late.as_ref().filter(|_| !arrivals.is_empty());
-        let echo = late.map_or_else(Vec::new, |late| late.at(&data.building, place));
+        let arrivals = self.data.arrivals(place);
+        let late = self.data.late.as_ref().filter(|_| !arrivals.is_empty());
+        let echo = late.map_or_else(Vec::new, |late| late.at(&self.data.building, place));
         Heard { arrivals, echo }
     }
 
@@ -215,12 +229,12 @@ impl Source {
     }
 
     fn settings(&self) -> Settings {
-        Settings { head: self.head.clone(), ..self.slot.building.settings.clone() }
+        Settings { head: self.head.clone(), ..self.data.building.settings.clone() }
     }
 
     /// Returns the first wave. `None` for non-finite positions.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
-        let arrivals = self.slot.data().arrivals(&listener.position);
+        let arrivals = self.data.arrivals(&listener.position);
         let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
         Some(FirstWave {
             delay_s: first.delay_s(),
@@ -231,63 +245,26 @@ impl Source {
 
     /// Energy share that left the building through holes and open doors, 0 to 1.
     pub fn lost_share(&self) -> f32 {
-        self.slot.data().late.as_ref().map_or(1.0, |late| late.lost_share)
+        self.data.late.as_ref().map_or(1.0, |late| late.lost_share)
     }
 
     pub(crate) fn response_samples(&self) -> usize {
-        self.slot.building.settings.response_samples()
+        self.data.building.settings.response_samples()
     }
 
     /// Shortest path length to `point`, metres; `None` if unreachable.
     pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
-        let data = self.slot.data();
-        if !finite(point) || !finite(&data.outlet) {
+        if !finite(point) || !finite(&self.data.outlet) {
             return None;
         }
-        if data.building.air.rays.is_clear(point, &data.outlet) {
-            return Some((data.outlet - point).norm());
+        if self.data.building.air.rays.is_clear(point, &self.data.outlet) {
+            return Some((self.data.outlet - point).norm());
         }
-        data.waves().shortest(point).map(|path| length_m(&path))
+        self.data.waves().shortest(point).map(|path| length_m(&path))
     }
 }
 
 impl SourceData {
-    fn new(building: &Arc<Building>, position: &Point3<f32>) -> Self {
-        let air = &building.air;
-        let mut outlet = *position;
-        let mut seeds = if finite(position) { air.visible_cells(position) } else { Vec::new() };
-        if seeds.is_empty() && finite(position) {
-            seeds.extend(air.nearest_cell(position));
-            outlet = seeds.first().map_or(outlet, |cell| air.grid.center(*cell));
-        }
-        let field = GeodesicField::new(air, &outlet, &seeds);
-        let images = Images::new(building, &outlet);
-        let late = finite(&outlet).then(|| LateField::new(building, &outlet, &images));
-        Self { building: Arc::clone(building), outlet, field, images, late }
-    }
-
-    fn to_bytes(&self) -> Vec<u8> {
-        let Self { outlet, field, images, late, .. } = self;
-        let mut writer = Writer::default();
-        writer.words(&[outlet.x, outlet.y, outlet.z].map(f32::to_bits));
-        field.write(&mut writer);
-        images.write(&mut writer);
-        if let Some(late) = late {
-            late.write(&mut writer);
-        }
-        writer.bytes
-    }
-
-    /// Reads the output of [`SourceData::to_bytes`]; `None` if it does not fit the building.
-    fn read(bytes: &[u8], building: &Arc<Building>) -> Option<Self> {
-        let mut reader = Reader::new(bytes);
-        let outlet = Point3::from(*reader.words()?.first_chunk::<3>()?).map(f32::from_bits);
-        let field = GeodesicField::read(&mut reader, &building.air)?;
-        let images = Images::read(&mut reader, building, &outlet)?;
-        let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, building)?) };
-        Some(Self { building: Arc::clone(building), outlet, field, images, late })
-    }
-
     fn byte_count(&self) -> usize {
         let late = self.late.as_ref().map_or(0, LateField::byte_count);
         self.field.byte_count() + self.images.byte_count() + late

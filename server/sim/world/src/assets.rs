@@ -204,7 +204,7 @@ impl SceneAssets {
 
     /// Computes or loads a source's acoustics (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
-        self.source(position).prepare();
+        self.source(position);
     }
 
     /// Returns a meter for the levels of sound sources, each with the levels of its clip. Its sources are prepared
@@ -223,7 +223,7 @@ impl SceneAssets {
         LevelMeter::new(sources.into_iter().map(emitter).collect(), samples_per_step)
     }
 
-    /// Returns the shared sound source, computed on first use.
+    /// Returns the shared sound source.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         self.acoustics().source(position)
     }
@@ -348,7 +348,7 @@ mod tests {
         });
         let seen = assets.resident_bytes();
         assert_eq!(seen, before - textures + assets.renderer.model().byte_count());
-        assets.prepare_sound(&eye);
+        assets.source(&eye);
         assert!(assets.resident_bytes() > seen);
     }
 

@@ -191,13 +191,6 @@ impl World {
         self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
-    /// Computes or loads the paths of all sound sources, which otherwise happens when a source starts to play.
-    pub fn prepare_sound(&self) {
-        if let Some(ears) = &self.ears {
-            ears.prepare();
-        }
-    }
-
     /// Returns the body's camera with a view.
     pub fn camera(&self, view: CameraView) -> Camera {
         let CameraView { width, height, hfov_rad } = view;

@@ -82,8 +82,8 @@ def _pillow() -> Any:
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[Any]], fps: float, images: Any) -> None:
-    first, *rest = (images.fromarray(frame).quantize(256) for frame in frames)
-    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
+    pictures = (images.fromarray(frame).quantize(256) for frame in frames)
+    next(pictures).save(path, save_all=True, append_images=pictures, duration=round(1000 / fps), loop=0)
 
 
 def _write_mp4(path: Path, frames: Iterator[NDArray[Any]], fps: float, ffmpeg: str) -> None:
