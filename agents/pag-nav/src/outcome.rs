@@ -72,7 +72,18 @@ impl PagNav {
             return Readiness::Unheard;
         }
         let cycle_steps = self.window_steps * self.open_sources().count() as u32 + SLACK_STEPS;
-        if self.waited_steps(candidate) > cycle_steps { Readiness::Unheard } else { Readiness::Wait }
+        match self.waited_steps(candidate) > cycle_steps {
+            false => Readiness::Wait,
+            true if self.is_supported(candidate) => Readiness::Now,
+            true => Readiness::Unheard,
+        }
+    }
+
+    /// Returns true if a located source supports the candidate.
+    fn is_supported(&self, candidate: &Candidate) -> bool {
+        const SUPPORTED: f32 = 0.5;
+        let is_located = |source: usize| self.here.sources[source].is_located(&self.weights);
+        candidate.source.is_some_and(is_located) && candidate.evidence.sound >= SUPPORTED
     }
 
     /// Returns true if all sounds come from elsewhere.

@@ -23,8 +23,8 @@ impl PagNav {
     /// Cue-guided search: a step towards the best frontier, or with `direct_approach` towards an estimated source.
     pub(crate) fn search(&mut self, pose: &Pose2d) -> Action {
         self.searched_steps += 1;
-        self.focus = None;
         let chosen = if self.weights.switches.source_positions { self.choose_source(pose) } else { None };
+        self.focus = None;
         if let Some((source, estimate)) = chosen {
             self.head_for(source);
             let direct = self.weights.switches.direct_approach;
