@@ -322,7 +322,7 @@ impl PagNav {
         if self.ablation.has_no_search_by_sound() {
             return;
         }
-        self.remember(&heard, pose);
+        self.remember(&heard, source, pose);
         if self.weights.switches.source_positions
             && let Some(source) = source
         {
@@ -330,15 +330,16 @@ impl PagNav {
         }
     }
 
-    /// Updates A_int, and A_bear of all open goals: a sound does not identify its goal.
-    fn remember(&mut self, heard: &HeardSound, pose: &Pose2d) {
+    /// Updates A_int, and A_bear of all open goals: a sound does not identify its goal, unless its source is known as another's.
+    fn remember(&mut self, heard: &HeardSound, source: Option<usize>, pose: &Pose2d) {
         let restarts = !self.weights.switches.count_windows || self.schedule.is_first();
         if self.ablation.no_acoustic_memory && restarts {
             self.here.intensity = IntensityMemory::default();
             self.here.bearings.iter_mut().for_each(BearingMemory::clear);
         }
         self.here.intensity.hear(pose.place, heard.level);
-        for goal in self.mission.open() {
+        let is_another = source.is_some_and(|source| self.is_of_another_goal(source));
+        for goal in self.mission.open().filter(|&goal| !is_another || !self.mission.is_active(goal)) {
             self.here.bearings[goal].hear(pose, heard, self.step);
         }
     }

@@ -140,7 +140,7 @@ mod tests {
     fn sight_alone_is_plausible_near_the_floor() {
         for preset in Preset::ALL {
             let weights = preset.weights();
-            let seen = candidate(0, weights.verify_floor + 0.05, 0.3, 0.0);
+            let seen = candidate(0, weights.least_vis(false) + 0.05, 0.3, 0.0);
             assert!(best([seen].into_iter(), None, &weights).is_some(), "{preset:?}");
         }
     }

@@ -49,14 +49,15 @@ impl PagNav {
     /// Returns Verify for a confirmed candidate: enough looks with a mean above the floor; otherwise Ground.
     fn stage(&self, candidate: &Candidate) -> Stage {
         let object = &self.here.objects.all()[candidate.object];
-        let is_confirmed = object.looks >= self.demand(candidate).looks
-            && candidate.evidence.vis >= self.weights.verify_floor;
+        let demand = self.demand(candidate);
+        let is_confirmed = object.looks >= demand.looks && candidate.evidence.vis >= demand.floor;
         if is_confirmed { Stage::Verify } else { Stage::Ground }
     }
 
     fn demand(&self, candidate: &Candidate) -> VerificationDemand {
         let sought_steps = self.sought_steps(candidate.object, candidate.goal);
-        let demand = VerificationDemand::new(sought_steps, self.remaining_steps, &self.weights);
+        let floor = self.weights.least_vis(self.is_supported(candidate));
+        let demand = VerificationDemand::new(sought_steps, self.remaining_steps, floor, &self.weights);
         if self.ablation.no_object_memory { demand.of_one_look() } else { demand }
     }
 

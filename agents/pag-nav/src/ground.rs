@@ -55,11 +55,32 @@ impl PagNav {
 
     /// Returns true for a candidate that was viewed without success, or sought for too long.
     fn is_set_aside(&self, index: usize, object: &ObjectHypothesis, goal: usize) -> bool {
+        let is_supported =
+            || self.source_of(object).is_some_and(|(source, sound)| self.is_heard(source, sound));
         let is_viewed = !self.ablation.no_gate && object.looks >= self.weights.verify_looks;
-        let is_rejected = is_viewed && object.vis(goal) < self.weights.verify_floor;
+        let is_below = |floor: f32| object.vis(goal) < floor;
+        let is_rejected = is_below(self.weights.verify_floor)
+            || (is_below(self.weights.least_vis(false)) && !is_supported());
         let is_hurry = self.remaining_steps < self.weights.hurry_steps;
-        is_rejected
-            || (!is_hurry && self.sought_steps(index, goal) >= MOST_PATIENCE * self.weights.patience_steps)
+        let (sought_steps, most_steps) = (self.sought_steps(index, goal), self.most_steps());
+        let is_late = sought_steps >= most_steps && (sought_steps >= 2 * most_steps || !is_supported());
+        (is_viewed && is_rejected) || (!is_hurry && is_late)
+    }
+
+    /// Returns the steps after which a candidate is set aside, unless sound supports it.
+    fn most_steps(&self) -> u32 {
+        MOST_PATIENCE * self.weights.patience_steps
+    }
+
+    /// Returns true if a located source supports a candidate by `sound`, 0 to 1.
+    fn is_heard(&self, source: usize, sound: f32) -> bool {
+        const HEARD: f32 = 0.3;
+        sound >= HEARD && self.here.sources[source].is_located(&self.weights)
+    }
+
+    /// Returns true if a located source supports the candidate.
+    pub(crate) fn is_supported(&self, candidate: &Candidate) -> bool {
+        candidate.source.is_some_and(|source| self.is_heard(source, candidate.evidence.sound))
     }
 
     /// Returns the steps spent on a candidate.
@@ -73,9 +94,10 @@ impl PagNav {
         self.aim = None;
     }
 
-    /// Sets an object aside for a goal.
+    /// Sets an object aside for a goal: the first time, until a located source supports it.
     pub(crate) fn set_object_aside(&mut self, object: usize, goal: usize) {
-        self.here.sought.insert((object, goal), MOST_PATIENCE * self.weights.patience_steps);
+        let most_steps = self.most_steps();
+        *self.here.sought.entry((object, goal)).or_default() += most_steps;
     }
 
     fn candidate(&self, index: usize, object: &ObjectHypothesis, goal: usize, pose: &Pose2d) -> Candidate {

@@ -4,10 +4,11 @@ use crate::agent::PagNav;
 use crate::candidate::Candidate;
 use crate::ground::LEAST_SUPPORT;
 use crate::verify::Warrant;
+use crate::weights::Weights;
 use avln_client::{Action, Feedback, WrongSubmit};
 use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::hearing::HeardSound;
-use avln_kit::map::range_m;
+use avln_kit::map::{ObjectHypothesis, range_m};
 use avln_kit::outcome::SubmitOutcome;
 
 /// Sound steps over which the level is averaged.
@@ -29,7 +30,7 @@ pub(crate) struct PendingSubmit {
 /// The state of an open gate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Readiness {
-    /// The outcome will be known, or does not matter.
+    /// The outcome will be known or does not matter, or a located source supports the candidate.
     Now,
     /// The target should sound first.
     Wait,
@@ -64,26 +65,19 @@ impl PagNav {
     /// Returns whether the agent claims at an open gate now, waits for the target's sound, or rejects the candidate.
     pub(crate) fn readiness(&self, candidate: &Candidate) -> Readiness {
         let is_hurry = self.remaining_steps < self.weights.hurry_steps;
-        let is_last = self.mission.is_last_claim();
-        if !self.infers_outcomes() || is_hurry || is_last || self.audible(candidate).is_some() {
+        // After its first steps, the outcome can be inferred from a source that sounds at present.
+        let is_starting = candidate.source == Some(self.schedule.current())
+            && self.levels.len() < RECENT
+            && self.schedule.steps_left() as usize > RECENT;
+        let is_known = self.is_supported(candidate) && !is_starting || self.audible(candidate).is_some();
+        if !self.infers_outcomes() || is_hurry || is_known {
             return Readiness::Now;
         }
         if self.is_silent_there(candidate) {
             return Readiness::Unheard;
         }
         let cycle_steps = self.window_steps * self.open_sources().count() as u32 + SLACK_STEPS;
-        match self.waited_steps(candidate) > cycle_steps {
-            false => Readiness::Wait,
-            true if self.is_supported(candidate) => Readiness::Now,
-            true => Readiness::Unheard,
-        }
-    }
-
-    /// Returns true if a located source supports the candidate.
-    fn is_supported(&self, candidate: &Candidate) -> bool {
-        const SUPPORTED: f32 = 0.5;
-        let is_located = |source: usize| self.here.sources[source].is_located(&self.weights);
-        candidate.source.is_some_and(is_located) && candidate.evidence.sound >= SUPPORTED
+        if self.waited_steps(candidate) > cycle_steps { Readiness::Unheard } else { Readiness::Wait }
     }
 
     /// Returns true if all sounds come from elsewhere.
@@ -91,13 +85,27 @@ impl PagNav {
         self.open_sources().all(|source| self.is_elsewhere(source, candidate))
     }
 
-    /// Returns true if a source has a certain estimate that does not support the candidate.
+    /// Returns true if a source is faint beside the candidate, or has a certain estimate that does not support the candidate.
     fn is_elsewhere(&self, source: usize, candidate: &Candidate) -> bool {
         let certainty = self.here.sources[source].estimate.map_or(0.0, |estimate| estimate.certainty);
         let object = &self.here.objects.all()[candidate.object];
-        self.weights.switches.source_positions
-            && certainty >= self.weights.certain
-            && self.support(object, source) < LEAST_SUPPORT
+        let is_off = || certainty >= self.weights.certain && self.support(object, source) < LEAST_SUPPORT;
+        self.weights.switches.source_positions && (self.is_faint(source, object) || is_off())
+    }
+
+    /// Returns true if all levels of a source beside an object belong to a greater range.
+    fn is_faint(&self, source: usize, object: &ObjectHypothesis) -> bool {
+        /// Range by level in multiples of `look_range_m`.
+        const FAINT: f32 = 1.5;
+        // The first steps of a window may be quiet.
+        if source == self.schedule.current() && self.levels.len() < RECENT {
+            return false;
+        }
+        let Weights { intensity_m, look_range_m, .. } = self.weights;
+        let nearness = self.here.sources[source]
+            .intensity
+            .nearness(|place| object.detection.distance_m(place), intensity_m);
+        nearness > 0.0 && nearness < intensity_m / (FAINT * look_range_m)
     }
 
     /// Returns the steps of waiting at a candidate.
@@ -152,7 +160,7 @@ impl PagNav {
             self.here.objects.refute(pending.object);
         } else {
             // The inference may be wrong: the object comes after all others.
-            self.set_object_aside(pending.object, pending.goal);
+            (0..2).for_each(|_| self.set_object_aside(pending.object, pending.goal));
         }
         let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered();
         if found || skips {
@@ -187,5 +195,76 @@ impl PagNav {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::preset::Preset;
+    use avln_client::{Agent, GoalCue, Mission, TaskSpec};
+    use avln_kit::map::{SourceEstimate, expected_level};
+    use avln_kit::perception::DetectedObject;
+
+    /// An agent at an object of goal 0, in a mission with two goals, without sounds.
+    fn agent() -> (PagNav, Pose2d) {
+        let mut agent = PagNav::preset(Preset::PagNavPlus);
+        let goals = vec![GoalCue::Category("bed".to_owned()); 2];
+        agent.begin(&TaskSpec::default(), &Mission { goals, ..Mission::default() });
+        let seen = DetectedObject {
+            min: FloorPoint::new(-0.1, -1.1),
+            max: FloorPoint::new(0.1, -0.9),
+            high_m: 0.6,
+            embedding: vec![1.0],
+            views: 1,
+            ..DetectedObject::default()
+        };
+        let here = Pose2d::default();
+        agent.here.objects.recognise(&here, vec![seen], |_, goal| if goal == 0 { 0.9 } else { 0.0 });
+        agent.remaining_steps = 800;
+        agent.mission.remaining_submits = 1;
+        (agent, here)
+    }
+
+    /// Adds a source at a place, heard at the object from `range_m` metres.
+    fn hear(agent: &mut PagNav, source: usize, place: FloorPoint, range_m: f32) {
+        let memory = &mut agent.here.sources[source];
+        memory.estimate = Some(SourceEstimate { place, certainty: 0.9 });
+        memory.intensity.hear(FloorPoint::default(), expected_level(range_m));
+    }
+
+    fn readiness(agent: &PagNav, here: &Pose2d) -> Readiness {
+        agent.readiness(&agent.select(here).expect("a candidate"))
+    }
+
+    #[test]
+    fn located_sources_need_no_wait() {
+        let (mut agent, here) = agent();
+        assert_eq!(readiness(&agent, &here), Readiness::Wait);
+        hear(&mut agent, 1, FloorPoint::new(0.0, -1.0), 1.0);
+        assert_eq!(readiness(&agent, &here), Readiness::Now);
+    }
+
+    #[test]
+    fn last_claims_wait_for_sound() {
+        let (mut agent, here) = agent();
+        agent.mission.remaining_submits = 0;
+        assert!(agent.mission.is_last_claim());
+        assert_eq!(readiness(&agent, &here), Readiness::Wait);
+        agent.remaining_steps = agent.weights.hurry_steps - 1;
+        assert_eq!(readiness(&agent, &here), Readiness::Now);
+    }
+
+    #[test]
+    fn faint_sources_are_elsewhere() {
+        let (mut agent, here) = agent();
+        for source in [0, 1] {
+            assert_eq!(readiness(&agent, &here), Readiness::Wait);
+            agent.here.sources[source].intensity.hear(FloorPoint::default(), expected_level(9.0));
+        }
+        // The current source may become louder in its first steps.
+        assert_eq!(readiness(&agent, &here), Readiness::Wait);
+        agent.levels = vec![expected_level(9.0); RECENT];
+        assert_eq!(readiness(&agent, &here), Readiness::Unheard);
     }
 }

@@ -25,9 +25,13 @@ impl PagNav {
         self.searched_steps += 1;
         let chosen = if self.weights.switches.source_positions { self.choose_source(pose) } else { None };
         self.focus = None;
+        if chosen.is_none() {
+            self.seek_again();
+        }
         if let Some((source, estimate)) = chosen {
             self.head_for(source);
-            let direct = self.weights.switches.direct_approach;
+            // A vague estimate changes from step to step, mostly around the agent: walking to it would be turning to and fro.
+            let direct = self.weights.switches.direct_approach && estimate.certainty >= self.weights.vague;
             let step = if direct { self.approach_source(source, estimate, pose) } else { None };
             if let Some(step) = step {
                 return step;
@@ -153,7 +157,10 @@ impl PagNav {
     /// Returns s_aud(x, g), 0 to 1: the alignment with the bearing memory, or the nearness to the focused estimated source.
     fn sound_alignment(&self, place: FloorPoint, goal: usize) -> f32 {
         let estimate = self.focus.and_then(|source| self.here.sources.get(source)?.estimate);
-        match estimate.filter(|_| self.weights.switches.source_positions) {
+        let is_known = |estimate: &SourceEstimate| {
+            self.weights.switches.source_positions && estimate.certainty >= self.weights.vague
+        };
+        match estimate.filter(is_known) {
             Some(estimate) => libm::expf(-place.distance_m(estimate.place) / self.weights.search_scale_m),
             None => self.here.bearings[goal].alignment(place, self.step, self.weights.half_life_steps),
         }
@@ -189,9 +196,23 @@ impl PagNav {
         // The search is expensive: it runs every few steps only.
         let is_wanted = may_start
             && self.remaining_steps.is_multiple_of(STAIRS_EVERY)
-            && self.searched_steps >= self.weights.storey_steps
+            && self.searched_steps as f32 >= self.storey_steps()
             && self.remaining_steps > self.weights.hurry_steps;
         self.stairs.next_action(pose, &self.motion, is_wanted)
+    }
+
+    /// Returns the steps of search before another storey: more if a source is near by its level, fewer if all are distant.
+    fn storey_steps(&self) -> f32 {
+        const NEAR_M: f32 = 6.0;
+        const DISTANT_M: f32 = 12.0;
+        let loudest = self.open_sources().map(|source| self.here.sources[source].intensity.loudest());
+        let share = match range_m(loudest.fold(0.0, f32::max)) {
+            _ if !self.weights.switches.source_positions => 1.0,
+            near_m if near_m < NEAR_M => 2.5,
+            distant_m if distant_m > DISTANT_M => 0.5,
+            _ => 1.0,
+        };
+        share * self.weights.storey_steps as f32
     }
 
     /// Returns the turn that brings a point into view; `None` if it is in view.
@@ -285,6 +306,48 @@ mod tests {
         for _ in 0..agent.weights.keep_steps - 1 {
             agent.search(&here);
             assert_eq!(agent.decision.frontier.unwrap().0, first);
+        }
+    }
+
+    /// Adds an estimated source, heard at a level from the start.
+    fn locate(agent: &mut PagNav, source: usize, place: FloorPoint, certainty: f32, level: f32) {
+        let memory = &mut agent.here.sources[source];
+        memory.estimate = Some(SourceEstimate { place, certainty });
+        memory.intensity.hear(FloorPoint::default(), level);
+    }
+
+    #[test]
+    fn current_source_keeps_its_advantage() {
+        let mut agent = agent(Preset::PagNavPlus, Ablation::default());
+        for (source, x) in [(0, -2.0), (1, 2.1)] {
+            locate(&mut agent, source, FloorPoint::new(x, -6.0), 0.9, 0.1);
+        }
+        let here = pose([0.0; 3], 0.0);
+        for focus in [0, 1] {
+            agent.focus = Some(focus);
+            agent.search(&here);
+            assert_eq!(agent.focus, Some(focus));
+        }
+    }
+
+    #[test]
+    fn vague_estimates_are_explored() {
+        let here = pose([0.0; 3], 0.0);
+        for (certainty, is_explored) in [(0.05, true), (0.4, false)] {
+            let mut agent = agent(Preset::PagNavPlus, Ablation::default());
+            locate(&mut agent, 0, FloorPoint::new(0.0, -3.0), certainty, 0.01);
+            agent.search(&here);
+            assert_eq!((agent.decision.frontier.is_some(), agent.focus), (is_explored, Some(0)));
+        }
+    }
+
+    #[test]
+    fn near_sources_keep_the_storey() {
+        let mut agent = agent(Preset::PagNavPlus, Ablation::default());
+        let usual_steps = agent.weights.storey_steps as f32;
+        for (level, share) in [(1e-4, 0.5), (0.015, 1.0), (0.1, 2.5)] {
+            locate(&mut agent, 0, FloorPoint::default(), 0.1, level);
+            assert_eq!(agent.storey_steps(), share * usual_steps, "{level}");
         }
     }
 }

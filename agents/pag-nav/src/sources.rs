@@ -11,6 +11,10 @@ use avln_kit::map::{IntensityMemory, SoundField, SourceBelief, SourceEstimate, r
 /// Margin around the seen area in which sources may be, metres.
 const AROUND_M: f32 = 1.5;
 
+/// Distance to an estimate within which the object may be in view, metres, and the share of a wait that counts there.
+const BESIDE_M: f32 = 5.0;
+const BESIDE_SHARE: f32 = 0.3;
+
 /// A source's memory on one storey.
 #[derive(Default)]
 pub(crate) struct SourceMemory {
@@ -39,6 +43,14 @@ impl SourceMemory {
         is_elsewhere
     }
 
+    /// Forgets past effort if the source is louder than ever before: the agent comes nearer.
+    fn approach(&mut self, level: f32) {
+        const LOUDER: f32 = 1.3;
+        if level > LOUDER * self.intensity.loudest() {
+            self.sought_steps = 0;
+        }
+    }
+
     /// Returns true if the estimate is certain and the source was heard within visual range.
     pub(crate) fn is_located(&self, weights: &Weights) -> bool {
         let heard_m = range_m(self.intensity.loudest());
@@ -64,6 +76,7 @@ impl PagNav {
         let source = &mut self.here.sources[index];
         let field = self.field.take().filter(|field| field.listener() == pose.place);
         let field = field.unwrap_or_else(|| SoundField::new(map, pose.place, map.area(AROUND_M)));
+        source.approach(heard.level);
         source.intensity.hear(pose.place, heard.level);
         source.belief.hear(&field, pose, heard);
         let hint = self.hints.as_ref().and_then(|hints| hints.source());
@@ -128,12 +141,17 @@ impl PagNav {
         let known = &self.here.sources[source];
         let weights = &self.weights;
         let is_counted = weights.switches.count_windows && !known.is_located(weights);
-        let wait_steps = if is_counted { self.schedule.wait_steps(source) } else { 0 };
-        let walk_steps = place.distance_m(pose.place) * weights.steps_per_m;
+        let wait_steps = if is_counted { self.schedule.wait_steps(source) as f32 } else { 0.0 };
+        let way_m = place.distance_m(pose.place);
+        // Beside a source, the agent can look for its object before it sounds again.
+        let wait_steps = if way_m <= BESIDE_M { BESIDE_SHARE * wait_steps } else { wait_steps };
+        let walk_steps = way_m * weights.steps_per_m;
         let loyalty_steps = if self.focus == Some(source) { weights.loyalty_steps } else { 0.0 };
         let vain_steps = weights.vain * known.sought_steps as f32;
         let doubt_steps = weights.doubt_steps * (1.0 - self.right(source));
-        walk_steps.max(wait_steps as f32) + vain_steps + doubt_steps - loyalty_steps
+        let certainty = known.estimate.map_or(0.0, |estimate| estimate.certainty);
+        let vague_steps = weights.vague_steps * (1.0 - certainty / weights.certain).max(0.0);
+        walk_steps.max(wait_steps) + vain_steps + doubt_steps + vague_steps - loyalty_steps
     }
 
     /// Counts a step towards a source.
@@ -142,9 +160,23 @@ impl PagNav {
         self.here.sources[source].sought_steps += 1;
     }
 
+    /// Allows new steps towards all sources without enough views.
+    pub(crate) fn seek_again(&mut self) {
+        let looks = self.weights.verify_looks;
+        for source in self.here.sources.iter_mut().filter(|source| source.looks < looks) {
+            source.sought_steps = 0;
+        }
+    }
+
     /// Returns the probability that a source belongs to an active goal; 1 without joint association.
     fn right(&self, source: usize) -> f32 {
         if self.weights.switches.joint_association { self.pairing.right(source, &self.mission) } else { 1.0 }
+    }
+
+    /// Returns true if a source hardly belongs to an active goal.
+    pub(crate) fn is_of_another_goal(&self, source: usize) -> bool {
+        const HARDLY: f32 = 0.2;
+        self.right(source) < HARDLY
     }
 
     /// Returns true if a source is likely an active goal, provided that further comparisons can still decide.
@@ -162,5 +194,56 @@ impl PagNav {
     pub(crate) fn is_settled(&self, source: usize) -> bool {
         let known = &self.here.sources[source];
         known.looks >= self.weights.verify_looks || known.sought_steps >= self.weights.source_steps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::preset::Preset;
+    use avln_client::{Agent, Mission, TaskSpec};
+
+    fn agent() -> PagNav {
+        let mut agent = PagNav::preset(Preset::PagNavPlus);
+        let goals = vec![avln_client::GoalCue::Category("bed".to_owned()); 2];
+        agent.begin(&TaskSpec::default(), &Mission { goals, ..Mission::default() });
+        agent
+    }
+
+    #[test]
+    fn louder_sounds_renew_the_effort() {
+        let mut source = SourceMemory { sought_steps: 200, ..SourceMemory::default() };
+        source.intensity.hear(FloorPoint::default(), 0.01);
+        source.approach(0.012);
+        assert_eq!(source.sought_steps, 200);
+        source.approach(0.014);
+        assert_eq!(source.sought_steps, 0);
+    }
+
+    #[test]
+    fn sources_without_views_are_sought_again() {
+        let mut agent = agent();
+        for (source, looks) in [(0, 0), (1, agent.weights.verify_looks)] {
+            let memory = &mut agent.here.sources[source];
+            (memory.looks, memory.sought_steps) = (looks, agent.weights.source_steps);
+            assert!(agent.is_settled(source));
+        }
+        agent.seek_again();
+        assert!(!agent.is_settled(0) && agent.is_settled(1));
+    }
+
+    #[test]
+    fn vague_and_distant_sources_cost_more() {
+        let mut agent = agent();
+        let pose = Pose2d::default();
+        let mut cost = |certainty: f32, z: f32| {
+            let place = FloorPoint::new(0.0, z);
+            agent.here.sources[1].estimate = Some(SourceEstimate { place, certainty });
+            agent.cost_steps(1, place, &pose)
+        };
+        assert!((cost(0.0, -20.0) - cost(0.9, -20.0) - 60.0).abs() < 1e-3);
+        assert!(cost(0.9, -20.0) > cost(0.9, -4.0));
+        // Source 1 sounds in 25 steps; beside it, a third of this wait counts less than the way of 4 m.
+        assert!((cost(0.9, -4.0) - 24.0).abs() < 1e-3);
     }
 }

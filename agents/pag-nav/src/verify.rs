@@ -12,16 +12,16 @@ use serde::Serialize;
 pub(crate) struct VerificationDemand {
     /// Near views from different positions.
     pub(crate) looks: u32,
-    /// Least s_vis of the fresh look. No rule lowers it.
-    floor: f32,
+    /// Least s_vis of the fresh look. Neither patience nor hurry lowers it.
+    pub(crate) floor: f32,
 }
 
 impl VerificationDemand {
     /// Creates the demand. Patience with a candidate, or hurry near the end, lowers only the number of looks.
-    pub(crate) fn new(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
+    pub(crate) fn new(sought_steps: u32, remaining_steps: u32, floor: f32, weights: &Weights) -> Self {
         let share = patience(sought_steps, remaining_steps, weights);
         let looks = (share * weights.verify_looks as f32).ceil() as u32;
-        Self { looks: looks.max(1), floor: weights.verify_floor }
+        Self { looks: looks.max(1), floor: floor.max(weights.verify_floor) }
     }
 
     /// Reduces the demand to one look.
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn patience_and_hurry_lower_only_looks() {
-        let demand = |sought, remaining| VerificationDemand::new(sought, remaining, &weights());
+        let demand = |sought, remaining| VerificationDemand::new(sought, remaining, 0.4, &weights());
         let looks = [(0, 800), (100, 800), (150, 800), (500, 800), (0, 149)].map(|(s, r)| demand(s, r).looks);
         assert_eq!(looks, [3, 3, 2, 1, 1]);
         for (sought, remaining) in [(0, 800), (150, 800), (9999, 800), (9999, 0)] {
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn verification_needs_floor_and_looks() {
-        let demand = VerificationDemand::new(0, 800, &weights());
+        let demand = VerificationDemand::new(0, 800, 0.4, &weights());
         let verified = |vis, looks| Verification::of(&look(vis), 1, looks, demand).is_some();
         assert!(verified(0.4, 3) && !verified(0.39, 99) && !verified(0.9, 2) && !verified(f32::NAN, 9));
         assert!(Verification::of(&look(0.9), 0, 3, demand).is_none(), "the fit with the other goal counts");
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn gate_needs_all_conditions() {
-        let demand = VerificationDemand::new(0, 800, &weights());
+        let demand = VerificationDemand::new(0, 800, 0.4, &weights());
         for case in 0..16 {
             let right = |bit: u32| case >> bit & 1 == 1;
             let gate = SubmitGate {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 use toml::{Table, Value};
 
-const LIMITS: [(&str, f64, f64); 36] = [
+const LIMITS: [(&str, f64, f64); 39] = [
     ("search_room", 0.0, 10.0),
     ("search_object", 0.0, 10.0),
     ("search_audio", 0.0, 10.0),
@@ -20,6 +20,8 @@ const LIMITS: [(&str, f64, f64); 36] = [
     ("loyalty_steps", 0.0, 1000.0),
     ("vain", 0.0, 10.0),
     ("doubt_steps", 0.0, 1000.0),
+    ("vague", 0.0, 1.0),
+    ("vague_steps", 0.0, 1000.0),
     ("source_steps", 1.0, 10_000.0),
     ("storey_steps", 1.0, 10_000.0),
     ("ground_vis", 0.01, 1.0),
@@ -35,6 +37,7 @@ const LIMITS: [(&str, f64, f64); 36] = [
     ("view_far_m", 0.2, 10.0),
     ("view_way", 0.0, 10.0),
     ("verify_floor", 0.05, 1.0),
+    ("verify_unheard", 0.05, 1.0),
     ("verify_looks", 1.0, 100.0),
     ("submit_m", 0.1, 10.0),
     ("submit_rad", 0.01, 3.15),
@@ -74,6 +77,10 @@ pub struct Weights {
     pub vain: f32,
     /// Cost of a source that is certainly not the next goal. Steps.
     pub doubt_steps: f32,
+    /// Certainty of an estimate below which the agent explores instead of approaching it. Probability.
+    pub vague: f32,
+    /// Cost of a source without any certainty. Steps.
+    pub vague_steps: f32,
     /// Steps towards a source after which it counts as viewed. Steps.
     pub source_steps: u32,
     /// Steps of search on a storey after which the agent takes known stairs. Steps.
@@ -104,6 +111,8 @@ pub struct Weights {
     pub view_way: f32,
     /// Least s_vis of the fresh look; no rule lowers it. Probability.
     pub verify_floor: f32,
+    /// Least s_vis without a located source at the candidate, if above `verify_floor`. Probability.
+    pub verify_unheard: f32,
     /// Near views from different positions; see patience_steps. A whole number.
     pub verify_looks: u32,
     /// Greatest distance to the candidate (delta_sub). Metres.
@@ -125,6 +134,11 @@ pub struct Weights {
 }
 
 impl Weights {
+    /// Returns the least s_vis of a claim, with or without a located source at the candidate.
+    pub(crate) fn least_vis(&self, is_supported: bool) -> f32 {
+        if is_supported { self.verify_floor } else { self.verify_floor.max(self.verify_unheard) }
+    }
+
     /// Reads a file with changes to a preset; missing keys keep the preset's values, unknown keys are errors.
     pub fn read(preset: Preset, path: &Path) -> Result<Self, WeightsError> {
         let failed = |problem| WeightsError { path: path.to_owned(), problem };

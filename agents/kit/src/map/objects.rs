@@ -86,8 +86,9 @@ impl ObjectMemory {
         for detection in seen {
             let fits: Vec<f32> = (0..self.goals).map(|goal| fit(&detection, goal)).collect();
             let is_near = detection.distance_m(pose.place) <= LOOK_M;
+            let is_cut = detection.is_cut;
             let Some(object) = self.add(detection) else { continue };
-            self.all[object].view(&fits, is_near.then_some(pose.place));
+            self.all[object].view(&fits, is_near.then_some(pose.place), is_cut);
             looks.push(FreshLook { object, fits });
         }
         looks
@@ -99,7 +100,7 @@ impl ObjectMemory {
         let Some(object) = self.all.get_mut(index) else { return };
         if object.missed_from.iter().all(|from| from.distance_m(place) >= APART_M) {
             object.missed_from.push(place);
-            object.mix(&vec![0.0; self.goals], object.views + object.missed_from.len() as u32);
+            object.mix(&vec![0.0; self.goals], object.views + object.missed_from.len() as u32, 1.0);
         }
     }
 
@@ -162,7 +163,7 @@ impl ObjectHypothesis {
     /// Adds a near view, given the fits by goal, 0 to 1.
     pub fn look(&mut self, fits: &[f32]) {
         self.looks += 1;
-        self.mix(fits, self.looks);
+        self.mix(fits, self.looks, 1.0);
     }
 
     fn new(detection: DetectedObject, goals: usize) -> Self {
@@ -172,9 +173,12 @@ impl ObjectHypothesis {
     }
 
     /// Adds a view of a frame with the fits by goal; a near view counts as a look if its position is new.
-    fn view(&mut self, fits: &[f32], near: Option<FloorPoint>) {
+    ///
+    /// Parts of an object say less about it: views that cut it off have a fraction of the weight.
+    fn view(&mut self, fits: &[f32], near: Option<FloorPoint>, is_cut: bool) {
+        const CUT_WEIGHT: f32 = 0.25;
         self.views += 1;
-        self.mix(fits, self.views);
+        self.mix(fits, self.views, if is_cut { CUT_WEIGHT } else { 1.0 });
         let Some(place) = near else { return };
         if self.viewed_from.iter().all(|from| from.distance_m(place) >= APART_M) {
             self.looks += 1;
@@ -185,10 +189,11 @@ impl ObjectHypothesis {
         }
     }
 
-    fn mix(&mut self, fits: &[f32], views: u32) {
+    /// Adds a view of `weight` as number `views` to the mean.
+    fn mix(&mut self, fits: &[f32], views: u32, weight: f32) {
         /// Views of the mean. Older ones fade, since extents grow from view to view.
         const WINDOW: u32 = 4;
-        let share = 1.0 / views.clamp(1, WINDOW) as f32;
+        let share = if views <= 1 { 1.0 } else { weight / views.min(WINDOW) as f32 };
         self.vis.iter_mut().zip(fits).for_each(|(vis, fit)| *vis += share * (fit - *vis));
     }
 
@@ -243,6 +248,20 @@ mod tests {
         object.look(&[1.0, 0.1]);
         assert!((object.vis(0) - 0.7).abs() < 1e-6 && object.looks == 5);
         assert_eq!(object.vis(9), 0.0);
+    }
+
+    #[test]
+    fn cut_views_weigh_less() {
+        let bed = detection(0.0, [2.0, 1.6], 0.6, [40, 60, 190]);
+        let vis = |is_cut: bool| {
+            let mut objects = ObjectMemory::new(1);
+            for (fit, is_cut) in [(0.8, false), (0.0, is_cut)] {
+                let seen = DetectedObject { is_cut, ..bed.clone() };
+                objects.recognise(&Pose2d::default(), vec![seen], |_, _| fit);
+            }
+            objects.all()[0].vis(0)
+        };
+        assert!((vis(false) - 0.4).abs() < 1e-6 && (vis(true) - 0.7).abs() < 1e-6);
     }
 
     #[test]

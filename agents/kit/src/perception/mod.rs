@@ -221,7 +221,10 @@ impl NetworkRecognition {
         });
         let detection = DetectedObject::of_pixels(&self.view, pose, image, depth, pixels.collect())?;
         let kinds = self.kinds(&self.judged(segment, seen, (image, depth)));
-        Some(DetectedObject { embedding: look(segment), kinds, ..detection })
+        let [[left, right], [top, bottom]] = [segment.bounds.columns, segment.bounds.rows];
+        let edges = [left == 0, right as usize + 1 >= width, top == 0, bottom as usize + 1 >= height];
+        let is_cut = edges.iter().filter(|is_at_edge| **is_at_edge).count() >= 2;
+        Some(DetectedObject { embedding: look(segment), kinds, is_cut, ..detection })
     }
 
     /// Returns a segment's category probabilities, by appearance and shape.

@@ -39,6 +39,8 @@ pub struct DetectedObject {
     pub kinds: Vec<(String, f32)>,
     /// Image count.
     pub views: u32,
+    /// True if the last image cuts the object off at two or more edges.
+    pub is_cut: bool,
 }
 
 impl DetectedObject {
@@ -134,6 +136,7 @@ impl DetectedObject {
         mix(&mut self.embedding, &other.embedding, share);
         self.mix_kinds(&other.kinds, share);
         self.views += other.views;
+        self.is_cut = other.is_cut;
     }
 
     /// Returns a category's probability, 0 to 1; `None` without probabilities.

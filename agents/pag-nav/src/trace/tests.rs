@@ -124,7 +124,7 @@ fn traces_can_be_read_back() {
     let submit = steps[actions.iter().position(|action| *action == Action::Submit).expect("a Submit")];
     let verification = &submit["gate"]["verification"];
     assert_eq!((&submit["stage"], &verification["vis"]), (&"verify".into(), &1.0.into()));
-    assert_eq!((&verification["looks"], verification["floor"].as_f64()), (&1.into(), Some(0.5)));
+    assert_eq!((&verification["looks"], verification["floor"].as_f64()), (&1.into(), Some(0.25)));
     assert_eq!((&submit["candidate"]["goal"], &submit["candidate"]["vis"]), (&0.into(), &1.0.into()));
     assert_eq!((&submit["heard"]["source"], &submit["sources"][0]["certainty"]), (&0.into(), &1.0.into()));
     assert_eq!(of_kind(&lines(&place.join("ep_2.jsonl")), "step").len(), STEPS as usize);
