@@ -175,21 +175,29 @@ impl SimClient {
         Self { pool, team, is_sealed, longest_start: limits.preparation, longest_step: limits.step }
     }
 
-    /// Runs simulator work on an episode. Returns the episode even after a panic, but not if the work hangs.
-    pub(crate) async fn run<E: Episode, T: Send + 'static>(
+    /// Runs simulator work on an episode, and encodes the result. Returns the episode even after a panic, but not if the work hangs.
+    // Both count as the team's processor time: an image takes half as long to encode as to render.
+    pub(crate) async fn run<E: Episode, T, F: Send + 'static>(
         &self,
         mut hosted: HostedEpisode<E>,
         limit: Duration,
         work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(HostedEpisode<E>, Result<T>)> {
+        encode: impl FnOnce(&HostedEpisode<E>, T) -> F + Send + 'static,
+    ) -> Result<(HostedEpisode<E>, Result<F>)> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, self.is_sealed, limit, move |token| {
             let begun = Instant::now();
-            // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
-            let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
-            let result = result.map_err(|panic| Failure::simulator("simulate", panic_message(&*panic)));
             hosted.time.queue += begun - queued;
-            hosted.time.simulation += begun.elapsed();
+            // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
+            let result = catch_unwind(AssertUnwindSafe(|| {
+                let worked = work(&mut hosted, token);
+                let simulated = Instant::now();
+                hosted.time.simulation += simulated - begun;
+                let encoded = encode(&hosted, worked);
+                hosted.time.encoding += simulated.elapsed();
+                encoded
+            }));
+            let result = result.map_err(|panic| Failure::simulator("simulate", panic_message(&*panic)));
             (hosted, result)
         });
         done.await.map_err(|lost| Failure::simulator("simulate", lost))

@@ -14,15 +14,12 @@ use crate::{
     watchdog::CancelToken,
     wire,
 };
-use avln_episode::{Action, EndReason};
+use avln_episode::{Action, EndReason, Observation};
 use avln_proto::v1::{self, Reason};
 use avln_referee::StepOutcome;
 use prost::Message;
 use std::{sync::Arc, time::Duration};
-use tokio::{
-    sync::{mpsc, oneshot},
-    time::Instant,
-};
+use tokio::sync::{mpsc, oneshot};
 use tracing::{Instrument, Span};
 
 pub(super) enum SlotCommand {
@@ -80,7 +77,9 @@ impl<H: Host> Slot<H> {
         span.stepped(hosted.episode.steps());
         self.episode = Some(span);
         let clock = ChessClock::new(&self.session.time).with_bank(bank_left);
-        let observation = self.observation(&hosted, sensed, hosted.episode.end(), &clock);
+        // Here and not on a simulation thread: slots are restored once per start of the server.
+        let observation = encoded(&self.session, self.id, &hosted, sensed, hosted.episode.end());
+        let observation = with_account(observation, &clock);
         let last = LastStep { action: action.map(wire::action_number), observation };
         OpenEpisode { hosted, ordinal, last, clock }
     }
@@ -260,9 +259,11 @@ impl<H: Host> Slot<H> {
             span.issued(&handle, ordinal);
         }
         let simulator = &self.session.simulator;
-        let started =
-            simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
-        let (hosted, first) = match started {
+        let (session, id) = (self.session.clone(), self.id);
+        let work = |hosted: &mut Hosted<H>, _: &CancelToken| hosted.episode.start();
+        let encode =
+            move |hosted: &Hosted<H>, sensed: Observation| encoded(&session, id, hosted, sensed, None);
+        let (hosted, first) = match simulator.run(hosted, simulator.longest_start, work, encode).await {
             Ok(started) => started,
             Err(fault) => {
                 self.mark_lost(&handle, ticket).await;
@@ -274,7 +275,7 @@ impl<H: Host> Slot<H> {
             Err(fault) => return self.failed_to_start(hosted, fault).await,
         };
         let clock = ChessClock::new(&self.session.time);
-        let observation = self.observation(&hosted, first, None, &clock);
+        let observation = with_account(first, &clock);
         let playing = OpenEpisode { hosted, ordinal, last: LastStep { action: None, observation }, clock };
         let start = playing.start_frame(self.id, &self.session);
         if let Err(fault) = self.check_size(&start) {
@@ -293,19 +294,6 @@ impl<H: Host> Slot<H> {
         }
         // Welcome announced the limit to the client, which may refuse larger frames: this is a fault of the server.
         Err(Failure::server("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
-    }
-
-    fn observation(
-        &self,
-        hosted: &Hosted<H>,
-        sensed: avln_episode::Observation,
-        end: Option<EndReason>,
-        clock: &ChessClock,
-    ) -> v1::Observation {
-        let format =
-            wire::ObservationFormat { sensors: &self.session.sensors, rules: hosted.episode.rules() };
-        let frame = wire::observation(self.id, &hosted.handle, sensed, format, end);
-        v1::Observation { time: Some(clock.account()), ..frame }
     }
 
     async fn act(&mut self, act: &v1::Act) -> Result<SlotReply> {
@@ -363,8 +351,13 @@ impl<H: Host> Slot<H> {
             hosted.log.acted(&acted).map_err(unwritten)?;
             Ok(outcome)
         };
+        let (session, id) = (self.session.clone(), self.id);
+        let encode = move |hosted: &Hosted<H>, worked: Result<StepOutcome, String>| {
+            worked
+                .map(|outcome| (encoded(&session, id, hosted, outcome.observation, outcome.end), outcome.end))
+        };
         let simulator = &self.session.simulator;
-        let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work).await {
+        let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work, encode).await {
             Ok(result) => result,
             Err(fault) => {
                 span.fail("lost");
@@ -374,8 +367,8 @@ impl<H: Host> Slot<H> {
         };
         let refused = |error: String| Failure::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
-            Ok(outcome) => {
-                let last = (act.action, outcome);
+            Ok((observation, end)) => {
+                let last = (act.action, observation, end);
                 Ok(self.stepped(hosted, ordinal, clock, last, span).await)
             }
             Err(fault) => {
@@ -388,16 +381,13 @@ impl<H: Host> Slot<H> {
 
     async fn stepped(
         &mut self,
-        mut hosted: Hosted<H>,
+        hosted: Hosted<H>,
         ordinal: u32,
         clock: ChessClock,
-        (action, outcome): (i32, StepOutcome),
+        (action, observation, end): (i32, v1::Observation, Option<EndReason>),
         span: StepSpan,
     ) -> SlotReply {
-        let StepOutcome { observation, end } = outcome;
-        let begun = Instant::now();
-        let observation = self.observation(&hosted, observation, end, &clock);
-        hosted.time.encoding += begun.elapsed();
+        let observation = with_account(observation, &clock);
         span.end(end.map_or("continues", EndReason::as_str), hosted.time);
         if let Some(span) = &mut self.episode {
             span.stepped(observation.step);
@@ -434,6 +424,22 @@ impl<H: Host> Slot<H> {
         let end = self.store_open_episode(EndReason::Abandoned).await;
         end.map(|end| SlotReply::Ended(Box::new(end))).ok_or_else(|| self.no_episode())
     }
+}
+
+/// Encodes an observation, without the time account.
+fn encoded<H: Host>(
+    session: &SessionContext<H>,
+    slot: u32,
+    hosted: &Hosted<H>,
+    sensed: Observation,
+    end: Option<EndReason>,
+) -> v1::Observation {
+    let format = wire::ObservationFormat { sensors: &session.sensors, rules: hosted.episode.rules() };
+    wire::observation(slot, &hosted.handle, sensed, format, end)
+}
+
+fn with_account(observation: v1::Observation, clock: &ChessClock) -> v1::Observation {
+    v1::Observation { time: Some(clock.account()), ..observation }
 }
 
 /// Waits for a future; for ever without one.

@@ -9,7 +9,6 @@ use avln_proto::v1::{self, Reason, SensorKind};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use bytes::Bytes;
 use std::collections::BTreeSet;
-use tokio::runtime::{Handle, RuntimeFlavor};
 
 const KINDS: [SensorKind; 3] = [SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio];
 
@@ -100,8 +99,7 @@ pub(super) fn pack(values: SensorValues, wanted: Encoding, sensors: &Sensors) ->
     if wanted == Encoding::Raw {
         return (encoding, raw(values));
     }
-    let packed = blocking(|| try_pack(encoding, &values, sensors));
-    match packed {
+    match try_pack(encoding, &values, sensors) {
         Ok(bytes) => (encoding, bytes),
         Err(error) => {
             // Tensors carry their encoding, so a client can read the raw values: a logged fault costs no episode.
@@ -126,14 +124,6 @@ fn raw(values: SensorValues) -> Bytes {
     match values {
         SensorValues::Rgb(pixels) => pixels.into(),
         SensorValues::Depth(floats, _) | SensorValues::Audio(floats) => avln_proto::wire::raw_floats(floats),
-    }
-}
-
-fn blocking<T>(work: impl FnOnce() -> T) -> T {
-    // Large pictures take milliseconds. Test runtimes have a single thread and cannot block in place.
-    match Handle::try_current().map(|handle| handle.runtime_flavor()) {
-        Ok(RuntimeFlavor::MultiThread) => tokio::task::block_in_place(work),
-        _ => work(),
     }
 }
 

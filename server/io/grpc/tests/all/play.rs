@@ -109,6 +109,18 @@ async fn a_slow_slot_does_not_hold_up_another() {
 }
 
 #[tokio::test]
+async fn observations_are_encoded_on_simulation_threads() {
+    let (sender, threads) = mpsc::channel();
+    let server = TestServer::open(Plan::odd(vec![Quirk::Encoded(sender)])).await;
+    let mut agent = Agent::enter(&server, 1).await;
+    let start = agent.ready(0).await;
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    agent.observation().await;
+    // Elsewhere, large images of a team would delay the messages of others.
+    assert_eq!(threads.try_iter().collect::<Vec<_>>(), ["avln-simulate", "avln-simulate"]);
+}
+
+#[tokio::test]
 async fn ready_waits_for_open_episodes() {
     let server = TestServer::open(Plan::plain(1)).await;
     let mut agent = Agent::enter(&server, 2).await;

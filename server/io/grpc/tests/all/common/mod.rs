@@ -9,6 +9,7 @@ use avln_referee::{RefereeError, StepOutcome};
 use std::{
     net::SocketAddr,
     sync::{Arc, mpsc},
+    thread,
     time::Duration,
 };
 use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle, time::timeout};
@@ -99,6 +100,8 @@ pub(crate) enum Quirk {
     Slow(mpsc::Receiver<()>),
     /// The first observation lasts until the test sends a message.
     SlowStart(mpsc::Receiver<()>),
+    /// The encoding of an observation sends the name of its thread.
+    Encoded(mpsc::Sender<String>),
 }
 
 /// A world of one number: the count of forward steps.
@@ -146,6 +149,9 @@ impl Episode for ToyRunner {
         &self.mission
     }
     fn rules(&self) -> &Rules {
+        if let Quirk::Encoded(threads) = &self.quirk {
+            let _ = threads.send(thread::current().name().unwrap_or_default().to_owned());
+        }
         &self.rules
     }
     fn start(&mut self) -> Observation {
