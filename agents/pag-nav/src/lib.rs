@@ -39,8 +39,9 @@
 //!
 //! [`Preset::PagNavPlus`] adds the extensions in [`Switches`]. In both presets, every Submit and Stop follows a verification in the
 //! current frame, with s_vis of this look at or above `verify_floor`: only `verify::Warrant::claim` creates these actions, and only
-//! an open gate creates a `Warrant`. Patience and hurry lower the number of looks, never the floor. Sound never completes a goal by
-//! itself, and no candidate needs sound: with `silence_outcomes`, a candidate without its sound comes after all others.
+//! an open gate creates a `Warrant`. Patience and hurry lower the number of looks, never the floor. Without a located source at the
+//! candidate, the floor is the higher `verify_unheard`. Sound never completes a goal by itself, and no candidate needs sound: with
+//! `silence_outcomes`, a candidate without its sound comes after all others.
 //!
 //! The files in `presets/` document all [`Weights`]. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the value
 //! of perfect hearing, for privileged variants only. The agent is *learnt perception*: its network was trained on training houses.
