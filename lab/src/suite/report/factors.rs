@@ -108,15 +108,12 @@ fn memories(track: &TrackResults<'_>, full: &str) -> Vec<Contrast> {
 fn answer(full: &str, factors: &[Factor]) -> String {
     let (mut found, mut unsure, mut missing) = (Vec::new(), Vec::new(), Vec::new());
     for Factor { name, contrasts } in factors {
-        let sure: Vec<_> = contrasts.iter().filter(|contrast| contrast.test.is_significant()).collect();
-        if contrasts.is_empty() {
-            missing.push((*name).to_owned());
-        } else if sure.is_empty() {
-            unsure.push((*name).to_owned());
-        } else {
-            let all: Vec<_> =
-                sure.iter().map(|contrast| format!("{}: {}", contrast.name(), contrast.words())).collect();
-            found.push(format!("{name} ({})", all.join("; ")));
+        let sure = contrasts.iter().filter(|contrast| contrast.test.is_significant());
+        let largest = sure.max_by(|a, b| a.test.value.abs().total_cmp(&b.test.value.abs()));
+        match largest {
+            Some(largest) => found.push(format!("{name} (largest: {}, {})", largest.name(), largest.words())),
+            None if contrasts.is_empty() => missing.push((*name).to_owned()),
+            None => unsure.push((*name).to_owned()),
         }
     }
     let mut clauses = vec![match found.is_empty() {
