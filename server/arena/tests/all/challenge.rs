@@ -1,22 +1,18 @@
 //! A challenge file: checked, applied, shown, played on a running server, and revealed.
 
+use crate::hall::Hall;
 use avln_arena::{
-    Arena, Failure, SCENE_MEMORY_MIB,
-    actions::{self, Attribution},
-    challenge::{ChallengeChanges, ChallengeFile, Fault, PlanError, Planner, SummaryStyle, actor},
-    data::DataFolder,
+    Arena, SCENE_MEMORY_MIB,
+    challenge::SummaryStyle,
     seed_to_publish,
-    setup::{NewPhase, NewSplit, admit, make_split, open_phase},
+    setup::{NewPhase, open_phase},
 };
 use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
-use avln_dataset::{Seed, SplitSecret};
 use avln_episode::{DistractorSources, ExtraSubmit, Order, SilenceRule, StopClaims};
 use avln_grpc::{Host, Reason, RunRequest};
-use avln_store::{AuditNote, Phase, Schedule, Store, Viewer, Visibility};
-use std::path::Path;
-use tempfile::TempDir;
+use avln_store::{AuditNote, Phase, Viewer, Visibility};
 
-const TEAM: &str = "red";
+pub(crate) const TEAM: &str = "red";
 const FILE: &str = r#"
 [[phases]]
 id = "practice"
@@ -35,77 +31,6 @@ sample = { episodes = 2, anchors = 1 }
 quota = { total = 2, concurrent = 1 }
 ranking = { key = "spl", entry = "latest" }
 "#;
-
-struct Hall {
-    _folder: TempDir,
-    data: DataFolder,
-    store: Store,
-}
-
-impl Hall {
-    /// Creates a data folder with a team and the splits `val` and `hidden` with three missions each.
-    async fn new() -> Self {
-        let folder = TempDir::new().expect("a folder");
-        let data = DataFolder::open(folder.path()).expect("writable");
-        let store = data.store().await.expect("a database");
-        admit(&store, TEAM, None).await.expect("a team");
-        let hall = Self { _folder: folder, data, store };
-        hall.make("val", 5, 3).await;
-        hall.make("hidden", 6, 3).await;
-        hall
-    }
-
-    /// Makes a split with a secret of equal bytes.
-    async fn make(&self, name: &str, byte: u8, missions: usize) {
-        let make = NewSplit {
-            name: name.to_owned(),
-            houses: 1,
-            scenes: vec![],
-            missions,
-            seed: Seed::Secret(SplitSecret::new([byte; 32])),
-            rules: "lh-avln-v1".to_owned(),
-        };
-        make_split(&self.data, &self.store, make, |_| ()).await.expect("a house holds missions");
-    }
-
-    async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
-        actions::reschedule(&self.store, id, Attribution { actor: &actor(), reason: "a test" }, change)
-            .await
-            .expect("rescheduled");
-    }
-
-    fn planner(&self) -> Planner<'_> {
-        Planner { data: &self.data, store: &self.store, base: Path::new(""), reason: "a test" }
-    }
-
-    async fn plan(&self, text: &str) -> Result<ChallengeChanges, Failure> {
-        let explain = |faults: Vec<Fault>| Fault::explain_all(&faults, Path::new("challenge.toml"), text);
-        let file = ChallengeFile::parse(text).map_err(explain)?;
-        self.planner().plan(&file).await.map_err(|unplanned| match unplanned {
-            PlanError::File(faults) => explain(faults),
-            PlanError::Other(failure) => failure,
-        })
-    }
-
-    async fn refused(&self, text: &str) -> String {
-        self.plan(text).await.expect_err(text).to_string()
-    }
-
-    async fn apply(&self, text: &str) -> Vec<AuditNote> {
-        let plan = self.plan(text).await.expect("a good file");
-        let notes = plan.notes.clone();
-        self.planner().apply(plan).await.expect("applied");
-        notes
-    }
-
-    async fn audit_lines(&self) -> usize {
-        self.store.audit().await.expect("a list").len()
-    }
-
-    async fn shown(&self) -> String {
-        ChallengeFile::of(&self.store.phases().await.expect("phases")).text().expect("TOML")
-    }
-}
 
 fn account() -> Account {
     Account {

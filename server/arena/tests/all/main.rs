@@ -2,6 +2,7 @@
 
 mod challenge;
 mod data_folder;
+mod hall;
 mod mangled;
 
 /// Memory of this process: exclusive for tests that measure it.
