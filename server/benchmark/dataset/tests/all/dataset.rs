@@ -2,7 +2,7 @@
 
 use avln_dataset::{
     BuiltScene, CueSpec, DatasetError, EpisodeSpec, FormatError, Job, MissionOptions, Recipe, SceneChoice,
-    SceneSource, SecretFile, Split, SplitSecret, Statistics, build_scene,
+    SceneSource, SecretFile, Split, SplitSecret, Statistics, SurveyOptions, build_scene,
     format::{
         DATASET_VERSION, File, Manifest, digest_of, manifest_bytes, read_manifest, read_missions, read_scene,
         read_scenes, read_secret, scenes_bytes, write_scene,
@@ -164,7 +164,8 @@ fn manifest_of_other_version_is_rejected() {
 fn scene_without_missions_is_an_error() {
     let mut recipe = RECIPE.clone();
     recipe.missions.min_separation_m = 900.0;
-    // Small houses: all draws are tried.
+    // Small houses and few views: all draws are tried.
+    recipe.survey = SurveyOptions { look_px: 64, looks: 3, ..recipe.survey };
     recipe.splits[0].scenes =
         SceneChoice::Houses { count: 1, rooms: [3, 3], storeys: [1, 1], pool: "validation".to_owned() };
     recipe.splits[0].missions_per_scene = 1;

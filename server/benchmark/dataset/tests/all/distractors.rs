@@ -25,7 +25,13 @@ static STOREYS: LazyLock<House> = LazyLock::new(|| {
 /// All missions of the house.
 static SCENE: LazyLock<SceneMissions> = LazyLock::new(|| SceneMissions::new(HOUSE.missions.clone()));
 
-fn drawn<'a>(house: &House, scene: &'a SceneMissions) -> Vec<(&'a EpisodeSpec, Vec<DistractorSource>)> {
+/// Distractors of the first missions of the house.
+static DRAWN: LazyLock<Vec<Drawn<'static>>> = LazyLock::new(|| drawn(&HOUSE, &SCENE));
+
+/// A mission with its distractors.
+type Drawn<'a> = (&'a EpisodeSpec, Vec<DistractorSource>);
+
+fn drawn<'a>(house: &House, scene: &'a SceneMissions) -> Vec<Drawn<'a>> {
     let draw = |episode: &'a EpisodeSpec| {
         (episode, scene.distractor_sources(episode, &house.assets, episode.goals.len()))
     };
@@ -36,7 +42,7 @@ fn drawn<'a>(house: &House, scene: &'a SceneMissions) -> Vec<(&'a EpisodeSpec, V
 fn distractors_are_distinct_targets_of_other_missions() {
     let pool: BTreeSet<u32> =
         HOUSE.missions.iter().flat_map(|mission| &mission.goals).map(|goal| goal.target.instance).collect();
-    for (episode, distractors) in drawn(&HOUSE, &SCENE) {
+    for (episode, distractors) in DRAWN.iter() {
         let goals: BTreeSet<u32> = episode.goals.iter().map(|goal| goal.target.instance).collect();
         let ids: BTreeSet<u32> = distractors.iter().map(|distractor| distractor.instance).collect();
         assert_eq!(ids.len(), goals.len(), "{}", episode.id);
@@ -83,8 +89,8 @@ const FEATURES: [(&str, Feature); 4] = [
 
 /// Returns the mean share of pairs of a target and a distractor in which the target has the larger value, and the standard
 /// deviation of the mean.
-fn share(drawn: &[(&EpisodeSpec, Vec<DistractorSource>)], feature: Feature) -> (f64, f64) {
-    let of_episode = |(episode, distractors): &(&EpisodeSpec, Vec<DistractorSource>)| {
+fn share(drawn: &[Drawn], feature: Feature) -> (f64, f64) {
+    let of_episode = |(episode, distractors): &Drawn| {
         let targets = episode.goals.iter().map(|goal| goal.target.source);
         let all: Vec<_> = targets.chain(distractors.iter().map(|distractor| distractor.source)).collect();
         let value = |source: usize| {
@@ -113,10 +119,9 @@ fn share(drawn: &[(&EpisodeSpec, Vec<DistractorSource>)], feature: Feature) -> (
 /// Bias that the finite number of objects in a house causes, besides chance.
 const TOLERANCE: f64 = 0.05;
 
-fn check_positions(house: &House, scene: &SceneMissions) {
-    let drawn = drawn(house, scene);
+fn check_positions(drawn: &[Drawn]) {
     for (name, feature) in FEATURES {
-        let (share, deviation) = share(&drawn, feature);
+        let (share, deviation) = share(drawn, feature);
         let most = TOLERANCE + 3.0 * deviation;
         assert!(
             (share - 0.5).abs() <= most,
@@ -127,7 +132,7 @@ fn check_positions(house: &House, scene: &SceneMissions) {
 
 #[test]
 fn position_does_not_distinguish_distractors() {
-    check_positions(&HOUSE, &SCENE);
+    check_positions(&DRAWN);
 }
 
 #[test]
@@ -136,12 +141,12 @@ fn positions_of_long_missions_do_not_distinguish_distractors() {
     let mut options = HOUSE.limits.options(PLAYED, 9);
     options.steps = Some(StepGoal { mean: 110.0, spread: 0.2, draws: 12 });
     let missions = sample_missions(&HOUSE.assets, &HOUSE.instances, &HOUSE.rules, &options);
-    check_positions(&HOUSE, &SceneMissions::new(missions));
+    check_positions(&drawn(&HOUSE, &SceneMissions::new(missions)));
 }
 
 #[test]
 fn positions_in_two_storeys_do_not_distinguish_distractors() {
-    check_positions(&STOREYS, &SceneMissions::new(STOREYS.missions.clone()));
+    check_positions(&drawn(&STOREYS, &SceneMissions::new(STOREYS.missions.clone())));
 }
 
 #[test]
