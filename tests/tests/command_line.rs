@@ -1,6 +1,6 @@
 //! The command line: help, hints and exit codes.
 
-use avln_tests::{TEAM, TestSetup, set_up};
+use avln_tests::{TEAM, TestSetup, cache, set_up};
 use std::{
     fs,
     net::TcpListener,
@@ -33,10 +33,9 @@ fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcom
         "AVLN_SERVER",
         "AVLN_TOKEN",
         "AVLN_ALLOW_PLAIN_TEXT",
+        "AVLN_SEAL_KEY",
+        "AVLN_SEAL_KEY_FILE",
     ] {
-        command.env_remove(name);
-    }
-    for name in ["AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {
         command.env_remove(name);
     }
     let output = command
@@ -332,6 +331,7 @@ async fn teams_are_admitted_and_refused_by_name() {
 #[test]
 fn demo_prints_two_tables_and_reuses_data() {
     let (_folder, data) = data_folder();
+    cache::share(&data);
     let demo = || {
         let small = ["demo", "--once", "--houses", "1", "--missions", "1"];
         let outcome = avln(&data, &[&small[..], &FREE[..]].concat());

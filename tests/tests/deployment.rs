@@ -3,6 +3,7 @@
 /// Scripts and commands of the compose file, in order, without an engine.
 mod containers {
     use avln_tests::{
+        cache,
         repository::{root, text},
         server::Server,
     };
@@ -84,6 +85,7 @@ mod containers {
     #[test]
     fn trial_setup_runs_once_for_its_agent() {
         let container = Container::new();
+        cache::share(&container.path("data"));
         let setup = || container.succeeds(container.command(&command_of("trial-setup")));
         assert!(setup().contains("phase practice is open"));
         let token = fs::read_to_string(container.path("token")).expect("a token");

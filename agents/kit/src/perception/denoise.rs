@@ -5,15 +5,18 @@ use std::borrow::Cow;
 
 /// Noise above which an image is smoothed, grey levels. Textures and edges of images without noise stay below.
 const NOISY: f32 = 20.0;
-/// Pixels to each side in the smoothing window.
-const REACH: usize = 3;
+/// Pixels to each side in the windows of the guide and of the result.
+const GUIDE_REACH: usize = 1;
+const REACH: usize = 6;
 /// Largest relative depth difference on one surface.
 const SAME_SURFACE: f32 = 0.04;
+/// Standard deviation of colour differences in the guide that count as one colour, grey levels.
+const SAME_COLOUR: f32 = 40.0;
 
 /// Returns an image without its noise, or the image itself if it has little noise.
 ///
-/// A pixel becomes the mean over its window's pixels on the same surface by depth, corrected for the clipping of noisy values to 0 to
-/// 255.
+/// A pixel becomes the mean over its window's pixels on the same surface by depth and of similar colour by a guide, corrected for the
+/// clipping of noisy values to 0 to 255: a joint bilateral filter (Petschnigg et al. 2004). The guide is a mean over a small window.
 pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, RgbImage> {
     let sigma = noise_of(image);
     let [width, height] = [image.width as usize, image.height as usize];
@@ -21,14 +24,65 @@ pub(crate) fn denoised<'a>(image: &'a RgbImage, depth: &DepthImage) -> Cow<'a, R
         return Cow::Borrowed(image);
     }
     let unclipped = unclipped(sigma);
-    let mut pixels = Vec::with_capacity(image.pixels.len());
-    for row in 0..height {
-        for column in 0..width {
-            let mean = mean_on_surface(image, depth, [column, row]);
-            pixels.extend(mean.map(|level| unclipped[usize::from(level)]));
-        }
+    let colours = |mean: &dyn Fn(usize) -> [u8; 3]| -> Vec<[u8; 3]> {
+        (0..width * height).map(|pixel| mean(pixel).map(|level| unclipped[usize::from(level)])).collect()
+    };
+    let window = Window { image, depth };
+    let guide = colours(&|pixel| window.mean(pixel, GUIDE_REACH, |_| 1));
+    let weights = ColourWeights::new();
+    let pixels = colours(&|pixel| window.mean(pixel, REACH, |other| weights.of(guide[pixel], guide[other])));
+    Cow::Owned(RgbImage { pixels: pixels.into_iter().flatten().collect(), ..image.clone() })
+}
+
+/// Weights of pixels by the difference of their colours in the guide.
+struct ColourWeights([u32; Self::STEPS]);
+
+impl ColourWeights {
+    const STEPS: usize = 256;
+    /// Squared differences per step; beyond the last step the weight is 0.
+    const STEP: i32 = 64;
+    /// Weight of equal colours. The sums over a window stay below 2^32.
+    const WHOLE: f32 = 1000.0;
+
+    fn new() -> Self {
+        let weight = |step: usize| {
+            let square = (step as i32 * Self::STEP) as f32;
+            (Self::WHOLE * libm::expf(-0.5 * square / (SAME_COLOUR * SAME_COLOUR))) as u32
+        };
+        Self(std::array::from_fn(weight))
     }
-    Cow::Owned(RgbImage { pixels, ..image.clone() })
+
+    fn of(&self, a: [u8; 3], b: [u8; 3]) -> u32 {
+        let square = |channel: usize| (i32::from(a[channel]) - i32::from(b[channel])).pow(2);
+        let step = (square(0) + square(1) + square(2)) / Self::STEP;
+        self.0.get(step as usize).copied().unwrap_or(0)
+    }
+}
+
+/// An image with the surfaces by depth.
+struct Window<'a> {
+    image: &'a RgbImage,
+    depth: &'a DepthImage,
+}
+
+impl Window<'_> {
+    /// Returns the weighted mean colour of a pixel's surface within `reach` pixels to each side.
+    fn mean(&self, pixel: usize, reach: usize, weight: impl Fn(usize) -> u32) -> [u8; 3] {
+        let [width, height] = [self.image.width as usize, self.image.height as usize];
+        let (row, column, here_m) = (pixel / width, pixel % width, self.depth.metres[pixel]);
+        let (mut sums, mut total) = ([0_u32; 3], 0);
+        for y in row.saturating_sub(reach)..(row + reach + 1).min(height) {
+            for other in y * width + column.saturating_sub(reach)..y * width + (column + reach + 1).min(width) {
+                if (self.depth.metres[other] - here_m).abs() <= SAME_SURFACE * here_m {
+                    let weight = weight(other);
+                    let levels = &self.image.pixels[3 * other..3 * other + 3];
+                    sums.iter_mut().zip(levels).for_each(|(sum, level)| *sum += weight * u32::from(*level));
+                    total += weight;
+                }
+            }
+        }
+        sums.map(|sum| ((sum + total / 2) / total.max(1)) as u8)
+    }
 }
 
 /// Estimates the standard deviation of the noise in the green channel, grey levels (Immerkær 1996).
@@ -47,24 +101,6 @@ fn noise_of(image: &RgbImage) -> f32 {
     }
     let count = ((width - 2) * (height - 2)) as f32;
     libm::sqrtf(0.5 * std::f32::consts::PI) * sum as f32 / (6.0 * count)
-}
-
-/// Returns the mean colour of a pixel's surface.
-fn mean_on_surface(image: &RgbImage, depth: &DepthImage, [column, row]: [usize; 2]) -> [u8; 3] {
-    let [width, height] = [image.width as usize, image.height as usize];
-    let here_m = depth.metres[row * width + column];
-    let (mut sums, mut count) = ([0_u32; 3], 0);
-    for y in row.saturating_sub(REACH)..(row + REACH + 1).min(height) {
-        for x in column.saturating_sub(REACH)..(column + REACH + 1).min(width) {
-            let index = y * width + x;
-            if (depth.metres[index] - here_m).abs() <= SAME_SURFACE * here_m {
-                let pixel = &image.pixels[3 * index..3 * index + 3];
-                sums.iter_mut().zip(pixel).for_each(|(sum, level)| *sum += u32::from(*level));
-                count += 1;
-            }
-        }
-    }
-    sums.map(|sum| ((sum + count / 2) / count.max(1)) as u8)
 }
 
 /// Returns by mean of clipped noisy values the level without noise.
