@@ -85,7 +85,7 @@ impl PagNav {
         self.open_sources().all(|source| self.is_elsewhere(source, candidate))
     }
 
-    /// Returns true if a source is faint beside the candidate, or has a certain estimate that does not support the candidate.
+    /// Returns true if a source is faint at the candidate, or has a certain estimate that does not support the candidate.
     fn is_elsewhere(&self, source: usize, candidate: &Candidate) -> bool {
         let certainty = self.here.sources[source].estimate.map_or(0.0, |estimate| estimate.certainty);
         let object = &self.here.objects.all()[candidate.object];
@@ -93,7 +93,7 @@ impl PagNav {
         self.weights.switches.source_positions && (self.is_faint(source, object) || is_off())
     }
 
-    /// Returns true if all levels of a source beside an object belong to a greater range.
+    /// Returns true if all levels of a source around an object belong to a greater range.
     fn is_faint(&self, source: usize, object: &ObjectHypothesis) -> bool {
         /// Range by level in multiples of `look_range_m`.
         const FAINT: f32 = 1.5;

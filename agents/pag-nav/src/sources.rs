@@ -143,7 +143,7 @@ impl PagNav {
         let is_counted = weights.switches.count_windows && !known.is_located(weights);
         let wait_steps = if is_counted { self.schedule.wait_steps(source) as f32 } else { 0.0 };
         let way_m = place.distance_m(pose.place);
-        // Beside a source, the agent can look for its object before it sounds again.
+        // Near a source, the agent can look for its object before it sounds again.
         let wait_steps = if way_m <= BESIDE_M { BESIDE_SHARE * wait_steps } else { wait_steps };
         let walk_steps = way_m * weights.steps_per_m;
         let loyalty_steps = if self.focus == Some(source) { weights.loyalty_steps } else { 0.0 };
@@ -243,7 +243,7 @@ mod tests {
         };
         assert!((cost(0.0, -20.0) - cost(0.9, -20.0) - 60.0).abs() < 1e-3);
         assert!(cost(0.9, -20.0) > cost(0.9, -4.0));
-        // Source 1 sounds in 25 steps; beside it, a third of this wait counts less than the way of 4 m.
+        // Source 1 sounds in 25 steps; near it, a third of this wait counts less than the way of 4 m.
         assert!((cost(0.9, -4.0) - 24.0).abs() < 1e-3);
     }
 }
