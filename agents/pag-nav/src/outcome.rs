@@ -159,7 +159,7 @@ impl PagNav {
             // Found or wrong, the object is no candidate for another goal.
             self.here.objects.refute(pending.object);
         } else {
-            // The inference may be wrong: the object comes after all others.
+            // The inference may be wrong: the object comes after all others, also at a located source.
             (0..2).for_each(|_| self.set_object_aside(pending.object, pending.goal));
         }
         let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered();
