@@ -1,17 +1,20 @@
-//! Spans of a run, captured by a subscriber.
+//! Spans of a run, captured by a subscriber of the process.
+//!
+//! A subscriber of one thread would miss spans: tracing asks the thread that reaches a span first whether the span is wanted, and
+//! keeps the answer for all threads. With one server per thread, the thread of a span's creation names the test.
 
 use crate::common::{Agent, Plan, Quirk, RUN, RUN_TOKEN, TestServer};
 use avln_proto::v1::{self, play_request::Frame as Up};
 use std::{
     collections::BTreeMap,
     fmt::Debug,
-    sync::{Arc, Mutex},
+    sync::{LazyLock, Mutex},
+    thread::{self, ThreadId},
 };
 use tracing::{
     Subscriber,
     field::{Field, Visit},
     span::{Attributes, Id, Record},
-    subscriber::DefaultGuard,
 };
 use tracing_subscriber::{
     layer::{Context, Layer, SubscriberExt},
@@ -24,8 +27,10 @@ const SUBMIT: i32 = 4;
 const STOP: i32 = 5;
 
 /// A span with its ancestors, outermost first.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct SeenSpan {
+    id: Id,
+    thread: ThreadId,
     path: Vec<&'static str>,
     fields: BTreeMap<&'static str, String>,
 }
@@ -46,22 +51,21 @@ impl Visit for SeenSpan {
     }
 }
 
-/// A layer that records the spans of this crate.
-#[derive(Clone, Default)]
-struct Recorder(Arc<Mutex<BTreeMap<u64, SeenSpan>>>);
+/// A layer that records the spans of this crate, oldest first.
+#[derive(Default)]
+struct Recorder(Mutex<Vec<SeenSpan>>);
+
+static RECORDER: LazyLock<&Recorder> = LazyLock::new(|| {
+    let recorder: &Recorder = Box::leak(Box::default());
+    tracing_subscriber::registry().with(recorder).init();
+    recorder
+});
 
 impl Recorder {
-    /// Records the spans of this thread.
-    fn start() -> (Self, DefaultGuard) {
-        let recorder = Self::default();
-        let guard = tracing_subscriber::registry().with(recorder.clone()).set_default();
-        (recorder, guard)
-    }
-
-    /// Returns the spans named `name`, oldest first.
+    /// Returns the spans named `name` that this thread created.
     fn spans(&self, name: &str) -> Vec<SeenSpan> {
-        let mut spans: Vec<_> = self.0.lock().unwrap().values().cloned().collect();
-        spans.retain(|span| span.path.last() == Some(&name));
+        let mut spans = self.0.lock().unwrap().clone();
+        spans.retain(|span| span.thread == thread::current().id() && span.path.last() == Some(&name));
         spans.sort_by_key(|span| span.field("step").parse::<u32>().unwrap_or_default());
         spans
     }
@@ -73,19 +77,20 @@ impl Recorder {
     }
 }
 
-impl<S: Subscriber + for<'l> LookupSpan<'l>> Layer<S> for Recorder {
+impl<S: Subscriber + for<'l> LookupSpan<'l>> Layer<S> for &'static Recorder {
     fn on_new_span(&self, attributes: &Attributes<'_>, id: &Id, context: Context<'_, S>) {
         if !attributes.metadata().target().starts_with("avln_grpc") {
             return;
         }
-        let scope = context.span_scope(id).unwrap().from_root();
-        let mut seen = SeenSpan { path: scope.map(|span| span.name()).collect(), ..SeenSpan::default() };
+        let path = context.span_scope(id).unwrap().from_root().map(|span| span.name()).collect();
+        let mut seen = SeenSpan { id: id.clone(), thread: thread::current().id(), path, fields: BTreeMap::new() };
         attributes.record(&mut seen);
-        self.0.lock().unwrap().insert(id.into_u64(), seen);
+        self.0.lock().unwrap().push(seen);
     }
 
     fn on_record(&self, id: &Id, values: &Record<'_>, _: Context<'_, S>) {
-        if let Some(seen) = self.0.lock().unwrap().get_mut(&id.into_u64()) {
+        // The registry gives a closed span's id away again: the last span is meant.
+        if let Some(seen) = self.0.lock().unwrap().iter_mut().rev().find(|seen| seen.id == *id) {
             values.record(seen);
         }
     }
@@ -93,7 +98,7 @@ impl<S: Subscriber + for<'l> LookupSpan<'l>> Layer<S> for Recorder {
 
 #[tokio::test]
 async fn steps_nest_in_episode_session_and_run() {
-    let (recorder, _guard) = Recorder::start();
+    let recorder = *RECORDER;
     let server = TestServer::open(Plan::plain(1)).await;
     let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
@@ -131,7 +136,7 @@ async fn steps_nest_in_episode_session_and_run() {
 
 #[tokio::test]
 async fn failed_steps_have_an_outcome() {
-    let (recorder, _guard) = Recorder::start();
+    let recorder = *RECORDER;
     let server = TestServer::open(Plan::odd(vec![Quirk::Fragile])).await;
     let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
