@@ -11,7 +11,9 @@ use avln_kit::hearing::HeardSound;
 use avln_kit::map::SourceEstimate;
 use avln_kit::perception::{DetectedObject, Recognition, WallTest};
 use std::f32::consts::{FRAC_PI_2, TAU};
+use std::ops::Range;
 use std::sync::{Arc, Mutex};
+use std::thread;
 
 const SIDE: u32 = 64;
 const OBJECTS: usize = 6;
@@ -152,10 +154,18 @@ fn agent(dice: &mut Dice) -> PagNav {
     agent
 }
 
-#[test]
-fn claims_follow_a_fresh_look_above_the_floor() {
-    let (mut submits, mut stops, mut refusals) = (0, 0, 0);
-    for seed in 0..1500 {
+/// Decisions in random beliefs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Decisions {
+    submits: u32,
+    stops: u32,
+    /// No claim, and no visual support above the floor.
+    refusals: u32,
+}
+
+impl Decisions {
+    /// Decides in the belief of this seed, and checks the claim.
+    fn count(&mut self, seed: u64) {
         let mut dice = Dice(seed);
         let mut agent = agent(&mut dice);
         let places: Vec<FloorPoint> = (0..OBJECTS).map(|_| dice.place()).collect();
@@ -170,8 +180,8 @@ fn claims_follow_a_fresh_look_above_the_floor() {
             (agent.mission.is_last_claim(), agent.mission.active().collect());
         let action = agent.decide(&pose);
         if !matches!(action, Action::Submit | Action::Stop) {
-            refusals += u32::from(best < floor);
-            continue;
+            self.refusals += u32::from(best < floor);
+            return;
         }
         let candidate = agent.decision.candidate.expect("a candidate");
         let look = agent.fresh.iter().filter(|look| look.object() == candidate.object);
@@ -181,10 +191,26 @@ fn claims_follow_a_fresh_look_above_the_floor() {
         assert!(pose.bearing_rad(candidate.place).abs() <= agent.weights.submit_rad);
         assert!(candidate.place.distance_m(pose.place) <= agent.weights.submit_m);
         assert_eq!(action == Action::Stop, is_last, "seed {seed}");
-        (submits, stops) = if is_last { (submits, stops + 1) } else { (submits + 1, stops) };
+        *(if is_last { &mut self.stops } else { &mut self.submits }) += 1;
     }
+}
+
+#[test]
+fn claims_follow_a_fresh_look_above_the_floor() {
+    let count = |seeds: Range<u64>| {
+        let mut decisions = Decisions::default();
+        seeds.for_each(|seed| decisions.count(seed));
+        decisions
+    };
+    let [first, second] = thread::scope(|scope| {
+        [0..750, 750..1500]
+            .map(|seeds| scope.spawn(move || count(seeds)))
+            .map(|half| half.join().expect("every claim is allowed"))
+    });
     // Otherwise the test would prove nothing.
-    assert!(submits > 10 && stops > 5 && refusals > 50, "{submits} {stops} {refusals}");
+    assert!(first.submits + second.submits > 10, "{first:?} {second:?}");
+    assert!(first.stops + second.stops > 5, "{first:?} {second:?}");
+    assert!(first.refusals + second.refusals > 50, "{first:?} {second:?}");
 }
 
 /// A recognition with scripted detections; it skips frames, unless refreshed.

@@ -72,6 +72,7 @@
 //! ```
 
 mod attachment;
+mod call_pace;
 mod context;
 mod control;
 mod host;

@@ -36,6 +36,8 @@ pub struct Limits {
     pub http2_frame_bytes: u32,
     /// Concurrent calls per connection.
     pub http2_streams: u32,
+    /// Calls per second and connection, beyond those that play: replies to further calls wait. Clients make a few per run.
+    pub calls_per_s: u32,
     /// Time from connecting to the first complete request. Later, keepalive supervises the connection.
     pub first_request: Duration,
     /// Silence after which the transport sends an HTTP/2 ping.
@@ -80,6 +82,7 @@ impl Default for Limits {
             header_bytes: 16 << 10,
             http2_frame_bytes: 256 << 10,
             http2_streams: 128,
+            calls_per_s: 50,
             first_request: seconds(10),
             keepalive_interval: seconds(30),
             keepalive_timeout: seconds(20),

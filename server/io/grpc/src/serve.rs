@@ -1,6 +1,7 @@
 //! HTTP/2 server: connections after the handshake, shutdown, and the Info and Play services.
 
 use crate::{
+    call_pace::CallPace,
     context::{Reply, ServiceContext, bearer},
     control::Control,
     host::Host,
@@ -22,6 +23,7 @@ use avln_proto::v1::{
 use hyper::{body::Incoming, server::conn::http2, service::service_fn};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use std::{
+    convert::Infallible,
     future::Future,
     pin::pin,
     sync::{
@@ -147,6 +149,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
     let Connection { stream, opened, permit, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
     let seen = Arc::new(AtomicBool::new(false));
+    let pace = Arc::new(CallPace::new(limits.calls_per_s, opened));
     let service = service_fn({
         let seen = seen.clone();
         let meter = meter.clone();
@@ -154,7 +157,13 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
         move |request: hyper::Request<Incoming>| {
             seen.store(true, Ordering::Relaxed);
             meter.allow(header_bytes);
-            routes.clone().call(request)
+            let (pace, path) = (pace.clone(), request.uri().path().to_owned());
+            let call = routes.clone().call(request);
+            async move {
+                let reply = call.await?;
+                pace.wait(&path, reply.headers()).await;
+                Ok::<_, Infallible>(reply)
+            }
         }
     });
     let stream = TokioIo::new(Metered::new(stream, meter.clone()));

@@ -18,16 +18,24 @@ use std::{
 use tokio::sync::oneshot;
 use tracing::Span;
 
-/// A thread pool, scheduled fairly between teams. Hanging threads are replaced. All threads end with the last clone.
+/// How much lower than the server's the priority of sealed work is (nice value): it gets a tenth of a contested processor core.
+const SEALED_NICE: i32 = 10;
+
+/// Thread pools, scheduled fairly between teams. Hanging threads are replaced. All threads end with the last clone.
 #[derive(Clone)]
 pub(crate) struct SimPool(Arc<PoolOwner>);
 
-/// Closes the pool when the last clone is dropped.
-struct PoolOwner(Arc<PoolState>);
+/// Closes the pools when the last clone is dropped.
+struct PoolOwner {
+    ordinary: Arc<PoolState>,
+    /// For sealed runs: their agents compute on this machine too, and must not delay the steps of others.
+    sealed: Arc<PoolState>,
+}
 
 struct PoolState {
     /// False if jobs run on the calling thread.
     has_threads: bool,
+    is_sealed: bool,
     queue: Mutex<JobQueue>,
     changed: Condvar,
     watchdog: Watchdog,
@@ -36,33 +44,25 @@ struct PoolState {
 #[derive(Default)]
 struct JobQueue {
     jobs: FairQueue<Job>,
-    /// Threads with jobs of sealed runs, and their maximum.
-    sealed_running: usize,
-    max_sealed: usize,
     is_closed: bool,
 }
 
 struct Job {
-    is_sealed: bool,
     limit: Duration,
     token: Arc<CancelToken>,
     body: Box<dyn FnOnce(&CancelToken) + Send>,
 }
 
 impl SimPool {
-    /// Starts `threads` threads. Without threads, jobs run on the calling thread.
+    /// Starts `threads` threads, and almost as many for sealed runs. Without threads, jobs run on the calling thread.
     pub(crate) fn new(threads: usize, watchdog: Watchdog) -> Self {
-        let has_threads = threads > 0;
-        let queue = Mutex::new(JobQueue::new(threads));
-        let state = Arc::new(PoolState { has_threads, queue, changed: Condvar::new(), watchdog });
-        for _ in 0..threads {
-            state.spawn_worker();
-        }
-        Self(Arc::new(PoolOwner(state)))
+        let sealed_threads = if threads > 2 { threads - 1 } else { threads.min(1) };
+        let ordinary = PoolState::start(threads, false, watchdog.clone());
+        let sealed = PoolState::start(sealed_threads, true, watchdog);
+        Self(Arc::new(PoolOwner { ordinary, sealed }))
     }
 
-    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start. Jobs of sealed runs
-    /// leave a thread to others.
+    /// Runs a team's job in turn. Fails if the job panics, or does not commit within `limit` after the start.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         team: &str,
@@ -79,13 +79,13 @@ impl SimPool {
             }
         };
         let token = Arc::new(CancelToken::default());
-        let job = Job { is_sealed, limit, token: token.clone(), body: Box::new(body) };
-        let PoolOwner(state) = &*self.0;
+        let job = Job { limit, token: token.clone(), body: Box::new(body) };
+        let state = if is_sealed { &self.0.sealed } else { &self.0.ordinary };
         if state.has_threads {
             state.queue.lock().jobs.push(team, job);
             state.changed.notify_one();
         } else {
-            let Job { is_sealed: _, limit, token, body } = job;
+            let Job { limit, token, body } = job;
             state.watchdog.watched(limit, &token, || (), || body(&token));
         }
         settle(limit, &token, result).await
@@ -93,9 +93,22 @@ impl SimPool {
 }
 
 impl PoolState {
+    fn start(threads: usize, is_sealed: bool, watchdog: Watchdog) -> Arc<Self> {
+        let queue = Mutex::default();
+        let state = Self { has_threads: threads > 0, is_sealed, queue, changed: Condvar::new(), watchdog };
+        let state = Arc::new(state);
+        (0..threads).for_each(|_| state.spawn_worker());
+        state
+    }
+
     fn spawn_worker(self: &Arc<Self>) {
         let state = self.clone();
-        let spawned = thread::Builder::new().name("avln-simulate".to_owned()).spawn(move || state.work());
+        let spawned = thread::Builder::new().name("avln-simulate".to_owned()).spawn(move || {
+            if state.is_sealed {
+                lower_thread();
+            }
+            state.work();
+        });
         if let Err(error) = spawned {
             tracing::error!(%error, "cannot start a simulation thread");
         }
@@ -103,19 +116,19 @@ impl PoolState {
 
     /// Runs jobs until the pool closes or this thread is abandoned.
     fn work(self: Arc<Self>) {
-        while let Some((team, Job { is_sealed, limit, token, body })) = self.next() {
+        while let Some((team, Job { limit, token, body })) = self.next() {
             let begun = Instant::now();
             let state = self.clone();
             let abandoned_team = team.clone();
             let replace = move || {
-                state.queue.lock().done(&abandoned_team, is_sealed, limit);
+                state.queue.lock().jobs.done(&abandoned_team, limit);
                 state.spawn_worker();
             };
             // An abandoned thread was already replaced: it must not take another job.
             if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
                 return;
             }
-            self.queue.lock().done(&team, is_sealed, begun.elapsed());
+            self.queue.lock().jobs.done(&team, begun.elapsed());
         }
     }
 
@@ -125,7 +138,7 @@ impl PoolState {
             if queue.is_closed {
                 return None;
             }
-            match queue.take() {
+            match queue.jobs.take() {
                 Some(next) => return Some(next),
                 None => self.changed.wait(&mut queue),
             }
@@ -133,29 +146,21 @@ impl PoolState {
     }
 }
 
-impl JobQueue {
-    fn new(threads: usize) -> Self {
-        // The agent computes on this machine too, and its steps must not delay those of others.
-        Self { max_sealed: threads.saturating_sub(1).max(1), ..Self::default() }
-    }
-
-    fn take(&mut self) -> Option<(String, Job)> {
-        let has_room = self.sealed_running < self.max_sealed;
-        let (team, job) = self.jobs.take(|job| has_room || !job.is_sealed)?;
-        self.sealed_running += usize::from(job.is_sealed);
-        Some((team, job))
-    }
-
-    fn done(&mut self, team: &str, is_sealed: bool, took: Duration) {
-        self.sealed_running = self.sealed_running.saturating_sub(usize::from(is_sealed));
-        self.jobs.done(team, took);
+impl Drop for PoolOwner {
+    fn drop(&mut self) {
+        for state in [&self.ordinary, &self.sealed] {
+            state.queue.lock().is_closed = true;
+            state.changed.notify_all();
+        }
     }
 }
 
-impl Drop for PoolOwner {
-    fn drop(&mut self) {
-        self.0.queue.lock().is_closed = true;
-        self.0.changed.notify_all();
+/// Lowers the priority of the calling thread for good: raising it again needs a privilege.
+fn lower_thread() {
+    // Elsewhere, the priority of a thread is that of its process.
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::nice(SEALED_NICE) {
+        tracing::warn!(%error, "cannot lower the priority of a simulation thread for sealed runs");
     }
 }
 
@@ -256,9 +261,9 @@ impl<J> FairQueue<J> {
         queue.waiting.push_back(job);
     }
 
-    /// Takes the next job among those that `may` run.
-    fn take(&mut self, may: impl Fn(&J) -> bool) -> Option<(String, J)> {
-        let waiting = self.teams.iter_mut().filter(|(_, queue)| queue.waiting.front().is_some_and(&may));
+    /// Takes the next job.
+    fn take(&mut self) -> Option<(String, J)> {
+        let waiting = self.teams.iter_mut().filter(|(_, queue)| !queue.waiting.is_empty());
         let (team, queue) = waiting.min_by_key(|(_, queue)| queue.used)?;
         let job = queue.waiting.pop_front()?;
         self.level = self.level.max(queue.used);
@@ -361,7 +366,7 @@ mod tests {
         }
         let mut had: BTreeMap<String, (u32, Duration)> = BTreeMap::new();
         for _ in 0..turns {
-            let (team, ()) = fair.take(|()| true).unwrap();
+            let (team, ()) = fair.take().unwrap();
             let took = teams.iter().find(|(name, ..)| *name == team).unwrap().2;
             let so_far = had.entry(team.clone()).or_default();
             *so_far = (so_far.0 + 1, so_far.1 + took);
@@ -389,7 +394,7 @@ mod tests {
         let mut fair = FairQueue::default();
         for _ in 0..100 {
             fair.push("early", ());
-            let (team, ()) = fair.take(|()| true).unwrap();
+            let (team, ()) = fair.take().unwrap();
             fair.done(&team, 10 * MS);
         }
         for _ in 0..20 {
@@ -398,7 +403,7 @@ mod tests {
         }
         let first: Vec<_> = (0..20)
             .map(|_| {
-                let (team, ()) = fair.take(|()| true).unwrap();
+                let (team, ()) = fair.take().unwrap();
                 fair.done(&team, 10 * MS);
                 team
             })
@@ -414,7 +419,7 @@ mod tests {
         (0..50).for_each(|_| fair.push("other", ()));
         let mut taken = BTreeMap::new();
         for _ in 0..10 {
-            let round: Vec<_> = (0..4).map(|_| fair.take(|()| true).unwrap().0).collect();
+            let round: Vec<_> = (0..4).map(|_| fair.take().unwrap().0).collect();
             for team in round {
                 *taken.entry(team.clone()).or_insert(0) += 1;
                 fair.done(&team, 3 * MS);
@@ -425,19 +430,25 @@ mod tests {
         assert!(taken["greedy"] >= 17 && taken["other"] >= 17, "{taken:?}");
     }
 
-    #[test]
-    fn sealed_jobs_leave_a_thread() {
-        let job = |is_sealed| Job { is_sealed, limit: LONG, token: Arc::default(), body: Box::new(|_| ()) };
-        let mut queue = JobQueue::new(2);
-        (0..2).for_each(|_| queue.jobs.push("sealed", job(true)));
-        assert!(queue.take().is_some() && queue.take().is_none());
-        queue.jobs.push("remote", job(false));
-        assert_eq!(queue.take().unwrap().0, "remote");
-        queue.done("sealed", true, MS);
-        assert_eq!(queue.take().unwrap().0, "sealed");
-        let mut alone = JobQueue::new(1);
-        alone.jobs.push("sealed", job(true));
-        assert!(alone.take().is_some(), "a single thread serves all");
+    #[tokio::test]
+    async fn sealed_jobs_never_delay_others() {
+        let pool = SimPool::new(1, Watchdog::default());
+        let (release, wait) = mpsc::channel::<()>();
+        let sealed = pool.clone();
+        let sealed =
+            tokio::spawn(async move { sealed.run("sealed", true, LONG, move |_| wait.recv()).await });
+        assert_eq!(pool.run("remote", false, LONG, |_| 7).await, Ok(7));
+        release.send(()).unwrap();
+        assert_eq!(sealed.await.unwrap(), Ok(Ok(())));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[tokio::test]
+    async fn sealed_jobs_have_low_priority() {
+        let pool = SimPool::new(2, Watchdog::default());
+        let nice = |is_sealed| pool.run("team", is_sealed, LONG, |_| rustix::process::nice(0).unwrap());
+        let (ordinary, sealed) = (nice(false).await.unwrap(), nice(true).await.unwrap());
+        assert_eq!(sealed, (ordinary + SEALED_NICE).min(19));
     }
 
     #[test]
@@ -445,7 +456,7 @@ mod tests {
         let mut fair = FairQueue::default();
         for team in 0..50 {
             fair.push(&team.to_string(), ());
-            let (team, ()) = fair.take(|()| true).unwrap();
+            let (team, ()) = fair.take().unwrap();
             fair.done(&team, MS);
         }
         assert!(fair.teams.len() <= 2, "{:?}", fair.teams);

@@ -7,7 +7,7 @@ use avln_challenge::MethodType;
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::TcpStream,
@@ -44,6 +44,18 @@ async fn server_information_is_public() {
     let own = client.list_phases(list(ACCOUNT)).await.unwrap().into_inner().phases;
     assert_eq!((phases[0].title.as_str(), own[0].title.as_str()), ("Practice", "Practice of the team"));
     assert_eq!(reason(&client.list_phases(list("guess")).await.unwrap_err()), "TOKEN_MALFORMED");
+}
+
+#[tokio::test]
+async fn calls_above_the_rate_wait() {
+    let server =
+        TestServer::with_limits(Plan::plain(1), Limits { calls_per_s: 10, ..Limits::default() }).await;
+    let mut client = InfoServiceClient::new(channel(&server).await);
+    let begun = Instant::now();
+    for _ in 0..15 {
+        client.get_server_info(v1::GetServerInfoRequest {}).await.unwrap();
+    }
+    assert!(begun.elapsed() >= Duration::from_millis(500), "{:?}", begun.elapsed());
 }
 
 #[tokio::test]

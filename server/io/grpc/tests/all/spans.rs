@@ -83,7 +83,8 @@ impl<S: Subscriber + for<'l> LookupSpan<'l>> Layer<S> for &'static Recorder {
             return;
         }
         let path = context.span_scope(id).unwrap().from_root().map(|span| span.name()).collect();
-        let mut seen = SeenSpan { id: id.clone(), thread: thread::current().id(), path, fields: BTreeMap::new() };
+        let mut seen =
+            SeenSpan { id: id.clone(), thread: thread::current().id(), path, fields: BTreeMap::new() };
         attributes.record(&mut seen);
         self.0.lock().unwrap().push(seen);
     }
