@@ -258,6 +258,19 @@ def test_rewards_can_be_functions() -> None:
     envs.close()
 
 
+def test_reward_functions_apply_to_partial_batches() -> None:
+    def by_action(observations: dict[str, Any], actions: Any, infos: dict[str, Any]) -> Any:
+        assert len(observations["pose"]) == len(actions) == 1
+        return 10.0 * infos["env_id"] + actions
+
+    envs = vector(2, batch_size=1, reward=by_action)
+    envs.reset(seed=1)
+    envs.send([1, 2], [0, 1])
+    rewards = sorted(float(envs.recv()[1][0]) for _ in range(2))
+    assert rewards == [1.0, 12.0]
+    envs.close()
+
+
 def test_explorer_completes_a_mission() -> None:
     env = avln.sim.Env(privileged=True, teacher="explore", senses=(), **SMALL)
     _, info = env.reset(seed=4)

@@ -202,12 +202,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         if self._running:
             raise SimError("a step is running; call step_wait or recv first")
-        self._actions = np.asarray(actions, np.int64)
-        if self._actions.shape != (self.num_envs,):
-            raise ValueError(f"`actions` has shape {self._actions.shape}; use ({self.num_envs},)")
+        chosen = np.asarray(actions, np.int64)
+        if chosen.shape != (self.num_envs,):
+            raise ValueError(f"`actions` has shape {chosen.shape}; use ({self.num_envs},)")
         # After partial calls of `send`, environments can differ in their buffer; a step needs all in one.
         self._turn[:] = self._turn[0]
-        self.send(self._actions, np.arange(self.num_envs))
+        self.send(chosen, np.arange(self.num_envs))
 
     def step_wait(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Waits for the step of all environments; returns as `step`."""
@@ -228,6 +228,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         envs = np.asarray(env_ids, np.int64)
         self._turn[envs] = (self._turn[envs] + 1) % _BUFFERS
         chosen = np.asarray(actions, np.int64)
+        self._actions[envs] = chosen
         for turn in range(_BUFFERS):
             here = self._turn[envs] == turn
             rows = envs[here].tolist()
@@ -251,7 +252,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         }
         flags = [np.array([result[index] for result in results]) for index in (2, 3, 4)]
         infos: dict[str, Any] = {name: rows.pop(name) for name, _, _, is_info in self._layout if is_info}
-        return rows, flags[0], flags[1], flags[2], {**infos, "env_id": envs}
+        infos["env_id"] = envs
+        if self._reward is not None:
+            flags[0] = np.asarray(self._reward(rows, self._actions[envs], infos), np.float64)
+        return rows, flags[0], flags[1], flags[2], infos
 
     def state(self, env_id: int) -> bytes:
         """Returns the exact state of an environment between steps: the episode with all actions.
