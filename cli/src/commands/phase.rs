@@ -10,7 +10,7 @@ use avln_arena::{
     setup::{NewPhase, open_phase},
 };
 use avln_episode::FeedbackRule;
-use avln_store::{Phase, Schedule, Store, Visibility};
+use avln_store::{Phase, QuotaLimits, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
 
@@ -78,13 +78,13 @@ pub(crate) struct OpenPhaseArgs {
     /// Limit for concurrent runs per team; 1 by default if scores or replays are not public, otherwise unlimited
     #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u32).range(1..))]
     concurrent: Option<u32>,
-    /// Limit for uncharged runs per team; 20 by default if scores or replays are not public, otherwise unlimited
+    /// Limit for uncharged runs per team; 20 by default with `--quota`, or if scores or replays are not public, otherwise unlimited
     #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u32).range(1..))]
     uncharged: Option<u32>,
     /// Limit for parallel episodes per run
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
     max_slots: u32,
-    /// Largest picture side in pixels
+    /// Largest image side in pixels
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=1024))]
     max_side: u32,
 }
@@ -157,8 +157,6 @@ async fn reschedule(
 
 /// Default of `--concurrent` for hidden phases: parallel runs would show a mission several times before the first result.
 const HIDDEN_CONCURRENT: u32 = 1;
-/// Default of `--uncharged` for hidden phases: each uncharged run shows the missions without a charge.
-const HIDDEN_UNCHARGED: u32 = 20;
 
 impl From<OpenPhaseArgs> for NewPhase {
     fn from(open: OpenPhaseArgs) -> Self {
@@ -177,7 +175,7 @@ impl From<OpenPhaseArgs> for NewPhase {
             feedback: open.feedback.map(FeedbackRule::from),
             quota: open.quota,
             concurrent: open.concurrent.or(is_hidden.then_some(HIDDEN_CONCURRENT)),
-            uncharged: open.uncharged.or(is_hidden.then_some(HIDDEN_UNCHARGED)),
+            uncharged: open.uncharged.or(is_hidden.then_some(QuotaLimits::DEFAULT_UNCHARGED)),
             max_slots: open.max_slots,
             max_side: open.max_side,
         }

@@ -18,7 +18,7 @@ use std::{
 use tokio::sync::oneshot;
 use tracing::Span;
 
-/// How much lower than the server's the priority of sealed work is (nice value): it gets a tenth of a contested processor core.
+/// Nice value of sealed work, on top of the server's: a tenth of a contested processor core.
 const SEALED_NICE: i32 = 10;
 
 /// Thread pools, scheduled fairly between teams. Hanging threads are replaced. All threads end with the last clone.

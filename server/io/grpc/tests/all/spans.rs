@@ -1,7 +1,7 @@
 //! Spans of a run, captured by a subscriber of the process.
 //!
 //! A subscriber of one thread would miss spans: tracing asks the thread that reaches a span first whether the span is wanted, and
-//! keeps the answer for all threads. With one server per thread, the thread of a span's creation names the test.
+//! applies the answer to all threads. With one server per thread, the thread of a span's creation names the test.
 
 use crate::common::{Agent, Plan, Quirk, RUN, RUN_TOKEN, TestServer};
 use avln_proto::v1::{self, play_request::Frame as Up};
