@@ -152,12 +152,13 @@ pub async fn run_with(args: PagNavArgs, on_end: OnEnd<'_>) -> Result<RunSummary,
     let name = args.method.unwrap_or_else(|| args.preset.method().to_owned());
     let method = Method { name, version: env!("CARGO_PKG_VERSION"), method_type, sensors };
     let played = play(args.run, method, &mut agents, on_end).await;
-    let traced = agents.iter_mut().try_for_each(PagNav::end_trace);
+    // All of them, also after an error of one.
+    let traced: Vec<_> = agents.iter_mut().map(PagNav::end_trace).collect();
     let summary = played?;
     if let Some(problem) = failures.iter().find_map(|failure| failure.get()) {
         return Err(PagNavError::Unseen { problem: problem.to_string(), summary: Box::new(summary) });
     }
-    match traced {
+    match traced.into_iter().collect::<Result<(), _>>() {
         Ok(()) => Ok(summary),
         Err(problem) => Err(PagNavError::Untraced { problem, summary: Box::new(summary) }),
     }

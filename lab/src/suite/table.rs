@@ -2,6 +2,7 @@
 
 use super::{Cause, EpisodeKey, MissionFacts, ResultLine};
 use avln_arena::{Failure, FailureKind};
+use avln_episode::Order;
 use avln_scoring::{EpisodeValue, METRICS, Metric, Metrics};
 use csv::{ReaderBuilder, StringRecord, Writer};
 use serde::Serialize;
@@ -117,7 +118,7 @@ impl Row<'_> {
         let text = |column| self.text(column).map(str::to_owned);
         Ok(EpisodeKey {
             agent: text("agent")?,
-            order: text("order")?,
+            order: self.value::<Order>("order", Value::from(self.text("order")?))?.as_str().to_owned(),
             episode: text("episode")?,
             seed: self.number("seed")?,
             program: text("program")?,
@@ -181,7 +182,6 @@ impl Row<'_> {
 mod tests {
     use super::*;
     use crate::suite::samples::line;
-    use avln_episode::Order;
 
     fn sample() -> ResultLine {
         let mut sample = line("random", Order::Ordered, 3, 1);
@@ -204,6 +204,9 @@ mod tests {
         let text = to_csv(&[&sample()]).replace("stopped", "finished");
         let refused = from_csv(Path::new("results.csv"), &text).expect_err("an unknown end").to_string();
         assert!(refused.contains("results.csv, line 2, column end"), "{refused}");
+        let text = to_csv(&[&sample()]).replace(",ordered,", ",sorted,");
+        let refused = from_csv(Path::new("results.csv"), &text).expect_err("an unknown order").to_string();
+        assert!(refused.contains("results.csv, line 2, column order"), "{refused}");
         let text = to_csv(&[&sample()]).replace("think_ms", "thinking");
         let refused = from_csv(Path::new("results.csv"), &text).expect_err("a missing column").to_string();
         assert!(refused.contains("results.csv, line 2: the column think_ms is missing"), "{refused}");

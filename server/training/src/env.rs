@@ -36,6 +36,7 @@ impl StepFlags {
 /// An exact state: the episode with all actions. Restoring repeats them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EnvState {
+    /// Environment and number of the episode.
     env: u64,
     episode: u64,
     /// Actions with the state hashes after them.
@@ -62,6 +63,8 @@ pub(crate) struct Shared {
 }
 
 struct Running {
+    /// Environment whose episode this is; another one after the restoration of its state.
+    env: u64,
     episode: u64,
     referee: Referee,
     truth: EpisodeTruth,
@@ -116,6 +119,11 @@ impl Env {
 
     pub(crate) fn autoreset(&self) -> AutoReset {
         self.shared.options.autoreset
+    }
+
+    /// Returns true between the end of an episode and the next reset.
+    pub(crate) fn is_over(&self) -> bool {
+        self.running.as_ref().is_some_and(|running| running.referee.end().is_some())
     }
 
     /// Returns the ground truth of the running episode.
@@ -185,7 +193,7 @@ impl Env {
     pub fn state(&self) -> Result<EnvState, TrainingError> {
         let running = self.running.as_ref().ok_or(TrainingError::NotReset(self.number as usize))?;
         let taken = running.referee.facts().iter().map(|step| (step.action, step.state_hash)).collect();
-        Ok(EnvState { env: self.number, episode: running.episode, taken, routed: running.guide.routed() })
+        Ok(EnvState { env: running.env, episode: running.episode, taken, routed: running.guide.routed() })
     }
 
     /// Restores a state of this or another environment with the same source, and writes its observation.
@@ -195,6 +203,12 @@ impl Env {
     pub fn restore(&mut self, state: &EnvState, row: &mut Row) -> Result<(), TrainingError> {
         row.check(&self.shared.layout)?;
         let mut running = Running::start(&self.shared, state.env, state.episode)?;
+        let goals = running.truth.targets.len();
+        if let Some(goal) = state.routed.filter(|&goal| goal >= goals) {
+            return Err(TrainingError::State(format!(
+                "it leads to goal {goal}, and its mission has {goals}"
+            )));
+        }
         let first = running.referee.start();
         running.sense();
         let outcome = running.referee.replay(&state.taken);
@@ -258,6 +272,7 @@ impl Running {
         });
         let (path_m, picture_maps, _scene) = (0.0, None, scene);
         let mut running = Self {
+            env,
             episode: number,
             referee,
             truth,

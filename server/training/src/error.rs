@@ -44,9 +44,12 @@ pub enum TrainingError {
     /// State of another environment or program.
     #[error("cannot restore the state: {0}")]
     State(String),
-    /// Closed environment.
-    #[error("the environments are closed")]
-    Closed,
+    /// Number beyond the environments.
+    #[error("environment {env} does not exist; the last one is {}", count - 1)]
+    UnknownEnv { env: usize, count: usize },
+    /// Thread refused by the system.
+    #[error("cannot start a worker thread: {0}; choose fewer `threads`")]
+    Thread(std::io::Error),
     /// A failure that other environments share.
     #[error("{0}")]
     Shared(String),

@@ -8,9 +8,12 @@ use avln_dataset::EpisodeSpec;
 use avln_episode::{Mission, Order, Rules};
 use avln_truth::EpisodeTruth;
 use avln_world::{Cache, Rng, SceneAssets};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+
+/// Scenes in a row that may have no mission within the curriculum.
+const MOST_SCENES: u64 = 8;
 
 /// Origin of training scenes.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,9 +105,28 @@ impl TrainingEpisode {
     }
 }
 
-/// A scene, prepared by its first user while others wait. Errors are shared as text.
+/// A scene, prepared by its first user while others wait.
 #[derive(Default)]
-struct LoadedScene(OnceLock<Result<PreparedScene, String>>);
+struct LoadedScene(OnceLock<Result<PreparedScene, Unprepared>>);
+
+/// A failed preparation, which all users share as text.
+struct Unprepared {
+    message: String,
+    is_without_mission: bool,
+}
+
+impl Unprepared {
+    fn shared(&self) -> TrainingError {
+        TrainingError::Shared(self.message.clone())
+    }
+}
+
+impl From<TrainingError> for Unprepared {
+    fn from(error: TrainingError) -> Self {
+        let is_without_mission = matches!(error, TrainingError::NoMission { .. });
+        Self { message: error.to_string(), is_without_mission }
+    }
+}
 
 /// A source of training episodes. The episode is a function of the seed, the environment and its episode number.
 pub struct EpisodeSource {
@@ -115,6 +137,8 @@ pub struct EpisodeSource {
     episodes_per_scene: u64,
     /// Unused scenes are dropped by their last user.
     loaded: Mutex<BTreeMap<u64, Weak<LoadedScene>>>,
+    /// Scenes without a mission within the curriculum.
+    without_mission: Mutex<BTreeSet<u64>>,
 }
 
 impl EpisodeSource {
@@ -142,21 +166,22 @@ impl EpisodeSource {
             in_use,
             episodes_per_scene: options.episodes_per_scene.max(1),
             loaded: Mutex::default(),
+            without_mission: Mutex::default(),
         })
     }
 
-    /// Returns episode `number` of environment `env`; prepares its scene if no other environment uses it.
+    /// Returns episode `number` of environment `env`; prepares its scene if no other environment uses it. A scene without a mission
+    /// within the curriculum is replaced by the next one.
     ///
     /// # Errors
-    /// If the scene cannot be prepared, or has no mission within the curriculum.
+    /// If a scene cannot be prepared, or none of eight scenes has a mission within the curriculum.
     pub fn episode(&self, env: u64, number: u64, rules: &Rules) -> Result<TrainingEpisode, TrainingError> {
-        let loaded = self.loaded(self.scene_number(env, number));
-        let scene = loaded.0.get_or_init(|| {
-            self.scenes.scene(self.scene_number(env, number)).map_err(|error| error.to_string())
-        });
-        let PreparedScene { assets, episodes, .. } = match scene {
-            Ok(scene) => scene,
-            Err(message) => return Err(TrainingError::Shared(message.clone())),
+        let first = self.scene_number(env, number);
+        let loaded = self.next_with_mission(first)?;
+        let PreparedScene { assets, episodes, .. } = match loaded.0.get() {
+            Some(Ok(scene)) => scene,
+            Some(Err(failure)) => return Err(failure.shared()),
+            None => return Err(TrainingError::Shared(format!("scene {first} was not prepared"))),
         };
         let mut rng = Rng::new(self.seed).fork(&format!("environment {env} episode {number}"));
         let spec: &EpisodeSpec = &episodes[rng.below(episodes.len())];
@@ -175,8 +200,40 @@ impl EpisodeSource {
 
     /// Returns the scene of an environment's episode: neighbours share scenes, and each moves on after a fixed number.
     fn scene_number(&self, env: u64, number: u64) -> u64 {
-        let column = env % self.in_use + self.in_use * (number / self.episodes_per_scene);
-        self.scenes.count().map_or(column, |count| column % count)
+        self.wrapped(env % self.in_use + self.in_use * (number / self.episodes_per_scene))
+    }
+
+    fn wrapped(&self, scene: u64) -> u64 {
+        self.scenes.count().map_or(scene, |count| scene % count)
+    }
+
+    /// Returns the first prepared scene from `first` on that has a mission, or failed for another reason.
+    fn next_with_mission(&self, first: u64) -> Result<Arc<LoadedScene>, TrainingError> {
+        let mut failed = None;
+        for step in 0..self.scenes.count().unwrap_or(MOST_SCENES).min(MOST_SCENES) {
+            let number = self.wrapped(first + step);
+            // Preparation takes seconds, and no environment holds such a scene.
+            if self.without_mission().contains(&number) {
+                continue;
+            }
+            let loaded = self.loaded(number);
+            let scene = loaded.0.get_or_init(|| self.scenes.scene(number).map_err(Unprepared::from));
+            match scene {
+                Err(failure) if failure.is_without_mission => {
+                    self.without_mission().insert(number);
+                    failed = Some(failure.shared());
+                }
+                _ => return Ok(loaded),
+            }
+        }
+        let known = || {
+            TrainingError::Shared("no scene has a mission within the curriculum; widen its limits".to_owned())
+        };
+        Err(failed.unwrap_or_else(known))
+    }
+
+    fn without_mission(&self) -> MutexGuard<'_, BTreeSet<u64>> {
+        self.without_mission.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn loaded(&self, number: u64) -> Arc<LoadedScene> {

@@ -7,9 +7,10 @@ use crate::{
 };
 use avln_referee::Audio;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 /// Memory for one environment's next observation, filled on a worker thread.
@@ -55,16 +56,19 @@ struct Member {
 pub struct VectorEnv<R> {
     members: Arc<Vec<Mutex<Member>>>,
     shared: Arc<Shared>,
+    /// Some until the drop.
     work: Option<Sender<Work<R>>>,
     results: Arc<Results<R>>,
     threads: Vec<JoinHandle<()>>,
+    /// True if the remaining tasks are to be left undone.
+    is_closing: Arc<AtomicBool>,
 }
 
 impl<R: RowSource> VectorEnv<R> {
     /// Starts `threads` threads for `count` environments.
     ///
     /// # Errors
-    /// If an option is out of range.
+    /// If an option is out of range, or the system refuses a thread.
     pub fn new(
         count: usize,
         threads: usize,
@@ -72,8 +76,9 @@ impl<R: RowSource> VectorEnv<R> {
         options: EnvOptions,
         audio: Audio,
     ) -> Result<Self, TrainingError> {
-        crate::options::within("num_envs", count as u32, 1, 4096)?;
-        crate::options::within("threads", threads as u32, 1, 1024)?;
+        let small = |number| u32::try_from(number).unwrap_or(u32::MAX);
+        crate::options::within("num_envs", small(count), 1, 4096)?;
+        crate::options::within("threads", small(threads), 1, 1024)?;
         let shared = Shared::new(source, options, audio)?;
         let member = |number| {
             let env = Env::with(number, Arc::clone(&shared));
@@ -82,12 +87,15 @@ impl<R: RowSource> VectorEnv<R> {
         let members: Arc<Vec<_>> = Arc::new((0..count as u64).map(member).collect());
         let (work, tasks) = channel();
         let (tasks, results) = (Arc::new(Mutex::new(tasks)), Arc::new(Results::default()));
+        let is_closing = Arc::new(AtomicBool::new(false));
         let worker = |_| {
             let (members, tasks, results) = (Arc::clone(&members), Arc::clone(&tasks), Arc::clone(&results));
-            std::thread::spawn(move || run(&members, &tasks, &results))
+            let is_closing = Arc::clone(&is_closing);
+            let worker = thread::Builder::new().name("avln-train".to_owned());
+            worker.spawn(move || run(&members, &tasks, &results, &is_closing)).map_err(TrainingError::Thread)
         };
-        let threads = (0..threads).map(worker).collect();
-        Ok(Self { members, shared, work: Some(work), results, threads })
+        let threads = (0..threads).map(worker).collect::<Result<_, _>>()?;
+        Ok(Self { members, shared, work: Some(work), results, threads, is_closing })
     }
 
     /// Returns the arrays of a row.
@@ -103,7 +111,7 @@ impl<R: RowSource> VectorEnv<R> {
     /// Starts the next episode of an environment.
     ///
     /// # Errors
-    /// If the environments are closed.
+    /// If there is no such environment.
     pub fn send_reset(&self, env: usize, row: R) -> Result<(), TrainingError> {
         self.send(env, Task::Reset, row)
     }
@@ -111,83 +119,85 @@ impl<R: RowSource> VectorEnv<R> {
     /// Starts a step.
     ///
     /// # Errors
-    /// If the environments are closed.
+    /// If there is no such environment.
     pub fn send_step(&self, env: usize, action: u32, row: R) -> Result<(), TrainingError> {
         self.send(env, Task::Step(action), row)
     }
 
-    /// Starts the restoration of a state.
+    /// Starts the restoration of a state of this or another environment.
     ///
     /// # Errors
-    /// If the environments are closed.
+    /// If there is no such environment.
     pub fn send_restore(&self, env: usize, state: EnvState, row: R) -> Result<(), TrainingError> {
         self.send(env, Task::Restore(Arc::new(state)), row)
     }
 
     fn send(&self, env: usize, task: Task, row: R) -> Result<(), TrainingError> {
-        let work = self.work.as_ref().ok_or(TrainingError::Closed)?;
-        work.send(Work { env, task, row }).map_err(|_| TrainingError::Closed)
+        self.known(env)?;
+        if let Some(work) = &self.work {
+            // The threads, which receive, end after this vector.
+            let _ = work.send(Work { env, task, row });
+        }
+        Ok(())
     }
 
-    /// Waits for a finished task, in the order of completion; `None` after `timeout`.
-    ///
-    /// # Errors
-    /// If the environments are closed.
-    pub fn recv(&self, timeout: Duration) -> Result<Option<Finished<R>>, TrainingError> {
-        self.recv_many(1, timeout).map(|mut finished| finished.pop())
+    fn known(&self, env: usize) -> Result<&Mutex<Member>, TrainingError> {
+        let count = self.members.len();
+        self.members.get(env).ok_or(TrainingError::UnknownEnv { env, count })
+    }
+
+    fn member(&self, env: usize) -> Result<MutexGuard<'_, Member>, TrainingError> {
+        Ok(self.known(env)?.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Waits for `count` finished tasks, in the order of completion; fewer after `timeout`.
-    ///
-    /// # Errors
-    /// If the environments are closed.
-    pub fn recv_many(&self, count: usize, timeout: Duration) -> Result<Vec<Finished<R>>, TrainingError> {
-        if self.work.is_none() {
-            return Err(TrainingError::Closed);
-        }
-        Ok(self.results.take(count, timeout))
+    pub fn recv(&self, count: usize, timeout: Duration) -> Vec<Finished<R>> {
+        self.results.take(count, timeout)
     }
 
     /// Returns the exact state of an environment without a running task.
     ///
     /// # Errors
-    /// If it has no episode.
+    /// If there is no such environment, or it has no episode.
     pub fn state(&self, env: usize) -> Result<EnvState, TrainingError> {
-        self.members[env].lock().unwrap_or_else(PoisonError::into_inner).env.state()
+        self.member(env)?.env.state()
     }
 
     /// Returns the parts of a picture of an environment without a running task.
     ///
     /// # Errors
-    /// If it has no episode, or the side is out of range.
+    /// If there is no such environment, it has no episode, or the side is out of range.
     pub fn overview(&self, env: usize, side: u32) -> Result<Overview, TrainingError> {
-        self.members[env].lock().unwrap_or_else(PoisonError::into_inner).env.overview(side)
-    }
-
-    /// Ends all threads after their present step.
-    pub fn close(&mut self) {
-        self.work = None;
-        for thread in self.threads.drain(..) {
-            // A worker catches panics, so this cannot fail.
-            let _ = thread.join();
-        }
+        self.member(env)?.env.overview(side)
     }
 }
 
+/// Ends all threads after their present step.
 impl<R> Drop for VectorEnv<R> {
     fn drop(&mut self) {
+        self.is_closing.store(true, Ordering::Relaxed);
         self.work = None;
         self.threads.drain(..).for_each(|thread| {
+            // A worker catches panics, so this cannot fail.
             let _ = thread.join();
         });
     }
 }
 
 /// Performs tasks until the vector is closed.
-fn run<R: RowSource>(members: &[Mutex<Member>], tasks: &Mutex<Receiver<Work<R>>>, results: &Results<R>) {
+fn run<R: RowSource>(
+    members: &[Mutex<Member>],
+    tasks: &Mutex<Receiver<Work<R>>>,
+    results: &Results<R>,
+    is_closing: &AtomicBool,
+) {
     loop {
         let next = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
         let Ok(Work { env, task, mut row }) = next else { return };
+        // The channel still yields the tasks sent before.
+        if is_closing.load(Ordering::Relaxed) {
+            return;
+        }
         let mut member = members[env].lock().unwrap_or_else(PoisonError::into_inner);
         // A panic in one environment must not stop the others.
         let flags = catch_unwind(AssertUnwindSafe(|| member.perform(&task, &mut row)));
@@ -202,18 +212,22 @@ impl Member {
     fn perform(&mut self, task: &Task, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
         match task {
             Task::Reset => self.reset(row),
-            Task::Restore(state) => {
-                self.needs_reset = false;
-                self.env.restore(state, &mut row.row()).map(|()| StepFlags::default())
-            }
+            Task::Restore(state) => self.restore(state, row),
             Task::Step(_) if self.needs_reset => self.reset(row),
             Task::Step(action) => self.step(*action, row),
         }
     }
 
+    fn restore(&mut self, state: &EnvState, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+        self.env.restore(state, &mut row.row())?;
+        self.needs_reset = self.env.autoreset() == AutoReset::NextStep && self.env.is_over();
+        Ok(StepFlags::default())
+    }
+
     fn reset(&mut self, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {
+        self.env.reset(&mut row.row())?;
         self.needs_reset = false;
-        self.env.reset(&mut row.row()).map(|()| StepFlags::default())
+        Ok(StepFlags::default())
     }
 
     fn step(&mut self, action: u32, row: &mut impl RowSource) -> Result<StepFlags, TrainingError> {

@@ -72,6 +72,14 @@ impl NativeVector {
         })
     }
 
+    /// Returns the largest depth in metres, and the largest number of steps per episode.
+    fn limits(&self) -> PyResult<(f32, u32)> {
+        self.with(|vector| {
+            let rules = &vector.options().rules;
+            Ok((rules.depth_max_m, rules.max_steps))
+        })
+    }
+
     /// Returns the name of the observation's definition.
     fn observation_digest(&self) -> PyResult<String> {
         self.with(|vector| Ok(vector.layout().digest(vector.options())))
@@ -98,8 +106,9 @@ impl NativeVector {
         buffer: usize,
         rows: Vec<usize>,
     ) -> PyResult<()> {
+        // All rows before the first step: an error must leave no step behind.
+        let rows: Vec<_> = rows.into_iter().map(|row| self.row(buffer, row)).collect::<PyResult<_>>()?;
         for ((env, action), row) in envs.into_iter().zip(actions).zip(rows) {
-            let row = self.row(buffer, row)?;
             // Negative numbers become large ones, which are no actions either.
             let action = u32::try_from(action).unwrap_or(u32::MAX);
             self.with(|vector| vector.send_step(env, action, row).map_err(value_error))?;
@@ -109,8 +118,8 @@ impl NativeVector {
 
     /// Starts the next episode of each environment.
     fn send_resets(&self, envs: Vec<usize>, buffer: usize, rows: Vec<usize>) -> PyResult<()> {
+        let rows: Vec<_> = rows.into_iter().map(|row| self.row(buffer, row)).collect::<PyResult<_>>()?;
         for (env, row) in envs.into_iter().zip(rows) {
-            let row = self.row(buffer, row)?;
             self.with(|vector| vector.send_reset(env, row).map_err(value_error))?;
         }
         Ok(())
@@ -133,7 +142,7 @@ impl NativeVector {
             }
             let missing = count - received.len();
             drop(received);
-            let recv = || self.with(|vector| vector.recv_many(missing, SIGNALS).map_err(value_error));
+            let recv = || self.with(|vector| Ok(vector.recv(missing, SIGNALS)));
             let next = py.detach(recv)?;
             lock(&self.received).extend(next.into_iter().map(result));
             py.check_signals()?;

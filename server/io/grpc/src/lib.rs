@@ -89,6 +89,7 @@ mod shared;
 mod sim_pool;
 mod spans;
 mod unary;
+mod unary_client;
 mod watchdog;
 mod wire;
 

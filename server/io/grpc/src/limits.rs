@@ -36,7 +36,7 @@ pub struct Limits {
     pub http2_frame_bytes: u32,
     /// Concurrent calls per connection.
     pub http2_streams: u32,
-    /// Calls per second and connection, beyond those that play: replies to further calls wait. Clients make a few per run.
+    /// Calls per second and connection, beyond those that play: further calls wait. Clients make a few per run.
     pub calls_per_s: u32,
     /// Time from connecting to the first complete request. Later, keepalive supervises the connection.
     pub first_request: Duration,

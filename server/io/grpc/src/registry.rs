@@ -5,9 +5,10 @@ use crate::{
     limits::Limits,
     refusal::Refusal,
     shared::Shared,
+    unary_client::UnaryClient,
 };
 use avln_net::fair_share;
-use avln_proto::v1::{self, Reason};
+use avln_proto::v1::Reason;
 use parking_lot::Mutex;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -58,12 +59,6 @@ struct SessionEntry<S> {
     /// True when the guard is dropped.
     over: Arc<Shared<bool>>,
     unary: Option<Arc<UnaryClient<S>>>,
-}
-
-pub(crate) struct UnaryClient<S> {
-    pub(crate) session: Arc<S>,
-    pub(crate) welcome: v1::Welcome,
-    pub(crate) last_call: watch::Sender<Instant>,
 }
 
 /// Exclusive right to play a run, until it is dropped.

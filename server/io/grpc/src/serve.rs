@@ -158,10 +158,11 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
             seen.store(true, Ordering::Relaxed);
             meter.allow(header_bytes);
             let (pace, path) = (pace.clone(), request.uri().path().to_owned());
-            let call = routes.clone().call(request);
+            let mut routes = routes.clone();
             async move {
-                let reply = call.await?;
-                pace.wait(&path, reply.headers()).await;
+                pace.wait(&path).await;
+                let reply = routes.call(request).await?;
+                pace.answered(&path, reply.headers());
                 Ok::<_, Infallible>(reply)
             }
         }

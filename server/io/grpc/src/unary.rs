@@ -5,16 +5,13 @@ use crate::{
     context::{RunGuard, ServiceContext, bearer},
     host::{Host, OpenRun},
     refusal::{Failure, Refusal, Result},
-    registry::UnaryClient,
     session::{Session, SlotReply, SlotRequest},
+    unary_client::{CallTimes, UnaryClient},
 };
 use avln_challenge::RunState;
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
-use std::{sync::Arc, time::Duration};
-use tokio::{
-    sync::watch,
-    time::{Instant, sleep_until},
-};
+use std::sync::Arc;
+use tokio::{sync::watch, time::Instant};
 use tonic::metadata::MetadataMap;
 use tracing::Instrument;
 
@@ -114,10 +111,10 @@ impl<'a, H: Host> UnaryCall<'a, H> {
         let admission = self.context.admit(&self.token, hello, 1).await?;
         let session = admission.session;
         session.attach_unary().await;
-        let last_call = watch::Sender::new(Instant::now());
+        let calls = watch::Sender::new(CallTimes { open: 0, last: Instant::now() });
         // Without positions: the next Reset repeats this welcome, and the episode is in the answer itself.
         let welcome = v1::Welcome { resumed: vec![], ..admission.welcome };
-        let client = Arc::new(UnaryClient { session, welcome, last_call });
+        let client = Arc::new(UnaryClient { session, welcome, calls });
         admission.guard.attach_unary(&self.token, client.clone());
         let span = client.session.span();
         tokio::spawn(supervise(self.context.clone(), client.clone(), admission.guard).instrument(span));
@@ -125,10 +122,9 @@ impl<'a, H: Host> UnaryCall<'a, H> {
     }
 
     async fn send(&self, client: &Client<H>, request: SlotRequest) -> Result<SlotReply> {
-        // Before and after, so that a long step does not count as idle time.
-        client.last_call.send_replace(Instant::now());
+        let in_progress = client.begin_call();
         let reply = client.session.call(SLOT, request).await;
-        client.last_call.send_replace(Instant::now());
+        drop(in_progress);
         // After a server stop, the caller must learn of the stop and not of the session's end.
         reply.map_err(|failure| self.context.registry.check_open().err().map_or(failure, Failure::from))
     }
@@ -167,22 +163,11 @@ async fn supervise<H: Host>(context: Arc<ServiceContext<H>>, client: Arc<Client<
         biased;
         reason = guard.stopped() => reason,
         reason = client.session.over() => reason,
-        () = idle(&client, context.limits.unary_idle) => StopReason::Idle,
+        () = client.idle(context.limits.unary_idle) => StopReason::Idle,
     };
     let reason = guard.ends(reason);
     if let Err(failure) = context.end(client.session.clone(), guard, reason).await {
         tracing::warn!(why = failure.message, "run not finished");
-    }
-}
-
-/// Waits until no call has come for `limit`.
-async fn idle<H: Host>(client: &Client<H>, limit: Duration) {
-    loop {
-        let end = *client.last_call.borrow() + limit;
-        if end <= Instant::now() {
-            return;
-        }
-        sleep_until(end).await;
     }
 }
 

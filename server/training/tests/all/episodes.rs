@@ -3,7 +3,11 @@
 use crate::memory::{OwnRow, audio, env, follow_teacher, small_houses, small_options};
 use avln_episode::Rules;
 use avln_scoring::score;
-use avln_training::{AutoReset, CheapSenses, EnvOptions, EpisodeSource, TrainingError, VectorEnv};
+use avln_training::{
+    AutoReset, CheapSenses, EnvOptions, EpisodeSource, Row, RowSource, TrainingError, VectorEnv,
+};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -31,8 +35,7 @@ fn teacher_completes_missions_on_shortest_paths() {
     assert!(spl >= 0.85 * complete as f64, "{spl} for {complete}");
 }
 
-fn row_of(row: &mut OwnRow) -> avln_training::Row<'_> {
-    use avln_training::RowSource;
+fn row_of(row: &mut OwnRow) -> Row<'_> {
     row.row()
 }
 
@@ -48,6 +51,11 @@ fn restored_states_continue_with_equal_bits() {
     let state = env.state().expect("an episode");
     other.restore(&state, &mut row_of(&mut copy)).expect("the same source");
     assert_eq!(row, copy);
+    assert_eq!(
+        other.state().expect("an episode"),
+        state,
+        "a state is that of its episode, wherever it plays"
+    );
     for action in [0, 1, 1, 0, 0, 3] {
         let flags = env.step(action, &mut row_of(&mut row)).expect("a step");
         let again = other.step(action, &mut row_of(&mut copy)).expect("a step");
@@ -68,6 +76,73 @@ fn invalid_steps_are_refused() {
     assert!(error.contains("ended after 1 steps"), "{error}");
 }
 
+/// An environment of a vector, and its row.
+fn single(autoreset: AutoReset) -> (VectorEnv<OwnRow>, OwnRow) {
+    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let options = EnvOptions { autoreset, ..small_options() };
+    let vector = VectorEnv::new(1, 1, source, options, audio()).expect("an environment");
+    let row = OwnRow::new(vector.layout());
+    (vector, row)
+}
+
+fn received(vector: &VectorEnv<OwnRow>) -> OwnRow {
+    let finished = vector.recv(1, PATIENCE).pop().expect("in time");
+    finished.flags.expect("no error");
+    finished.row
+}
+
+#[test]
+fn restored_ends_reset_in_the_next_step() {
+    let (vector, row) = single(AutoReset::NextStep);
+    vector.send_reset(0, row).expect("an environment");
+    vector.send_step(0, 4, received(&vector)).expect("an environment");
+    let row = received(&vector);
+    let end = vector.state(0).expect("an episode");
+    vector.send_step(0, 0, row).expect("an environment");
+    let next = vector.recv(1, PATIENCE).pop().expect("in time").row;
+    let expected = next.clone();
+    vector.send_restore(0, end, next).expect("an environment");
+    vector.send_step(0, 0, received(&vector)).expect("an environment");
+    assert_eq!(received(&vector), expected);
+}
+
+#[test]
+fn unknown_environments_are_refused() {
+    let (vector, row) = single(AutoReset::Disabled);
+    let error = vector.send_step(3, 0, row).expect_err("no such environment").to_string();
+    assert_eq!(error, "environment 3 does not exist; the last one is 0");
+    assert!(matches!(vector.state(1), Err(TrainingError::UnknownEnv { env: 1, count: 1 })));
+}
+
+#[test]
+fn closing_leaves_queued_tasks_undone() {
+    let source = EpisodeSource::open(&small_houses(4)).expect("a source");
+    let vector = VectorEnv::new(4, 1, source, small_options(), audio()).expect("environments");
+    let layout = vector.layout().clone();
+    let dropped = Arc::new(AtomicUsize::new(0));
+    for env in 0..4 {
+        let row = CountedRow { row: OwnRow::new(&layout), taken: Arc::clone(&dropped) };
+        vector.send_reset(env, row).expect("an environment");
+    }
+    drop(vector);
+    assert!(dropped.load(Ordering::Relaxed) <= 1, "{dropped:?} houses were prepared");
+}
+
+/// A row that counts its uses.
+struct CountedRow {
+    row: OwnRow,
+    taken: Arc<AtomicUsize>,
+}
+
+impl RowSource for CountedRow {
+    fn row(&mut self) -> Row<'_> {
+        self.taken.fetch_add(1, Ordering::Relaxed);
+        self.row.row()
+    }
+
+    fn keep_final(&mut self) {}
+}
+
 /// Rows and flags of all environments after a few steps.
 fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnRow, String)> {
     const COUNT: usize = 3;
@@ -80,7 +155,7 @@ fn played(threads: usize, autoreset: AutoReset) -> Vec<(OwnRow, String)> {
     let mut flags = vec![String::new(); COUNT];
     let wait = |rows: &mut Vec<Option<OwnRow>>, flags: &mut Vec<String>| {
         for _ in 0..COUNT {
-            let finished = vector.recv(PATIENCE).expect("open").expect("in time");
+            let finished = vector.recv(1, PATIENCE).pop().expect("in time");
             flags[finished.env] += &format!("{:?}", finished.flags.expect("a step"));
             rows[finished.env] = Some(finished.row);
         }

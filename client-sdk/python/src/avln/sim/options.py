@@ -7,6 +7,7 @@ import importlib.util
 import json
 import math
 import os
+import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -111,6 +112,13 @@ def native() -> Any:
         raise ModuleNotFoundError(message, name=error.name) from None
 
 
+def _processors() -> int:
+    """Returns the number of processors that this process may use."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def to_json(
     source: str | Folder | Scan,
     *,
@@ -141,7 +149,7 @@ def to_json(
     width, height = (size, size) if isinstance(size, int) else size
     options = {
         "num_envs": num_envs,
-        "threads": threads or os.cpu_count() or 1,
+        "threads": threads or _processors(),
         "source": _source(source),
         "seed": seed,
         **asdict(curriculum),

@@ -76,7 +76,8 @@ def _target(plan: NDArray[Any], place: tuple[float, float], side: int, number: i
     scale = max(side // 170, 1)
     bits = np.array([int(bit) for bit in _DIGITS[number]]).reshape(5, 3).repeat(scale, 0).repeat(scale, 1)
     left, top = round(place[0] - 1.5 * scale), round(place[1] - 2.5 * scale)
-    spot = plan[max(top, 0) : top + len(bits), max(left, 0) : left + bits.shape[1]]
+    bits = bits[max(-top, 0) :, max(-left, 0) :]
+    spot = plan[max(top, 0) :, max(left, 0) :][: bits.shape[0], : bits.shape[1]]
     spot[bits[: spot.shape[0], : spot.shape[1]] > 0] = WHITE
 
 

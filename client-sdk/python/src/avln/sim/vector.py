@@ -116,7 +116,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.metadata = {**self.metadata, "autoreset_mode": autoreset_mode}
         self._begin(seed)
         self._set_batch_size(num_envs if batch_size is None else batch_size)
-        self._make_spaces(max(curriculum.max_steps or 1000, 4 + curriculum.added_submits))
+        self._make_spaces(4 + curriculum.added_submits)
 
     def _begin(self, seed: int) -> None:
         """Starts the native environments and their buffers."""
@@ -130,7 +130,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._observed = [name for name, *_, is_info in self._layout if not is_info]
         self._turn = np.zeros(self.num_envs, np.int64)
         self._actions = np.zeros(self.num_envs, np.int64)
-        self._running = 0
+        self._is_running = np.zeros(self.num_envs, np.bool_)
+
+    @property
+    def _running(self) -> int:
+        """Number of environments with a task that `recv` has not returned."""
+        return int(self._is_running.sum())
 
     def _set_batch_size(self, batch_size: int) -> None:
         self.batch_size = batch_size
@@ -141,10 +146,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _arrays(self) -> Arrays:
         return {name: np.zeros((self.num_envs, *shape), kind) for name, kind, shape, _ in self._layout}
 
-    def _make_spaces(self, max_steps: int) -> None:
-        known = {
-            name: _space(name, kind, shape, max_steps) for name, kind, shape, is_info in self._layout if not is_info
-        }
+    def _make_spaces(self, most_submits: int) -> None:
+        farthest_m, max_steps = self._native.limits()
+        most = {"depth": farthest_m, "lidar": farthest_m, "remaining": max(max_steps, most_submits)}
+        known = {name: _space(name, kind, shape, most) for name, kind, shape, is_info in self._layout if not is_info}
         self.single_observation_space = spaces.Dict(known)
         self.single_action_space = spaces.Discrete(len(Action))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -174,9 +179,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         before = self._turn.copy()
         turn = int((before[0] + 1) % _BUFFERS)
         self._turn[:] = turn
+        # Until all results are here, also after Ctrl-C.
+        self._is_running[envs] = True
         self._native.send_resets(envs.tolist(), turn, envs.tolist())
         self._keep(turn, before, np.setdiff1d(np.arange(self.num_envs), envs))
-        self._raise_errors(self._native.recv(len(envs)))
+        self._raise_errors(self._received(len(envs)))
         return self._observations(turn), self._infos(turn)
 
     def _keep(self, turn: int, before: NDArray[np.int64], envs: NDArray[np.int64]) -> None:
@@ -187,6 +194,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def step(self, actions: ArrayLike) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Performs an action in each environment.
+
+        Returns observations, rewards f64 [num_envs], terminated and truncated bool [num_envs], and infos.
 
         Raises:
             SimError: if an action is invalid, or an environment has no episode; all others have made their step.
@@ -210,13 +219,20 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.send(chosen, np.arange(self.num_envs))
 
     def step_wait(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Waits for the step of all environments; returns as `step`."""
-        results = self._native.recv(self.num_envs)
-        self._running -= self.num_envs
+        """Waits for the step of all environments; returns as `step`.
+
+        Raises:
+            SimError: as `step`, or if not all environments have a running step.
+        """
+        if self._running < self.num_envs:
+            raise SimError(
+                f"{self._running} of {self.num_envs} environments have a running step; call step_async first"
+            )
+        results = self._received(self.num_envs)
         turn = int(self._turn[0])
         rewards, terminated, truncated = self._flags(results)
         infos = self._infos(turn)
-        self._add_finals(infos, turn, terminated | truncated)
+        self._add_finals(infos, np.arange(self.num_envs), terminated | truncated)
         self._raise_errors(results)
         observations = self._observations(turn)
         if self._reward is not None:
@@ -224,27 +240,44 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return observations, rewards, terminated, truncated, infos
 
     def send(self, actions: ArrayLike, env_ids: ArrayLike) -> None:
-        """Starts a step of some environments, as in EnvPool."""
-        envs = np.asarray(env_ids, np.int64)
+        """Starts a step of some environments, as in EnvPool.
+
+        Raises:
+            SimError: if one of them has a running step.
+            ValueError: if an index is repeated or unknown, or the number of actions differs.
+        """
+        envs, chosen = np.asarray(env_ids, np.int64), np.asarray(actions, np.int64)
+        self._check(envs, chosen)
         self._turn[envs] = (self._turn[envs] + 1) % _BUFFERS
-        chosen = np.asarray(actions, np.int64)
         self._actions[envs] = chosen
+        self._is_running[envs] = True
         for turn in range(_BUFFERS):
             here = self._turn[envs] == turn
             rows = envs[here].tolist()
             self._native.send_steps(rows, chosen[here].tolist(), turn, rows)
-        self._running += len(envs)
+
+    def _check(self, envs: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
+        if envs.ndim != 1 or actions.shape != envs.shape:
+            raise ValueError(
+                f"`actions` and `env_ids` have the shapes {actions.shape} and {envs.shape}; use equal lists"
+            )
+        if ((envs < 0) | (envs >= self.num_envs)).any() or len(np.unique(envs)) < len(envs):
+            raise ValueError(f"`env_ids` is {envs.tolist()}; use different numbers from 0 to {self.num_envs - 1}")
+        if self._is_running[envs].any():
+            running = envs[self._is_running[envs]].tolist()
+            raise SimError(f"environments {running} have a running step; call recv first")
 
     def recv(self) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Waits for `batch_size` environments, in the order of completion; their indices are `infos["env_id"]`.
+
+        Returns as `step`, with copies of the rows of these environments.
 
         Raises:
             SimError: if fewer steps are running, or one has failed.
         """
         if self._running < self.batch_size:
             raise SimError(f"{self._running} steps are running, fewer than the batch size {self.batch_size}")
-        results = self._native.recv(self.batch_size)
-        self._running -= self.batch_size
+        results = self._received(self.batch_size)
         self._raise_errors(results)
         envs = np.array([result[0] for result in results])
         rows = {
@@ -253,6 +286,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         flags = [np.array([result[index] for result in results]) for index in (2, 3, 4)]
         infos: dict[str, Any] = {name: rows.pop(name) for name, _, _, is_info in self._layout if is_info}
         infos["env_id"] = envs
+        self._add_finals(infos, envs, flags[1] | flags[2])
         if self._reward is not None:
             flags[0] = np.asarray(self._reward(rows, self._actions[envs], infos), np.float64)
         return rows, flags[0], flags[1], flags[2], infos
@@ -266,14 +300,21 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return bytes(self._native.state(env_id))
 
     def restore(self, env_id: int, state: bytes) -> tuple[Arrays, dict[str, Any]]:
-        """Restores a state in an environment by repeating its actions; returns its observation and info.
+        """Restores a state of any environment in this one by repeating its actions; returns its observation and info.
+
+        The arrays have no leading axis. The environment's row in the last observation changes too. Running steps are
+        awaited, and their results dropped.
 
         Raises:
             SimError: if the state belongs to other episodes.
+            ValueError: if there is no such environment, or the bytes are no state.
         """
+        self._drain()
+        self._check(np.array([env_id]), np.zeros(1, np.int64))
         turn = int(self._turn[env_id])
         self._native.send_restore(env_id, state, turn, env_id)
-        self._raise_errors(self._native.recv(1))
+        self._is_running[env_id] = True
+        self._raise_errors(self._received(1))
         row = {name: array[env_id].copy() for name, array in self._buffers[turn].items()}
         return {name: row[name] for name in self._observed}, {
             name: row[name] for name, *_, is_info in self._layout if is_info
@@ -302,8 +343,13 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _drain(self) -> None:
         if self._running:
-            self._native.recv(self._running)
-            self._running = 0
+            self._received(self._running)
+
+    def _received(self, count: int) -> list[Any]:
+        """Waits for results; Ctrl-C leaves them for the next call."""
+        results = self._native.recv(count)
+        self._is_running[[result[0] for result in results]] = False
+        return list(results)
 
     def _observations(self, turn: int) -> Arrays:
         return {name: self._buffers[turn][name] for name in self._observed}
@@ -318,14 +364,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             array[list(envs)] = values
         return flags
 
-    def _add_finals(self, infos: dict[str, Any], turn: int, is_over: NDArray[Any]) -> None:
-        finals = self._finals[turn]
-        if not finals or not is_over.any():
+    def _add_finals(self, infos: dict[str, Any], envs: NDArray[Any], is_over: NDArray[Any]) -> None:
+        if not self._finals[0] or not is_over.any():
             return
-        observations, details = (np.full(self.num_envs, None, object) for _ in range(2))
-        for env in np.flatnonzero(is_over):
-            observations[env] = {name: finals[name][env].copy() for name in self._observed}
-            details[env] = {name: finals[name][env].copy() for name, *_, is_info in self._layout if is_info}
+        observations, details = (np.full(len(envs), None, object) for _ in range(2))
+        for row in np.flatnonzero(is_over):
+            finals = {name: array[envs[row]].copy() for name, array in self._finals[self._turn[envs[row]]].items()}
+            observations[row] = {name: finals[name] for name in self._observed}
+            details[row] = {name: finals[name] for name, *_, is_info in self._layout if is_info}
         infos.update(final_obs=observations, _final_obs=is_over.copy(), final_info=details, _final_info=is_over.copy())
 
     @staticmethod
@@ -335,7 +381,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise SimError("; ".join(sorted(set(messages))))
 
 
-def _space(name: str, kind: str, shape: list[int], max_steps: int) -> spaces.Space[Any]:
+def _space(name: str, kind: str, shape: list[int], most: dict[str, float]) -> spaces.Space[Any]:
     dtype = np.dtype(kind).type
     if name == "feedback":
         return spaces.Discrete(4)
@@ -347,11 +393,8 @@ def _space(name: str, kind: str, shape: list[int], max_steps: int) -> spaces.Spa
         farthest = np.array([_FARTHEST_M] * 3 + [np.pi + 1e-3], np.float32)
         return spaces.Box(-farthest, farthest, dtype=np.float32)
     lowest, highest = {
-        "depth": (0.0, _FARTHEST_M),
         "audio": (-_LOUDEST, _LOUDEST),
-        "lidar": (0.0, _FARTHEST_M),
         "ears": (-_MOST_DB, _MOST_DB),
         "map": (0, 2),
-        "remaining": (0, max_steps),
-    }.get(name, (0, 255))
+    }.get(name, (0, most.get(name, 255)))
     return spaces.Box(lowest, highest, tuple(shape), dtype)

@@ -390,6 +390,20 @@ async fn a_silent_caller_counts_as_disconnected() {
 }
 
 #[tokio::test]
+async fn a_call_in_progress_is_no_silence() {
+    let (release, wait) = mpsc::channel();
+    let limits = Limits { unary_idle: Duration::from_millis(500), ..Limits::default() };
+    let server = TestServer::with_limits(Plan::odd(vec![Quirk::SlowStart(wait)]), limits).await;
+    let later = async {
+        tokio::time::sleep(Duration::from_millis(1200)).await;
+        release.send(()).unwrap();
+    };
+    let (begun, ()) = tokio::join!(start(&server), later);
+    step(&server, &begun.episode, 1, STOP).await.unwrap();
+    assert_eq!(server.host.ends(1).await, [Some(EndReason::Stopped)]);
+}
+
+#[tokio::test]
 async fn a_timeout_is_reported_at_the_next_step() {
     let hasty = TimeLimits { step_ms: 30, ..PATIENT };
     let server = TestServer::open(Plan::timed(1, hasty)).await;
