@@ -22,6 +22,7 @@ from sim_envs import SMALL, vector  # noqa: E402
 
 import avln.sim  # noqa: E402
 from avln.cli import main  # noqa: E402
+from avln.sim.picture import _target  # noqa: E402
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -292,6 +293,14 @@ def test_vectors_render_a_picture_per_environment() -> None:
     envs = vector(1)
     assert envs.render() is None
     envs.close()
+
+
+@pytest.mark.parametrize("place", [(-200.0, 10.0), (10.0, -200.0), (-1.0, -2.0), (63.0, 64.0), (500.0, 500.0)])
+def test_targets_beyond_the_map_are_cropped(place: tuple[float, float]) -> None:
+    plan = np.zeros((64, 64, 3))
+    _target(plan, place, 64, 1, (9, 9, 9))
+    assert plan.shape == (64, 64, 3)
+    assert plan.any() == (min(place) > -5 and max(place) < 70)
 
 
 def turn(_observation: dict[str, Any], _info: dict[str, Any]) -> int:
