@@ -2,7 +2,11 @@
 //!
 //! Start at [`run`]. `commands` has a file per command or group.
 
-use crate::{commands::*, log::LogFormat, output::say};
+use crate::{
+    commands::*,
+    log::LogFormat,
+    output::{processors, say},
+};
 use avln_arena::Failure;
 use avln_kit::run::run_for;
 use avln_web::Documents;
@@ -13,6 +17,7 @@ use std::{
     path::{Path, PathBuf},
     process::ExitCode,
 };
+use tokio::runtime::Builder;
 
 mod commands;
 mod log;
@@ -307,13 +312,21 @@ async fn run_lab(data: &Path, command: LabCommand) -> Result<(), Failure> {
 }
 
 fn play(agent: agent::AgentCommand) -> Result<(), Failure> {
-    let no_threads = |error| Failure::internal(format!("cannot start threads: {error}"));
     run_for(agent.slots(), agent::run(agent)).map_err(no_threads)?
 }
 
-#[tokio::main]
-async fn block_on(command: impl Future<Output = Result<(), Failure>>) -> Result<(), Failure> {
-    command.await
+/// Blocking tasks write logs and score episodes: more at once would wait for the disk, and tokio's default of 512 threads would
+/// let a burst of ending episodes hold their memory. Agents in process need a thread per core besides.
+const BLOCKING_THREADS: usize = 8;
+
+fn block_on(command: impl Future<Output = Result<(), Failure>>) -> Result<(), Failure> {
+    let threads = BLOCKING_THREADS.max(2 * processors());
+    let runtime = Builder::new_multi_thread().max_blocking_threads(threads).enable_all().build();
+    runtime.map_err(no_threads)?.block_on(command)
+}
+
+fn no_threads(error: io::Error) -> Failure {
+    Failure::internal(format!("cannot start threads: {error}"))
 }
 
 #[derive(Clone, Debug, Args)]

@@ -14,6 +14,12 @@ BUILDING = 3
 SEEN_PX = 80
 # Upper bound of instance ids in a house.
 INSTANCES = 1024
+# Share of training images with the sensor noise of the rules. The others keep descriptors of both kinds comparable: goal images
+# have no noise.
+NOISY = 0.75
+# Deviation of colours, and the constants of depth: sideways shift, disparity at 1 m and its deviation in pixels, steps per pixel, range.
+RGB_NOISE = 0.2
+SHIFT_PX, DISPARITY_PX_M, DISPARITY_NOISE_PX, STEPS_PER_PX, REACH_M = 0.25, 35.13, 1 / 36, 8, 10
 
 
 class Frames:
@@ -69,20 +75,25 @@ def heights(records, depth_m):
     return records["height_m"][:, None, None] + depth_m * (up * cos + sin)[:, :, None]
 
 
-def batch(frames, picked, rng, side, train=True, drop=0.3):
+def batch(frames, picked, rng, side, train=True, drop=0.3, noisy=0.0):
     """Returns the inputs of `picked` (house, view), `side` pixels wide, and their labels at half the size.
 
-    In training, images are flipped, cropped and recoloured at random, and lose their depth with probability `drop`.
+    Images have sensor noise with probability `noisy`. In training, images are flipped, cropped and recoloured at random, and lose
+    their depth with probability `drop`.
     """
     records = np.stack([frames.houses[house][view] for house, view in picked])
     depth_m = records["depth_mm"].astype(np.float32) / 1000
     rgb = torch.from_numpy(records["rgb"].astype(np.float32) / 255).permute(0, 3, 1, 2)
-    solid = torch.from_numpy(np.stack([depth_m, heights(records, depth_m)], 1))
-    labels = np.stack([records["category"], records["instance"]], 1).astype(np.float32)
-    labels = torch.from_numpy(labels)
     dropped = torch.from_numpy(rng.random(len(picked)) < drop).float()[:, None, None, None]
     if train:
         rgb = colored(rgb, rng)
+    for image in np.flatnonzero(rng.random(len(picked)) < noisy) if noisy else ():
+        rgb[image] = gaussian(rgb[image], rng)
+        depth_m[image] = redwood(depth_m[image], rng)
+    solid = torch.from_numpy(np.stack([depth_m, heights(records, depth_m)], 1))
+    labels = np.stack([records["category"], records["instance"]], 1).astype(np.float32)
+    labels = torch.from_numpy(labels)
+    if train:
         rgb, solid, labels = cut(rng, side, rgb, solid, labels)
     labels = F.interpolate(labels, size=(side // 2, side // 2), mode="nearest").long()
     rgb = F.interpolate(rgb, size=(side, side), mode="bilinear") if rgb.shape[-1] != side else rgb
@@ -90,6 +101,24 @@ def batch(frames, picked, rng, side, train=True, drop=0.3):
     depth = solid[:, :1] * (1 - dropped)
     houses = torch.tensor([house for house, _ in picked])
     return rgb, depth, solid[:, 1:], labels[:, 0], labels[:, 1], houses
+
+
+def gaussian(rgb, rng):
+    """Adds the colour noise `gaussian` of the rules."""
+    deviates = torch.from_numpy(rng.standard_normal(tuple(rgb.shape), np.float32))
+    return (rgb + RGB_NOISE * deviates).clamp(0, 1)
+
+
+def redwood(depth_m, rng):
+    """Adds the depth noise `redwood` of the rules: every pixel reads every other pixel and row, with a rounded disparity."""
+    right, down, of_disparity = rng.standard_normal((3, *depth_m.shape), np.float32)
+    rows, columns = np.indices(depth_m.shape, np.float32)
+    y, x = ((at + SHIFT_PX * shift + 0.5).astype(np.int64) for at, shift in ((rows, down), (columns, right)))
+    read_m = depth_m[y.clip(0, len(depth_m) - 1) & ~1, x.clip(0, len(depth_m) - 1) & ~1]
+    seen = (depth_m > 0) & (read_m > 0) & (read_m < REACH_M)
+    disparity_px = DISPARITY_PX_M / np.where(seen, read_m, 1) + of_disparity * DISPARITY_NOISE_PX
+    steps = np.floor(disparity_px * STEPS_PER_PX + 0.5)
+    return np.where(seen & (steps > 0), DISPARITY_PX_M * STEPS_PER_PX / np.maximum(steps, 1), 0).astype(np.float32)
 
 
 def colored(rgb, rng):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from data import BUILDING, UNKNOWN, Frames, batch
+from data import BUILDING, NOISY, UNKNOWN, Frames, batch
 from losses import class_weights, loss
 from model import VisionNetwork, channels
 
@@ -30,6 +30,7 @@ def options():
     parser.add_argument("--steps", type=int, default=12000, help="total number of steps")
     parser.add_argument("--settle", type=int, default=9000, help="final steps in which the learning rate falls to 0")
     parser.add_argument("--large", type=int, default=1500, help="final steps on images of 192 pixels")
+    parser.add_argument("--noise", action="store_true", help="add the sensor noise of the rules to most images")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--resume", action="store_true", help="continue from checkpoint.pt")
     parser.add_argument("--every", type=int, default=250, help="steps between checkpoints")
@@ -42,14 +43,14 @@ def rate(step, steps, settle):
 
 
 @torch.no_grad()
-def measure(net, frames, houses, drop):
+def measure(net, frames, houses, drop, noisy):
     """Returns the mean IoU and the share of instances whose majority category is correct."""
     net.eval()
     rng, count = np.random.default_rng(0), len(frames.categories)
     table, right, all_ = torch.zeros(count, count), 0, 0
     for house in houses:
         views = [(house, view) for view in range(min(MEASURED_VIEWS, len(frames.houses[house])))]
-        rgb, depth, height, categories, instances, _ = batch(frames, views, rng, LARGE_PX, False, drop)
+        rgb, depth, height, categories, instances, _ = batch(frames, views, rng, LARGE_PX, False, drop, noisy)
         predicted = net.split(net(channels(rgb, depth, height)))[0].argmax(1)
         known = categories != UNKNOWN
         pairs = categories[known] * count + predicted[known]
@@ -82,6 +83,7 @@ def main():
         net.load_state_dict(kept["net"])
         optimiser.load_state_dict(kept["optimiser"])
         begin = kept["step"]
+    noisy = NOISY if given.noise else 0.0
     rng, weights = np.random.default_rng([given.seed, begin]), class_weights(frames)
     stop = []
     signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
@@ -92,7 +94,7 @@ def main():
         for group in optimiser.param_groups:
             group["lr"] = rate(step, given.steps, given.settle)
         rgb, depth, height, categories, instances, houses = batch(
-            frames, frames.pairs(rng, learnt, BATCH // 2), rng, side
+            frames, frames.pairs(rng, learnt, BATCH // 2), rng, side, noisy=noisy
         )
         x = channels(rgb, depth, height).contiguous(memory_format=torch.channels_last)
         total, part = loss(net, net(x), categories, instances, houses, weights)
@@ -104,13 +106,13 @@ def main():
         last = step + 1 == given.steps or bool(stop)
         if (step + 1) % given.every == 0 or last:
             means = [f"{value:.4f}" for value in np.mean(parts, 0)]
-            seen = [f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop)]
+            seen = [f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop, float(given.noise))]
             rows.writerow([step + 1, f"{time.process_time() - began_s:.0f}", side, *means, *seen])
             curve.flush()
             print(step + 1, side, *means, *seen, flush=True)
             parts = []
             kept = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}
-            about = {"categories": frames.categories, "recipe": frames.recipe, "seed": given.seed}
+            about = {"categories": frames.categories, "recipe": frames.recipe, "seed": given.seed, "noisy": noisy}
             seeds = [str(frames.seeds[house]) for house in learnt]
             torch.save({**kept, **about, "seeds": seeds}, out / "checkpoint.part")
             (out / "checkpoint.part").replace(out / "checkpoint.pt")
