@@ -267,17 +267,20 @@ impl PagNav {
         let map = &self.here.map;
         let seen = self.perception.see(pose, observation, &|place| map.is_wall(Cell::at(place)));
         let Some(seen) = seen else { return };
-        if self.ablation.no_object_memory {
-            self.here.objects = ObjectMemory::new(self.mission.goals());
-        }
         let fit = |detection: &_, goal| self.perception.fit(detection, goal);
-        self.fresh = self.here.objects.recognise(pose, seen, fit);
+        if self.ablation.no_object_memory {
+            let last = mem::replace(&mut self.here.objects, ObjectMemory::new(self.mission.goals()));
+            self.fresh = self.here.objects.recognise(pose, seen, fit);
+            self.keep_efforts(&last);
+        } else {
+            self.fresh = self.here.objects.recognise(pose, seen, fit);
+        }
         let missed = observation.depth.as_ref().and_then(|depth| self.missed_candidate(pose, depth));
         if let Some(object) = missed {
             self.here.objects.miss(object, pose.place);
         }
         let objects = self.here.objects.all();
-        self.here.rooms.see(map, self.fresh.iter().map(|look| &objects[look.object()]));
+        self.here.rooms.see(&self.here.map, self.fresh.iter().map(|look| &objects[look.object()]));
         self.look_at_sources(pose);
     }
 

@@ -5,8 +5,9 @@ use crate::candidate::{Candidate, Evidence, SoundSupport, best};
 use crate::outcome::Readiness;
 use avln_client::Action;
 use avln_kit::geometry::{FloorPoint, Pose2d};
-use avln_kit::map::{Cell, NEUTRAL, ObjectHypothesis, range_m};
+use avln_kit::map::{Cell, NEUTRAL, ObjectHypothesis, ObjectMemory, range_m};
 use avln_kit::reach::ReachField;
+use std::collections::BTreeMap;
 use std::f32::consts::{PI, TAU};
 
 /// A candidate is set aside after this many times `patience_steps`.
@@ -98,6 +99,27 @@ impl PagNav {
     pub(crate) fn set_object_aside(&mut self, object: usize, goal: usize) {
         let most_steps = self.most_steps();
         *self.here.sought.entry((object, goal)).or_default() += most_steps;
+    }
+
+    /// Keeps efforts, aim and open claim for objects that the last frame showed too: without efforts, the agent would wait at a candidate for ever.
+    pub(crate) fn keep_efforts(&mut self, last: &ObjectMemory) {
+        let index = |object: usize| {
+            let seen = &last.all().get(object)?.detection;
+            self.here.objects.all().iter().position(|other| other.detection.is_same(seen))
+        };
+        let moved = |efforts: &BTreeMap<(usize, usize), u32>| -> BTreeMap<(usize, usize), u32> {
+            efforts
+                .iter()
+                .filter_map(|(&(object, goal), &steps)| Some(((index(object)?, goal), steps)))
+                .collect()
+        };
+        let [sought, waited] = [&self.here.sought, &self.here.waited].map(moved);
+        let aim = self.aim.take().and_then(|aim| Some(Aim { object: index(aim.object)?, ..aim }));
+        let object = self.pending.and_then(|pending| index(pending.object?));
+        (self.here.sought, self.here.waited, self.aim) = (sought, waited, aim);
+        if let Some(pending) = &mut self.pending {
+            pending.object = object;
+        }
     }
 
     fn candidate(&self, index: usize, object: &ObjectHypothesis, goal: usize, pose: &Pose2d) -> Candidate {
@@ -351,6 +373,20 @@ mod tests {
         assert!(range_m > 0.7 && range_m <= agent.weights.submit_m + 0.05, "{range_m}");
         let next = agent.best_viewpoint(&candidate, &[view], &here).expect("another viewpoint");
         assert!(next.distance_m(view) > AT_M);
+    }
+
+    #[test]
+    fn efforts_follow_objects_into_the_next_frame() {
+        let here = pose(0.0, 2.0);
+        let (mut agent, before) = (agent(0.9, &[here]), agent(0.9, &[here]).here.objects);
+        let candidate = agent.select(&here).unwrap();
+        agent.aim_at(&candidate, &here);
+        agent.here.waited.insert((0, 0), 7);
+        agent.keep_efforts(&before);
+        assert!(agent.sought_steps(0, 0) > 0 && agent.waited_steps(&candidate) == 7 && agent.aim.is_some());
+        agent.here.objects = ObjectMemory::new(2);
+        agent.keep_efforts(&before);
+        assert!(agent.sought_steps(0, 0) == 0 && agent.waited_steps(&candidate) == 0 && agent.aim.is_none());
     }
 
     #[test]

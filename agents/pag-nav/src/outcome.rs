@@ -19,7 +19,8 @@ const SLACK_STEPS: u32 = 5;
 /// A Submit with an open outcome.
 #[derive(Clone, Copy)]
 pub(crate) struct PendingSubmit {
-    pub(crate) object: usize,
+    /// `None` once it is forgotten.
+    pub(crate) object: Option<usize>,
     pub(crate) goal: usize,
     /// The target's source, if known.
     pub(crate) source: Option<usize>,
@@ -137,7 +138,7 @@ impl PagNav {
             let heard =
                 heard.map(|(source, level)| SubmitOutcome::new(self.silence, source, &self.schedule, level));
             let Candidate { object, goal, .. } = *candidate;
-            self.pending = Some(PendingSubmit { object, goal, source, heard });
+            self.pending = Some(PendingSubmit { object: Some(object), goal, source, heard });
         }
         self.claimed = Some(warrant);
         action
@@ -155,12 +156,14 @@ impl PagNav {
         let pending = *pending;
         self.pending = None;
         self.levels.clear();
-        if found || matches!(feedback, Feedback::Verdict(_)) {
-            // Found or wrong, the object is no candidate for another goal.
-            self.here.objects.refute(pending.object);
-        } else {
-            // The inference may be wrong: the object comes after all others, also at a located source.
-            (0..2).for_each(|_| self.set_object_aside(pending.object, pending.goal));
+        if let Some(object) = pending.object {
+            if found || matches!(feedback, Feedback::Verdict(_)) {
+                // Found or wrong, the object is no candidate for another goal.
+                self.here.objects.refute(object);
+            } else {
+                // The inference may be wrong: the object comes after all others, also at a located source.
+                (0..2).for_each(|_| self.set_object_aside(object, pending.goal));
+            }
         }
         let skips = self.wrong_submit == WrongSubmit::SkipsGoal && self.mission.is_ordered();
         if found || skips {

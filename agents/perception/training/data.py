@@ -1,5 +1,9 @@
-"""Batches of labelled images, rendered in training houses by `avln data dataset frames`."""
+"""Batches of labelled images, rendered in training houses by `avln data dataset frames`.
 
+As a program, copies houses to another folder with the sensor noise of the rules in every image.
+"""
+
+import argparse
 import json
 from pathlib import Path
 
@@ -139,3 +143,27 @@ def cut(rng, side, *pictures):
     mirrored = torch.from_numpy(rng.random(len(pictures[0])) < 0.5)[:, None, None, None]
     squares = [picture[:, :, top : top + width, left : left + width] for picture in pictures]
     return [torch.where(mirrored, square.flip(3), square) for square in squares]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
+    parser.add_argument("out", help="new folder with noisy images")
+    parser.add_argument("--first", type=int, default=0, help="number of the first house")
+    given = parser.parse_args()
+    source, out, rng = Path(given.frames), Path(given.out), np.random.default_rng(0)
+    manifest = json.loads((source / "frames.json").read_text())
+    manifest |= {"noisy": True, "houses": manifest["houses"][given.first :]}
+    out.mkdir()
+    for house in manifest["houses"]:
+        records = np.load(source / house["file"])
+        for record in records:
+            rgb = torch.from_numpy(record["rgb"].astype(np.float32) / 255)
+            record["rgb"] = (gaussian(rgb, rng) * 255).round().byte().numpy()
+            record["depth_mm"] = np.rint(redwood(record["depth_mm"].astype(np.float32) / 1000, rng) * 1000)
+        np.save(out / house["file"], records)
+    (out / "frames.json").write_text(json.dumps(manifest))
+
+
+if __name__ == "__main__":
+    main()

@@ -87,20 +87,20 @@ impl Agreement {
         seen: &mut Observation,
     ) -> Result<(), CodecError> {
         let (width, height) = (self.task.width, self.task.height);
-        let size = Size { width, height };
+        let (size, encoding) = (Size { width, height }, tensor.encoding());
         match spec.kind() {
             SensorKind::Rgb => {
-                let pixels = rgb::decode(spec.encoding(), size, tensor.data)?;
+                let pixels = rgb::decode(encoding, size, tensor.data)?;
                 seen.rgb = Some(Image { width, height, pixels });
             }
             SensorKind::Depth => {
                 let layout = depth::Layout { size, unit_m: self.depth_divisor };
-                let metres = self.metres(depth::decode(spec.encoding(), layout, &tensor.data)?);
+                let metres = self.metres(depth::decode(encoding, layout, &tensor.data)?);
                 seen.depth = Some(DepthImage { width, height, metres });
             }
             SensorKind::Audio => {
                 let samples = self.task.audio_samples as usize;
-                let mut left = audio::decode(spec.encoding(), 2 * samples, &tensor.data)?;
+                let mut left = audio::decode(encoding, 2 * samples, &tensor.data)?;
                 let right = left.split_off(samples);
                 seen.audio = Some(Audio { sample_rate_hz: self.task.sample_rate_hz, left, right });
             }
@@ -174,8 +174,10 @@ fn check_spec(spec: &v1::TensorSpec, packing: Packing, task: &TaskSpec) -> Resul
     )))
 }
 
+/// Accepts the agreed encoding, or raw numbers in its place.
 fn check_tensor(tensor: &v1::Tensor, spec: &v1::TensorSpec) -> Result<(), Error> {
-    if tensor.shape == spec.shape && tensor.dtype == spec.dtype && tensor.encoding == spec.encoding {
+    let is_agreed = tensor.dtype == spec.dtype && tensor.encoding == spec.encoding;
+    if tensor.shape == spec.shape && (is_agreed || tensor.encoding() == v1::Encoding::Raw) {
         return Ok(());
     }
     Err(Error::protocol(format!(

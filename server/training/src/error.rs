@@ -26,6 +26,11 @@ pub enum TrainingError {
     /// No mission within the curriculum.
     #[error("scene {scene} has no mission within the curriculum ({curriculum}); widen its limits")]
     NoMission { scene: String, curriculum: String },
+    /// Rules with more distractor sources than a scene has other targets.
+    #[error(
+        "rules '{rules}' need more distractor sources than the scene has other targets; use a larger scene"
+    )]
+    FewSources { rules: String },
     /// Option outside its limits.
     #[error("`{option}` is {value}; {limits}")]
     Option { option: &'static str, value: String, limits: String },

@@ -4,8 +4,8 @@ use crate::floor_grid::FloorGrid;
 use crate::map::Floor;
 use crate::{Curriculum, TrainingError};
 use avln_dataset::{
-    DatasetError, EpisodeSpec, Job, Manifest, MissionOptions, Recipe, SceneChoice, SceneLine, SceneSource,
-    SceneSpec, SplitLine, SurveyOptions, ThresholdsOnly,
+    DatasetError, EpisodeSpec, Job, Manifest, MissionOptions, Recipe, SceneChoice, SceneLine, SceneMissions,
+    SceneSource, SceneSpec, SplitLine, SurveyOptions, ThresholdsOnly,
     format::{File, read_manifest, read_scene, read_scenes},
     sample_missions, survey_with,
 };
@@ -19,7 +19,9 @@ use std::sync::{Arc, OnceLock};
 /// A scene with its missions.
 pub(crate) struct PreparedScene {
     pub(crate) assets: Arc<SceneAssets>,
-    pub(crate) episodes: Vec<EpisodeSpec>,
+    pub(crate) missions: SceneMissions,
+    /// Missions within the curriculum, by index.
+    pub(crate) episodes: Vec<usize>,
     /// Places for the explorer, made on first use.
     pub(crate) floor: OnceLock<Arc<FloorGrid>>,
     /// Cells of the sense `map`, made on first use.
@@ -255,21 +257,23 @@ fn furnished(
 fn prepared(
     scene: &str,
     assets: SceneAssets,
-    mut episodes: Vec<EpisodeSpec>,
+    missions: Vec<EpisodeSpec>,
     curriculum: &Curriculum,
 ) -> Result<PreparedScene, TrainingError> {
     let [fewest, most] = curriculum.goals;
     let [nearest_m, farthest_m] = curriculum.distance_m;
-    episodes.retain(|episode| {
+    let is_within = |episode: &EpisodeSpec| {
         let mut distances_m = episode.goals.iter().map(|goal| goal.target.start_distance_m);
         (fewest..=most).contains(&episode.goals.len())
             && distances_m.all(|distance_m| (nearest_m..=farthest_m).contains(&distance_m))
-    });
+    };
+    let episodes: Vec<_> = (0..missions.len()).filter(|index| is_within(&missions[*index])).collect();
     if episodes.is_empty() {
         let curriculum = format!("{fewest} to {most} goals, {nearest_m} to {farthest_m} m from the start");
         return Err(TrainingError::NoMission { scene: scene.to_owned(), curriculum });
     }
-    Ok(PreparedScene { assets: Arc::new(assets), episodes, floor: OnceLock::new(), cells: OnceLock::new() })
+    let (assets, missions) = (Arc::new(assets), SceneMissions::new(missions));
+    Ok(PreparedScene { assets, missions, episodes, floor: OnceLock::new(), cells: OnceLock::new() })
 }
 
 fn narrowed(options: MissionOptions, curriculum: &Curriculum) -> MissionOptions {

@@ -178,13 +178,21 @@ impl EpisodeSource {
     pub fn episode(&self, env: u64, number: u64, rules: &Rules) -> Result<TrainingEpisode, TrainingError> {
         let first = self.scene_number(env, number);
         let loaded = self.next_with_mission(first)?;
-        let PreparedScene { assets, episodes, .. } = match loaded.0.get() {
+        let PreparedScene { assets, missions, episodes, .. } = match loaded.0.get() {
             Some(Ok(scene)) => scene,
             Some(Err(failure)) => return Err(failure.shared()),
             None => return Err(TrainingError::Shared(format!("scene {first} was not prepared"))),
         };
         let mut rng = Rng::new(self.seed).fork(&format!("environment {env} episode {number}"));
-        let spec: &EpisodeSpec = &episodes[rng.below(episodes.len())];
+        let drawn = rng.below(episodes.len());
+        // Distractor sources are targets of the scene's other missions.
+        let has_sources = |spec: &&EpisodeSpec| match rules.distractor_sources.count(spec.goals.len()) {
+            0 => true,
+            needed => missions.distractor_candidates(spec) >= needed,
+        };
+        let from_drawn = episodes.iter().cycle().skip(drawn).take(episodes.len());
+        let spec = from_drawn.map(|index| &missions.episodes()[*index]).find(has_sources);
+        let spec = spec.ok_or_else(|| TrainingError::FewSources { rules: rules.name.clone() })?;
         let order = match self.goals {
             Goals::Fixed(order) => order,
             Goals::Drawn if rng.chance(0.5) => Order::Ordered,
@@ -193,7 +201,7 @@ impl EpisodeSource {
         Ok(TrainingEpisode {
             assets: Arc::clone(assets),
             mission: spec.mission(assets, rules, order),
-            truth: spec.truth(order),
+            truth: missions.truth(spec, order, rules, assets),
             scene: Arc::clone(&loaded),
         })
     }

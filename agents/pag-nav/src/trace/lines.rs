@@ -346,8 +346,8 @@ pub(crate) struct TracedState {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum TraceEvent {
-    Found { source: Option<usize>, goal: usize, object: usize },
-    Missed { source: Option<usize>, goal: usize, object: usize },
+    Found { source: Option<usize>, goal: usize, object: Option<usize> },
+    Missed { source: Option<usize>, goal: usize, object: Option<usize> },
     Silenced { source: usize },
     Located { source: usize },
     Stage { stage: Stage },

@@ -137,7 +137,9 @@ def _check_spec(spec: task_pb2.TensorSpec, packing: Packing, task: TaskSpec) -> 
 
 
 def _check_tensor(spec: task_pb2.TensorSpec, tensor: v1.Tensor) -> None:
-    if (tensor.dtype, tensor.encoding) != (spec.dtype, spec.encoding) or tensor.shape != spec.shape:
+    # A server may send raw numbers in place of the agreed encoding.
+    agreed = (tensor.dtype, tensor.encoding) == (spec.dtype, spec.encoding) or tensor.encoding == v1.ENCODING_RAW
+    if not agreed or tensor.shape != spec.shape:
         raise ProtocolError(
             f"tensor {spec.name}: expected {list(spec.shape)} as {_enum_name(v1.Encoding, spec.encoding)}, "
             f"got {list(tensor.shape)} as {_enum_name(v1.Encoding, tensor.encoding)}"

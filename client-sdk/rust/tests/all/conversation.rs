@@ -2,8 +2,8 @@
 
 use crate::fake::{RUN_TOKEN, SIDE, Stage, TOKEN, fault, observation, refusal, serve, welcome};
 use avln_client::{
-    Action, Agent, Client, EndReason, Error, GoalCue, Mission, Observation, Order, Play, Reason, Run,
-    RunOptions, Sensors, TaskSpec, evaluate, evaluate_slots,
+    Action, Agent, Client, ConnectOptions, EndReason, Error, GoalCue, Mission, Observation, Order, Packing,
+    Play, Reason, Run, RunOptions, Sensors, TaskSpec, evaluate, evaluate_slots,
 };
 use avln_proto::v1::{self, play_request::Frame as Asked, play_response::Frame as Told};
 use std::{future::Future, time::Duration};
@@ -333,6 +333,25 @@ async fn observations_that_break_the_agreement_are_refused() {
         let error = episode.step(Action::MoveForward).await.unwrap_err();
         assert!(matches!(error, Error::Protocol { .. }), "{error}");
     }
+}
+
+#[tokio::test]
+async fn raw_numbers_may_replace_agreed_encoding() {
+    let server = serve(|mut stage: Stage| async move {
+        stage.hear().await;
+        let mut packed = welcome(1);
+        packed.tensors[..2].iter_mut().for_each(|tensor| tensor.set_encoding(v1::Encoding::Packed));
+        stage.tell(Told::Welcome(packed)).await;
+        stage.hear_ready().await;
+        stage.begin(0, "ep_a", 1).await;
+        stage.hear().await;
+    });
+    let options = ConnectOptions { packing: Some(Packing::Lossless), ..ConnectOptions::default() };
+    let client = Client::connect_with(server.await, "", &options).await.unwrap();
+    let mut play = client.play(&Run::from_token(RUN_TOKEN), Sensors::square(SIDE)).await.unwrap();
+    let episode = play.next_episode().await.unwrap().unwrap();
+    let seen = episode.observation();
+    assert!(seen.rgb.is_some() && seen.depth.is_some());
 }
 
 #[tokio::test]

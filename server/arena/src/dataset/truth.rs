@@ -17,14 +17,10 @@ impl SplitFolder {
         rules: &Rules,
         assets: &SceneAssets,
     ) -> Result<EpisodeTruth, Failure> {
+        // The other missions of the scene are read only if they are needed.
         let count = rules.distractor_sources.count(episode.goals.len());
-        let mut truth = episode.truth(order);
-        if count > 0 {
-            let scene = self.scene_of_mission(&episode.id)?;
-            let sources = scene.map(|scene| scene.distractor_sources(episode, assets, count));
-            truth.distractor_sources = sources.unwrap_or_default();
-        }
-        Ok(truth)
+        let scene = if count > 0 { self.scene_of_mission(&episode.id)? } else { None };
+        Ok(scene.map_or_else(|| episode.truth(order), |scene| scene.truth(episode, order, rules, assets)))
     }
 
     /// Rejects rules with more distractor sources than a mission's scene has other targets.

@@ -4,8 +4,9 @@
 //! start and from other sources, on the storey of a goal, with about its walking distance from the start. Category is no constraint.
 
 use crate::mission::EpisodeSpec;
+use avln_episode::{Order, Rules};
 use avln_geom::{Point3, Rng};
-use avln_truth::{DistractorSource, Target};
+use avln_truth::{DistractorSource, EpisodeTruth, Target};
 use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
@@ -41,6 +42,22 @@ impl SceneMissions {
     /// Returns the number of targets that are no goals of `episode`.
     pub fn distractor_candidates(&self, episode: &EpisodeSpec) -> usize {
         candidates(episode, &self.episodes).len()
+    }
+
+    /// Returns the ground truth of `episode`, one of the missions, with the distractor sources of `rules`; fewer if the scene has
+    /// fewer other targets.
+    pub fn truth(
+        &self,
+        episode: &EpisodeSpec,
+        order: Order,
+        rules: &Rules,
+        assets: &SceneAssets,
+    ) -> EpisodeTruth {
+        let count = rules.distractor_sources.count(episode.goals.len());
+        EpisodeTruth {
+            distractor_sources: self.distractor_sources(episode, assets, count),
+            ..episode.truth(order)
+        }
     }
 
     /// Draws `count` distractor sources for `episode` among the targets of the missions; fewer if they have fewer.

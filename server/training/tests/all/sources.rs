@@ -97,6 +97,18 @@ fn seed_and_numbers_determine_the_episode() {
 }
 
 #[test]
+fn hard_rules_add_as_many_sources_as_goals() {
+    let source = EpisodeSource::open(&small_houses(1)).expect("a source");
+    let rules = Rules::named("lh-avln-hard-v1").expect("rules");
+    for number in 0..4 {
+        let truth = source.episode(0, number, &rules).expect("an episode").truth;
+        assert_eq!(truth.distractor_sources.len(), truth.targets.len());
+        let is_target = |id| truth.targets.iter().any(|target| target.instance == id);
+        assert!(truth.distractor_sources.iter().all(|source| !is_target(source.instance)));
+    }
+}
+
+#[test]
 fn missions_with_single_goals_exist() {
     let small = small_houses(1);
     let curriculum = Curriculum { goals: [1, 1], ..small.curriculum.clone() };
