@@ -101,21 +101,29 @@ impl PagNav {
         *self.here.sought.entry((object, goal)).or_default() += most_steps;
     }
 
-    /// Keeps efforts, aim and open claim for objects that the last frame showed too: without efforts, the agent would wait at a candidate for ever.
+    /// Keeps efforts, refutations, aim and open claim for objects that the last frame showed too: without efforts, the agent would wait at a candidate for ever.
     pub(crate) fn keep_efforts(&mut self, last: &ObjectMemory) {
         let index = |object: usize| {
             let seen = &last.all().get(object)?.detection;
             self.here.objects.all().iter().position(|other| other.detection.is_same(seen))
         };
-        let moved = |efforts: &BTreeMap<(usize, usize), u32>| -> BTreeMap<(usize, usize), u32> {
-            efforts
-                .iter()
-                .filter_map(|(&(object, goal), &steps)| Some(((index(object)?, goal), steps)))
-                .collect()
+        // Two objects of the last frame may be one now: the greater effort counts.
+        let moved = |efforts: &BTreeMap<(usize, usize), u32>| {
+            let mut kept = BTreeMap::new();
+            for (&(object, goal), &steps) in efforts {
+                if let Some(object) = index(object) {
+                    let most: &mut u32 = kept.entry((object, goal)).or_default();
+                    *most = steps.max(*most);
+                }
+            }
+            kept
         };
         let [sought, waited] = [&self.here.sought, &self.here.waited].map(moved);
         let aim = self.aim.take().and_then(|aim| Some(Aim { object: index(aim.object)?, ..aim }));
         let object = self.pending.and_then(|pending| index(pending.object?));
+        let refuted = last.all().iter().enumerate().filter(|(_, seen)| seen.wrong_submits > 0);
+        let refuted: Vec<usize> = refuted.filter_map(|(seen, _)| index(seen)).collect();
+        refuted.into_iter().for_each(|object| self.here.objects.refute(object));
         (self.here.sought, self.here.waited, self.aim) = (sought, waited, aim);
         if let Some(pending) = &mut self.pending {
             pending.object = object;
@@ -387,6 +395,26 @@ mod tests {
         agent.here.objects = ObjectMemory::new(2);
         agent.keep_efforts(&before);
         assert!(agent.sought_steps(0, 0) == 0 && agent.waited_steps(&candidate) == 0 && agent.aim.is_none());
+    }
+
+    #[test]
+    fn merged_objects_keep_the_greater_effort() {
+        let part = |x0: f32, x1: f32| DetectedObject {
+            min: FloorPoint::new(x0, -0.1),
+            max: FloorPoint::new(x1, 0.1),
+            high_m: 0.6,
+            embedding: vec![1.0],
+            views: 1,
+            ..DetectedObject::default()
+        };
+        let (mut agent, here, mut last) = (agent(0.9, &[]), pose(0.0, 2.0), ObjectMemory::new(2));
+        last.recognise(&here, vec![part(-0.3, -0.2), part(0.2, 0.3)], |_, _| 0.9);
+        last.refute(1);
+        agent.here.objects.recognise(&here, vec![part(-0.3, 0.3)], |_, _| 0.9);
+        agent.here.waited.extend([((0, 0), 7), ((1, 0), 3)]);
+        agent.keep_efforts(&last);
+        assert_eq!(agent.here.waited, BTreeMap::from([((0, 0), 7)]));
+        assert_eq!(agent.here.objects.all()[0].wrong_submits, 1);
     }
 
     #[test]

@@ -23,7 +23,7 @@ fn main() -> std::io::Result<()> {
     let folder = PathBuf::from(folder);
     let manifest = frames::manifest(&folder);
     let mut out = BufWriter::new(File::create(file)?);
-    let mut network = manifest.network();
+    let mut network = VisionNetwork::new().expect("the weights of the crate");
     let first = first.parse().expect("the number of a house");
     for (number, house) in manifest.houses.iter().enumerate().skip(first) {
         for record in frames::house(&folder.join(&house.file), manifest.side_px) {

@@ -46,8 +46,6 @@ pub trait Perception {
 }
 
 /// The segmentation network; reuses buffers. Equal images give equal bits on one machine.
-///
-/// Weights for images with sensor noise are separate: in images without it, they recognise fewer objects.
 pub struct VisionNetwork {
     network: UNet,
     shapes: Option<ShapeClassifier>,
@@ -61,14 +59,6 @@ impl VisionNetwork {
     /// Loads the bundled weights; fails if they are invalid, which a test excludes.
     pub fn new() -> Result<Self, WeightsError> {
         Self::from_bytes(Self::WEIGHTS)
-    }
-
-    /// The bundled weights file for images with the sensor noise of the rules.
-    pub const NOISY_WEIGHTS: &'static [u8] = include_bytes!("../weights/network-noisy.safetensors");
-
-    /// Loads the bundled weights for noisy images; fails if they are invalid, which a test excludes.
-    pub fn noisy() -> Result<Self, WeightsError> {
-        Self::from_bytes(Self::NOISY_WEIGHTS)
     }
 
     /// Loads weights that `training/export.py` has written; fails if the file is malformed.
@@ -159,9 +149,6 @@ pub struct TrainingInfo {
     pub steps: u32,
     /// Images per step.
     pub batch: u32,
-    /// Share of images with sensor noise.
-    #[serde(default)]
-    pub noisy: f32,
 }
 
 /// Reasons for invalid weights.

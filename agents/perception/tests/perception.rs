@@ -110,11 +110,3 @@ fn truncated_weights_are_refused() {
     }
     assert!(VisionNetwork::from_bytes(whole).is_ok());
 }
-
-#[test]
-fn weights_for_noisy_images_have_the_same_categories() {
-    let [clean, noisy] =
-        [VisionNetwork::new(), VisionNetwork::noisy()].map(|network| network.expect("the weights"));
-    assert_eq!(clean.info().categories, noisy.info().categories);
-    assert!(clean.info().training.noisy == 0.0 && noisy.info().training.noisy > 0.5);
-}

@@ -1,9 +1,5 @@
-"""Batches of labelled images, rendered in training houses by `avln data dataset frames`.
+"""Batches of labelled images, rendered in training houses by `avln data dataset frames`."""
 
-As a program, copies houses to another folder with the sensor noise of the rules in every image.
-"""
-
-import argparse
 import json
 from pathlib import Path
 
@@ -21,6 +17,8 @@ INSTANCES = 1024
 # Share of training images with the sensor noise of the rules. The others keep descriptors of both kinds comparable: goal images
 # have no noise.
 NOISY = 0.75
+# Sides of noisy images: every pixel of a camera has the same noise, so that small images contain more of it.
+CAMERAS_PX = (128, 160, 192)
 # Deviation of colours, and the constants of depth: sideways shift, disparity at 1 m and its deviation in pixels, steps per pixel, range.
 RGB_NOISE = 0.2
 SHIFT_PX, DISPARITY_PX_M, DISPARITY_NOISE_PX, STEPS_PER_PX, REACH_M = 0.25, 35.13, 1 / 36, 8, 10
@@ -92,8 +90,7 @@ def batch(frames, picked, rng, side, train=True, drop=0.3, noisy=0.0):
     if train:
         rgb = colored(rgb, rng)
     for image in np.flatnonzero(rng.random(len(picked)) < noisy) if noisy else ():
-        rgb[image] = gaussian(rgb[image], rng)
-        depth_m[image] = redwood(depth_m[image], rng)
+        rgb[image], depth_m[image] = observed(rgb[image], depth_m[image], int(rng.choice(CAMERAS_PX)), rng)
     solid = torch.from_numpy(np.stack([depth_m, heights(records, depth_m)], 1))
     labels = np.stack([records["category"], records["instance"]], 1).astype(np.float32)
     labels = torch.from_numpy(labels)
@@ -105,6 +102,16 @@ def batch(frames, picked, rng, side, train=True, drop=0.3, noisy=0.0):
     depth = solid[:, :1] * (1 - dropped)
     houses = torch.tensor([house for house, _ in picked])
     return rgb, depth, solid[:, 1:], labels[:, 0], labels[:, 1], houses
+
+
+def observed(rgb, depth_m, side, rng):
+    """Returns an image as seen by a camera of `side` pixels with sensor noise, enlarged to the size of the image."""
+    whole = len(depth_m)
+    seen = np.arange(side) * whole // side
+    back = np.arange(whole) * side // whole
+    small = gaussian(rgb[:, seen][:, :, seen], rng)
+    large = F.interpolate(small[None], size=(whole, whole), mode="bilinear")[0]
+    return large, redwood(depth_m[np.ix_(seen, seen)], rng)[np.ix_(back, back)]
 
 
 def gaussian(rgb, rng):
@@ -122,7 +129,8 @@ def redwood(depth_m, rng):
     seen = (depth_m > 0) & (read_m > 0) & (read_m < REACH_M)
     disparity_px = DISPARITY_PX_M / np.where(seen, read_m, 1) + of_disparity * DISPARITY_NOISE_PX
     steps = np.floor(disparity_px * STEPS_PER_PX + 0.5)
-    return np.where(seen & (steps > 0), DISPARITY_PX_M * STEPS_PER_PX / np.maximum(steps, 1), 0).astype(np.float32)
+    noisy_m = DISPARITY_PX_M * STEPS_PER_PX / np.maximum(steps, 1)
+    return np.where(seen & (steps > 0) & (noisy_m <= REACH_M), noisy_m, 0).astype(np.float32)
 
 
 def colored(rgb, rng):
@@ -143,27 +151,3 @@ def cut(rng, side, *pictures):
     mirrored = torch.from_numpy(rng.random(len(pictures[0])) < 0.5)[:, None, None, None]
     squares = [picture[:, :, top : top + width, left : left + width] for picture in pictures]
     return [torch.where(mirrored, square.flip(3), square) for square in squares]
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
-    parser.add_argument("out", help="new folder with noisy images")
-    parser.add_argument("--first", type=int, default=0, help="number of the first house")
-    given = parser.parse_args()
-    source, out, rng = Path(given.frames), Path(given.out), np.random.default_rng(0)
-    manifest = json.loads((source / "frames.json").read_text())
-    manifest |= {"noisy": True, "houses": manifest["houses"][given.first :]}
-    out.mkdir()
-    for house in manifest["houses"]:
-        records = np.load(source / house["file"])
-        for record in records:
-            rgb = torch.from_numpy(record["rgb"].astype(np.float32) / 255)
-            record["rgb"] = (gaussian(rgb, rng) * 255).round().byte().numpy()
-            record["depth_mm"] = np.rint(redwood(record["depth_mm"].astype(np.float32) / 1000, rng) * 1000)
-        np.save(out / house["file"], records)
-    (out / "frames.json").write_text(json.dumps(manifest))
-
-
-if __name__ == "__main__":
-    main()

@@ -74,7 +74,6 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint")
     parser.add_argument("frames", help="folder written by `avln data dataset frames`")
-    parser.add_argument("--name", default="network", help="name of the weights; others than `network` get no examples")
     parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="folder of the crate")
     given = parser.parse_args()
     kept = torch.load(given.checkpoint, weights_only=True)
@@ -96,15 +95,12 @@ def main():
             "seeds": [int(seed) for seed in kept["seeds"]],
             "steps": kept["step"],
             "batch": BATCH,
-            "noisy": kept.get("noisy", 0.0),
         },
     }
     tensors = folded(net)
     crate = Path(given.crate)
     (crate / "weights").mkdir(exist_ok=True)
-    write(crate / "weights" / f"{given.name}.safetensors", tensors, about)
-    if given.name != "network":
-        return
+    write(crate / "weights" / "network.safetensors", tensors, about)
     net, frames = rounded(net, tensors), Frames(given.frames)
     (crate / "tests" / "examples").mkdir(parents=True, exist_ok=True)
     # The first houses of the folder are not used for training.

@@ -82,12 +82,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("segments", help="file written by the crate's example `shapes`")
     parser.add_argument("frames", help="folder of its images")
-    parser.add_argument("--name", default="network", help="name of the weights")
     parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="folder of the crate")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(1)
-    weights = Path(given.crate) / "weights" / f"{given.name}.safetensors"
+    weights = Path(given.crate) / "weights" / "network.safetensors"
     tensors, about = read(weights)
     rows = np.fromfile(given.segments, "<f4").reshape(-1, HEAD + SHAPE + len(about["categories"]))
     houses = torch.from_numpy(rows[:, 0].astype(np.int64))
@@ -99,7 +98,9 @@ def main():
         other = houses % FOLDS == fold
         net = learn(features[~other], categories[~other], given.seed)
         folds.append(right(net(features[other]), categories[other]))
-    print(f"{len(rows)} segments: accuracy {before:.3f} by appearance, {np.mean(folds):.3f} with shape, in held-out houses")
+    print(
+        f"{len(rows)} segments: accuracy {before:.3f} by appearance, {np.mean(folds):.3f} with shape, in held-out houses"
+    )
     manifest = json.loads((Path(given.frames) / "frames.json").read_text())
     seeds = [manifest["houses"][house]["procedural"]["seed"] for house in houses.unique().tolist()]
     about["training"]["seeds"] = sorted({*about["training"]["seeds"], *seeds})

@@ -77,13 +77,14 @@ def main():
     optimiser = torch.optim.AdamW(net.parameters(), PEAK_RATE, weight_decay=1e-3)
     out = Path(given.out)
     out.mkdir(parents=True, exist_ok=True)
-    begin = 0
+    begin, noisy = 0, NOISY if given.noise else 0.0
     if given.resume:
         kept = torch.load(out / "checkpoint.pt", weights_only=True)
+        if kept.get("noisy", 0.0) != noisy:
+            raise SystemExit("the checkpoint was trained with another --noise")
         net.load_state_dict(kept["net"])
         optimiser.load_state_dict(kept["optimiser"])
         begin = kept["step"]
-    noisy = NOISY if given.noise else 0.0
     rng, weights = np.random.default_rng([given.seed, begin]), class_weights(frames)
     stop = []
     signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
@@ -106,7 +107,9 @@ def main():
         last = step + 1 == given.steps or bool(stop)
         if (step + 1) % given.every == 0 or last:
             means = [f"{value:.4f}" for value in np.mean(parts, 0)]
-            seen = [f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop, float(given.noise))]
+            seen = [
+                f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop, float(given.noise))
+            ]
             rows.writerow([step + 1, f"{time.process_time() - began_s:.0f}", side, *means, *seen])
             curve.flush()
             print(step + 1, side, *means, *seen, flush=True)

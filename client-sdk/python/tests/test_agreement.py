@@ -19,5 +19,7 @@ def test_raw_numbers_may_replace_the_agreed_encoding() -> None:
 def test_other_encodings_and_shapes_are_refused() -> None:
     with pytest.raises(ProtocolError, match=r"got \[2, 2, 3\] as ENCODING_PNG"):
         _check_tensor(AGREED, v1.Tensor(dtype=v1.DTYPE_U8, shape=SHAPE, encoding=v1.ENCODING_PNG))
+    with pytest.raises(ProtocolError):
+        _check_tensor(AGREED, v1.Tensor(dtype=v1.DTYPE_F32, shape=SHAPE, encoding=v1.ENCODING_RAW))
     with pytest.raises(ProtocolError, match=r"got \[12\]"):
         _check_tensor(AGREED, v1.Tensor(dtype=v1.DTYPE_U8, shape=[12], encoding=v1.ENCODING_RAW))

@@ -176,8 +176,8 @@ fn check_spec(spec: &v1::TensorSpec, packing: Packing, task: &TaskSpec) -> Resul
 
 /// Accepts the agreed encoding, or raw numbers in its place.
 fn check_tensor(tensor: &v1::Tensor, spec: &v1::TensorSpec) -> Result<(), Error> {
-    let is_agreed = tensor.dtype == spec.dtype && tensor.encoding == spec.encoding;
-    if tensor.shape == spec.shape && (is_agreed || tensor.encoding() == v1::Encoding::Raw) {
+    let is_agreed = tensor.encoding == spec.encoding || tensor.encoding() == v1::Encoding::Raw;
+    if tensor.shape == spec.shape && tensor.dtype == spec.dtype && is_agreed {
         return Ok(());
     }
     Err(Error::protocol(format!(

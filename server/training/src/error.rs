@@ -28,7 +28,7 @@ pub enum TrainingError {
     NoMission { scene: String, curriculum: String },
     /// Rules with more distractor sources than a scene has other targets.
     #[error(
-        "rules '{rules}' need more distractor sources than the scene has other targets; use a larger scene"
+        "rules '{rules}' need more distractor sources than any of the scenes has other targets; use larger scenes"
     )]
     FewSources { rules: String },
     /// Option outside its limits.

@@ -28,6 +28,17 @@ pub(crate) struct PreparedScene {
     pub(crate) cells: OnceLock<Arc<Floor>>,
 }
 
+impl PreparedScene {
+    /// Returns true if the scene has the distractor sources of `rules` for a mission: targets of other missions.
+    pub(crate) fn has_sources(&self, index: usize, rules: &Rules) -> bool {
+        let episode = &self.missions.episodes()[index];
+        match rules.distractor_sources.count(episode.goals.len()) {
+            0 => true,
+            needed => self.missions.distractor_candidates(episode) >= needed,
+        }
+    }
+}
+
 /// Numbered scenes. Equal numbers give equal scenes.
 pub(crate) trait Scenes: Send + Sync {
     /// Returns the scene count; `None` for an endless list.

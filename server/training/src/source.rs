@@ -171,28 +171,25 @@ impl EpisodeSource {
     }
 
     /// Returns episode `number` of environment `env`; prepares its scene if no other environment uses it. A scene without a mission
-    /// within the curriculum is replaced by the next one.
+    /// within the curriculum, or without enough distractor sources, is replaced by the next one.
     ///
     /// # Errors
-    /// If a scene cannot be prepared, or none of eight scenes has a mission within the curriculum.
+    /// If a scene cannot be prepared, or none of eight scenes has a mission within the curriculum and its distractor sources.
     pub fn episode(&self, env: u64, number: u64, rules: &Rules) -> Result<TrainingEpisode, TrainingError> {
         let first = self.scene_number(env, number);
-        let loaded = self.next_with_mission(first)?;
-        let PreparedScene { assets, missions, episodes, .. } = match loaded.0.get() {
+        let loaded = self.next_with_mission(first, rules)?;
+        let scene = match loaded.0.get() {
             Some(Ok(scene)) => scene,
             Some(Err(failure)) => return Err(failure.shared()),
             None => return Err(TrainingError::Shared(format!("scene {first} was not prepared"))),
         };
+        let PreparedScene { assets, missions, episodes, .. } = scene;
         let mut rng = Rng::new(self.seed).fork(&format!("environment {env} episode {number}"));
         let drawn = rng.below(episodes.len());
-        // Distractor sources are targets of the scene's other missions.
-        let has_sources = |spec: &&EpisodeSpec| match rules.distractor_sources.count(spec.goals.len()) {
-            0 => true,
-            needed => missions.distractor_candidates(spec) >= needed,
-        };
         let from_drawn = episodes.iter().cycle().skip(drawn).take(episodes.len());
-        let spec = from_drawn.map(|index| &missions.episodes()[*index]).find(has_sources);
-        let spec = spec.ok_or_else(|| TrainingError::FewSources { rules: rules.name.clone() })?;
+        let index = from_drawn.copied().find(|&index| scene.has_sources(index, rules));
+        let index = index.ok_or_else(|| TrainingError::FewSources { rules: rules.name.clone() })?;
+        let spec = &missions.episodes()[index];
         let order = match self.goals {
             Goals::Fixed(order) => order,
             Goals::Drawn if rng.chance(0.5) => Order::Ordered,
@@ -215,8 +212,8 @@ impl EpisodeSource {
         self.scenes.count().map_or(scene, |count| scene % count)
     }
 
-    /// Returns the first prepared scene from `first` on that has a mission, or failed for another reason.
-    fn next_with_mission(&self, first: u64) -> Result<Arc<LoadedScene>, TrainingError> {
+    /// Returns the first prepared scene from `first` on that has a mission with its sources, or failed for another reason.
+    fn next_with_mission(&self, first: u64, rules: &Rules) -> Result<Arc<LoadedScene>, TrainingError> {
         let mut failed = None;
         for step in 0..self.scenes.count().unwrap_or(MOST_SCENES).min(MOST_SCENES) {
             let number = self.wrapped(first + step);
@@ -230,6 +227,9 @@ impl EpisodeSource {
                 Err(failure) if failure.is_without_mission => {
                     self.without_mission().insert(number);
                     failed = Some(failure.shared());
+                }
+                Ok(scene) if !scene.episodes.iter().any(|&index| scene.has_sources(index, rules)) => {
+                    failed = Some(TrainingError::FewSources { rules: rules.name.clone() });
                 }
                 _ => return Ok(loaded),
             }

@@ -10,7 +10,7 @@ pub use cue::{CueWords, Layout, Query};
 pub use objects::{DetectedObject, Palette, detect_objects};
 
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
-use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, RgbNoise, TaskSpec};
+use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
 use avln_perception::{
     CameraModel, Depth, Perception as _, Picture, Segment, Segmentation, VisionNetwork, WeightsError, lift,
 };
@@ -159,8 +159,6 @@ pub(crate) const WIDER: [(&str, &str); 13] = [
 /// Recognition by the network of `avln-perception`: segments, lifted to boxes by depth.
 pub struct NetworkRecognition {
     network: VisionNetwork,
-    /// Colour noise for which the network was trained.
-    rgb_noise: RgbNoise,
     view: PinholeCamera,
     camera: CameraModel,
     goals: Vec<GoalMatcher>,
@@ -191,25 +189,7 @@ impl NetworkRecognition {
     pub fn new() -> Result<Self, WeightsError> {
         let (task, network) = (TaskSpec::default(), VisionNetwork::new()?);
         let (view, camera) = (PinholeCamera::new(&task), camera(&task));
-        let rgb_noise = RgbNoise::None;
-        Ok(Self {
-            network,
-            rgb_noise,
-            view,
-            camera,
-            goals: Vec::new(),
-            layout: Layout::default(),
-            last: None,
-        })
-    }
-
-    /// Loads the weights for images with this noise, unless they are loaded.
-    fn adapt(&mut self, rgb_noise: RgbNoise) {
-        if self.rgb_noise != rgb_noise {
-            let network =
-                if rgb_noise == RgbNoise::Gaussian { VisionNetwork::noisy() } else { VisionNetwork::new() };
-            (self.network, self.rgb_noise) = (network.expect("the bundled weights are valid"), rgb_noise);
-        }
+        Ok(Self { network, view, camera, goals: Vec::new(), layout: Layout::default(), last: None })
     }
 
     fn goal(&mut self, cue: &GoalCue) -> GoalMatcher {
@@ -273,16 +253,14 @@ impl NetworkRecognition {
 impl Recognition for NetworkRecognition {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         (self.view, self.camera) = (PinholeCamera::new(task), camera(task));
-        self.adapt(task.rgb_noise);
         self.goals = mission.goals.iter().map(|cue| self.goal(cue)).collect();
         (self.layout, self.last) = (Layout::default(), None);
     }
 
     fn see(&mut self, pose: &Pose2d, seen: &Observation, _: WallTest) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
-        // Colours are compared without noise; the network for noisy images is trained on images with their noise.
-        let clean = &*denoised(image, depth);
-        self.layout = Layout::of(clean);
+        let image = &*denoised(image, depth);
+        self.layout = Layout::of(image);
         // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
             return None;
@@ -290,7 +268,7 @@ impl Recognition for NetworkRecognition {
         self.last = Some(*pose);
         let metres = Depth { metres: &depth.metres };
         let told = self.network.see(&picture(image), Some((&metres, &self.camera))).ok()?;
-        let detection = |segment| self.detection(segment, &told, pose, (clean, depth));
+        let detection = |segment| self.detection(segment, &told, pose, (image, depth));
         Some(told.segments.iter().filter_map(detection).collect())
     }
 

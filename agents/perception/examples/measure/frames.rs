@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each example reads what it needs")]
 
-use avln_perception::{CameraModel, VisionNetwork};
+use avln_perception::CameraModel;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -16,17 +16,6 @@ pub(crate) struct Manifest {
     pub(crate) views: usize,
     pub(crate) categories: Vec<String>,
     pub(crate) houses: Vec<House>,
-    /// Written by `training/data.py`: the images have sensor noise.
-    #[serde(default)]
-    noisy: bool,
-}
-
-impl Manifest {
-    /// Loads the bundled network for these images.
-    pub(crate) fn network(&self) -> VisionNetwork {
-        let network = if self.noisy { VisionNetwork::noisy() } else { VisionNetwork::new() };
-        network.expect("the weights of the crate")
-    }
 }
 
 #[derive(Deserialize)]

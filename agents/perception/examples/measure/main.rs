@@ -29,7 +29,7 @@ fn main() {
     };
     let manifest = frames::manifest(&folder);
     assert_eq!(manifest.purpose, "measurement", "measured is by what was not learnt from");
-    let mut network = manifest.network();
+    let mut network = VisionNetwork::new().expect("the weights of the crate");
     let known = &network.info().categories;
     assert_eq!(&manifest.categories, known, "pictures and network have the same categories");
     let kinds = manifest.categories.len();

@@ -138,7 +138,7 @@ def _check_spec(spec: task_pb2.TensorSpec, packing: Packing, task: TaskSpec) -> 
 
 def _check_tensor(spec: task_pb2.TensorSpec, tensor: v1.Tensor) -> None:
     # A server may send raw numbers in place of the agreed encoding.
-    agreed = (tensor.dtype, tensor.encoding) == (spec.dtype, spec.encoding) or tensor.encoding == v1.ENCODING_RAW
+    agreed = tensor.dtype == spec.dtype and tensor.encoding in (spec.encoding, v1.ENCODING_RAW)
     if not agreed or tensor.shape != spec.shape:
         raise ProtocolError(
             f"tensor {spec.name}: expected {list(spec.shape)} as {_enum_name(v1.Encoding, spec.encoding)}, "
