@@ -65,7 +65,6 @@ const PARTICIPANT: Journey = Journey {
     not_typed: &[
         ("cargo test", "it runs this test"),
         ("cargo build", "the program under test replaces it"),
-        ("cargo install", "the program under test replaces it"),
         ("git clone", "the tests run in a clone"),
         ("docker", "an engine may be missing"),
         ("pip install", "the package is installed, or its lines are skipped"),

@@ -4,7 +4,6 @@ use crate::floor_grid::FloorGrid;
 use crate::map::Floor;
 use crate::scenes::{FolderSplit, PreparedScene, RecipeHouses, Scan, Scenes};
 use crate::{Curriculum, Goals, TrainingError};
-use avln_dataset::EpisodeSpec;
 use avln_episode::{Mission, Order, Rules};
 use avln_truth::EpisodeTruth;
 use avln_world::{Cache, Rng, SceneAssets};
