@@ -101,7 +101,8 @@ impl PagNav {
         *self.here.sought.entry((object, goal)).or_default() += most_steps;
     }
 
-    /// Keeps efforts, refutations, aim and open claim for objects that the last frame showed too: without efforts, the agent would wait at a candidate for ever.
+    /// Moves efforts, refutations, aim and open claim to the same objects in the new frame, and drops the others. Without efforts, the
+    /// agent would wait at a candidate for ever.
     pub(crate) fn keep_efforts(&mut self, last: &ObjectMemory) {
         let index = |object: usize| {
             let seen = &last.all().get(object)?.detection;
